@@ -1,0 +1,44 @@
+"""Errors of the acquisition side.
+
+::
+
+    HilfitError                 anything that this product raises on purpose
+    ├── InputError              a file, key, channel or option is wrong: one line, exit code 2
+    │   ├── MachineFileError    the machine file
+    │   └── RecordingError      a recording
+    └── AcquisitionError        a bus or a device (exit code 1)
+        ├── CommissioningError  a device is not what the machine file says
+        └── BusError            the bus itself failed
+
+The text of every one of them is a single line that names the file, key, channel or node and says what to do.
+"""
+
+from __future__ import annotations
+
+
+class HilfitError(Exception):
+    """Anything that hilfit raises on purpose; its text is one line that a user can act on."""
+
+
+class InputError(HilfitError):
+    """A file, key, channel or option is wrong. The command line ends with exit code 2."""
+
+
+class MachineFileError(InputError):
+    """A machine file is unreadable, has an unknown key, or describes a machine that cannot exist."""
+
+
+class RecordingError(InputError):
+    """A recording cannot be used: unreadable, of another machine, with gaps, saturated or too short."""
+
+
+class AcquisitionError(HilfitError):
+    """A bus or a device failed."""
+
+
+class CommissioningError(AcquisitionError):
+    """A device did not answer, or is not what the machine file says it is."""
+
+
+class BusError(AcquisitionError):
+    """The bus itself failed: interface gone, connection refused, controller in bus-off."""

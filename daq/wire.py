@@ -1,0 +1,60 @@
+"""Wire encodings: how one number looks in a CANopen object (little endian) and in Modbus registers."""
+
+from __future__ import annotations
+
+import math
+import struct
+
+_FORMATS: dict[str, str] = {
+    "int8": "b",
+    "uint8": "B",
+    "int16": "h",
+    "uint16": "H",
+    "int32": "i",
+    "uint32": "I",
+    "int64": "q",
+    "uint64": "Q",
+    "float32": "f",
+    "float64": "d",
+}
+
+
+def size(data_type: str) -> int:
+    """Bytes that one value of ``data_type`` takes."""
+    return struct.calcsize(_FORMATS[data_type])
+
+
+def registers(data_type: str) -> int:
+    """16-bit Modbus registers that one value of ``data_type`` takes."""
+    return max(1, size(data_type) // 2)
+
+
+def encode(data_type: str, value: float) -> bytes:
+    """Bytes as CANopen sends them, little endian; integers are rounded and saturate at their type's ends."""
+    if data_type.startswith("float"):
+        return struct.pack("<" + _FORMATS[data_type], value)
+    bits = 8 * size(data_type)
+    low, high = (0, 2**bits - 1) if data_type.startswith("u") else (-(2 ** (bits - 1)), 2 ** (bits - 1) - 1)
+    raw = low if math.isnan(value) else int(min(max(round(value), low), high))
+    return struct.pack("<" + _FORMATS[data_type], raw)
+
+
+def decode(data_type: str, data: bytes) -> float:
+    """The number in ``data`` (little endian); the length has to be exact (struct.error otherwise)."""
+    return float(struct.unpack("<" + _FORMATS[data_type], data)[0])
+
+
+def to_registers(data_type: str, value: float, word_order: str = "big") -> list[int]:
+    """Modbus registers of a value; bytes inside a register are big endian, words as ``word_order`` says."""
+    data = encode(data_type, value)
+    if len(data) == 1:
+        data += b"\xff" if data_type == "int8" and data[0] > 127 else b"\x00"
+    words = [int.from_bytes(data[i : i + 2], "little") for i in range(0, len(data), 2)]
+    return words if word_order == "little" else words[::-1]
+
+
+def from_registers(data_type: str, words: list[int], word_order: str = "big") -> float:
+    """The number in Modbus registers; as many words as :func:`registers` says."""
+    ordered = words if word_order == "little" else words[::-1]
+    data = b"".join(word.to_bytes(2, "little") for word in ordered)
+    return decode(data_type, data[: size(data_type)])
