@@ -6,9 +6,8 @@ with one line that names the place.
 
 from __future__ import annotations
 
-import difflib
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, get_args
 
 import numpy as np
 import yaml
@@ -16,6 +15,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_valida
 
 from daq.errors import MachineFileError
 from daq.linkages import Linkage, ThreePin
+from daq.machine_file_errors import did_you_mean, one_line
 from daq.units import SI_UNITS, Conversion, conversion
 
 SCHEMA = "hilfit/machine/1"
@@ -39,9 +39,7 @@ JOINT_QUANTITIES = frozenset(
 Name = Annotated[str, Field(pattern=r"^[A-Za-z_][A-Za-z0-9_.\-]*$", max_length=80)]
 Positive = Annotated[float, Field(gt=0)]
 Interval = tuple[float, float]
-DataType = Literal[
-    "int8", "uint8", "int16", "uint16", "int32", "uint32", "int64", "uint64", "float32", "float64"
-]
+DataType = Literal["int8", "uint8", "int16", "uint16", "int32", "uint32", "int64", "uint64", "float32", "float64"]
 
 
 class _Model(BaseModel):
@@ -195,17 +193,20 @@ class CanNode(_Model):
     vendor_id: int | None = None  # 0x1018:1
     product_code: int | None = None  # 0x1018:2
     heartbeat_ms: Annotated[int, Field(ge=20, le=5000)] = 100
-    settings: dict[str, float] = Field(default_factory=dict)  # "0x6131:1": value, written before operation
+    settings: dict[str, float] = Field(default_factory=dict)  # "0x6131:1 uint32": value, written before operation
 
     @field_validator("settings")
     @classmethod
     def _objects(cls, value: dict[str, float]) -> dict[str, float]:
         for key in value:
-            index, _, subindex = key.partition(":")
+            place, _, data_type = key.partition(" ")
+            index, _, subindex = place.partition(":")
             try:
                 int(index, 0), int(subindex or "0", 0)
             except ValueError:
                 raise ValueError(f"'{key}' is no object; write it as \"0x6131:1\"") from None
+            if data_type and data_type.strip() not in get_args(DataType):
+                raise ValueError(f"'{key}': unknown data type; write it as \"0x6131:1 uint32\"")
         return value
 
 
@@ -303,9 +304,12 @@ class Machine(_Model):
                 if channel.joint is None:
                     raise ValueError(f"{place}: a {channel.quantity} belongs to a joint; add joint:")
                 if channel.joint not in names:
-                    hint = _did_you_mean(channel.joint, names)
+                    hint = did_you_mean(channel.joint, names) or f"; there are {', '.join(names)}"
                     raise ValueError(f"{place}: there is no joint '{channel.joint}'{hint}")
-                if channel.quantity not in ("joint_position", "joint_effort") and self.joint(channel.joint).cylinder is None:
+                if (
+                    channel.quantity not in ("joint_position", "joint_effort")
+                    and self.joint(channel.joint).cylinder is None
+                ):
                     raise ValueError(f"{place}: {channel.joint} has no cylinder, so no {channel.quantity}")
             elif channel.joint is not None:
                 raise ValueError(f"{place}: a {channel.quantity} belongs to the machine; remove joint:")
@@ -316,9 +320,9 @@ class Machine(_Model):
             if channel.source is not None and self.buses:
                 bus = buses.get(channel.source.bus)
                 if bus is None:
-                    raise ValueError(
-                        f"{place}: there is no bus '{channel.source.bus}'{_did_you_mean(channel.source.bus, list(buses))}"
-                    )
+                    known = list(buses)
+                    hint = did_you_mean(channel.source.bus, known) or f"; there are {', '.join(known)}"
+                    raise ValueError(f"{place}: there is no bus '{channel.source.bus}'{hint}")
                 if isinstance(bus, CanopenBus) != isinstance(channel.source, CanSource):
                     raise ValueError(f"{place}: its source does not fit bus '{bus.name}' of type {bus.type}")
         for name in names:
@@ -357,23 +361,22 @@ class Machine(_Model):
                 return channel
         return None
 
-    def conversion(self, channel: Channel) -> Conversion:
-        """Conversion from the channel's declared unit to SI."""
+    def si_unit(self, channel: Channel) -> str:
+        """The SI unit of a channel's quantity; for joint positions and efforts the type of joint decides."""
         si = SI_UNITS[channel.quantity]
         if channel.joint is not None and self.joint(channel.joint).type == "prismatic":
             si = {"joint_position": "m", "joint_effort": "N"}.get(channel.quantity, si)
-        return conversion(channel.unit, si)
+        return si
+
+    def conversion(self, channel: Channel) -> Conversion:
+        """Conversion from the channel's declared unit to SI."""
+        return conversion(channel.unit, self.si_unit(channel))
 
 
 def _unique(names: list[str], what: str) -> None:
     for name in names:
         if names.count(name) > 1:
             raise ValueError(f"{what} '{name}' is there {names.count(name)} times; names must differ")
-
-
-def _did_you_mean(word: str, options: list[str]) -> str:
-    near = difflib.get_close_matches(word, options, n=1)
-    return f"; did you mean '{near[0]}'?" if near else ""
 
 
 def load_machine(path: str | Path) -> Machine:
@@ -412,7 +415,7 @@ def parse_machine(text: str, name: str = "machine file") -> Machine:
     try:
         return Machine.model_validate(content)
     except ValidationError as error:
-        raise MachineFileError(_one_line(name, tree, error)) from None
+        raise MachineFileError(one_line(name, tree, error, _ALL_KEYS)) from None
 
 
 def machine_to_yaml(machine: Machine) -> str:
@@ -421,53 +424,5 @@ def machine_to_yaml(machine: Machine) -> str:
     return yaml.safe_dump(content, sort_keys=False, allow_unicode=True)
 
 
-def _one_line(name: str, tree: yaml.Node | None, error: ValidationError) -> str:
-    problems = error.errors(include_url=False)
-    # An unknown key explains more than the missing one it stands for.
-    problem = next((p for p in problems if p["type"] == "extra_forbidden"), problems[0])
-    location = [part for part in problem["loc"] if not (isinstance(part, str) and part in _UNION_TAGS)]
-    line = _line_of(tree, location)
-    key = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in location).lstrip(".")
-    what = problem["msg"].removeprefix("Value error, ")
-    if problem["type"] == "extra_forbidden":
-        hint = _did_you_mean(str(location[-1]), _ALL_KEYS)
-        what = f"unknown key{hint}" if hint else "unknown key; remove it"
-    elif problem["type"] == "missing":
-        what = "this key is missing"
-    elif isinstance(problem.get("input"), str | int | float | bool):
-        what = f"{what[0].lower()}{what[1:]} (found {problem['input']!r})"
-    more = f" (and {len(problems) - 1} more)" if len(problems) > 1 else ""
-    place = f"{name}:{line}" if line else name
-    return " ".join(f"{place}: {key}: {what}{more}".replace(": : ", ": ").split())
-
-
-_UNION_TAGS = {
-    "three_pin", "rack", "direct", "polynomial", "canopen", "modbus_tcp", "modbus_rtu",
-    "CanSource", "ModbusSource",
-}  # fmt: skip
-_ALL_KEYS = sorted(
-    {
-        field.alias or key
-        for model in (*_Model.__subclasses__(), ThreePin)
-        for key, field in model.model_fields.items()
-    }
-)
-
-
-def _line_of(tree: yaml.Node | None, location: list[str | int]) -> int | None:
-    """Line (from 1) of the deepest part of ``location`` that is in the file."""
-    node, line = tree, None
-    for part in location:
-        if isinstance(node, yaml.MappingNode):
-            for key, value in node.value:
-                if key.value == str(part):
-                    node, line = value, key.start_mark.line + 1
-                    break
-            else:
-                return line
-        elif isinstance(node, yaml.SequenceNode) and isinstance(part, int) and part < len(node.value):
-            node = node.value[part]
-            line = node.start_mark.line + 1
-        else:
-            return line
-    return line
+_MODELS: tuple[type[BaseModel], ...] = (*_Model.__subclasses__(), ThreePin)
+_ALL_KEYS = sorted({field.alias or key for model in _MODELS for key, field in model.model_fields.items()})

@@ -61,6 +61,6 @@ def conversion(unit: str, si_unit: str) -> Conversion:
         one = float(registry.Quantity(1.0, unit).to(si_unit).magnitude)
     except pint.DimensionalityError:
         raise ValueError(f"unit '{unit}' cannot be turned into {si_unit}") from None
-    except (pint.UndefinedUnitError, pint.PintError, ValueError, TypeError, AttributeError, SyntaxError):
+    except Exception:  # its parser raises whatever Python's tokenizer or an assertion makes of the text
         raise ValueError(f"unknown unit '{unit}'; use one that measures {si_unit}") from None
     return Conversion(factor=one - zero, offset=zero)

@@ -19,6 +19,11 @@ _FORMATS: dict[str, str] = {
 }
 
 
+def struct_code(data_type: str) -> str:
+    """The letter of :mod:`struct` for ``data_type``."""
+    return _FORMATS[data_type]
+
+
 def size(data_type: str) -> int:
     """Bytes that one value of ``data_type`` takes."""
     return struct.calcsize(_FORMATS[data_type])

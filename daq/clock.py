@@ -1,0 +1,175 @@
+"""What paces the cycle: the wall's clock for a machine, lockstep for a simulation, steps by hand for a test."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+from typing import Protocol
+
+from daq.machine_file import Machine
+
+NS = 1_000_000_000
+
+
+@dataclass(frozen=True)
+class Tick:
+    """The start of one cycle.
+
+    Attributes
+    ----------
+    cycle : its number; numbers that were skipped are cycles that never happened
+    time : s of machine time
+    late_ns : how long after its time it started
+    skipped : ticks that were left out before it (their time had passed)
+    collect_until_ns : monotonic ns until which answers of this cycle are waited for
+    """
+
+    cycle: int
+    time: float
+    late_ns: int
+    skipped: int
+    collect_until_ns: int
+
+
+class Clock(Protocol):
+    """Paces the cycle and tells the time; the only place that sleeps or looks at a clock."""
+
+    def monotonic_ns(self) -> int:
+        """Nanoseconds of a clock that never jumps."""
+
+    def utc_ns(self) -> int:
+        """Nanoseconds since 1970."""
+
+    def start(self) -> None:
+        """The first tick is one period from now."""
+
+    def wait(self) -> Tick:
+        """Sleep until the next tick."""
+
+
+class RealClock:
+    """Absolute deadlines: tick ``k`` is at ``start + k / rate``, whatever happened before.
+
+    A tick whose successor is already due is skipped and its number with it, so that a stall never causes a burst and
+    machine time stays the wall's time.
+    """
+
+    def __init__(self, rate_hz: float, speed: float = 1.0) -> None:
+        self._period = round(NS / (rate_hz * speed))
+        self._rate = rate_hz
+        self._origin = 0
+        self._next = 0
+
+    def monotonic_ns(self) -> int:
+        """Nanoseconds of the monotonic clock."""
+        return time.monotonic_ns()
+
+    def utc_ns(self) -> int:
+        """Nanoseconds since 1970 by the system's clock."""
+        return time.time_ns()
+
+    def start(self) -> None:
+        """Tick 0 is one period from now."""
+        self._origin = time.monotonic_ns() + self._period
+        self._next = 0
+
+    def wait(self) -> Tick:
+        """Sleep until the next tick that is not over yet."""
+        now = time.monotonic_ns()
+        due = max(self._next, (now - self._origin) // self._period)
+        skipped = due - self._next
+        at = self._origin + due * self._period
+        while (now := time.monotonic_ns()) < at:
+            time.sleep((at - now) / NS)
+        self._next = due + 1
+        # The last tenth of the period is kept for publishing the frame and for waking up in time.
+        return Tick(due, due / self._rate, now - at, skipped, at + self._period * 9 // 10)
+
+
+class LockstepClock:
+    """Machine time advances one period per SYNC and by nothing else.
+
+    The wall's period is ``1 / (rate * speed)``. A cycle that takes longer makes the next tick slip, and all
+    that follow: nothing is skipped, because to the simulated machine no time has passed. Answers are waited
+    for far longer than a period; a simulated device that is really dead stops being waited for after a few cycles.
+    """
+
+    PATIENCE_NS = NS // 2
+
+    def __init__(self, rate_hz: float, speed: float) -> None:
+        self._period = round(NS / (rate_hz * speed))
+        self._rate = rate_hz
+        self._at = 0
+        self._cycle = 0
+
+    def monotonic_ns(self) -> int:
+        """Nanoseconds of the monotonic clock."""
+        return time.monotonic_ns()
+
+    def utc_ns(self) -> int:
+        """Nanoseconds since 1970 by the system's clock."""
+        return time.time_ns()
+
+    def start(self) -> None:
+        """Tick 0 is one wall period from now."""
+        self._at = time.monotonic_ns() + self._period
+        self._cycle = 0
+
+    def wait(self) -> Tick:
+        """Sleep until the next tick, or not at all when it is overdue."""
+        while (now := time.monotonic_ns()) < self._at:
+            time.sleep((self._at - now) / NS)
+        late = now - self._at
+        cycle, self._cycle = self._cycle, self._cycle + 1
+        # Within one period of lateness the pace is kept (waking up late is no slip); beyond, all later ticks slip.
+        self._at = self._at + self._period if late < self._period else now + self._period
+        return Tick(cycle, cycle / self._rate, late, 0, now + max(self._period, self.PATIENCE_NS))
+
+
+def clock_for(machine: Machine) -> Clock:
+    """The clock that a machine is acquired with: the wall's, unless the file describes a simulation."""
+    simulation = machine.simulation
+    if simulation is None:
+        return RealClock(machine.rate_hz)
+    if simulation.lockstep:
+        return LockstepClock(machine.rate_hz, simulation.speed)
+    return RealClock(machine.rate_hz, simulation.speed)
+
+
+class FakeClock:
+    """A clock that a test turns by hand; :meth:`wait` returns at once and jumps to the next tick."""
+
+    def __init__(self, rate_hz: float, origin_ns: int = 1_000 * NS) -> None:
+        self._period = round(NS / rate_hz)
+        self._rate = rate_hz
+        self._now = origin_ns
+        self._cycle = 0
+        self._skip = 0
+
+    def monotonic_ns(self) -> int:
+        """Nanoseconds that the test has let pass."""
+        return self._now
+
+    def utc_ns(self) -> int:
+        """The same, as if the epoch was the origin."""
+        return self._now
+
+    def advance(self, seconds: float) -> None:
+        """Let time pass."""
+        self._now += round(seconds * NS)
+
+    def skip(self, cycles: int) -> None:
+        """Let the next ticks be missed."""
+        self._skip += cycles
+
+    def start(self) -> None:
+        """Count from 0."""
+        self._cycle = 0
+
+    def wait(self) -> Tick:
+        """The next tick, at once."""
+        skipped, self._skip = self._skip, 0
+        cycle = self._cycle + skipped
+        self._cycle = cycle + 1
+        self._now += self._period * (1 + skipped)
+        return Tick(cycle, cycle / self._rate, 0, skipped, self._now + self._period * 9 // 10)

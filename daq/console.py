@@ -1,0 +1,58 @@
+"""What the command lines share: errors as one line and an exit code, progress bars, JSON on standard output.
+
+Exit codes: 0 done, 1 failed, 2 bad usage or input.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import functools
+import json
+import sys
+from collections.abc import Callable, Iterator
+from typing import Any, ParamSpec, TypeVar
+
+import typer
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
+
+from daq.errors import HilfitError, InputError
+
+P = ParamSpec("P")
+R = TypeVar("R")
+
+
+def exit_code(error: HilfitError) -> int:
+    """2 where the input is wrong, 1 where something failed."""
+    return 2 if isinstance(error, InputError) else 1
+
+
+def reported(command: Callable[P, R]) -> Callable[P, R]:
+    """A command whose errors become one line on standard error and an exit code."""
+
+    @functools.wraps(command)
+    def run(*args: P.args, **kwargs: P.kwargs) -> R:
+        try:
+            return command(*args, **kwargs)
+        except HilfitError as error:
+            print(f"hilfit: {error}", file=sys.stderr)
+            raise typer.Exit(exit_code(error)) from None
+
+    return run
+
+
+def print_json(value: Any) -> None:
+    """One JSON document on standard output, for programs."""
+    print(json.dumps(value, default=str))
+
+
+@contextlib.contextmanager
+def progress_bar(what: str, *, show: bool = True) -> Iterator[Callable[[float, float | None], None]]:
+    """A progress bar on standard error; call what it yields with (done, total), total None when it is not known."""
+    if not show:
+        yield lambda done, total: None
+        return
+    columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), TimeRemainingColumn())
+    with Progress(*columns, console=Console(stderr=True), transient=not sys.stderr.isatty()) as bar:
+        task = bar.add_task(what, total=None)
+        yield lambda done, total: bar.update(task, completed=done, total=total)

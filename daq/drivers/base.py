@@ -1,0 +1,149 @@
+"""What a bus driver is. Adding one: a file, a line under ``hilfit.drivers`` in TOML, a call of the conformance check.
+
+A driver serves one bus of the machine file. Every cycle goes::
+
+    trigger(cycle)        send SYNC, or start polling; returns at once
+    collect(until_ns)     wait until everything that is due has come, at most until then; never raises
+
+Drivers that send SYNC (``leads``) are triggered before the others, so that polled devices are asked after SYNC.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from importlib.metadata import entry_points
+from typing import Any, Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+from daq.errors import AcquisitionError, MachineFileError
+from daq.machine_file import Channel
+from daq.quality import Quality
+
+ENTRY_POINT_GROUP = "hilfit.drivers"
+
+
+@dataclass(frozen=True)
+class DriverContext:
+    """What a driver knows about the cycle that it works in.
+
+    Attributes
+    ----------
+    period_s : wall seconds between two cycles
+    patient : a simulation in lockstep: nothing is lost by waiting, so time-outs are generous
+    monotonic_ns : the clock
+    """
+
+    period_s: float
+    patient: bool
+    monotonic_ns: Callable[[], int]
+
+
+@dataclass(frozen=True)
+class Samples:
+    """What one cycle brought, for the ``n`` channels of a driver in its order.
+
+    Attributes
+    ----------
+    raw : (n,) as the device sent it, before scale and offset; NaN where nothing new came
+    quality : (n,) FRESH where something came; MISSING where nothing did; OUT_OF_RANGE where what came was no number;
+        EMERGENCY where the device reports an error (raw may be there or not); BUS_ERROR where the bus is down
+    cycles_ago : (n,) cycles since the SYNC that the value belongs to: 0, or more for an answer that was late
+    after_sync_s : (n,) wall seconds from this cycle's SYNC to the sampling instant; 0 for what is sampled at SYNC
+    """
+
+    raw: npt.NDArray[np.float64]
+    quality: npt.NDArray[np.uint8]
+    cycles_ago: npt.NDArray[np.int64]
+    after_sync_s: npt.NDArray[np.float64]
+
+
+def nothing(count: int, quality: Quality = Quality.MISSING) -> Samples:
+    """Samples of a cycle in which nothing came."""
+    return Samples(
+        raw=np.full(count, np.nan),
+        quality=np.full(count, quality, dtype=np.uint8),
+        cycles_ago=np.zeros(count, dtype=np.int64),
+        after_sync_s=np.zeros(count),
+    )
+
+
+@dataclass(frozen=True)
+class DeviceStatus:
+    """State of one device: ``running``, ``commissioning``, ``silent`` or ``failed``, with a line that says more."""
+
+    name: str
+    state: str
+    detail: str = ""
+
+
+@dataclass(frozen=True)
+class DriverStatistics:
+    """Devices of a bus and what happened on it since the start, by name of the event."""
+
+    bus: str
+    devices: tuple[DeviceStatus, ...]
+    counts: Mapping[str, int] = field(default_factory=dict)
+
+
+class Driver(Protocol):
+    """A bus driver; made by its class as ``(bus, channels, context)``, where ``bus`` is an entry of ``buses:``."""
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """Names of the channels that it delivers, in the order of its samples."""
+
+    @property
+    def leads(self) -> bool:
+        """Whether it sends SYNC and therefore has to be triggered first."""
+
+    def start(self) -> tuple[str, ...]:
+        """Open the bus and commission its devices.
+
+        Returns
+        -------
+        tuple of str
+            One line per device that cannot be used: which, why, what to do. The others run.
+
+        Raises
+        ------
+        daq.errors.BusError
+            If the bus itself cannot be opened.
+        """
+
+    def trigger(self, cycle: int) -> None:
+        """Start cycle ``cycle``; does not wait and does not raise."""
+
+    def collect(self, until_ns: int) -> Samples:
+        """Wait until all that is due came, or the monotonic clock reads ``until_ns``; does not raise."""
+
+    def statistics(self) -> DriverStatistics:
+        """State of the devices and counters."""
+
+    def stop(self) -> None:
+        """Leave the devices quiet and close the bus; a second call does nothing."""
+
+
+def driver_classes() -> dict[str, Callable[[Any, Sequence[Channel], DriverContext], Driver]]:
+    """All installed drivers by the bus type that they serve."""
+    found: dict[str, Callable[[Any, Sequence[Channel], DriverContext], Driver]] = {}
+    for entry in entry_points(group=ENTRY_POINT_GROUP):
+        try:
+            found[entry.name] = entry.load()
+        except (ImportError, AttributeError) as error:
+            raise AcquisitionError(
+                f"driver '{entry.name}' ({entry.value}) cannot be loaded: {error}; reinstall the package it is from"
+            ) from error
+    return found
+
+
+def make_driver(bus: Any, channels: Sequence[Channel], context: DriverContext) -> Driver:
+    """The driver for an entry of ``buses:``."""
+    classes = driver_classes()
+    if bus.type not in classes:
+        raise MachineFileError(
+            f"bus '{bus.name}': no driver for type '{bus.type}' is installed; there are {', '.join(sorted(classes))}"
+        )
+    return classes[bus.type](bus, channels, context)

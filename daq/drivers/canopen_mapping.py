@@ -1,0 +1,92 @@
+"""Which object of a node goes into which TPDO: derived from the channels' sources, nothing is configured by hand.
+
+A TPDO carries 8 bytes; a node has four of them in the predefined connection set (CiA 301, 7.3.5)::
+
+    TPDO n    COB-ID 0x180 + 0x100 (n - 1) + node    parameters 0x1800 + n - 1    mapping 0x1A00 + n - 1
+    mapping entry    index << 16 | subindex << 8 | bits
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from daq import wire
+from daq.errors import MachineFileError
+from daq.machine_file import CanSource, Channel
+
+TPDO_BYTES = 8
+TPDO_COUNT = 4
+
+
+@dataclass(frozen=True)
+class Mapping:
+    """One TPDO of a node.
+
+    Attributes
+    ----------
+    number : 1 to 4
+    cob_id : its COB-ID
+    entries : mapping entries, in order
+    length : bytes of data
+    decoder : unpacks the data, little endian
+    positions : for every entry, the channels (positions in the driver's order) that it feeds
+    """
+
+    number: int
+    cob_id: int
+    entries: tuple[int, ...]
+    length: int
+    decoder: struct.Struct
+    positions: tuple[tuple[int, ...], ...]
+
+
+def map_node(node: int, channels: Sequence[tuple[int, Channel]], place: str) -> tuple[Mapping, ...]:
+    """Pack the objects of one node into TPDOs, first fit, in the order of the channels.
+
+    Parameters
+    ----------
+    channels : position in the driver's order, and the channel
+    place : how errors call the node
+
+    Raises
+    ------
+    MachineFileError
+        If the objects do not fit four TPDOs, or one object is declared with two data types.
+    """
+    objects: dict[tuple[int, int], tuple[str, list[int]]] = {}
+    for position, channel in channels:
+        source = channel.source
+        assert isinstance(source, CanSource)
+        key = (source.object, source.subindex)
+        data_type, positions = objects.setdefault(key, (source.data_type, []))
+        if data_type != source.data_type:
+            raise MachineFileError(
+                f"{place}: object 0x{key[0]:04X}:{key[1]} is {data_type} and {source.data_type} (in {channel.name}); "
+                "give it one data type"
+            )
+        positions.append(position)
+    pdos: list[list[tuple[tuple[int, int], str, list[int]]]] = [[] for _ in range(TPDO_COUNT)]
+    for key, (data_type, positions) in objects.items():
+        for pdo in pdos:
+            if sum(wire.size(kind) for _, kind, _ in pdo) + wire.size(data_type) <= TPDO_BYTES:
+                pdo.append((key, data_type, positions))
+                break
+        else:
+            raise MachineFileError(
+                f"{place}: its {len(objects)} objects do not fit {TPDO_COUNT} TPDOs of {TPDO_BYTES} bytes; "
+                "remove channels"
+            )
+    return tuple(
+        Mapping(
+            number=number,
+            cob_id=0x180 + 0x100 * (number - 1) + node,
+            entries=tuple(key[0] << 16 | key[1] << 8 | 8 * wire.size(kind) for key, kind, _ in pdo),
+            length=sum(wire.size(kind) for _, kind, _ in pdo),
+            decoder=struct.Struct("<" + "".join(wire.struct_code(kind) for _, kind, _ in pdo)),
+            positions=tuple(tuple(positions) for _, _, positions in pdo),
+        )
+        for number, pdo in enumerate(pdos, start=1)
+        if pdo
+    )

@@ -1,0 +1,268 @@
+"""The recorder: from the ring buffer to a file that a kill -9 in mid-recording does not lose.
+
+It is a reader of the ring like any other and runs in any process. Rows go to a journal that is synced each second
+(:mod:`daq.journal`); at the end the journal becomes the recording.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+import pyarrow as pa
+
+from daq.channels import channel_table
+from daq.errors import AcquisitionError, HilfitError
+from daq.frame import row_dtype
+from daq.journal import Journal
+from daq.machine_file import Machine
+from daq.quality import Quality
+from daq.recording import FloatArray, recording_table
+from daq.ring import RingReader
+
+SYNC_SECONDS = 1.0
+SILENCE_SECONDS = 10.0  # without a frame: acquisition hangs
+_UNMEASURED = (Quality.STALE, Quality.MISSING, Quality.BUS_ERROR)
+
+#: Called with rows that are safe on disk, and how many there will be (None: until it is stopped).
+Progress = Callable[[int, int | None], None]
+
+
+@dataclass(frozen=True)
+class RecordingSummary:
+    """What a recorder wrote.
+
+    Attributes
+    ----------
+    path : the sealed file
+    rows : its rows, one per cycle, missed cycles included
+    seconds : of machine time
+    missed_cycles : rows that stand for cycles of which nothing is known
+    quality : per channel, rows of each quality other than fresh
+    """
+
+    path: Path
+    rows: int
+    seconds: float
+    missed_cycles: int
+    quality: dict[str, dict[str, int]] = field(default_factory=dict)
+
+
+class Recorder:
+    """Records one machine from its ring buffer.
+
+    Parameters
+    ----------
+    ring_name : ring of a running acquisition of this machine
+    machine : the machine
+    role : role of the recording (see :data:`daq.recording.ROLES`)
+    path : ``.parquet`` or ``.csv``
+    overwrite : replace a file of that name
+
+    Either call :meth:`record`, which returns when it is done; or :meth:`start` and later :meth:`stop`.
+    """
+
+    def __init__(
+        self, ring_name: str, machine: Machine, role: str, path: str | Path, *, overwrite: bool = False
+    ) -> None:
+        self._ring_name = ring_name
+        self._machine = machine
+        self._role = role
+        self._path = Path(path)
+        self._overwrite = overwrite
+        self._stop = threading.Event()
+        self._thread: threading.Thread | None = None
+        self._error: HilfitError | None = None
+        self._summary: RecordingSummary | None = None
+        self._rows = 0
+
+    @property
+    def rows(self) -> int:
+        """Rows that are safe on disk."""
+        return self._rows
+
+    def record(self, seconds: float | None, progress: Progress | None = None) -> RecordingSummary:
+        """Record ``seconds`` of machine time (None: until :meth:`stop`) from the next frame on, and seal the file.
+
+        Raises
+        ------
+        RecordingError
+            If the file cannot be written.
+        AcquisitionError
+            If acquisition ended before; what had come until then is sealed all the same.
+        """
+        total = None if seconds is None else max(1, round(seconds * self._machine.rate_hz))
+        dtype = row_dtype(len(self._machine.channels))
+        table = channel_table(self._machine)
+        with RingReader(self._ring_name) as ring:
+            if ring.dtype != dtype:
+                raise AcquisitionError(
+                    f"ring buffer '{self._ring_name}' is not of machine '{self._machine.name}'; give the machine file "
+                    "that acquisition runs with"
+                )
+            writer = _Writer(self._machine, self._role, self._path, table.names, self._overwrite)
+            try:
+                failure = self._follow(ring, writer, total, progress)
+                summary = writer.seal()
+            except BaseException:
+                writer.journal.abandon()
+                raise
+        if failure is not None:
+            raise AcquisitionError(f"{failure}; {summary.rows} rows until then are in {self._path}")
+        return summary
+
+    def _follow(self, ring: RingReader, writer: _Writer, total: int | None, progress: Progress | None) -> str | None:
+        """Copy rows until there are enough; returns why not, if acquisition ended before."""
+        last_frame = time.monotonic()
+        next_sync = last_frame  # at once: whoever watches sees that it follows the ring now
+        while True:
+            rows = ring.read()
+            now = time.monotonic()
+            if len(rows.rows):
+                last_frame = now
+                writer.take(rows.rows, total)
+            complete = total is not None and writer.rows >= total
+            ended = complete or self._stop.is_set()
+            failure = None
+            if not ended and not len(rows.rows):
+                if ring.closed or not ring.writer_alive:
+                    failure = f"acquisition of '{self._machine.name}' ended"
+                elif now - last_frame > SILENCE_SECONDS:
+                    failure = f"acquisition of '{self._machine.name}' sends nothing for {SILENCE_SECONDS:g} s"
+            if ended or failure or now >= next_sync:
+                next_sync = now + SYNC_SECONDS
+                writer.sync()
+                self._rows = writer.journal.rows
+                if progress is not None:
+                    progress(self._rows, total)
+            if ended or failure:
+                return failure
+            ring.wait(min(0.2, max(0.0, next_sync - now)), poll=0.01)
+
+    def start(self, seconds: float | None = None, progress: Progress | None = None) -> None:
+        """Record in a thread of this process until :meth:`stop`, or for ``seconds``."""
+
+        def run() -> None:
+            try:
+                self._summary = self.record(seconds, progress)
+            except HilfitError as error:
+                self._error = error
+
+        self._thread = threading.Thread(target=run, name=f"recorder-{self._path.name}", daemon=True)
+        self._thread.start()
+
+    @property
+    def active(self) -> bool:
+        """Whether the thread of :meth:`start` is still recording."""
+        return self._thread is not None and self._thread.is_alive()
+
+    def request_stop(self) -> None:
+        """Let :meth:`record` seal what there is and return."""
+        self._stop.set()
+
+    def stop(self) -> RecordingSummary:
+        """End a recording begun by :meth:`start`; returns its summary or raises what :meth:`record` would have."""
+        self._stop.set()
+        return self.wait()
+
+    def wait(self) -> RecordingSummary:
+        """Wait for the end of a recording begun by :meth:`start`; as :meth:`stop`."""
+        if self._thread is not None:
+            self._thread.join()
+        if self._error is not None:
+            raise self._error
+        if self._summary is None:
+            raise AcquisitionError(f"{self._path}: recording was not started")
+        return self._summary
+
+
+class _Writer:
+    """Rows of the ring to rows of the recording: one per cycle, gaps filled with rows marked missing."""
+
+    def __init__(self, machine: Machine, role: str, path: Path, names: tuple[str, ...], overwrite: bool) -> None:
+        self._machine = machine
+        self._role = role
+        self._names = names
+        self._dtype = row_dtype(len(names))
+        self._pending: list[npt.NDArray[np.void]] = []
+        self._counts = np.zeros((len(Quality), len(names)), dtype=np.int64)
+        self._first_cycle: int | None = None
+        self._last: npt.NDArray[np.void] | None = None
+        self.rows = 0
+        self.missed = 0
+        empty = np.empty(0, dtype=self._dtype)
+        self.journal = Journal(path, self._table(empty).schema, overwrite=overwrite)
+
+    def take(self, rows: npt.NDArray[np.void], total: int | None) -> None:
+        """Append rows, at most up to ``total`` of them in all."""
+        if self._first_cycle is None:
+            self._first_cycle = int(rows["cycle"][0])
+        rows = self._fill(rows)
+        if total is not None:
+            rows = rows[: max(0, total - self.rows)]
+        if len(rows):
+            self._pending.append(rows)
+            self._last = rows[-1:]
+            self.rows += len(rows)
+
+    def _fill(self, rows: npt.NDArray[np.void]) -> npt.NDArray[np.void]:
+        """The same rows with one more, marked missing, for every cycle that is not among them."""
+        known = rows if self._last is None else np.concatenate([self._last, rows])
+        cycles = np.arange(int(known["cycle"][0]), int(known["cycle"][-1]) + 1)
+        if len(cycles) == len(known):
+            return rows
+        filled = np.zeros(len(cycles), dtype=self._dtype)
+        filled["values"] = filled["ages"] = np.nan
+        filled["quality"] = Quality.MISSING
+        filled["cycle"] = cycles
+        filled["utc_ns"] = np.interp(cycles, known["cycle"], known["utc_ns"] - known["utc_ns"][0])
+        filled["utc_ns"] += known["utc_ns"][0]
+        filled[known["cycle"] - cycles[0]] = known
+        self.missed += len(cycles) - len(known)
+        return filled if self._last is None else filled[1:]
+
+    def sync(self) -> None:
+        """Bring what is pending to disk."""
+        if not self._pending:
+            return
+        rows = np.concatenate(self._pending)
+        self._pending.clear()
+        for quality in Quality:
+            self._counts[quality] += (rows["quality"] == quality).sum(axis=0)
+        self.journal.append(self._table(rows))
+
+    def _table(self, rows: npt.NDArray[np.void]) -> pa.Table:
+        quality = rows["quality"]
+        values = np.where(np.isin(quality, _UNMEASURED), np.nan, rows["values"])
+        time_s: FloatArray = (rows["cycle"] - (self._first_cycle or 0)) / self._machine.rate_hz
+        columns = range(len(self._names))
+        return recording_table(
+            self._machine,
+            self._role,
+            time_s,
+            {self._names[i]: values[:, i] for i in columns},
+            cycle=rows["cycle"],
+            utc_ns=rows["utc_ns"],
+            age={self._names[i]: rows["ages"][:, i] for i in columns},
+            quality={self._names[i]: quality[:, i] for i in columns},
+        )
+
+    def seal(self) -> RecordingSummary:
+        """Make the recording."""
+        self.journal.seal()
+        quality = {
+            name: {q.name.lower(): int(self._counts[q, i]) for q in Quality if q and self._counts[q, i]}
+            for i, name in enumerate(self._names)
+        }
+        return RecordingSummary(
+            path=self.journal.path,
+            rows=self.rows,
+            seconds=self.rows / self._machine.rate_hz,
+            missed_cycles=self.missed,
+            quality={name: counts for name, counts in quality.items() if counts},
+        )

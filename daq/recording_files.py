@@ -1,0 +1,193 @@
+"""Tables on disk: Parquet and CSV, read whole, written whole or not at all.
+
+Nothing here knows what a column means; :mod:`daq.recording` does.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import re
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+import pyarrow as pa
+import pyarrow.csv
+import pyarrow.parquet
+
+from daq.errors import RecordingError
+
+PARQUET_MAGIC = b"PAR1"
+ARROW_STREAM_MAGIC = b"\xff\xff\xff\xff"
+SUFFIXES = (".parquet", ".csv")
+
+
+@dataclass(frozen=True)
+class Table:
+    """Columns of a file, all of one length, in file order, and the file's metadata."""
+
+    columns: Mapping[str, npt.NDArray[np.float64] | npt.NDArray[np.int64]]
+    metadata: Mapping[str, str]
+    sha256: str
+
+    @property
+    def rows(self) -> int:
+        """Number of rows."""
+        return 0 if not self.columns else len(next(iter(self.columns.values())))
+
+
+def read_table(path: Path) -> Table:
+    """Read a Parquet or CSV file; integers stay integers (exact), all else becomes float64, null becomes NaN.
+
+    Raises
+    ------
+    RecordingError
+        If the file is absent, empty, torn, no table, or has a column that is not numeric.
+    """
+    if path.is_dir():
+        raise RecordingError(f"{path}: is a directory; give one recording (.parquet or .csv)")
+    try:
+        with path.open("rb") as file:
+            head = file.read(4096)
+            file.seek(0)
+            digest = hashlib.file_digest(file, "sha256").hexdigest()
+    except FileNotFoundError:
+        raise RecordingError(f"{path}: no such file; give the path of a recording (.parquet or .csv)") from None
+    except OSError as error:
+        raise RecordingError(f"{path}: cannot be read ({error.strerror})") from None
+    if not head:
+        raise RecordingError(f"{path}: is empty; record it again")
+    if head.startswith(ARROW_STREAM_MAGIC):
+        raise RecordingError(f"{path}: is the journal of an unfinished recording; seal it with 'hilfit recover'")
+    if head.startswith(PARQUET_MAGIC):
+        table = _read_parquet(path)
+    elif path.suffix.lower() == ".parquet":
+        raise RecordingError(f"{path}: is not a Parquet file although its name says so; export it again")
+    else:
+        table = _read_csv(path, head)
+    names = table.column_names
+    for name in names:
+        if names.count(name) > 1:
+            raise RecordingError(f"{path}: column '{name}' is there {names.count(name)} times; names must differ")
+    columns = {name: _numeric(path, name, table.column(name)) for name in names}
+    raw = table.schema.metadata or {}
+    metadata = {key.decode(errors="replace"): value.decode(errors="replace") for key, value in raw.items()}
+    return Table(columns, metadata, digest)
+
+
+def _read_parquet(path: Path) -> pa.Table:
+    try:
+        return pa.parquet.ParquetFile(path).read()  # one file: read_table would merge a directory's partitions
+    except (pa.ArrowException, OSError):
+        raise RecordingError(
+            f"{path}: is a Parquet file that is cut short or damaged; copy it again from where it was recorded"
+        ) from None
+
+
+def _read_csv(path: Path, head: bytes) -> pa.Table:
+    no_table = "is not a table; a recording is Parquet, or CSV with a header line 'time,<channel>,...'"
+    try:
+        # The cut at 4096 bytes may fall inside a character, so only whole lines count.
+        header = head.split(b"\n", 1)[0].decode("utf-8-sig").strip()
+    except UnicodeDecodeError:
+        raise RecordingError(f"{path}: {no_table}") from None
+    if "\0" in header:
+        raise RecordingError(f"{path}: {no_table}")
+    for separator, called in ((";", "semicolons"), ("\t", "tabs")):
+        if "," not in header and separator in header:
+            raise RecordingError(f"{path}: columns are separated by {called}; write CSV with commas and points")
+    names = [name.strip().strip('"') for name in header.split(",")]
+    if len(names) < 2 or any(_is_number(name) for name in names):
+        raise RecordingError(f"{path}: {no_table}")
+    convert = pa.csv.ConvertOptions(column_types={name: _csv_type(name) for name in names}, strings_can_be_null=True)
+    try:
+        return pa.csv.read_csv(path, convert_options=convert)
+    except pa.ArrowInvalid as error:
+        raise RecordingError(f"{path}: {_csv_problem(str(error), names)}") from None
+
+
+def _csv_type(name: str) -> pa.DataType:
+    return pa.int64() if name in ("cycle", "utc_ns") else pa.float64()
+
+
+def _csv_problem(text: str, names: list[str]) -> str:
+    bad = re.search(r"column #(\d+).*invalid value '(.*?)'", text, re.DOTALL)
+    if bad is not None and int(bad[1]) < len(names):
+        return f"{names[int(bad[1])]}: '{bad[2][:40]}' is no number; columns have to be numeric"
+    width = re.search(r"(?:Row #(\d+): )?Expected (\d+) columns, got (\d+)", text)
+    if width is not None:
+        row = f" in line {width[1]}" if width[1] else ""
+        return f"is not a table: {width[2]} columns in the header, {width[3]}{row}; every row needs all columns"
+    return "is not a table that can be read; write CSV with a header line, commas and points"
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
+
+
+def _numeric(path: Path, name: str, column: pa.ChunkedArray) -> npt.NDArray[np.float64] | npt.NDArray[np.int64]:
+    kind = column.type
+    if not (pa.types.is_integer(kind) or pa.types.is_floating(kind) or pa.types.is_null(kind)):
+        raise RecordingError(f"{path}: {name}: holds {kind}, not numbers; remove the column or export numbers")
+    if pa.types.is_integer(kind) and column.null_count == 0:
+        values = column.to_numpy()
+        if values.dtype == np.uint64 and values.size and values.max() > np.iinfo(np.int64).max:
+            return np.asarray(values, dtype=np.float64)
+        return np.asarray(values, dtype=np.int64)
+    return np.array(column.cast(pa.float64()).to_numpy(), dtype=np.float64)
+
+
+@contextmanager
+def replacing(path: Path) -> Iterator[Path]:
+    """A temporary path beside ``path`` that takes its place, synced, when the block ends well; else it is removed.
+
+    A reader sees the old file or the new one, never half of one, also after a power cut.
+    """
+    path.parent.mkdir(parents=True, exist_ok=True)
+    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+    try:
+        yield temporary
+        with temporary.open("rb") as file:
+            os.fsync(file.fileno())
+        temporary.replace(path)
+        directory = os.open(path.parent, os.O_RDONLY)
+        try:
+            os.fsync(directory)
+        finally:
+            os.close(directory)
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def write_table(path: Path, table: pa.Table) -> None:
+    """Write a table as its suffix says (``.parquet``, ``.csv``), whole or not at all.
+
+    Raises
+    ------
+    RecordingError
+        If the suffix is another one or the place cannot be written.
+    """
+    suffix = path.suffix.lower()
+    if suffix not in SUFFIXES:
+        raise RecordingError(f"{path}: unknown kind of file '{suffix}'; use .parquet or .csv")
+    try:
+        with replacing(path) as temporary:
+            if suffix == ".csv":
+                pa.csv.write_csv(table, temporary)
+            else:
+                pa.parquet.write_table(table, temporary, compression="zstd")
+    except OSError as error:
+        raise RecordingError(f"{path}: cannot be written ({error.strerror or error})") from None
+
+
+def write_columns(path: Path, table: Table) -> None:
+    """Write a table that was read, with its metadata (errors as :func:`write_table`)."""
+    write_table(path, pa.table(dict(table.columns)).replace_schema_metadata(dict(table.metadata)))

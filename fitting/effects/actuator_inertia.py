@@ -1,0 +1,28 @@
+"""Inertia that turns with the joint's drive and no link."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from fitting.effects.base import DriveView, Effect, FloatArray, Parameter, Shape
+
+
+class ActuatorInertia(Effect):
+    """Inertia that turns with the joint's drive and no link."""
+
+    id = "actuator_inertia"
+    title = "inertia of the drive itself"
+    level = "joint"
+    variable = "piston_acceleration"
+    uses_model = False
+    equation = "J q'' / r"
+    parity = "own acceleration only"
+    parameters = (Parameter("J", "kg m^2", low=0.0),)
+    confounders = ()
+    experiment = "report it lumped with the link"
+    source = "drive inertia of the standard parameters"
+
+    def columns(self, view: DriveView, shape: Shape) -> FloatArray:
+        """Columns (N, k); see :class:`Effect`."""
+        column = view.segment.qdd[:, view.joint] / view.r
+        return (column if view.segment.loaded else np.zeros_like(column))[:, None]

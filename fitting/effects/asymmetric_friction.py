@@ -1,0 +1,31 @@
+"""Another friction law extending than retracting: seals are not symmetric."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from fitting.effects.base import DriveView, Effect, FloatArray, Parameter, Shape
+
+
+class AsymmetricFriction(Effect):
+    """Another friction law extending than retracting: seals are not symmetric."""
+
+    id = "asymmetric_friction"
+    title = "friction differs between extending and retracting"
+    level = "cylinder"
+    variable = "piston_speed"
+    uses_model = False
+    equation = "(f_c+ + f_v+ v) [v > 0]"
+    parity = "neither even nor odd in v"
+    parameters = (
+        Parameter("f_c_extending", "N"),
+        Parameter("f_v_extending", "N s/m"),
+    )
+    confounders = ("pressure_offset", "base_tilt")
+    experiment = "an offset is also there at rest: hold the arm still at both ends of a stroke"
+    source = "Janot, Gautier, Brunot, EMPS benchmark, 2019"
+
+    def columns(self, view: DriveView, shape: Shape) -> FloatArray:
+        """Columns (N, k); see :class:`Effect`."""
+        extending = 0.5 * (1.0 + view.s)
+        return np.column_stack([extending, np.maximum(view.v, 0.0)])

@@ -1,0 +1,257 @@
+"""What an effect is: the seam `hilfit.effects`.
+
+An effect is one physical phenomenon that the base model lacks. It says what it is (texts for people), and gives
+regressor columns: what one unit of each of its parameters adds to the drive effort (N at the piston, positive extends),
+given what is known about a joint's motion. Columns are built from the motion and from the *model's* force, never from
+the measured force: a regressor that contains the measurement noise of the very thing it explains fits that noise.
+
+Hooks and why they are there:
+
+``shapes``
+    Non-linear shape parameters are scanned on a grid; each shape is one candidate and pays for the size of the grid.
+``columns``
+    The linear part; one column per entry of ``parameters``.
+``plausible``
+    A fit that needs a negative friction coefficient is no explanation, however small its residual.
+``applies``
+    An effect of chambers needs pressures, one of a cylinder a cylinder.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import ClassVar, Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from daq.machine_file import Machine
+from fitting.base_parameters import BaseParameters, base_regressor
+from fitting.drive import expected_power, expected_sign
+from fitting.preparation import PositionNoise, Segment
+from fitting.signals import FilterBank
+
+FloatArray = npt.NDArray[np.float64]
+Shape = Mapping[str, float]
+Level = Literal["cylinder", "joint", "measurement"]
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One linear parameter of an effect: name, unit, and the interval a plausible value lies in."""
+
+    name: str
+    unit: str
+    low: float = -np.inf
+    high: float = np.inf
+
+
+@dataclass(frozen=True)
+class Ranges:
+    """Ranges of a joint's signals over all fitted recordings, so that a shape means the same in each of them."""
+
+    x: tuple[float, float]
+    v: float
+    force: float
+    time: tuple[float, float]
+
+    @property
+    def middle(self) -> float:
+        """Middle of the stroke that was used, m."""
+        return 0.5 * (self.x[0] + self.x[1])
+
+    @property
+    def span(self) -> float:
+        """Stroke that was used, m."""
+        return self.x[1] - self.x[0]
+
+
+@dataclass(frozen=True)
+class DriveView:
+    """What an effect may look at: one joint in one segment, ``N`` samples at full rate, SI.
+
+    Attributes
+    ----------
+    machine, joint : the machine and the joint's number
+    segment : the prepared segment
+    bank : the filters (for derivatives)
+    noise : position noise of every joint
+    forces : (N, n) the model's drive efforts ``F^`` of all joints
+    loads : (N, n) the model's load forces ``F_l`` (rigid body only) at the piston
+    rod_pressures : (N, n) expected rod pressures in Pa, free of measurement noise; NaN without pressure sensors
+    ranges : ranges per joint
+    clock : (N,) s since the recording's first sample
+    base, base_values : the base parameters and their present estimate
+    loaded_recordings : numbers of the fitted recordings with a load
+    cache : scratch for columns that several shapes share
+    """
+
+    machine: Machine
+    joint: int
+    segment: Segment
+    bank: FilterBank
+    noise: tuple[PositionNoise, ...]
+    forces: FloatArray
+    loads: FloatArray
+    rod_pressures: FloatArray
+    ranges: tuple[Ranges, ...]
+    clock: FloatArray
+    base: BaseParameters
+    base_values: FloatArray
+    loaded_recordings: tuple[int, ...]
+    cache: dict[str, FloatArray] = field(default_factory=dict, repr=False, compare=False)
+
+    def __len__(self) -> int:
+        return len(self.segment)
+
+    @property
+    def x(self) -> FloatArray:
+        """Position of the driving element, m (or the joint's unit)."""
+        return self.segment.x[:, self.joint]
+
+    @property
+    def v(self) -> FloatArray:
+        """Its speed."""
+        return self.segment.v[:, self.joint]
+
+    @property
+    def a(self) -> FloatArray:
+        """Its acceleration."""
+        return self.segment.a[:, self.joint]
+
+    @property
+    def q(self) -> FloatArray:
+        """Joint position, rad or m."""
+        return self.segment.q[:, self.joint]
+
+    @property
+    def r(self) -> FloatArray:
+        """Lever arm dx/dq."""
+        return self.segment.r[:, self.joint]
+
+    @cached_property
+    def s(self) -> FloatArray:
+        """Expected sign of the speed, given its noise."""
+        return expected_sign(self.v, self.noise[self.joint].speed)
+
+    def power(self, exponent: float) -> FloatArray:
+        """Expected ``|v|^exponent sgn(v)``, given the speed's noise."""
+        return expected_power(self.v, self.noise[self.joint].speed, exponent)
+
+    @property
+    def force(self) -> FloatArray:
+        """``F^``, the model's own drive effort."""
+        return self.forces[:, self.joint]
+
+    @property
+    def load(self) -> FloatArray:
+        """``F_l``, the model's load force at the piston."""
+        return self.loads[:, self.joint]
+
+    @property
+    def p1(self) -> FloatArray:
+        """Head pressure that the model's force and the expected rod pressure make, Pa."""
+        cylinder = self.machine.joints[self.joint].cylinder
+        assert cylinder is not None
+        return (self.force + self.p2 * cylinder.rod_area) / cylinder.head_area
+
+    @property
+    def p2(self) -> FloatArray:
+        """Expected rod pressure, Pa: what motion and model force tell of it, without its own noise."""
+        return self.rod_pressures[:, self.joint]
+
+    @property
+    def range(self) -> Ranges:
+        """Ranges of this joint's signals over all fitted recordings."""
+        return self.ranges[self.joint]
+
+    def body_change(self, position: FloatArray) -> FloatArray:
+        """Change (N, n) of all drive efforts when this joint's link moves by ``position`` (N,), to first order.
+
+        By a central difference along the whole trajectory: speed and acceleration change with the position.
+        """
+        segment = self.segment
+        largest = max(float(np.max(np.abs(position))), 1e-12)
+        step = 1e-4 / largest
+        rates = self.bank.rate(position)
+        change = (position, rates, self.bank.rate(rates))
+        efforts = []
+        for sign in (1.0, -1.0):
+            moved = [values.copy() for values in (segment.q, segment.qd, segment.qdd)]
+            for values, delta in zip(moved, change, strict=True):
+                values[:, self.joint] += sign * step * delta
+            efforts.append(base_regressor(self.machine, self.base, *moved) @ self.base_values)
+        return np.asarray((efforts[0] - efforts[1]) / (2 * step) / segment.r)
+
+    def speed_of(self, other: int) -> FloatArray:
+        """Speed of another joint's driving element."""
+        return self.segment.v[:, other]
+
+
+class Effect(ABC):
+    """Base class of effects; see the module's text for what each hook is for."""
+
+    id: ClassVar[str]
+    title: ClassVar[str]
+    level: ClassVar[Level]
+    #: Signal that a residual is best drawn against: one of the report's variables; ``other.`` stands for a neighbour.
+    variable: ClassVar[str]
+    #: False where the columns depend on the measured motion only, not on the model's present parameters.
+    uses_model: ClassVar[bool] = True
+    equation: ClassVar[str]
+    parity: ClassVar[str]
+    parameters: ClassVar[tuple[Parameter, ...]]
+    confounders: ClassVar[tuple[str, ...]] = ()
+    experiment: ClassVar[str]
+    source: ClassVar[str]
+    #: True where one effect acts on the whole machine (``columns`` then gives all joints at once).
+    machine_wide: ClassVar[bool] = False
+    #: True where an effect of one joint changes the efforts of all (``columns`` gives all joints at once).
+    spreads: ClassVar[bool] = False
+
+    def applies(self, machine: Machine, joint: int) -> bool:
+        """Whether the joint can have this effect, and the recordings can show it."""
+        return machine.joints[joint].cylinder is not None or self.level != "cylinder"
+
+    def shapes(self, view: DriveView) -> Sequence[Shape]:
+        """Grid of shape parameters; one empty shape if there are none. ``view`` gives scales (its ranges)."""
+        return ({},)
+
+    def variants(self, machine: Machine, joint: int) -> Sequence[tuple[int, ...]]:
+        """Other joints that the effect may involve, one candidate each; one empty tuple if none."""
+        return ((),)
+
+    @abstractmethod
+    def columns(self, view: DriveView, shape: Shape) -> FloatArray:
+        """Columns, drive effort per unit of each parameter: (N, k), or (N, n, k) where it acts on all joints."""
+
+    def gap_columns(self, view: DriveView, shape: Shape) -> FloatArray | None:
+        """Columns (N, k) of what one unit adds to (piston position less x(joint position)), m; None if nothing."""
+        return None
+
+    def plausible(self, values: Sequence[float], stds: Sequence[float]) -> bool:
+        """Whether each value lies, within two standard deviations, in its parameter's interval."""
+        return all(
+            p.low - 2 * s <= value <= p.high + 2 * s for p, value, s in zip(self.parameters, values, stds, strict=True)
+        )
+
+
+def has_both_positions(machine: Machine, joint: int) -> bool:
+    """Whether piston and joint are measured independently, so that kinematics can be checked without dynamics."""
+    name = machine.joints[joint].name
+    both = all(machine.channel(quantity, name) is not None for quantity in ("joint_position", "piston_position"))
+    return both and machine.joints[joint].cylinder is not None
+
+
+def has_pressures(machine: Machine, joint: int) -> bool:
+    """Whether both chambers of the joint's cylinder are measured."""
+    name = machine.joints[joint].name
+    return all(machine.channel(quantity, name) is not None for quantity in ("head_pressure", "rod_pressure"))
+
+
+def geometric(low: float, high: float, count: int) -> tuple[float, ...]:
+    """``count`` values from ``low`` to ``high`` with equal ratios."""
+    return tuple(float(value) for value in np.geomspace(low, high, count))

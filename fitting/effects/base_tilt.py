@@ -1,0 +1,50 @@
+"""A base that is not level: gravity points another way for every joint at once."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from fitting.dynamics import gravity_regressor
+from fitting.effects.base import DriveView, Effect, FloatArray, Parameter, Shape
+
+
+class BaseTilt(Effect):
+    """A base that is not level."""
+
+    id = "base_tilt"
+    title = "the base is not level"
+    level = "joint"
+    variable = "joint_position"
+    equation = "dY/dg (e_1 t_1 + e_2 t_2) pi, e_1 and e_2 across gravity"
+    parity = "independent of speed; all joints at once"
+    parameters = (
+        Parameter("tilt_1", "rad", low=-0.3, high=0.3),
+        Parameter("tilt_2", "rad", low=-0.3, high=0.3),
+    )
+    confounders = ("encoder_offset", "pressure_offset")
+    experiment = "an inclinometer on the base, or the same motion after half a slew turn"
+    source = "gravity in the base frame is linear in two small angles"
+    machine_wide = True
+
+    def columns(self, view: DriveView, shape: Shape) -> FloatArray:
+        """Columns (N, n, 2) for all joints."""
+        segment = view.segment
+        if not segment.loaded:
+            return np.zeros((len(segment), len(view.machine.joints), 2))
+        gravity = np.asarray(view.machine.gravity, dtype=float)
+        columns = []
+        for axis in across(gravity):
+            change = gravity_regressor(
+                view.machine, segment.q, axis * np.linalg.norm(gravity), columns=view.base.independent
+            )
+            columns.append((change @ view.base_values) / segment.r)
+        return np.stack(columns, axis=2)
+
+
+def across(gravity: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Two unit vectors across gravity, shape (3,) each."""
+    down = gravity / max(float(np.linalg.norm(gravity)), 1e-12)
+    start = np.eye(3)[int(np.argmin(np.abs(down)))]
+    first = np.cross(down, start)
+    first /= np.linalg.norm(first)
+    return first, np.cross(down, first)

@@ -1,0 +1,41 @@
+"""Liquid in a tank or bucket that sloshes with the joint's acceleration."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from scipy import signal
+
+from fitting.effects.base import DriveView, Effect, FloatArray, Parameter, Shape
+
+
+class CarriedLiquid(Effect):
+    """Liquid in a tank or bucket that sloshes with the joint's acceleration."""
+
+    id = "carried_liquid"
+    title = "carried liquid sloshes"
+    level = "joint"
+    variable = "piston_acceleration"
+    uses_model = False
+    equation = "J_s H(s) q'' / r, H(s) = w^2 / (s^2 + 2 zeta w s + w^2)"
+    parity = "ring-down at 0.5 to 1.5 Hz"
+    parameters = (Parameter("J_s", "kg m^2"),)
+    confounders = ("structural_flexibility",)
+    experiment = "record the ring-down after a stop"
+    source = "Ibrahim, Liquid Sloshing Dynamics, 2005 (equivalent pendulum)"
+
+    def shapes(self, view: DriveView) -> Sequence[Shape]:
+        """Grid of shapes; see :class:`Effect`."""
+        return [{"frequency": f, "zeta": z} for f in (0.5, 0.7, 0.95, 1.3) for z in (0.03, 0.12)]
+
+    def columns(self, view: DriveView, shape: Shape) -> FloatArray:
+        """Columns (N, k); see :class:`Effect`."""
+        frequency = 2 * np.pi * shape["frequency"]
+        system = signal.cont2discrete(
+            ([frequency**2], [1.0, 2 * shape["zeta"] * frequency, frequency**2]),
+            1.0 / view.bank.rate_hz,
+            method="bilinear",
+        )
+        response = signal.lfilter(np.ravel(system[0]), system[1], view.segment.qdd[:, view.joint]) / view.r
+        return (response if view.segment.loaded else np.zeros_like(response))[:, None]

@@ -1,0 +1,50 @@
+"""A joint encoder whose disc is not centred: its error is a harmonic of the angle."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from daq.machine_file import Machine
+from fitting.effects.base import DriveView, Effect, FloatArray, Parameter, Shape, has_both_positions
+
+
+class EncoderEccentricity(Effect):
+    """A joint encoder whose disc is not centred."""
+
+    id = "encoder_eccentricity"
+    title = "the joint encoder runs eccentrically"
+    level = "measurement"
+    variable = "joint_position"
+    equation = "q = q_measured - (e_s sin n q + e_c cos n q)"
+    parity = "harmonic of the joint angle"
+    parameters = (Parameter("e_s", "rad", low=-0.1, high=0.1), Parameter("e_c", "rad", low=-0.1, high=0.1))
+    confounders = ("encoder_offset", "linkage_geometry", "position_harmonic")
+    experiment = "compare joint and piston encoder over the whole stroke; no dynamics needed"
+    source = "rotary encoder data sheets: eccentricity of the disc gives one period per turn, ellipticity two"
+    spreads = True
+
+    def applies(self, machine: Machine, joint: int) -> bool:
+        """From the efforts only where kinematics cannot tell it better."""
+        revolute = machine.joints[joint].type == "revolute"
+        return revolute and not has_both_positions(machine, joint)
+
+    def shapes(self, view: DriveView) -> Sequence[Shape]:
+        """Periods per turn."""
+        return [{"n": float(n)} for n in (1, 2, 3, 4, 6, 8)]
+
+    def columns(self, view: DriveView, shape: Shape) -> FloatArray:
+        """Columns (N, n, 2): all efforts of the links from this joint on."""
+        if not view.segment.loaded:
+            return np.zeros((len(view), len(view.machine.joints), 2))
+        waves = self._waves(view, shape)
+        return np.stack([view.body_change(-wave) for wave in waves.T], axis=2)
+
+    def gap_columns(self, view: DriveView, shape: Shape) -> FloatArray | None:
+        """``-r sin n q`` and ``-r cos n q``."""
+        return -view.r[:, None] * self._waves(view, shape)
+
+    def _waves(self, view: DriveView, shape: Shape) -> FloatArray:
+        angle = shape["n"] * view.q
+        return np.column_stack([np.sin(angle), np.cos(angle)])

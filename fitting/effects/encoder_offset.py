@@ -1,0 +1,38 @@
+"""A joint encoder whose zero is off."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from daq.machine_file import Machine
+from fitting.effects.base import DriveView, Effect, FloatArray, Parameter, Shape, has_both_positions
+
+
+class EncoderOffset(Effect):
+    """A joint encoder whose zero is off."""
+
+    id = "encoder_offset"
+    title = "the joint encoder's zero is off"
+    level = "measurement"
+    variable = "joint_position"
+    equation = "q = q_measured - q_0"
+    parity = "independent of speed; gravity curve shifted along q"
+    parameters = (Parameter("q_0", "rad", low=-0.3, high=0.3),)
+    confounders = ("linkage_geometry", "base_tilt")
+    experiment = "drive the joint to a mechanical zero and read the encoder"
+    source = "first order in the offset: -r q_0 between piston and joint, -(dY/dq) pi q_0 in the efforts"
+    spreads = True
+
+    def applies(self, machine: Machine, joint: int) -> bool:
+        """From the efforts only where kinematics cannot tell it better."""
+        return not has_both_positions(machine, joint) and joint > 0
+
+    def columns(self, view: DriveView, shape: Shape) -> FloatArray:
+        """Columns (N, n, 1): all efforts of the links from this joint on."""
+        if not view.segment.loaded:
+            return np.zeros((len(view), len(view.machine.joints), 1))
+        return view.body_change(-np.ones(len(view)))[:, :, None]
+
+    def gap_columns(self, view: DriveView, shape: Shape) -> FloatArray | None:
+        """``-r``: x(q) is taken at a position that is too large by the offset."""
+        return -view.r[:, None]

@@ -1,0 +1,45 @@
+"""A cushion that throttles the oil near one end of the stroke."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from fitting.effects.base import DriveView, Effect, FloatArray, Parameter, Shape
+
+
+class EndCushion(Effect):
+    """A cushion that throttles the oil near one end of the stroke."""
+
+    id = "end_cushion"
+    title = "end-of-stroke cushion"
+    level = "cylinder"
+    variable = "piston_position"
+    uses_model = False
+    equation = "w^n (k + d v), w = distance inside the cushion"
+    parity = "even and odd parts, only near one end"
+    parameters = (
+        Parameter("k", "N/m^n"),
+        Parameter("d", "N s/m^(n+1)"),
+    )
+    confounders = ("linkage_geometry", "hose_stiffness", "gas_spring")
+    experiment = "dwell inside the cushion"
+    source = "ISO 10100 (cylinders, cushioning)"
+
+    def shapes(self, view: DriveView) -> Sequence[Shape]:
+        """Grid of shapes; see :class:`Effect`."""
+        return [
+            {"side": side, "share": share, "n": n}
+            for side in (-1.0, 1.0)
+            for share in (0.08, 0.15, 0.25)
+            for n in (1.0, 2.0)
+        ]
+
+    def columns(self, view: DriveView, shape: Shape) -> FloatArray:
+        """Columns (N, k); see :class:`Effect`."""
+        low, high = view.range.x
+        depth = shape["share"] * view.range.span
+        inside = np.maximum(0.0, view.x - (high - depth) if shape["side"] > 0 else (low + depth) - view.x)
+        weight = inside ** shape["n"]
+        return np.column_stack([shape["side"] * weight, weight * view.v])

@@ -1,0 +1,35 @@
+"""A trapped gas volume that one direction of the stroke compresses."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from fitting.effects.base import DriveView, Effect, FloatArray, Parameter, Shape
+
+
+class GasSpring(Effect):
+    """A trapped gas volume that one direction of the stroke compresses."""
+
+    id = "gas_spring"
+    title = "gas spring or trapped accumulator"
+    level = "cylinder"
+    variable = "piston_position"
+    uses_model = False
+    equation = "f_g (1 - x / x_0)^(-n)"
+    parity = "even in v, monotone in x"
+    parameters = (Parameter("f_g", "N"),)
+    confounders = ("hose_stiffness", "end_cushion")
+    experiment = "isolate the accumulator"
+    source = "polytropic compression of a gas volume"
+
+    def shapes(self, view: DriveView) -> Sequence[Shape]:
+        """Grid of shapes; see :class:`Effect`."""
+        return [
+            {"side": side, "rest": rest, "n": n} for side in (-1.0, 1.0) for rest in (0.1, 0.3, 1.0) for n in (1.0, 1.4)
+        ]
+
+    def columns(self, view: DriveView, shape: Shape) -> FloatArray:
+        """Columns (N, k); see :class:`Effect`."""
+        low, high = view.range.x
+        stroke = (view.x - low if shape["side"] > 0 else high - view.x) / view.range.span
+        return (shape["side"] * (1.0 - stroke / (1.0 + shape["rest"])) ** -shape["n"])[:, None]

@@ -1,0 +1,34 @@
+"""Hoses and cable harness that pull the joint towards a middle position."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from fitting.effects.base import DriveView, Effect, FloatArray, Parameter, Shape
+
+
+class HoseStiffness(Effect):
+    """Hoses and cable harness that pull the joint towards a middle position."""
+
+    id = "hose_stiffness"
+    title = "hoses or harness act as a spring"
+    level = "joint"
+    variable = "joint_position"
+    uses_model = False
+    equation = "(k_1 u + k_2 u^2 + k_3 u^3) / r, u = q - q_m"
+    parity = "even in v, function of the own angle"
+    parameters = (
+        Parameter("k_1", "N m/rad"),
+        Parameter("k_2", "N m/rad^2"),
+        Parameter("k_3", "N m/rad^3"),
+    )
+    confounders = ("gas_spring", "linkage_geometry")
+    experiment = "take the harness off and repeat"
+    source = "polynomial of the joint angle"
+
+    def columns(self, view: DriveView, shape: Shape) -> FloatArray:
+        """Columns (N, k); see :class:`Effect`."""
+        low, high = view.machine.joints[view.joint].limits.position
+        angle = view.q - 0.5 * (low + high)
+        pull = np.column_stack([angle, angle**2, angle**3]) / view.r[:, None]
+        return pull if view.segment.loaded else np.zeros_like(pull)

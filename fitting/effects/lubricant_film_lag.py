@@ -1,0 +1,37 @@
+"""The lubricating film follows the speed with a lag, so friction against speed is a loop."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from scipy import signal
+
+from fitting.effects.base import DriveView, Effect, FloatArray, Parameter, Shape
+
+
+class LubricantFilmLag(Effect):
+    """The lubricating film follows the speed with a lag, so friction against speed is a loop."""
+
+    id = "lubricant_film_lag"
+    title = "the lubricating film lags behind the speed"
+    level = "cylinder"
+    variable = "piston_speed"
+    uses_model = False
+    equation = "b sgn v (h_ss - h), h_ss = |v|^n, tau dh/dt = h_ss - h"
+    parity = "odd in v; the loop opens with frequency"
+    parameters = (Parameter("b", "N (s/m)^n", low=0.0),)
+    confounders = ("sensor_latency", "actuator_inertia")
+    experiment = "one amplitude at three frequencies"
+    source = "Yanada and Sekikawa, Mechatronics 18, 2008 (dynamic friction of hydraulic actuators)"
+
+    def shapes(self, view: DriveView) -> Sequence[Shape]:
+        """Grid of shapes; see :class:`Effect`."""
+        return [{"tau": tau, "n": n} for tau in (0.05, 0.12, 0.3, 0.7) for n in (1 / 3, 1.0)]
+
+    def columns(self, view: DriveView, shape: Shape) -> FloatArray:
+        """Columns (N, k); see :class:`Effect`."""
+        steady = np.abs(view.power(shape["n"]))
+        blend = 1.0 - np.exp(-1.0 / (view.bank.rate_hz * shape["tau"]))
+        film, _ = signal.lfilter([blend], [1.0, blend - 1.0], steady, zi=[(1.0 - blend) * steady[0]])
+        return (view.s * (steady - film))[:, None]

@@ -1,0 +1,48 @@
+"""A mass at the tip that is picked up, or put down, in the course of a recording."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from fitting.dynamics import rigid_body_regressor
+from fitting.effects.base import DriveView, Effect, FloatArray, Parameter, Shape
+
+
+class Payload(Effect):
+    """A mass at the tip from a moment on."""
+
+    id = "payload"
+    title = "a payload is there in part of the recordings"
+    level = "joint"
+    variable = "time"
+    equation = "Y_tip(q, q', q'') m_p from t_0 on"
+    parity = "all joints upstream at once"
+    parameters = (Parameter("m_p", "kg"),)
+    confounders = ("thermal_viscosity_drift", "pressure_drift")
+    experiment = "an empty and a loaded run"
+    source = "point mass at the origin of the last link frame"
+    machine_wide = True
+
+    def shapes(self, view: DriveView) -> Sequence[Shape]:
+        """Every recording, from its start or from one of five moments on."""
+        start, end = view.range.time
+        return [
+            {"recording": float(recording), "t_0": start + share * (end - start)}
+            for recording in view.loaded_recordings
+            for share in (0.0, 0.2, 0.35, 0.5, 0.65, 0.8)
+        ]
+
+    def columns(self, view: DriveView, shape: Shape) -> FloatArray:
+        """Columns (N, n, 1) for all joints."""
+        segment = view.segment
+        joints = len(view.machine.joints)
+        if not segment.loaded or segment.recording != int(shape["recording"]):
+            return np.zeros((len(segment), joints, 1))
+        if "tip" not in view.cache:
+            regressor = rigid_body_regressor(
+                view.machine, segment.q, segment.qd, segment.qdd, columns=[10 * (joints - 1)]
+            )
+            view.cache["tip"] = regressor[:, :, 0] / segment.r
+        return (view.cache["tip"] * (view.clock >= shape["t_0"])[:, None])[:, :, None]

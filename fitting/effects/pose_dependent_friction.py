@@ -1,0 +1,37 @@
+"""Joint friction that changes with another joint's pose."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from daq.machine_file import Machine
+from fitting.effects.base import DriveView, Effect, FloatArray, Parameter, Shape
+
+
+class PoseDependentFriction(Effect):
+    """Joint friction that changes with another joint's pose."""
+
+    id = "pose_dependent_friction"
+    title = "friction follows another joint's pose"
+    level = "joint"
+    variable = "other.joint_position"
+    uses_model = False
+    equation = "b (q_k - q_m) sgn v"
+    parity = "odd in v; follows a neighbour's pose"
+    parameters = (Parameter("b", "N/rad"),)
+    confounders = ("load_dependent_friction",)
+    experiment = "a single joint at three poses of the other"
+    source = "Bittencourt and Axelsson, IEEE Trans. Robotics 30, 2014"
+
+    def variants(self, machine: Machine, joint: int) -> Sequence[tuple[int, ...]]:
+        """Every other joint in turn."""
+        return [(other,) for other in range(len(machine.joints)) if other != joint]
+
+    def columns(self, view: DriveView, shape: Shape) -> FloatArray:
+        """Columns (N, k); see :class:`Effect`."""
+        other = int(shape["other"])
+        low, high = view.machine.joints[other].limits.position
+        column = (view.segment.q[:, other] - 0.5 * (low + high)) * view.s
+        return (column if view.segment.loaded else np.zeros_like(column))[:, None]

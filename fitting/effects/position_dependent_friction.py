@@ -1,0 +1,31 @@
+"""Friction that depends on where the piston is: a bore that is not round, a rod that is worn."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from fitting.effects.base import DriveView, Effect, FloatArray, Parameter, Shape
+
+
+class PositionDependentFriction(Effect):
+    """Friction that depends on where the piston is: a bore that is not round, a rod that is worn."""
+
+    id = "position_dependent_friction"
+    title = "friction depends on the piston position"
+    level = "cylinder"
+    variable = "piston_position"
+    uses_model = False
+    equation = "(f_1 (x - x_m) + f_2 (x - x_m)^2) sgn v"
+    parity = "odd in v, smooth in x"
+    parameters = (
+        Parameter("f_1", "N/m"),
+        Parameter("f_2", "N/m^2"),
+    )
+    confounders = ("load_dependent_friction", "pose_dependent_friction")
+    experiment = "move other joints so that load and position decorrelate"
+    source = "Armstrong-Helouvry, Control of Machines with Friction, 1991 (position-dependent friction)"
+
+    def columns(self, view: DriveView, shape: Shape) -> FloatArray:
+        """Columns (N, k); see :class:`Effect`."""
+        offset = view.x - view.range.middle
+        return np.column_stack([offset * view.s, offset**2 * view.s])

@@ -1,0 +1,45 @@
+"""A force that is periodic in position: a screw, a gear, a rod surface."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from daq.machine_file import Machine
+from fitting.effects.base import DriveView, Effect, FloatArray, Parameter, Shape
+
+
+class PositionHarmonic(Effect):
+    """A force that is periodic in position: a screw, a gear, a rod surface."""
+
+    id = "position_harmonic"
+    title = "a force that is periodic in position"
+    level = "cylinder"
+    variable = "piston_position"
+    uses_model = False
+    equation = "a sin(2 pi x / pitch) + b cos(2 pi x / pitch), also times sgn v"
+    parity = "periodic in x"
+    parameters = (
+        Parameter("a", "N"),
+        Parameter("b", "N"),
+    )
+    confounders = ("encoder_eccentricity", "supply_ripple")
+    experiment = "change the speed: a harmonic stays in x, a ripple in t"
+    source = "EMPS benchmark: 2.5 mm harmonic of the screw"
+
+    def applies(self, machine: Machine, joint: int) -> bool:
+        """Any joint: a screw or a gear as well as a cylinder."""
+        return True
+
+    def shapes(self, view: DriveView) -> Sequence[Shape]:
+        """Grid of shapes; see :class:`Effect`."""
+        # Fewer than four periods over the stroke are no periodicity that data could show.
+        cycles = np.arange(4.0, 40.0, 0.75)
+        return [{"pitch": view.range.span / c, "odd": odd} for c in cycles.tolist() for odd in (0.0, 1.0)]
+
+    def columns(self, view: DriveView, shape: Shape) -> FloatArray:
+        """Columns (N, k); see :class:`Effect`."""
+        phase = 2 * np.pi * (view.x - view.range.middle) / shape["pitch"]
+        waves = np.column_stack([np.sin(phase), np.cos(phase)])
+        return waves * view.s[:, None] if shape["odd"] else waves

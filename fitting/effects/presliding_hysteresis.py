@@ -1,0 +1,46 @@
+"""Elastic presliding after a reversal (Dahl): friction builds up over a distance, not at once."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from fitting.effects.base import DriveView, Effect, FloatArray, Parameter, Shape, geometric
+
+
+class PreslidingHysteresis(Effect):
+    """Elastic presliding after a reversal (Dahl): friction builds up over a distance, not at once."""
+
+    id = "presliding_hysteresis"
+    title = "friction builds up over a distance after a reversal"
+    level = "cylinder"
+    variable = "piston_position"
+    uses_model = False
+    equation = "f_c (z - sgn v), dz/dx = (1 - z sgn v) / x_s"
+    parity = "hysteresis in x, within three x_s of a reversal"
+    parameters = (Parameter("f_c", "N", low=0.0),)
+    confounders = ("sensor_latency", "backlash", "structural_flexibility")
+    experiment = "slow reversals at three rates: presliding depends on distance, a delay on time"
+    source = "Dahl, AIAA Journal 14, 1976"
+
+    def shapes(self, view: DriveView) -> Sequence[Shape]:
+        """Grid of shapes; see :class:`Effect`."""
+        low = max(4 * view.noise[view.joint].position, 0.0005 * view.range.span)
+        return [{"x_s": distance} for distance in geometric(low, max(0.08 * view.range.span, 2 * low), 7)]
+
+    def columns(self, view: DriveView, shape: Shape) -> FloatArray:
+        """Columns (N, k); see :class:`Effect`."""
+        return (dahl_state(view.x, view.s, shape["x_s"]) - view.s)[:, None]
+
+
+def dahl_state(x: FloatArray, sign: FloatArray, distance: float) -> FloatArray:
+    """Dahl's state ``z`` (N,): exact solution of ``dz/dx = (1 - z s) / distance`` over each step of ``x``."""
+    decay = np.exp(-np.abs(np.diff(x)) / distance).tolist()
+    target = sign.tolist()
+    state = target[0]
+    states = [state]
+    for factor, goal in zip(decay, target[1:], strict=True):
+        state = goal + (state - goal) * factor
+        states.append(state)
+    return np.asarray(states)

@@ -1,0 +1,37 @@
+"""Friction of seals that chamber pressure presses against the bore."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from daq.machine_file import Machine
+from fitting.effects.base import DriveView, Effect, FloatArray, Parameter, Shape, has_pressures
+
+
+class PressureDependentFriction(Effect):
+    """Friction of seals that chamber pressure presses against the bore."""
+
+    id = "pressure_dependent_friction"
+    title = "friction grows with chamber pressure"
+    level = "cylinder"
+    variable = "head_pressure"
+    equation = "(beta1 p1 + beta2 p2) sgn v"
+    parity = "odd in v; there even without a load"
+    parameters = (Parameter("beta", "N/Pa", low=0.0, high=0.01),)
+    confounders = ("load_dependent_friction",)
+    experiment = "change the back-pressure at constant load"
+    source = "Nissing, seal friction of hydraulic cylinders; Zillen, TU Delft data set on seal friction"
+
+    def applies(self, machine: Machine, joint: int) -> bool:
+        """Both chambers have to be measured."""
+        return machine.joints[joint].cylinder is not None and has_pressures(machine, joint)
+
+    def shapes(self, view: DriveView) -> Sequence[Shape]:
+        """Grid of shapes; see :class:`Effect`."""
+        return ({"head": 1.0, "rod": 1.0}, {"head": 1.0, "rod": 0.0}, {"head": 0.0, "rod": 1.0})
+
+    def columns(self, view: DriveView, shape: Shape) -> FloatArray:
+        """Columns (N, k); see :class:`Effect`."""
+        # p1 is rebuilt from the model's force, so the noise of neither chamber's own effort enters twice.
+        pressure = shape["head"] * view.p1 + shape["rod"] * view.p2
+        return (pressure * view.s)[:, None]

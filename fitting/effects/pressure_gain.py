@@ -1,0 +1,38 @@
+"""One pressure transducer whose gain is off."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from daq.machine_file import Machine
+from fitting.effects.base import DriveView, Effect, FloatArray, Parameter, Shape, has_pressures
+
+
+class PressureGain(Effect):
+    """One pressure transducer whose gain is off."""
+
+    id = "pressure_gain"
+    title = "a pressure sensor has a wrong gain"
+    level = "measurement"
+    variable = "head_pressure"
+    equation = "g p1 A1 or -g p2 A2"
+    parity = "follows one chamber"
+    parameters = (Parameter("g", "1", low=-0.3, high=0.3),)
+    confounders = ("asymmetric_friction", "load_dependent_friction")
+    experiment = "a known mass, or both ports joined"
+    source = "transducer data sheets: span error"
+
+    def applies(self, machine: Machine, joint: int) -> bool:
+        """Both chambers have to be measured."""
+        return machine.joints[joint].cylinder is not None and has_pressures(machine, joint)
+
+    def shapes(self, view: DriveView) -> Sequence[Shape]:
+        """Grid of shapes; see :class:`Effect`."""
+        return ({"chamber": 1.0}, {"chamber": 2.0})
+
+    def columns(self, view: DriveView, shape: Shape) -> FloatArray:
+        """Columns (N, k); see :class:`Effect`."""
+        cylinder = view.machine.joints[view.joint].cylinder
+        assert cylinder is not None
+        force = view.p1 * cylinder.head_area if shape["chamber"] == 1.0 else -view.p2 * cylinder.rod_area
+        return force[:, None]

@@ -1,0 +1,27 @@
+"""A pressure transducer whose zero is off."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from fitting.effects.base import DriveView, Effect, FloatArray, Parameter, Shape
+
+
+class PressureOffset(Effect):
+    """A pressure transducer whose zero is off."""
+
+    id = "pressure_offset"
+    title = "a pressure sensor has an offset"
+    level = "measurement"
+    variable = "cylinder_force"
+    uses_model = False
+    equation = "F_0"
+    parity = "constant"
+    parameters = (Parameter("F_0", "N"),)
+    confounders = ("asymmetric_friction", "base_tilt")
+    experiment = "vent both chambers and read the sensors"
+    source = "transducer data sheets: zero error"
+
+    def columns(self, view: DriveView, shape: Shape) -> FloatArray:
+        """Columns (N, k); see :class:`Effect`."""
+        return np.ones((len(view), 1))

@@ -1,0 +1,27 @@
+"""Turbulent loss between pressure port and chamber: grows with the square of the speed."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from fitting.effects.base import DriveView, Effect, FloatArray, Parameter, Shape
+
+
+class QuadraticLoss(Effect):
+    """Turbulent loss between pressure port and chamber: grows with the square of the speed."""
+
+    id = "quadratic_loss"
+    title = "flow loss that grows with the square of the speed"
+    level = "cylinder"
+    variable = "piston_speed"
+    uses_model = False
+    equation = "f_q v |v|"
+    parity = "odd in v"
+    parameters = (Parameter("f_q", "N s^2/m^2", low=0.0),)
+    confounders = ("stribeck", "velocity_root_friction")
+    experiment = "fast strokes; move the sensor to the port"
+    source = "Merritt, Hydraulic Control Systems, 1967 (orifice flow)"
+
+    def columns(self, view: DriveView, shape: Shape) -> FloatArray:
+        """Columns (N, k); see :class:`Effect`."""
+        return (view.v * np.abs(view.v))[:, None]

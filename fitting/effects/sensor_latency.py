@@ -1,0 +1,24 @@
+"""Pressures that arrive late, so that effort and motion do not belong together."""
+
+from __future__ import annotations
+
+from fitting.effects.base import DriveView, Effect, FloatArray, Parameter, Shape
+
+
+class SensorLatency(Effect):
+    """Pressures that arrive late, so that effort and motion do not belong together."""
+
+    id = "sensor_latency"
+    title = "the effort signals are late"
+    level = "measurement"
+    variable = "force_rate"
+    equation = "-tau dF^/dt"
+    parity = "follows the rate of the force"
+    parameters = (Parameter("tau", "s", low=0.0, high=0.25),)
+    confounders = ("presliding_hysteresis", "structural_flexibility")
+    experiment = "move at two frequencies: the phase of a delay grows with frequency"
+    source = "first-order expansion of F(t - tau)"
+
+    def columns(self, view: DriveView, shape: Shape) -> FloatArray:
+        """Columns (N, k); see :class:`Effect`."""
+        return -view.bank.rate(view.force)[:, None]

@@ -1,0 +1,31 @@
+"""A boom that bends: the link is not where the encoder at the cylinder says."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from fitting.effects.base import DriveView, Effect, FloatArray, Parameter, Shape
+
+
+class StructuralFlexibility(Effect):
+    """A link behind the joint's encoder that gives way under load."""
+
+    id = "structural_flexibility"
+    title = "the structure behind the joint bends"
+    level = "joint"
+    variable = "cylinder_force"
+    equation = "q_link = q - c tau: c (dY/dq) (-tau) pi / r for all joints"
+    parity = "follows the load and its derivatives; resonance at 2 to 15 Hz"
+    parameters = (Parameter("c", "rad/(N m)", low=0.0),)
+    confounders = ("presliding_hysteresis", "sensor_latency")
+    experiment = "a tap test: hit the boom and look for the resonance"
+    source = "Moberg and Hanssen, flexible manipulators (elastic joint, to first order in the compliance)"
+    machine_wide = False
+    spreads = True
+
+    def columns(self, view: DriveView, shape: Shape) -> FloatArray:
+        """Columns (N, n, 1): what the bending of this joint does to all efforts."""
+        if not view.segment.loaded:
+            return np.zeros((len(view), len(view.machine.joints), 1))
+        torque = view.load * view.r
+        return view.body_change(-torque)[:, :, None]

@@ -1,0 +1,34 @@
+"""Oil warms up, its viscosity falls, and the viscous friction with it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from fitting.effects.base import DriveView, Effect, FloatArray, Parameter, Shape
+
+
+class ThermalViscosityDrift(Effect):
+    """Oil warms up, its viscosity falls, and the viscous friction with it."""
+
+    id = "thermal_viscosity_drift"
+    title = "viscous friction drifts as the oil warms up"
+    level = "cylinder"
+    variable = "time"
+    uses_model = False
+    equation = "d v exp(-t / tau)"
+    parity = "odd in v; slow in time, saturating"
+    parameters = (Parameter("d", "N s/m"),)
+    confounders = ("payload", "pressure_drift")
+    experiment = "the same cycle cold and warm"
+    source = "Merritt, Hydraulic Control Systems, 1967 (viscosity of oil)"
+
+    def shapes(self, view: DriveView) -> Sequence[Shape]:
+        """Grid of shapes; see :class:`Effect`."""
+        length = view.range.time[1] - view.range.time[0]
+        return [{"tau": share * length} for share in (0.15, 0.4, 1.0, 4.0)]
+
+    def columns(self, view: DriveView, shape: Shape) -> FloatArray:
+        """Columns (N, k); see :class:`Effect`."""
+        return (view.v * (np.exp(-view.clock / shape["tau"]) - 0.5))[:, None]

@@ -1,0 +1,31 @@
+"""A friction curve with another power of the speed than the base model's cube root."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from fitting.effects.base import DriveView, Effect, FloatArray, Parameter, Shape
+
+
+class VelocityRootFriction(Effect):
+    """A friction curve with another power of the speed than the base model's cube root."""
+
+    id = "velocity_root_friction"
+    title = "friction follows another power of the speed"
+    level = "cylinder"
+    variable = "piston_speed"
+    uses_model = False
+    equation = "b |v|^n sgn v"
+    parity = "odd in v"
+    parameters = (Parameter("b", "N (s/m)^n"),)
+    confounders = ("stribeck", "quadratic_loss")
+    experiment = "a staircase of constant speeds"
+    source = "observed on a Staubli TX40: n = 1/2"
+
+    def shapes(self, view: DriveView) -> Sequence[Shape]:
+        """Grid of shapes; see :class:`Effect`."""
+        return [{"n": n} for n in (0.15, 0.5, 0.7, 1.5)]
+
+    def columns(self, view: DriveView, shape: Shape) -> FloatArray:
+        """Columns (N, k); see :class:`Effect`."""
+        return view.power(shape["n"])[:, None]

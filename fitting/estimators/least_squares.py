@@ -1,0 +1,111 @@
+"""Least squares by pivoted QR: the numerical core of the estimators.
+
+With unit columns ``A D^-1 Pi = Q [R11 R12]`` (``D`` the column norms, ``Pi`` the pivoting), the kept columns have
+
+    theta = D^-1 R11^-1 Q'b,      (A'A)^-1 = D^-1 R11^-1 R11^-T D^-1,      null space = [-R11^-1 R12; I].
+
+Normal equations are never formed: they square the condition number (Golub and Van Loan, Matrix Computations, 5.3, 5.5).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import linalg
+
+from fitting.estimators.base import BoolArray, FloatArray, IntArray
+
+#: Pivots of unit columns below this share of the largest are no information, only rounding.
+RANK_TOLERANCE = 1e-11
+# A column whose part in every null-space direction is below this is not involved in it, only rounding.
+_INVOLVED = 1e-6
+
+
+@dataclass(frozen=True)
+class Solution:
+    """Least-squares solution of ``A theta = b``.
+
+    Attributes
+    ----------
+    theta : (p,) basic solution: dropped columns zero
+    root : (p, rank) with ``(A'A)^-1 = root root'`` on the kept columns, zero rows for the dropped
+    Q : (R, rank) orthonormal basis of the column space; ``A^+ = root Q'``
+    kept : (p,) columns of the basic solution
+    told : (p,) columns with no part in the null space
+    condition_number : of the kept columns at unit norm
+    """
+
+    theta: FloatArray
+    root: FloatArray
+    Q: FloatArray
+    kept: BoolArray
+    told: BoolArray
+    condition_number: float
+
+    @property
+    def rank(self) -> int:
+        """Number of kept columns."""
+        return int(self.root.shape[1])
+
+    @property
+    def inverse_gram(self) -> FloatArray:
+        """``(A'A)^-1`` on the kept columns, (p, p)."""
+        return self.root @ self.root.T
+
+    @property
+    def leverage(self) -> FloatArray:
+        """Diagonal of the hat matrix, (R,): how far each row pulls its own prediction."""
+        return np.asarray(np.einsum("ij,ij->i", self.Q, self.Q))
+
+    def covariance(self, middle: FloatArray | float) -> FloatArray:
+        """``root middle root'``, with infinite variance where a parameter is not told.
+
+        ``middle`` is a variance, or the (rank, rank) covariance of ``Q'e``.
+        """
+        spread = self.root * middle if np.ndim(middle) == 0 else self.root @ middle
+        out = spread @ self.root.T
+        out[~self.told, :] = 0.0
+        out[:, ~self.told] = 0.0
+        out[~self.told, ~self.told] = np.inf
+        return np.asarray(out)
+
+
+def solve(A: FloatArray, b: FloatArray, tolerance: float = RANK_TOLERANCE) -> Solution:
+    """Rank-aware least squares of ``A`` (R, p) and ``b`` (R,)."""
+    p = A.shape[1]
+    # Two steps to the norm, so that neither 1e-200 nor 1e+200 under- or overflows when squared.
+    largest = np.abs(A).max(axis=0, initial=0.0)
+    alive = np.flatnonzero(largest > 0)
+    unit = A[:, alive] / largest[alive]
+    norms = np.linalg.norm(unit, axis=0)
+    scale = largest[alive] * norms
+    Q, R, order = linalg.qr(unit / norms, mode="economic", pivoting=True)
+    pivots = np.abs(np.diag(R))
+    rank = int(np.count_nonzero(pivots > tolerance * pivots[0])) if len(pivots) else 0
+    columns: IntArray = alive[order]
+    Q, R11 = Q[:, :rank], R[:rank, :rank]
+    kept, told = np.zeros(p, dtype=bool), np.zeros(p, dtype=bool)
+    kept[columns[:rank]] = True
+    told[columns[:rank]] = True
+    theta, root = np.zeros(p), np.zeros((p, rank))
+    if not rank:
+        return Solution(theta, root, Q, kept, told, float("inf"))
+    theta[columns[:rank]] = linalg.solve_triangular(R11, Q.T @ b) / scale[order[:rank]]
+    root[columns[:rank]] = linalg.solve_triangular(R11, np.eye(rank)) / scale[order[:rank], None]
+    if rank < len(columns):
+        null = linalg.solve_triangular(R11, R[:rank, rank:])
+        told[columns[:rank]] = np.abs(null).max(axis=1) < _INVOLVED
+    values = linalg.svdvals(R11)
+    return Solution(theta, root, Q, kept, told, float(values[0] / values[-1]))
+
+
+def group_std(residual: FloatArray, leverage: FloatArray, group: IntArray, groups: int) -> FloatArray:
+    """Standard deviation of the residual in each group, (g,): ``sqrt(sum e^2 / (n_g - sum of leverages))``.
+
+    The fit takes degrees of freedom from a group in the measure of its rows' leverages; where it takes them all (as
+    many parameters as rows) nothing is left to estimate noise from, and the result is not a number.
+    """
+    squares = np.bincount(group, residual**2, minlength=groups)
+    freedom = np.bincount(group, minlength=groups) - np.bincount(group, leverage, minlength=groups)
+    return np.sqrt(np.where(freedom > 1e-6, squares / np.maximum(freedom, 1e-6), np.nan))

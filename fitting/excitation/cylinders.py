@@ -1,0 +1,334 @@
+"""Displacement signals for free cylinders (stage 1, rods unpinned): all of them at once, each on its own
+course.
+
+First a band-limited part, a Fourier series at rest at both ends, chosen so that the columns of stage 1,
+
+    [x'', x, sgn x', x', |x'|^(1/3) sgn x'],
+
+are as independent as they get: slow reversals and fast strokes, small and large. Then a staircase of constant
+speeds, out and back at each: where nothing accelerates, the force over the speed is the friction curve
+itself.
+
+A free piston may move as fast as the joint's limits would let it at the longest lever arm.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+import numpy.typing as npt
+
+from daq.errors import InputError
+from daq.machine_file import Joint, Machine
+from fitting.excitation.fourier import fourier_basis
+from fitting.excitation.limits import LimitUse
+from fitting.excitation.objective import condition_of_information, spectral_objective
+from fitting.excitation.search import lbfgs
+from fitting.linkage import lever_arm
+from fitting.motion import Motion
+
+FloatArray = npt.NDArray[np.float64]
+
+_NORM_POWER = 24  # of the p-norm that keeps the limits, as for whole motions
+_SHORTEST_RAMP = 0.2  # s: several samples at 50 Hz, so that a controller can follow
+_SOFT = 0.02  # of the top speed: the width over which sgn is smoothed, while searching only
+
+
+@dataclass(frozen=True)
+class CylinderOptions:
+    """Shape of the signals.
+
+    Attributes
+    ----------
+    seconds
+        Duration of the whole motion.
+    staircase
+        Share of it given to the staircase, 0 to 0.8.
+    levels
+        Speeds of the staircase, from 3 % of the top speed up in equal ratios; fewer where there are less than 2.5 s for
+        each.
+    max_frequency
+        Highest frequency of the band-limited part, Hz.
+    harmonics
+        Its number of harmonics.
+    use
+        Share of every limit that may be used.
+    starts
+        How many times the band-limited part is optimised.
+    """
+
+    seconds: float = 60.0
+    staircase: float = 0.4
+    levels: int = 6
+    max_frequency: float = 0.8
+    harmonics: int = 12
+    use: float = 0.92
+    starts: int = 3
+
+    def __post_init__(self) -> None:
+        if not 0 < self.use <= 1 or not 0 <= self.staircase <= 0.8 or self.levels < 1 or self.starts < 1:
+            raise InputError("use must be in (0, 1], staircase in [0, 0.8], levels and starts 1 or more")
+        if self.band_seconds * self.max_frequency < 2:
+            raise InputError(
+                f"seconds: {self.seconds:g} s are too short for a band of {self.max_frequency:g} Hz; "
+                f"take {2 / self.max_frequency / (1 - self.staircase):.3g} s or more"
+            )
+
+    @property
+    def band_seconds(self) -> float:
+        """Duration of the band-limited part."""
+        return self.seconds * (1 - self.staircase)
+
+    @property
+    def levels_that_fit(self) -> int:
+        """Speeds that the staircase really has."""
+        return min(self.levels, max(1, int(self.seconds * self.staircase / 2.5)))
+
+
+@dataclass(frozen=True)
+class CylinderExcitation:
+    """A motion of free cylinders.
+
+    Attributes
+    ----------
+    motion
+        The motion program, ``rods=unpinned``.
+    speed, acceleration
+        Per joint, shape (N,), m/s and m/s^2.
+    condition_numbers
+        Per joint, of the column-scaled stage-1 regressor of the whole motion.
+    limits
+        How much of stroke, speed and acceleration is used.
+    """
+
+    motion: Motion
+    speed: dict[str, FloatArray]
+    acceleration: dict[str, FloatArray]
+    condition_numbers: dict[str, float]
+    limits: tuple[LimitUse, ...]
+
+
+def stage_one_columns(x: FloatArray, xd: FloatArray, xdd: FloatArray) -> FloatArray:
+    """The regressor of stage 1, shape (N, 5): ``[x'', x, sgn x', x', |x'|^(1/3) sgn x']``."""
+    return np.column_stack([xdd, x, np.sign(xd), xd, np.cbrt(xd)])
+
+
+def piston_limits(joint: Joint) -> tuple[tuple[float, float], float, float]:
+    """Interval (m), top speed (m/s) and acceleration (m/s^2) of a free piston.
+
+    The interval is that which the joint's limits span, inside the stroke: the part that is used later on.
+    """
+    assert joint.cylinder is not None
+    q = np.linspace(*joint.limits.position, 101)
+    r = float(np.abs(lever_arm(joint.cylinder.linkage, q)).max())
+    x = np.clip(joint.cylinder.linkage.piston_position(q), 0.0, joint.cylinder.stroke)
+    return (float(x.min()), float(x.max())), r * joint.limits.velocity, r * joint.limits.acceleration
+
+
+def design_cylinder_motion(
+    machine: Machine,
+    *,
+    seed: int = 0,
+    options: CylinderOptions | None = None,
+    joints: Sequence[str] | None = None,
+    progress: Callable[[float, float], None] | None = None,
+) -> CylinderExcitation:
+    """Design the stage-1 motion of all cylinders (or of those of ``joints``).
+
+    Parameters
+    ----------
+    machine
+        The arm.
+    seed
+        Of the random starts.
+    options
+        Shape of the signals.
+    joints
+        Names of the joints whose cylinders move; all that have one if None.
+    progress
+        Called with the share done and the worst condition number so far.
+
+    Raises
+    ------
+    InputError
+        If a named joint does not exist or has no cylinder, or no joint has one.
+    """
+    options = options or CylinderOptions()
+    chosen = _chosen(machine, joints)
+    rng = np.random.default_rng(seed)
+    count = round(options.seconds * machine.rate_hz)
+    time = np.arange(count + 1) / machine.rate_hz
+    columns: dict[str, FloatArray] = {}
+    speed: dict[str, FloatArray] = {}
+    acceleration: dict[str, FloatArray] = {}
+    conditions: dict[str, float] = {}
+    limits: list[LimitUse] = []
+    for done, joint in enumerate(chosen):
+        (low, high), top_speed, top_acceleration = piston_limits(joint)
+        middle, half = (low + high) / 2, options.use * (high - low) / 2
+        top_speed, top_acceleration = options.use * top_speed, options.use * top_acceleration
+        x, xd, xdd = np.zeros((3, time.size))
+        band = time <= options.band_seconds
+        band_limits = (half, top_speed, top_acceleration)
+        x[band], xd[band], xdd[band] = _band_limited(options, time[band], middle, band_limits, rng)
+        if options.staircase > 0:
+            seconds = options.seconds - options.band_seconds
+            stairs = _staircase(time[~band] - options.band_seconds, seconds, options.levels_that_fit, *band_limits)
+            x[~band], xd[~band], xdd[~band] = stairs
+        x += middle
+        columns[joint.name], speed[joint.name], acceleration[joint.name] = x, xd, xdd
+        W = stage_one_columns(x, xd, xdd)
+        conditions[joint.name] = condition_of_information(W.T @ W)
+        limits += _used(joint, x, xd, xdd)
+        if progress is not None:
+            progress((done + 1) / len(chosen), max(conditions.values()))
+    motion = Motion(machine.name, "unpinned", time, columns)
+    return CylinderExcitation(motion, speed, acceleration, conditions, tuple(limits))
+
+
+def _chosen(machine: Machine, names: Sequence[str] | None) -> list[Joint]:
+    known = {joint.name: joint for joint in machine.joints}
+    for name in names or ():
+        if name not in known:
+            raise InputError(f"joint '{name}': {machine.name} has {', '.join(known)}")
+        if known[name].cylinder is None:
+            raise InputError(f"joint '{name}': has no cylinder, so nothing to unpin; leave it out")
+    chosen = [
+        joint for joint in machine.joints if joint.cylinder is not None and (names is None or joint.name in names)
+    ]
+    if not chosen:
+        raise InputError(f"{machine.name}: no joint has a cylinder, so nothing to unpin; excite it with rods pinned")
+    return chosen
+
+
+def _band_limited(
+    options: CylinderOptions,
+    time: FloatArray,
+    middle: float,
+    limits: tuple[float, float, float],
+    rng: np.random.Generator,
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """The best of several optimised series about mid-stroke; displacement from ``middle``, x', x''."""
+    seconds = options.band_seconds
+    highest = max(2, int(options.max_frequency * seconds))
+    # Dense at low frequencies, where the long strokes are; always including the lowest and the highest.
+    count = min(options.harmonics, highest)
+    harmonics = tuple(int(k) for k in np.unique(np.round(np.geomspace(1, highest, count)).astype(int)))
+    samples = 10 * highest
+    search = fourier_basis(harmonics, seconds, (np.arange(samples) + 0.5) * seconds / samples)
+    stack = np.vstack([search.position, search.speed, search.acceleration])
+    scale = np.repeat(limits, samples)
+    final = fourier_basis(harmonics, seconds, time)
+    best: tuple[float, FloatArray] = (np.inf, np.zeros((3, time.size)))
+    for _ in range(options.starts):
+        start = rng.normal(size=search.size)
+        coefficients = lbfgs(lambda c: _band_value(c, stack, scale, middle, limits[1]), start, 150)
+        u = np.stack([basis @ coefficients for basis in (final.position, final.speed, final.acceleration)])
+        u /= (np.abs(u).max(axis=1) / np.array(limits)).max() * 1.002  # the peaks between the samples
+        W = stage_one_columns(middle + u[0], u[1], u[2])
+        condition = condition_of_information(W.T @ W)
+        if condition < best[0]:
+            best = condition, u
+    return best[1][0], best[1][1], best[1][2]
+
+
+def _band_value(
+    c: FloatArray, stack: FloatArray, scale: FloatArray, middle: float, top_speed: float
+) -> tuple[float, FloatArray]:
+    """Smooth criterion of one series (limits by a p-norm, sgn smoothed), and its gradient."""
+    u = stack @ c
+    share = np.abs(u) / scale
+    peak = share.max()
+    powers = (share / peak) ** (_NORM_POWER - 1)
+    total = float(powers @ share) / peak
+    norm = peak * total ** (1 / _NORM_POWER)
+    norm_slope = (powers * np.sign(u) / scale) @ stack * total ** (1 / _NORM_POWER - 1)
+    x, v, acceleration = (u / norm).reshape(3, -1)
+    soft = _SOFT * top_speed
+    sign = np.tanh(v / soft)
+    sign_slope = (1 - sign**2) / soft
+    # |v|^(1/3) sgn v, rounded off at rest: v (v^2 + soft^2)^(-1/3)
+    base = v**2 + soft**2
+    root, root_slope = v * base ** (-1 / 3), base ** (-1 / 3) - 2 / 3 * v**2 * base ** (-4 / 3)
+    W = np.column_stack([acceleration, middle + x, sign, v, root])
+    value, M = spectral_objective(W.T @ W / len(x), "condition", 4, 0.1)
+    weight = 2 / len(x) * W @ M
+    by_v = weight[:, 2] * sign_slope + weight[:, 3] + weight[:, 4] * root_slope
+    g = np.concatenate([weight[:, 1], by_v, weight[:, 0]]) / norm
+    return value, g @ stack - float(g @ u) / norm * norm_slope
+
+
+def _staircase(
+    time: FloatArray, seconds: float, levels: int, half: float, top_speed: float, top_acceleration: float
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Constant speeds, equal time to each: from mid-stroke out to one side, over to the other, and back.
+
+    Between speeds ``v0`` and ``v1`` the speed follows ``v0 + (v1 - v0) (10 s^3 - 15 s^4 + 6 s^5)``, whose
+    steepest slope is ``1.875 (v1 - v0) / duration``.
+    """
+    share = seconds / levels
+    knots: list[tuple[float, float]] = [(0.0, 0.0)]  # time, speed; ramps where the speed changes
+    for speed in top_speed * np.geomspace(0.03, 1.0, levels):
+        knots += _level(share, float(speed), half, top_acceleration, knots[-1][0])
+    return _follow(time, knots)
+
+
+def _level(
+    seconds: float, speed: float, half: float, top_acceleration: float, start: float
+) -> list[tuple[float, float]]:
+    """Knots of one level: whole cycles out, over and back, at ``speed`` or the highest speed that fits.
+
+    A cycle of period ``P``: ramp 0 to v (``t``), hold ``a``, reverse (``2 t``), hold ``b``, reverse (``2
+    t``), hold ``a``, ramp v to 0 (``t``). Half a reversal covers ``0.6875 v t``, a ramp from rest ``0.5 v
+    t``, so the turn is ``v (a + 1.1875 t)`` from the middle; the cycle closes with ``b = 2 a + t``, hence ``a = (P - 7
+    t) / 4``.
+    """
+    cycles = 1
+    while True:
+        ramp = max(1.875 * speed / top_acceleration, _SHORTEST_RAMP)
+        hold = (seconds / cycles - 7 * ramp) / 4
+        if hold < ramp / 2:  # nothing would be constant any more: slower, with fewer turns
+            speed, cycles = 0.9 * speed, 1
+        elif speed * (hold + 1.1875 * ramp) > half:
+            cycles += 1
+        else:
+            break
+        if speed < 1e-3 * half / seconds:
+            raise InputError(f"seconds: a level of {seconds:.3g} s is too short for a staircase; take more seconds")
+    durations = (ramp, hold, 2 * ramp, 2 * hold + ramp, 2 * ramp, hold, ramp)
+    speeds = (speed, speed, -speed, -speed, speed, speed, 0.0)
+    times = start + np.cumsum(durations * cycles)
+    return [(float(t), v) for t, v in zip(times, speeds * cycles, strict=True)]
+
+
+def _follow(time: FloatArray, knots: list[tuple[float, float]]) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Displacement, speed and acceleration of a piston that starts at rest at 0; exact integrals of the ramps."""
+    x, xd, xdd = np.zeros((3, time.size))
+    position = 0.0
+    for (t0, v0), (t1, v1) in pairwise(knots):
+        inside = (time >= t0) & (time <= t1 + 1e-12)
+        duration, step = t1 - t0, v1 - v0
+        s = (time[inside] - t0) / duration
+        x[inside] = position + duration * (v0 * s + step * (2.5 * s**4 - 3 * s**5 + s**6))
+        xd[inside] = v0 + step * (10 * s**3 - 15 * s**4 + 6 * s**5)
+        xdd[inside] = step / duration * 30 * (s**2 - 2 * s**3 + s**4)
+        position += duration * (v0 + step / 2)
+    x[time > knots[-1][0]] = position
+    return x, xd, xdd
+
+
+def _used(joint: Joint, x: FloatArray, xd: FloatArray, xdd: FloatArray) -> list[LimitUse]:
+    assert joint.cylinder is not None
+    (low, high), top_speed, top_acceleration = piston_limits(joint)
+    middle, half = (low + high) / 2, (high - low) / 2
+    extreme = float(x[np.argmax(np.abs(x - middle))])
+    speed, acceleration = float(np.abs(xd).max()), float(np.abs(xdd).max())
+    end = high if extreme > middle else low
+    return [
+        LimitUse(joint.name, "stroke", abs(extreme - middle) / half, extreme, end, "m"),
+        LimitUse(joint.name, "velocity", speed / top_speed, speed, top_speed, "m/s"),
+        LimitUse(joint.name, "acceleration", acceleration / top_acceleration, acceleration, top_acceleration, "m/s^2"),
+    ]

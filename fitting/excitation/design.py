@@ -1,0 +1,260 @@
+"""Optimal excitation: the motion of all joints that tells the base parameters best within their limits.
+
+Each joint follows a truncated Fourier series that starts and ends at rest (:mod:`fitting.excitation.fourier`), found by
+L-BFGS from the best of many random series, several times over (:mod:`fitting.excitation.search`); the smooth criterion
+is sharpened towards the condition number itself (:mod:`fitting.excitation.objective`). At the end every joint is scaled
+to its limits by its true extremes on a fine grid, and the whole motion shrunk until supply flow and pressures hold.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from scipy.interpolate import make_interp_spline
+
+from daq.errors import InputError
+from daq.machine_file import Machine
+from fitting.base_parameters import BaseParameters, base_regressor, unidentifiable
+from fitting.dynamics import stacked
+from fitting.excitation.fourier import fourier_basis
+from fitting.excitation.limits import HydraulicLimits, LimitUse, hydraulic_limits_used, joint_limits_used
+from fitting.excitation.objective import condition_of_information, information
+from fitting.excitation.search import ExcitationOptions, Problem, pose_problem, search
+from fitting.motion import Motion
+
+FloatArray = npt.NDArray[np.float64]
+Progress = Callable[[float, float], None]
+
+
+@dataclass(frozen=True)
+class Excitation:
+    """A designed motion and what it is good for.
+
+    Attributes
+    ----------
+    motion
+        The motion program, at the machine's rate.
+    speed, acceleration
+        Shape (N, n), of all joints at the samples of the motion.
+    condition_number
+        Of the column-scaled observation matrix of this motion together with what was gathered before.
+    own_condition_number
+        Of this motion alone (infinite if it cannot tell all parameters).
+    information
+        ``W'W`` of this motion at the machine's rate, shape (nb, nb); sum these to pass on what is gathered.
+    limits
+        How much of each limit is used.
+    not_told
+        Names of base parameters that neither this motion nor what was gathered before can tell.
+    """
+
+    motion: Motion
+    speed: FloatArray
+    acceleration: FloatArray
+    condition_number: float
+    own_condition_number: float
+    information: FloatArray
+    limits: tuple[LimitUse, ...]
+    not_told: tuple[str, ...]
+
+
+def design_motion(
+    machine: Machine,
+    base: BaseParameters,
+    *,
+    seed: int = 0,
+    options: ExcitationOptions | None = None,
+    joints: Sequence[str] | None = None,
+    gathered: FloatArray | None = None,
+    hydraulic: HydraulicLimits | None = None,
+    progress: Progress | None = None,
+) -> Excitation:
+    """Design one motion.
+
+    Parameters
+    ----------
+    machine
+        The arm, with its limits.
+    base
+        Its inertial base parameters (``friction_by_stage_1=True``).
+    seed
+        Of the random starts.
+    options
+        How to search.
+    joints
+        Names of the joints that move; all if None. The others hold mid-range.
+    gathered
+        Information ``W'W`` (nb, nb) of the motions already recorded or designed: the new one complements
+        them.
+    hydraulic
+        Supply flow and chamber pressure, where they count.
+    progress
+        Called with the share done (0 to 1) and the best condition number so far.
+
+    Raises
+    ------
+    InputError
+        If a joint does not exist or the limits leave no motion.
+    """
+    options = options or ExcitationOptions()
+    rng = np.random.default_rng(seed)
+    problem = pose_problem(machine, base, options, joints, gathered, hydraulic or HydraulicLimits(), rng)
+    best: Excitation | None = None
+    for start in range(options.starts):
+        reached = best.condition_number if best is not None else float("inf")
+
+        def report(share: float, start: int = start, reached: float = reached) -> None:
+            if progress is not None:
+                progress((start + share) / options.starts, reached)
+
+        coefficients = search(problem, rng, report)
+        found = _finish(problem, coefficients, gathered)
+        if best is None or found.condition_number < best.condition_number:
+            best = found
+    assert best is not None
+    if progress is not None:
+        progress(1.0, best.condition_number)
+    return best
+
+
+def design_sequence(
+    machine: Machine,
+    base: BaseParameters,
+    count: int,
+    *,
+    seed: int = 0,
+    options: ExcitationOptions | None = None,
+    gathered: FloatArray | None = None,
+    hydraulic: HydraulicLimits | None = None,
+    progress: Progress | None = None,
+) -> tuple[Excitation, ...]:
+    """Design ``count`` motions, each complementing those before it. Arguments as in :func:`design_motion`."""
+    motions: list[Excitation] = []
+    for k in range(count):
+
+        def report(share: float, condition: float, k: int = k) -> None:
+            if progress is not None:
+                progress((k + share) / count, condition)
+
+        motion = design_motion(
+            machine,
+            base,
+            seed=seed + k,
+            options=options,
+            gathered=gathered,
+            hydraulic=hydraulic,
+            progress=report,
+        )
+        motions.append(motion)
+        gathered = motion.information if gathered is None else gathered + motion.information
+    return tuple(motions)
+
+
+def _finish(problem: Problem, coefficients: FloatArray, gathered: FloatArray | None) -> Excitation:
+    """The motion at the machine's rate, its limits kept strictly on a five times finer grid."""
+    machine, options = problem.machine, problem.options
+    count = round(options.seconds * machine.rate_hz)
+    fine: FloatArray = np.arange(5 * count + 1, dtype=float) * (options.seconds / (5 * count))
+    m = len(problem.joints)
+    amplitude = 1 / (1 + np.exp(-coefficients[-m:])) if problem.coupled else np.ones(m)
+    moving = np.zeros((3, fine.size, len(machine.joints)))
+    offset = 0
+    for place, i in enumerate(problem.joints):
+        basis = fourier_basis(problem.harmonics[place], options.seconds, fine)
+        c = coefficients[offset : offset + basis.size]
+        offset += basis.size
+        u = np.stack([basis.position @ c, basis.speed @ c, basis.acceleration @ c])
+        shares = [
+            u[0].max() / problem.span[i, 1],
+            -u[0].min() / problem.span[i, 0],
+            np.abs(u[1]).max() / problem.top_speed[i],
+            np.abs(u[2]).max() / problem.top_acceleration[i],
+        ]
+        moving[:, :, i] = amplitude[place] * u / max(shares)
+    moving *= _shrink(problem, moving)
+    q, qd, qdd = problem.home + moving[0], moving[1], moving[2]
+    tau = _efforts(problem, q, qd, qdd)
+    limits = joint_limits_used(machine, q, qd, qdd)
+    limits += hydraulic_limits_used(machine, problem.hydraulic, q, qd, tau)
+    q, qd, qdd = q[::5], qd[::5], qdd[::5]
+    Y = base_regressor(machine, problem.base, q, qd, qdd)
+    own = information(Y) * q.shape[0]
+    total = own if gathered is None else own + gathered
+    chosen = np.ix_(problem.columns, problem.columns)
+    names = [machine.joints[i].name for i in problem.joints]
+    return Excitation(
+        motion=Motion(
+            machine.name,
+            "pinned",
+            fine[::5],
+            {name: q[:, i].copy() for name, i in zip(names, problem.joints, strict=True)},
+        ),
+        speed=qd,
+        acceleration=qdd,
+        condition_number=condition_of_information(total[chosen]),
+        own_condition_number=condition_of_information(own),
+        information=own,
+        limits=limits,
+        not_told=_not_told(problem, Y, gathered),
+    )
+
+
+def information_of(machine: Machine, base: BaseParameters, motion: Motion) -> FloatArray:
+    """Information ``W'W`` (nb, nb) of a motion file: what it has gathered once it is recorded.
+
+    Speeds and accelerations are those of a quintic spline through the positions, at rest at both ends, sampled at
+    the machine's rate.
+
+    Raises
+    ------
+    InputError
+        If it is a motion of free cylinders.
+    """
+    if motion.rods != "pinned":
+        raise InputError(f"a motion with rods=unpinned tells nothing about the links of {machine.name}; leave it out")
+    rest: Any = [(order, np.zeros(len(machine.joints))) for order in (1, 2)]
+    law = make_interp_spline(motion.time, motion.joint_positions(machine), k=5, bc_type=(rest, rest))
+    count = round(motion.seconds * machine.rate_hz)
+    time = np.linspace(0.0, motion.seconds, count + 1)
+    Y = base_regressor(machine, base, law(time), law.derivative(1)(time), law.derivative(2)(time))
+    return information(Y) * len(time)
+
+
+def _not_told(problem: Problem, Y: FloatArray, gathered: FloatArray | None) -> tuple[str, ...]:
+    W = stacked(Y)
+    if gathered is not None:
+        values, vectors = np.linalg.eigh(gathered)
+        W = np.vstack([W, np.sqrt(np.maximum(values, 0.0))[:, None] * vectors.T])
+    return tuple(unidentifiable(W, problem.base, rtol=1e-6))
+
+
+def _efforts(problem: Problem, q: FloatArray, qd: FloatArray, qdd: FloatArray) -> FloatArray | None:
+    guess = problem.hydraulic.base_parameters
+    if guess is None:
+        return None
+    Y = base_regressor(problem.machine, problem.base, q, qd, qdd)
+    return np.asarray(Y @ guess)
+
+
+def _shrink(problem: Problem, moving: FloatArray) -> float:
+    """Largest factor (in steps of 2 %) for the whole motion that keeps flow and pressures."""
+    if not problem.coupled:
+        return 1.0
+    limits, use = problem.hydraulic, problem.options.use
+    factor = 1.0
+    while factor > 0.02:
+        q, qd, qdd = problem.home + factor * moving[0], factor * moving[1], factor * moving[2]
+        uses = hydraulic_limits_used(problem.machine, limits, q, qd, _efforts(problem, q, qd, qdd))
+        if all(each.used <= use for each in uses):
+            return factor
+        factor *= 0.98
+    worst = max(uses, key=lambda each: each.used)
+    where = f"{worst.joint} " if worst.joint else ""
+    raise InputError(
+        f"excitation: {where}{worst.quantity} stays at {worst.used:.2f} of its limit {worst.limit:.4g} {worst.unit} "
+        "however small the motion; raise the limit or correct the guess of the parameters"
+    )

@@ -1,0 +1,161 @@
+"""Limits that a motion must keep, and how much of each it uses."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from daq.machine_file import Cylinder, Machine
+from fitting.linkage import lever_arm, lever_arm_slope, piston_motion
+
+FloatArray = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class LimitUse:
+    """How far a motion goes towards one limit.
+
+    Attributes
+    ----------
+    joint
+        Joint name; None for the supply, which all cylinders share.
+    quantity
+        ``position``, ``velocity``, ``acceleration``, ``stroke``, ``pressure`` or ``flow``.
+    used
+        Share of the limit, 0 to 1. Of positions and strokes: of the way from mid-range to the nearer end.
+    reached, limit
+        The extreme value and the limit that it is nearest to, in ``unit``.
+    unit
+        SI unit of both.
+    """
+
+    joint: str | None
+    quantity: str
+    used: float
+    reached: float
+    limit: float
+    unit: str
+
+
+@dataclass(frozen=True)
+class HydraulicLimits:
+    """What the supply can do. Any of them may be None.
+
+    Attributes
+    ----------
+    flow
+        Flow that the pump delivers to all cylinders together, m^3/s. Demand is ``sum A |x'|`` with the area
+        of the chamber that is being filled.
+    pressure
+        Highest chamber pressure, Pa. It needs a guess of the arm's parameters.
+    back_pressure
+        Pressure in the chamber that is being emptied, Pa.
+    base_parameters
+        Guess of the base parameters (nb,), from an earlier identification or from drawings, for the efforts.
+    friction
+        Guess of each cylinder's friction force (n,) in N, added to the load; zero if None.
+    """
+
+    flow: float | None = None
+    pressure: float | None = None
+    back_pressure: float = 0.0
+    base_parameters: FloatArray | None = None
+    friction: FloatArray | None = None
+
+    def __post_init__(self) -> None:
+        if self.pressure is not None and self.base_parameters is None:
+            raise ValueError("a pressure limit needs base_parameters to compute efforts from")
+
+
+def supply_flow(machine: Machine, q: FloatArray, qd: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Flow that all cylinders take, and its derivatives.
+
+    A cylinder that extends fills its head side (area A1), one that retracts its rod side (A2): ``A |r(q)
+    q'|``.
+
+    Returns
+    -------
+    tuple of ndarray
+        Flow (N,) in m^3/s; derivatives with respect to ``q`` and ``q'``, each (N, n).
+    """
+    flow = np.zeros(q.shape[0])
+    by_q, by_qd = np.zeros(q.shape), np.zeros(q.shape)
+    for i, joint in enumerate(machine.joints):
+        if joint.cylinder is None:
+            continue
+        r, slope = lever_arm(joint.cylinder.linkage, q[:, i]), lever_arm_slope(joint.cylinder.linkage, q[:, i])
+        speed = r * qd[:, i]
+        signed_area = np.where(speed > 0, joint.cylinder.head_area, -joint.cylinder.rod_area)
+        flow += signed_area * speed
+        by_q[:, i] = signed_area * slope * qd[:, i]
+        by_qd[:, i] = signed_area * r
+    return flow, by_q, by_qd
+
+
+def chamber_pressure(
+    cylinder: Cylinder, q: FloatArray, tau: FloatArray, friction: float, back_pressure: float
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Pressure in the working chamber that the effort ``tau`` takes, and its derivatives.
+
+    With ``F = tau / r``: pushing, ``p1 = (F + f + p_back A2) / A1``; pulling, ``p2 = (-F + f + p_back A1) / A2``; the
+    larger of the two. Friction ``f`` is taken at its worst, against the load's help.
+
+    Returns
+    -------
+    tuple of ndarray
+        Pressure in Pa and its derivatives with respect to ``q`` and ``tau``, each (N,).
+    """
+    r, slope = lever_arm(cylinder.linkage, q), lever_arm_slope(cylinder.linkage, q)
+    force = tau / r
+    push = (force + friction + back_pressure * cylinder.rod_area) / cylinder.head_area
+    pull = (-force + friction + back_pressure * cylinder.head_area) / cylinder.rod_area
+    per_force = np.where(push >= pull, 1 / cylinder.head_area, -1 / cylinder.rod_area)
+    return np.maximum(push, pull), -per_force * force * slope / r, per_force / r
+
+
+def joint_limits_used(machine: Machine, q: FloatArray, qd: FloatArray, qdd: FloatArray) -> tuple[LimitUse, ...]:
+    """Use of position, velocity, acceleration and stroke by every joint that moves; arrays are (N, n)."""
+    uses: list[LimitUse] = []
+    for i, joint in enumerate(machine.joints):
+        if not np.any(qd[:, i]):
+            continue
+        unit = "rad" if joint.type == "revolute" else "m"
+        uses.append(_interval_use(joint.name, "position", q[:, i], joint.limits.position, unit))
+        uses.append(_size_use(joint.name, "velocity", qd[:, i], joint.limits.velocity, f"{unit}/s"))
+        uses.append(_size_use(joint.name, "acceleration", qdd[:, i], joint.limits.acceleration, f"{unit}/s^2"))
+        if joint.cylinder is not None:
+            x, _, _ = piston_motion(joint.cylinder.linkage, q[:, i], qd[:, i], qdd[:, i])
+            uses.append(_interval_use(joint.name, "stroke", x, (0.0, joint.cylinder.stroke), "m"))
+    return tuple(uses)
+
+
+def _interval_use(joint: str, quantity: str, values: FloatArray, interval: tuple[float, float], unit: str) -> LimitUse:
+    middle, half = sum(interval) / 2, (interval[1] - interval[0]) / 2
+    extreme = float(values[np.argmax(np.abs(values - middle))])
+    limit = interval[1] if extreme >= middle else interval[0]
+    return LimitUse(joint, quantity, abs(extreme - middle) / half, extreme, limit, unit)
+
+
+def _size_use(joint: str | None, quantity: str, values: FloatArray, limit: float, unit: str) -> LimitUse:
+    largest = float(np.abs(values).max())
+    return LimitUse(joint, quantity, largest / limit, largest, limit, unit)
+
+
+def hydraulic_limits_used(
+    machine: Machine, limits: HydraulicLimits, q: FloatArray, qd: FloatArray, tau: FloatArray | None
+) -> tuple[LimitUse, ...]:
+    """Use of supply flow and chamber pressures; ``tau`` (N, n) in N m (N) is needed for pressures only."""
+    uses: list[LimitUse] = []
+    if limits.flow is not None:
+        flow, _, _ = supply_flow(machine, q, qd)
+        uses.append(_size_use(None, "flow", flow, limits.flow, "m^3/s"))
+    if limits.pressure is not None and tau is not None:
+        for i, joint in enumerate(machine.joints):
+            if joint.cylinder is None:
+                continue
+            friction = 0.0 if limits.friction is None else float(limits.friction[i])
+            pressure, _, _ = chamber_pressure(joint.cylinder, q[:, i], tau[:, i], friction, limits.back_pressure)
+            uses.append(_size_use(joint.name, "pressure", np.maximum(pressure, 0.0), limits.pressure, "Pa"))
+    return tuple(uses)

@@ -1,0 +1,145 @@
+"""Geometry of the arm: Denavit-Hartenberg table, gravity, and where the links are.
+
+Standard (distal) convention: ``A_i = Rz(theta) Tz(d) Tx(a) Rx(alpha)`` takes frame ``i`` to frame ``i - 1``;
+frame ``i`` is fixed to link ``i``, at its far end; joint ``i`` turns about, or slides along, ``z`` of frame
+``i - 1``. The joint variable adds to ``theta`` (revolute) or to ``d`` (prismatic).
+
+Sources: Denavit and Hartenberg 1955; Siciliano et al., *Robotics: Modelling, Planning and Control*, 2.8.2.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from daq.machine_file import Machine
+
+FloatArray = npt.NDArray[np.float64]
+
+# cos(pi/2) is 6e-17 in floating point. A zero there is what lets the regressor skip work.
+_ROUND_OFF = 1e-15
+
+
+@dataclass(frozen=True)
+class Geometry:
+    """What the dynamics need to know of an arm of ``n`` joints.
+
+    Attributes
+    ----------
+    revolute
+        Shape (n,), True for a revolute and False for a prismatic joint.
+    a, alpha, d, theta
+        Shape (n,), the constant part of the table, in m and rad.
+    gravity
+        Shape (3,), acceleration of gravity in the base frame, m/s^2.
+    position_limits
+        Shape (n, 2), rad or m.
+    velocity_limits, acceleration_limits
+        Shape (n,), rad/s or m/s, and per second more.
+    names
+        Joint names.
+    """
+
+    revolute: npt.NDArray[np.bool_]
+    a: FloatArray
+    alpha: FloatArray
+    d: FloatArray
+    theta: FloatArray
+    gravity: FloatArray
+    position_limits: FloatArray
+    velocity_limits: FloatArray
+    acceleration_limits: FloatArray
+    names: tuple[str, ...]
+
+    @property
+    def joints(self) -> int:
+        """Number of joints."""
+        return len(self.names)
+
+    @property
+    def sin_alpha(self) -> FloatArray:
+        """Sines of the twist angles, zeros exact."""
+        return _clean(np.sin(self.alpha))
+
+    @property
+    def cos_alpha(self) -> FloatArray:
+        """Cosines of the twist angles, zeros exact."""
+        return _clean(np.cos(self.alpha))
+
+    def squared_up(self, tolerance: float = 5e-4) -> Geometry:
+        """The same arm with twist angles within ``tolerance`` (rad) of a multiple of 90 degrees made exact.
+
+        Files say 1.5708 where they mean pi/2. The 4e-6 rad between the two make parameters formally
+        identifiable that no measurement will ever tell; counting is done on the arm that was meant.
+        """
+        quarter = np.round(self.alpha / (np.pi / 2)) * (np.pi / 2)
+        return replace(self, alpha=np.where(np.abs(self.alpha - quarter) <= tolerance, quarter, self.alpha))
+
+
+def _clean(values: FloatArray) -> FloatArray:
+    return np.where(np.abs(values) < _ROUND_OFF, 0.0, values)
+
+
+def geometry_of(machine: Machine | Geometry) -> Geometry:
+    """The geometry in a machine file (a :class:`Geometry` is returned as it is)."""
+    if isinstance(machine, Geometry):
+        return machine
+    joints = machine.joints
+    return Geometry(
+        revolute=np.array([joint.type == "revolute" for joint in joints]),
+        a=np.array([joint.dh.a for joint in joints]),
+        alpha=np.array([joint.dh.alpha for joint in joints]),
+        d=np.array([joint.dh.d for joint in joints]),
+        theta=np.array([joint.dh.theta for joint in joints]),
+        gravity=np.array(machine.gravity, dtype=float),
+        position_limits=np.array([joint.limits.position for joint in joints], dtype=float),
+        velocity_limits=np.array([joint.limits.velocity for joint in joints]),
+        acceleration_limits=np.array([joint.limits.acceleration for joint in joints]),
+        names=tuple(joint.name for joint in joints),
+    )
+
+
+def link_frames(machine: Machine | Geometry, q: npt.ArrayLike) -> FloatArray:
+    """Poses of the base and of all link frames.
+
+    Parameters
+    ----------
+    machine
+        Arm of ``n`` joints.
+    q
+        Joint positions, shape (..., n), rad or m.
+
+    Returns
+    -------
+    ndarray
+        Homogeneous transforms to the base frame, shape (..., n + 1, 4, 4); entry 0 is the base itself. The
+        axis of joint ``i`` (counted from 1) is the z axis of entry ``i - 1``.
+    """
+    geometry = geometry_of(machine)
+    q = np.asarray(q, dtype=float)
+    if q.ndim == 0 or q.shape[-1] != geometry.joints:
+        raise ValueError(f"q has shape {q.shape}; its last axis must hold the {geometry.joints} joints")
+    frames = np.zeros((*q.shape[:-1], geometry.joints + 1, 4, 4))
+    frames[..., 0, :, :] = np.eye(4)
+    for i in range(geometry.joints):
+        theta = geometry.theta[i] + (q[..., i] if geometry.revolute[i] else 0.0)
+        d = geometry.d[i] + (0.0 if geometry.revolute[i] else q[..., i])
+        ct, st, ca, sa = np.cos(theta), np.sin(theta), geometry.cos_alpha[i], geometry.sin_alpha[i]
+        step = np.zeros((*q.shape[:-1], 4, 4))
+        step[..., 0, 0], step[..., 0, 1], step[..., 0, 2], step[..., 0, 3] = (
+            ct,
+            -st * ca,
+            st * sa,
+            geometry.a[i] * ct,
+        )
+        step[..., 1, 0], step[..., 1, 1], step[..., 1, 2], step[..., 1, 3] = (
+            st,
+            ct * ca,
+            -ct * sa,
+            geometry.a[i] * st,
+        )
+        step[..., 2, 1], step[..., 2, 2], step[..., 2, 3], step[..., 3, 3] = sa, ca, d, 1.0
+        frames[..., i + 1, :, :] = frames[..., i, :, :] @ step
+    return frames

@@ -1,0 +1,315 @@
+"""From recordings to the smooth motion and the measured drive effort that regressions are built on.
+
+A :class:`Segment` is one gap-free stretch of one recording. Positions are fused where a joint has both kinds: each
+weighted by the inverse variance of its own white noise. The drive effort of a joint with a cylinder is ``p1 A1 - p2 A2``
+in N (positive extends), of a joint driven directly its measured effort.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from daq.errors import RecordingError
+from daq.machine_file import Joint, Machine
+from daq.recording import Recording
+from fitting.linkage import joint_motion, joint_position, lever_arm, piston_motion
+from fitting.signals import FilterBank, white_noise_std
+
+FloatArray = npt.NDArray[np.float64]
+BoolArray = npt.NDArray[np.bool_]
+PositionError = Callable[[FloatArray], FloatArray]
+
+# A speed below so many times its own noise has no sign worth using; five is the usual margin.
+REST_SPEED = 5.0
+# Rest shorter than this is a reversal; the expected sign (see `expected_sign`) handles it.
+REST_SECONDS = 0.3
+
+
+@dataclass(frozen=True)
+class PositionNoise:
+    """White noise of one joint's fused position, as seen by the regressors.
+
+    Attributes
+    ----------
+    position : std of the position that ``x`` and ``v`` come from, in the piston's (or joint's) unit
+    speed : std of the smoothed speed ``v``
+    acceleration : std of the smoothed acceleration ``a``
+    """
+
+    position: float
+    speed: float
+    acceleration: float
+
+
+@dataclass(frozen=True)
+class Segment:
+    """One gap-free stretch of a recording, smoothed; ``N`` samples at the recording's rate, ``n`` joints.
+
+    Attributes
+    ----------
+    recording : index among the recordings that were prepared together
+    role : role of that recording
+    start : row of the recording that sample 0 stands on
+    t : (N,) s
+    q, qd, qdd : (N, n) joint motion, rad (m), zero speed where the joint is parked
+    x, v, a : (N, n) motion of the driving element: the piston (m), or the joint itself where there is none
+    r : (N, n) lever arm dx/dq, m/rad; 1 where there is no cylinder
+    effort : (N, n) measured drive effort, unfiltered; N at a piston, the joint's effort unit elsewhere
+    p1, p2 : (N, n) smoothed chamber pressures in Pa; NaN where there are none
+    rest : (N, n) True where the driving element stands still
+    loaded : False for `unloaded` recordings (F_l = 0)
+    temperature : (N,) K, or None
+    gap : (N, n) m, smoothed piston position less x(joint position), NaN where one of the two is not measured
+    """
+
+    recording: int
+    role: str
+    start: int
+    t: FloatArray
+    q: FloatArray
+    qd: FloatArray
+    qdd: FloatArray
+    x: FloatArray
+    v: FloatArray
+    a: FloatArray
+    r: FloatArray
+    effort: FloatArray
+    p1: FloatArray
+    p2: FloatArray
+    rest: BoolArray
+    loaded: bool
+    temperature: FloatArray | None
+    gap: FloatArray
+
+    def __len__(self) -> int:
+        return len(self.t)
+
+
+def position_noise(machine: Machine, recordings: Sequence[Recording], bank: FilterBank) -> tuple[PositionNoise, ...]:
+    """Noise of each joint's driving element, from the high-frequency part of the position channels."""
+    result = []
+    for joint in machine.joints:
+        variances = []
+        for recording in recordings:
+            sources = _position_variances(machine, joint, recording)
+            if sources:
+                variances.append(1.0 / sum(1.0 / v for v in sources.values()))
+        std = float(np.sqrt(np.median(variances))) if variances else 0.0
+        result.append(PositionNoise(std, bank.speed_noise(std), bank.acceleration_noise(std)))
+    return tuple(result)
+
+
+def prepare(
+    machine: Machine,
+    recordings: Sequence[Recording],
+    bank: FilterBank,
+    *,
+    noise: Sequence[PositionNoise] | None = None,
+    latency: Mapping[str, float] | None = None,
+    position_error: Mapping[str, PositionError] | None = None,
+    separate: Collection[str] = (),
+) -> tuple[Segment, ...]:
+    """Smooth all recordings, segment by segment.
+
+    Parameters
+    ----------
+    machine : the machine (with corrected linkages, if the loop found them wrong)
+    recordings : in any order
+    bank : filters
+    noise : per joint; estimated from the recordings if not given
+    latency : joint name to seconds by which its effort channels are late
+    position_error : joint name to a callable ``q -> error`` that is subtracted from the measured joint position
+    separate : joints whose two position sensors are not fused: the piston's drives, the joint's carries
+
+    Raises
+    ------
+    RecordingError
+        If no segment of a recording is longer than the filters.
+    """
+    noise = position_noise(machine, recordings, bank) if noise is None else noise
+    result: list[Segment] = []
+    for index, recording in enumerate(recordings):
+        used = [c.name for c in machine.channels if c.joint is not None]
+        parts = [
+            s
+            for s in recording.segments(used)
+            if s.stop - s.start > 2 * (bank.margin + bank.half) + 4 * bank.decimation
+        ]
+        if not parts:
+            need = (2 * (bank.margin + bank.half) + 4 * bank.decimation) / bank.rate_hz
+            raise RecordingError(
+                f"{recording.file}: no stretch of {need:.1f} s without a gap; record again or raise the bandwidth"
+            )
+        result.extend(
+            _segment(machine, recording, index, part, bank, noise, latency or {}, position_error or {}, separate)
+            for part in parts
+        )
+    return tuple(result)
+
+
+def _segment(
+    machine: Machine,
+    recording: Recording,
+    index: int,
+    part: slice,
+    bank: FilterBank,
+    noise: Sequence[PositionNoise],
+    latency: Mapping[str, float],
+    position_error: Mapping[str, PositionError],
+    separate: Collection[str],
+) -> Segment:
+    loaded = recording.role != "unloaded"
+    columns: dict[str, list[FloatArray]] = {
+        key: [] for key in ("q", "qd", "qdd", "x", "v", "a", "r", "y", "p1", "p2", "gap")
+    }
+    rest = []
+    for number, joint in enumerate(machine.joints):
+        motion, gap = _motion(
+            machine, joint, recording, part, bank, position_error.get(joint.name), joint.name in separate
+        )
+        for key, value in zip(("q", "qd", "qdd", "x", "v", "a"), motion, strict=True):
+            columns[key].append(value)
+        columns["gap"].append(gap)
+        linkage = joint.cylinder.linkage if joint.cylinder else None
+        columns["r"].append(np.ones_like(motion[0]) if linkage is None else lever_arm(linkage, motion[0]))
+        effort, p1, p2 = _effort(machine, joint, recording, part, bank, latency.get(joint.name, 0.0))
+        if joint.cylinder is not None and machine.channel("joint_effort", joint.name) is not None and np.isnan(p1[0]):
+            effort = effort / columns["r"][-1]
+        columns["y"].append(effort)
+        columns["p1"].append(p1)
+        columns["p2"].append(p2)
+        rest.append(_rest(motion[4], noise[number].speed, bank.rate_hz))
+    stacked = {key: np.stack(value, axis=1) for key, value in columns.items()}
+    temperature = next((c.name for c in machine.channels if c.quantity == "oil_temperature"), None)
+    return Segment(
+        recording=index,
+        role=recording.role,
+        start=part.start + bank.margin,
+        t=bank.trimmed(recording.time[part]),
+        q=stacked["q"],
+        qd=stacked["qd"],
+        qdd=stacked["qdd"],
+        x=stacked["x"],
+        v=stacked["v"],
+        a=stacked["a"],
+        r=stacked["r"],
+        effort=stacked["y"],
+        p1=stacked["p1"],
+        p2=stacked["p2"],
+        rest=np.stack(rest, axis=1),
+        loaded=loaded,
+        temperature=None if temperature is None else bank.smooth(recording.values[temperature][part])[0],
+        gap=stacked["gap"],
+    )
+
+
+def _motion(
+    machine: Machine,
+    joint: Joint,
+    recording: Recording,
+    part: slice,
+    bank: FilterBank,
+    position_error: PositionError | None,
+    separate: bool,
+) -> tuple[tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray, FloatArray], FloatArray]:
+    angle = machine.channel("joint_position", joint.name)
+    piston = machine.channel("piston_position", joint.name)
+    q_raw = None if angle is None else recording.values[angle.name][part]
+    if q_raw is not None and position_error is not None:
+        q_raw = q_raw - position_error(q_raw)
+    nothing = np.full(part.stop - part.start - 2 * bank.margin, np.nan)
+    if joint.cylinder is None:
+        assert q_raw is not None  # the machine file guarantees a position
+        motion = bank.smooth(q_raw)
+        return (*motion, *motion), nothing
+    linkage = joint.cylinder.linkage
+    if piston is None:
+        assert q_raw is not None
+        motion = bank.smooth(q_raw)
+        return (*motion, *piston_motion(linkage, *motion)), nothing
+    x_raw = recording.values[piston.name][part]
+    smooth_x = bank.smooth(x_raw)
+    if recording.role == "unloaded":
+        # The rod is off its pin: the joint stands where its encoder says (or mid-range), the piston moves alone.
+        parked = np.mean(joint.limits.position) if q_raw is None else float(np.mean(q_raw))
+        q = np.full_like(smooth_x[0], parked)
+        return (q, np.zeros_like(q), np.zeros_like(q), *smooth_x), nothing
+    if q_raw is None:
+        return (*joint_motion(joint, *smooth_x), *smooth_x), nothing
+    if separate:
+        return (*bank.smooth(q_raw), *smooth_x), smooth_x[0] - bank.smooth(linkage.piston_position(q_raw))[0]
+    variances = _position_variances(machine, joint, recording)
+    weight = variances["joint"] / (variances["joint"] + variances["piston"])  # of the piston sensor
+    q_fused = (1 - weight) * q_raw + weight * joint_position(joint, x_raw)
+    motion = bank.smooth(q_fused)
+    gap = smooth_x[0] - bank.smooth(linkage.piston_position(q_raw))[0]
+    return (*motion, *piston_motion(linkage, *motion)), gap
+
+
+def _position_variances(machine: Machine, joint: Joint, recording: Recording) -> dict[str, float]:
+    """White-noise variance of each position sensor that says something, in the piston's unit squared."""
+    angle = machine.channel("joint_position", joint.name)
+    piston = machine.channel("piston_position", joint.name)
+    result = {}
+    if piston is not None:
+        values = recording.values[piston.name]
+        result["piston"] = max(white_noise_std(values[np.isfinite(values)]) ** 2, 1e-18)
+    if angle is not None and (recording.role != "unloaded" or piston is None):
+        values = recording.values[angle.name]
+        values = values[np.isfinite(values)]
+        scale = 1.0
+        if joint.cylinder is not None:
+            scale = float(np.sqrt(np.mean(lever_arm(joint.cylinder.linkage, values) ** 2)))
+        result["joint"] = max((scale * white_noise_std(values)) ** 2, 1e-18)
+    return result
+
+
+def _effort(
+    machine: Machine, joint: Joint, recording: Recording, part: slice, bank: FilterBank, latency: float
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Measured drive effort (unfiltered, trimmed) and smoothed chamber pressures (NaN where not measured)."""
+
+    def channel(quantity: str) -> FloatArray | None:
+        found = machine.channel(quantity, joint.name)
+        return None if found is None else _advanced(recording.values[found.name][part], latency * bank.rate_hz)
+
+    head, rod = channel("head_pressure"), channel("rod_pressure")
+    nothing = np.full(part.stop - part.start - 2 * bank.margin, np.nan)
+    if joint.cylinder is not None and head is not None and rod is not None:
+        force = head * joint.cylinder.head_area - rod * joint.cylinder.rod_area
+        return bank.trimmed(force), bank.smooth(head)[0], bank.smooth(rod)[0]
+    for quantity in ("cylinder_force", "joint_effort"):
+        measured = channel(quantity)
+        if measured is not None:
+            return bank.trimmed(measured), nothing, nothing
+    raise RecordingError(f"{recording.file}: {joint.name} has no effort channel")
+
+
+def _advanced(values: FloatArray, samples: float) -> FloatArray:
+    """The signal ``samples`` earlier (``out[k] = values[k + samples]``), by windowed-sinc interpolation; ends held."""
+    if samples == 0.0:
+        return values
+    whole = int(np.floor(samples))
+    fraction = samples - whole
+    taps = np.arange(-12, 13)
+    kernel = np.sinc(taps - fraction) * np.kaiser(2 * 12 + 1, 6.0)
+    kernel /= kernel.sum()
+    index = np.clip(np.arange(len(values))[:, None] + whole + taps[None, :], 0, len(values) - 1)
+    return np.asarray(values[index] @ kernel)
+
+
+def _rest(speed: FloatArray, speed_noise: float, rate_hz: float) -> BoolArray:
+    """Where the element stands still for longer than a reversal takes."""
+    slow = np.abs(speed) < REST_SPEED * speed_noise
+    if not slow.any():
+        return slow
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], slow.astype(np.int8), [0]])))
+    rest = np.zeros_like(slow)
+    for begin, end in zip(edges[::2], edges[1::2], strict=True):
+        if end - begin >= REST_SECONDS * rate_hz:
+            rest[begin:end] = True
+    return rest

@@ -1,0 +1,343 @@
+"""The one linear regression behind stage 1, stage 2 and the loop.
+
+Rows are drive efforts (N at a piston), per joint and reduced sample; columns are every joint's drive parameters,
+then the base parameters, then whatever effects were added::
+
+    p1 A1 - p2 A2 - c v  =  D_i(x, v, a) theta_i  +  Y_b(q, q', q'') beta / r_i  +  E eta
+
+so a joint's block only touches its own drive columns, and `unloaded` rows have no base columns. Efforts at the piston
+are used, not joint efforts, because their noise is the same at every lever arm.
+
+Generalised least squares: each joint's rows are whitened by an autoregression of its measurement noise and divided by
+its innovation's standard deviation, so a residual is a standard normal number, and a sum of squares a chi-square.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+import numpy.typing as npt
+from scipy import linalg, signal
+
+from daq.machine_file import Machine
+from fitting.base_parameters import BaseParameters, base_regressor
+from fitting.drive import drive_columns, drive_names, known_effort
+from fitting.preparation import PositionNoise, Segment
+from fitting.signals import FilterBank
+
+FloatArray = npt.NDArray[np.float64]
+BoolArray = npt.NDArray[np.bool_]
+
+# A reduced row is dropped when the element rests during more than this share of its filter window.
+_REST_SHARE = 0.5
+
+
+@dataclass(frozen=True)
+class Parameters:
+    """Names of the columns of a regression, and where they are.
+
+    Attributes
+    ----------
+    joints : names of the joints
+    drive : per joint the names of its drive parameters
+    base : the base parameters
+    """
+
+    joints: tuple[str, ...]
+    drive: tuple[tuple[str, ...], ...]
+    base: BaseParameters
+
+    @property
+    def drive_count(self) -> int:
+        """Number of drive parameters of all joints."""
+        return sum(len(names) for names in self.drive)
+
+    def __len__(self) -> int:
+        return self.drive_count + len(self.base)
+
+    def drive_slice(self, joint: int) -> slice:
+        """Where joint number ``joint`` has its drive parameters."""
+        start = sum(len(names) for names in self.drive[:joint])
+        return slice(start, start + len(self.drive[joint]))
+
+    @property
+    def base_slice(self) -> slice:
+        """Where the base parameters are."""
+        return slice(self.drive_count, len(self))
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """``joint1.m``, ..., then the base parameters' expressions."""
+        drive = [f"{joint}.{name}" for joint, names in zip(self.joints, self.drive, strict=True) for name in names]
+        return (*drive, *self.base.expressions)
+
+
+@dataclass(frozen=True)
+class JointBlock:
+    """One joint in one segment: full-rate columns, and the same reduced.
+
+    Attributes
+    ----------
+    target, columns : (N,), (N, p) at full rate, ``p = len(parameters)``
+    known : (N,) effort that the machine file knows (already taken off ``target``)
+    reduced_target, reduced : the same through the identification filter, (M,), (M, p)
+    keep : (M,) False where the element rests
+    """
+
+    target: FloatArray
+    columns: FloatArray
+    known: FloatArray
+    reduced_target: FloatArray
+    reduced: FloatArray
+    keep: BoolArray
+
+
+@dataclass(frozen=True)
+class Design:
+    """All blocks of a set of segments; ``blocks[joint][segment]``."""
+
+    machine: Machine
+    parameters: Parameters
+    bank: FilterBank
+    noise: tuple[PositionNoise, ...]
+    segments: tuple[Segment, ...]
+    blocks: tuple[tuple[JointBlock, ...], ...]
+
+    def indices(self, *roles: str) -> tuple[int, ...]:
+        """Indices of the segments with one of these roles."""
+        return tuple(i for i, segment in enumerate(self.segments) if segment.role in roles)
+
+
+def build_design(
+    machine: Machine,
+    base: BaseParameters,
+    bank: FilterBank,
+    noise: Sequence[PositionNoise],
+    segments: Sequence[Segment],
+) -> Design:
+    """Columns of every joint in every segment."""
+    names = drive_names(machine)
+    parameters = Parameters(tuple(j.name for j in machine.joints), names, base)
+    bodies = [base_regressor(machine, base, s.q, s.qd, s.qdd) / s.r[:, :, None] if s.loaded else None for s in segments]
+    blocks = []
+    for number, joint in enumerate(machine.joints):
+        row = []
+        for segment, body in zip(segments, bodies, strict=True):
+            x, v, a = segment.x[:, number], segment.v[:, number], segment.a[:, number]
+            columns = np.zeros((len(segment), len(parameters)))
+            columns[:, parameters.drive_slice(number)] = drive_columns(names[number], x, v, a, noise[number].speed)
+            if body is not None:
+                columns[:, parameters.base_slice] = body[:, number]
+            known = known_effort(joint, v, a)
+            target = segment.effort[:, number] - known
+            share = bank.reduce(segment.rest[:, number].astype(float))
+            reduced = bank.reduce(np.column_stack([target, columns]))
+            row.append(
+                JointBlock(
+                    target=target,
+                    columns=columns,
+                    known=known,
+                    reduced_target=reduced[:, 0],
+                    reduced=reduced[:, 1:],
+                    keep=_driven(joint.cylinder is not None or segment.loaded, share < _REST_SHARE),
+                )
+            )
+        blocks.append(tuple(row))
+    return Design(machine, parameters, bank, tuple(noise), tuple(segments), tuple(blocks))
+
+
+def _driven(says_something: bool, keep: BoolArray) -> BoolArray:
+    return keep if says_something else np.zeros_like(keep)
+
+
+@dataclass(frozen=True)
+class NoiseModel:
+    """Measurement noise of each joint's reduced effort.
+
+    Attributes
+    ----------
+    filters : per joint the autoregression's whitening filter ``[1, -phi_1, ...]``
+    innovation : (n,) standard deviation of the whitened noise, drive effort unit
+    std : (n,) standard deviation of the noise itself after the identification filter, drive effort unit
+    measured : True if it comes from a repeated motion, False if it had to be estimated from residuals
+    """
+
+    filters: tuple[FloatArray, ...]
+    innovation: FloatArray
+    std: FloatArray
+    measured: bool
+
+    def whiten(self, joint: int, rows: FloatArray) -> FloatArray:
+        """Whitened and scaled rows; the first ``order`` rows, which have no full past, are dropped."""
+        taps = self.filters[joint]
+        out = signal.lfilter(taps, [1.0], rows, axis=0)[len(taps) - 1 :]
+        return np.asarray(out / self.innovation[joint])
+
+    def kept(self, joint: int, keep: BoolArray) -> BoolArray:
+        """Which whitened rows have only moving samples in their past."""
+        taps = len(self.filters[joint])
+        if len(keep) < taps:
+            return np.zeros(0, dtype=bool)
+        return np.asarray(np.lib.stride_tricks.sliding_window_view(keep, taps).all(axis=1))
+
+
+def white_noise_model(joints: int) -> NoiseModel:
+    """Unit white noise for every joint: the start of an iteration, and ordinary least squares."""
+    return NoiseModel(tuple(np.array([1.0]) for _ in range(joints)), np.ones(joints), np.ones(joints), False)
+
+
+@dataclass(frozen=True)
+class Extra:
+    """Effect columns added to a design: ``columns[joint][segment]`` at full rate, (N, k), None where they are zero."""
+
+    names: tuple[str, ...]
+    columns: tuple[tuple[FloatArray | None, ...], ...]
+
+
+@dataclass(frozen=True)
+class WhiteRows:
+    """Whitened rows of one joint over the fitted segments.
+
+    Attributes
+    ----------
+    A : (R, p) base columns, then the extra ones
+    b : (R,) target
+    sections : per fitted segment (index in the design, rows kept by position in the whitened series)
+    """
+
+    A: FloatArray
+    b: FloatArray
+    sections: tuple[tuple[int, BoolArray], ...]
+
+
+def whitened(
+    design: Design, noise: NoiseModel, fitted: Sequence[int], extra: Extra | None = None
+) -> tuple[WhiteRows, ...]:
+    """Whitened rows of every joint over the fitted segments."""
+    result = []
+    for joint in range(len(design.machine.joints)):
+        parts_A, parts_b, sections = [], [], []
+        for index in fitted:
+            block = design.blocks[joint][index]
+            columns = block.reduced
+            if extra is not None and extra.names:
+                own = extra.columns[joint][index]
+                more = np.zeros((len(columns), len(extra.names))) if own is None else design.bank.reduce(own)
+                columns = np.hstack([columns, more])
+            kept = noise.kept(joint, block.keep)
+            parts_A.append(noise.whiten(joint, columns)[kept])
+            parts_b.append(noise.whiten(joint, block.reduced_target)[kept])
+            sections.append((index, kept))
+        result.append(WhiteRows(np.vstack(parts_A), np.concatenate(parts_b), tuple(sections)))
+    return tuple(result)
+
+
+@dataclass(frozen=True)
+class Fit:
+    """Generalised least-squares fit of a design.
+
+    Attributes
+    ----------
+    theta : (p,) parameters: drive, base, extra
+    covariance : (p, p), from the whitened rows (unit noise)
+    told : (p,) False for parameters that these rows cannot tell (their value is 0)
+    orthonormal : per joint (R_j, rank) rows of an orthonormal basis of the column space
+    residual : per joint (R_j,) whitened residual
+    condition_number : of the column-scaled whitened matrix
+    """
+
+    theta: FloatArray
+    covariance: FloatArray
+    told: BoolArray
+    orthonormal: tuple[FloatArray, ...]
+    residual: tuple[FloatArray, ...]
+    condition_number: float
+    extra_names: tuple[str, ...] = field(default=())
+
+    @property
+    def std(self) -> FloatArray:
+        """Standard deviations of the parameters."""
+        return np.sqrt(np.diag(self.covariance))
+
+    @property
+    def chi_square(self) -> float:
+        """Sum of squares of the whitened residual."""
+        return float(sum(r @ r for r in self.residual))
+
+    @property
+    def rows(self) -> int:
+        """Number of whitened rows."""
+        return sum(len(r) for r in self.residual)
+
+
+def solve(rows: Sequence[WhiteRows], extra_names: tuple[str, ...] = ()) -> Fit:
+    """Least squares on whitened rows; columns that the rows cannot tell are left out, not guessed.
+
+    The rank is decided by pivoted QR on unit columns at 1e-9 of the largest pivot.
+    """
+    A = np.vstack([r.A for r in rows])
+    b = np.concatenate([r.b for r in rows])
+    p = A.shape[1]
+    scale = np.linalg.norm(A, axis=0)
+    used = np.flatnonzero(scale > 0)
+    Q, R, order = linalg.qr(A[:, used] / scale[used], mode="economic", pivoting=True)
+    pivots = np.abs(np.diag(R))
+    rank = int(np.count_nonzero(pivots > 1e-9 * pivots[0])) if len(pivots) else 0
+    Q, R, told_order = Q[:, :rank], R[:rank, :rank], used[order[:rank]]
+    projected = Q.T @ b
+    theta, covariance, told = np.zeros(p), np.zeros((p, p)), np.zeros(p, dtype=bool)
+    theta[told_order] = linalg.solve_triangular(R, projected) / scale[told_order]
+    inverse = linalg.solve_triangular(R, np.eye(rank))
+    covariance[np.ix_(told_order, told_order)] = (inverse @ inverse.T) / np.outer(scale[told_order], scale[told_order])
+    told[told_order] = True
+    singular = linalg.svdvals(R) if rank else np.array([1.0])
+    residual = b - Q @ projected
+    ends = np.cumsum([len(r.b) for r in rows])[:-1]
+    return Fit(
+        theta=theta,
+        covariance=covariance,
+        told=told,
+        orthonormal=tuple(np.split(Q, ends)),
+        residual=tuple(np.split(residual, ends)),
+        condition_number=float(singular[0] / singular[-1]),
+        extra_names=extra_names,
+    )
+
+
+def full_residual(design: Design, theta: FloatArray, joint: int, index: int, extra: Extra | None = None) -> FloatArray:
+    """Measured less predicted drive effort of a joint in a segment, (N,), before any filter."""
+    block = design.blocks[joint][index]
+    p = len(design.parameters)
+    residual = block.target - block.columns @ theta[:p]
+    if extra is not None and extra.names:
+        own = extra.columns[joint][index]
+        if own is not None:
+            residual = residual - own @ theta[p:]
+    return residual
+
+
+def predicted_effort(
+    design: Design, theta: FloatArray, joint: int, index: int, extra: Extra | None = None
+) -> FloatArray:
+    """The model's drive effort of a joint in a segment, (N,), known part included: ``F^``."""
+    block = design.blocks[joint][index]
+    return block.target + block.known - full_residual(design, theta, joint, index, extra)
+
+
+def effort_errors(
+    design: Design, theta: FloatArray, indices: Sequence[int], extra: Extra | None = None
+) -> tuple[FloatArray, ...]:
+    """Per joint the filtered joint-effort error (N m or N) over the rows that move, all segments in a row."""
+    result = []
+    for joint in range(len(design.machine.joints)):
+        parts = []
+        for index in indices:
+            segment, block = design.segments[index], design.blocks[joint][index]
+            if not segment.loaded:
+                continue
+            error = segment.r[:, joint] * full_residual(design, theta, joint, index, extra)
+            parts.append(design.bank.reduce(error)[block.keep])
+        result.append(np.concatenate(parts) if parts else np.zeros(0))
+    return tuple(result)

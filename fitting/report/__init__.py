@@ -1,0 +1,21 @@
+"""The report of an identification: `report.json` for programs, `report.html` for people."""
+
+from __future__ import annotations
+
+from fitting.report.html import write_report
+from fitting.report.model import Figures, FrictionCurve, Scatter, Worst
+from fitting.report.schema import SCHEMA, Report, ReportError, clean, json_schema, validate_report
+
+__all__ = [
+    "SCHEMA",
+    "Figures",
+    "FrictionCurve",
+    "Report",
+    "ReportError",
+    "Scatter",
+    "Worst",
+    "clean",
+    "json_schema",
+    "validate_report",
+    "write_report",
+]

@@ -1,0 +1,174 @@
+"""`report.json` and `report.html`, written together or not at all."""
+
+from __future__ import annotations
+
+import json
+import os
+import tempfile
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import jinja2
+from markupsafe import Markup
+
+from fitting.report import text, wording
+from fitting.report.drawing import draw_errors, draw_friction, draw_scatter, draw_worst
+from fitting.report.model import Figures
+from fitting.report.schema import ReportError, validate_report
+
+#: A parameter whose standard deviation is above this share of its value is flagged.
+FLAG_PERCENT = 30.0
+#: A parameter that moved by more than so many standard deviations is flagged.
+FLAG_SIGMAS = 3.0
+
+
+def write_report(report: Mapping[str, Any], figures: Figures, directory: Path) -> tuple[Path, Path]:
+    """Write ``report.json`` and a self-contained ``report.html``.
+
+    Both are rendered completely first, written beside their places, and then renamed: a failure leaves what was
+    there before. The same input gives the same bytes.
+
+    Parameters
+    ----------
+    report : report of schema `hilfit/report/1`; numbers may be numpy's, NaN becomes null
+    figures : what to draw
+    directory : made if absent
+
+    Returns
+    -------
+    paths of the JSON and of the HTML file
+
+    Raises
+    ------
+    ReportError
+        If the report is not what the schema says, or the directory cannot be written.
+    """
+    cleaned = validate_report(report)
+    contents = {
+        "report.json": json.dumps(cleaned, indent=1, ensure_ascii=False, allow_nan=False) + "\n",
+        "report.html": render_html(cleaned, figures),
+    }
+    waiting: list[tuple[Path, Path]] = []
+    try:
+        directory.mkdir(parents=True, exist_ok=True)
+        for name, content in contents.items():
+            handle, temporary = tempfile.mkstemp(prefix=f".{name}-", dir=directory)
+            waiting.append((Path(temporary), directory / name))
+            with os.fdopen(handle, "w", encoding="utf-8", newline="\n") as file:
+                file.write(content)
+                file.flush()
+                os.fsync(file.fileno())
+            # mkstemp makes files for the owner only; a report is for everybody the directory is for.
+            Path(temporary).chmod(0o644)
+        for temporary_path, final in waiting:
+            temporary_path.replace(final)
+    except OSError as error:
+        raise ReportError(
+            f"{directory}: cannot write the report: {error.strerror}; choose another directory"
+        ) from error
+    finally:
+        for temporary_path, _ in waiting:
+            temporary_path.unlink(missing_ok=True)
+    return directory / "report.json", directory / "report.html"
+
+
+def render_html(report: Mapping[str, Any], figures: Figures) -> str:
+    """The page of a checked report (see :func:`fitting.report.schema.validate_report`)."""
+    titles = {
+        str(entry["id"]): str(entry["title"])
+        for entry in (*(report["loop"].get("candidates") or []), *(report["loop"].get("effects") or []))
+        if entry.get("title")
+    }
+    return (
+        _environment()
+        .get_template("report.html.j2")
+        .render(
+            report=report,
+            result=report["loop"],
+            sentence=wording.verdict_sentence(report, titles),
+            label=wording.LABELS[report["loop"]["verdict"]],
+            titles=titles,
+            drawn=_drawn(report, figures),
+            over_noise=wording.over_noise,
+            alternatives=wording.alternatives,
+            meanings=wording.MEANINGS,
+            statuses=wording.STATUSES,
+            noise_floor=wording.NOISE_FLOOR,
+            flag_percent=FLAG_PERCENT,
+            flag_sigmas=FLAG_SIGMAS,
+            change=text.change,
+            ratio=text.ratio,
+            relative_std=text.relative_std,
+        )
+    )
+
+
+def _environment() -> jinja2.Environment:
+    environment = jinja2.Environment(
+        loader=jinja2.PackageLoader("fitting.report", ""),
+        autoescape=True,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        undefined=jinja2.ChainableUndefined,
+    )
+    environment.filters.update(
+        number=lambda value, digits=3: text.number(_defined(value), digits),
+        count_of=lambda value: text.count(int(value)),
+        percent=lambda value: text.percent(_defined(value)),
+        unit=text.unit,
+        words=lambda value: text.words(str(value)),
+        title_of=wording.title,
+        lower_first=wording.lower,
+        place=wording.place,
+        listed=text.listed,
+        plain=plain,
+        value=lambda entry: text.with_std(_defined(entry.get("value")), _defined(entry.get("std"))),
+    )
+    return environment
+
+
+def _defined(value: Any) -> Any:
+    return None if isinstance(value, jinja2.Undefined) else value
+
+
+def plain(value: Any) -> str:
+    """Any JSON value as a short text."""
+    if value is None or isinstance(value, jinja2.Undefined):
+        return text.NONE
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, int):
+        return text.count(value)
+    if isinstance(value, float):
+        return text.number(value)
+    if isinstance(value, Mapping):
+        return "; ".join(f"{text.words(str(key))}: {plain(entry)}" for key, entry in value.items()) or text.NONE
+    if isinstance(value, list):
+        return ", ".join(plain(entry) for entry in value) or text.NONE
+    return str(value)
+
+
+def _drawn(report: Mapping[str, Any], figures: Figures) -> dict[str, Any]:
+    """The figures as SVG; what is given to Markup is our own drawing, in which texts are escaped."""
+    errors = report["errors"]
+
+    def effort_unit(joint: str) -> str:
+        return str(errors[joint]["unit"]) if joint in errors else ""
+
+    overview = []
+    for joint, entry in errors.items():
+        before = text.ratio(wording.validate(entry["before"]), entry.get("noise_floor"))
+        after = text.ratio(wording.validate(entry["after"]), entry.get("noise_floor"))
+        if before is not None and after is not None:
+            overview.append((joint, before, after))
+    return {
+        "overview": Markup(draw_errors(overview, "overview")) if overview else None,
+        "scatter": [
+            (item, Markup(draw_scatter(item, item.effort_unit or effort_unit(item.joint), f"scatter{i}")))
+            for i, item in enumerate(figures.scatter)
+        ],
+        "worst": Markup(draw_worst(figures.worst, "worst")) if figures.worst else None,
+        "worst_data": figures.worst,
+        "friction": Markup(draw_friction(figures.friction, "friction")) if figures.friction else None,
+    }

@@ -1,0 +1,91 @@
+"""What the report draws: values only, no drawing."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+FloatArray = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Scatter:
+    """Residual against the variable that is blamed, before and after, ``N`` samples of the validation motion.
+
+    Attributes
+    ----------
+    joint : the joint whose residual it is
+    variable, unit : the variable (``piston_position``), and its unit
+    x : (N,) the variable
+    before, after : (N,) measured less predicted effort without and with what was added
+    law_x, law_y, law_std : (K,) the law that was found, and its standard deviation; empty where there is none
+    effort_unit : unit of the residuals and of the law; the joint's effort unit of the report if empty
+    direction : (N,) sign of the speed (0 at rest) where the law is another one forth and back, None where it is
+        the same: an odd law averages out unless both ways are drawn apart
+    law_back : (K,) the law while the speed is negative (``-law_y`` for an odd one), None where it is the same
+    """
+
+    joint: str
+    variable: str
+    unit: str
+    x: FloatArray
+    before: FloatArray
+    after: FloatArray
+    law_x: FloatArray
+    law_y: FloatArray
+    law_std: FloatArray
+    effort_unit: str = ""
+    direction: FloatArray | None = None
+    law_back: FloatArray | None = None
+
+
+@dataclass(frozen=True)
+class Worst:
+    """The ten seconds of the validation motion with the largest error before, ``N`` samples.
+
+    Attributes
+    ----------
+    joint, unit : the joint, and its effort unit
+    time : (N,) s
+    measured : (N,) effort
+    before, after : (N,) *predicted* effort without and with what was added
+    """
+
+    joint: str
+    unit: str
+    time: FloatArray
+    measured: FloatArray
+    before: FloatArray
+    after: FloatArray
+
+
+@dataclass(frozen=True)
+class FrictionCurve:
+    """Friction of one joint's drive over speed.
+
+    Attributes
+    ----------
+    joint : the joint
+    unit_x, unit_y : units of speed and force
+    speed, force, std : (N,) the curve fitted without any effect, and its standard deviation
+    after : (N,) the curve of the final model, None where nothing changed
+    """
+
+    joint: str
+    unit_x: str
+    unit_y: str
+    speed: FloatArray
+    force: FloatArray
+    std: FloatArray
+    after: FloatArray | None = None
+
+
+@dataclass(frozen=True)
+class Figures:
+    """All figures of a report."""
+
+    scatter: tuple[Scatter, ...] = ()
+    worst: Worst | None = None
+    friction: tuple[FrictionCurve, ...] = ()

@@ -1,0 +1,252 @@
+"""`report.json`, schema `hilfit/report/1`: its only definition, its check and its published JSON schema.
+
+Keys may be added, never renamed: every object takes further keys. Numbers that do not exist are null, never NaN, which
+JSON does not have. All errors are standard deviations of measured less predicted effort, in the joint's effort unit.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from datetime import date
+from typing import Any, Literal
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from daq.errors import HilfitError
+
+SCHEMA = "hilfit/report/1"
+
+Verdict = Literal["nothing_missing", "effect_added", "ambiguous", "unexplained"]
+Status = Literal["accepted", "rejected", "indistinguishable", "artefact"]
+
+
+class ReportError(HilfitError):
+    """A report is not what `hilfit/report/1` says."""
+
+
+class _Part(BaseModel):
+    model_config = ConfigDict(extra="allow", allow_inf_nan=False)
+
+
+class Value(_Part):
+    """A number with its standard deviation and unit."""
+
+    value: float | None = None
+    std: float | None = None
+    unit: str | None = None
+
+
+class DataFile(_Part):
+    """A recording that was used."""
+
+    role: str
+    file: str
+    sha256: str
+    samples: int = Field(ge=0)
+
+
+class Reduction(_Part):
+    """From the standard parameters of the links to those that act on the joints at all."""
+
+    standard_parameters: int
+    base_parameters: int
+
+
+class CylinderResult(_Part):
+    """Drive parameters of one joint."""
+
+    parameters: dict[str, Value]
+    residual_std: float | None = None
+    unit: str | None = None
+    stage_1: dict[str, Any] | None = None
+
+
+class BaseParameter(_Part):
+    """A base parameter: the combination of link parameters that it is."""
+
+    expression: str
+    value: float | None
+    std: float | None
+    unit: str
+
+
+class RigidBody(_Part):
+    """Stage 2."""
+
+    estimator: str
+    condition_number: float | None
+    parameters: list[BaseParameter]
+
+
+class ErrorPair(_Part):
+    """Error on the motion that was fitted, and on the one that was not."""
+
+    train: float | None = None
+    validate_: float | None = Field(default=None, alias="validate")
+
+
+class JointErrors(_Part):
+    """Errors of one joint."""
+
+    unit: str
+    noise_floor: float | None
+    before: ErrorPair
+    after: ErrorPair
+    two_stage: ErrorPair | None = None
+
+
+class OneShot(_Part):
+    """The regression of everything at once."""
+
+    condition_number: float | None
+    errors: dict[str, ErrorPair]
+
+
+class Overall(_Part):
+    """All joints together, on the validation motion."""
+
+    before: float | None
+    after: float | None
+    change_percent: float | None
+    ci95_percent: tuple[float, float] | None
+
+
+class Named(_Part):
+    """An effect by id, at a joint or (null) at the whole machine."""
+
+    id: str
+    joint: str | None = None
+
+
+class AddedEffect(Named):
+    """An effect that was added to the model."""
+
+    title: str | None = None
+    equation: str | None = None
+    parameters: dict[str, Value] = {}
+    indistinguishable_from: list[Named | str] = []
+    evidence: dict[str, Any] = {}
+
+
+class Law(_Part):
+    """A measured law: value and standard deviation over a grid of its variable."""
+
+    grid: list[float] = []
+    value: list[float] = []
+    std: list[float] = []
+
+
+class Unexplained(_Part):
+    """Structure that no known effect fits."""
+
+    joint: str | None
+    variable: str
+    law: Law
+    evidence: dict[str, Any] = {}
+
+
+class Candidate(Named):
+    """An effect that was tried."""
+
+    score: float | None = None
+    status: Status
+    reason: str = ""
+
+
+class DetectionLimit(Named):
+    """The smallest size of an effect that these recordings would have shown."""
+
+    smallest: float | None
+    unit: str
+
+
+class Loop(_Part):
+    """What the residual loop found."""
+
+    verdict: Verdict
+    effects: list[AddedEffect] = []
+    unexplained: list[Unexplained] = []
+    candidates: list[Candidate] = []
+    detection_limits: list[DetectionLimit] = []
+    next_experiment: dict[str, Any] | str | None = None
+
+
+class Shift(_Part):
+    """How far a parameter moved when the effects were added."""
+
+    name: str
+    before: float | None
+    after: float | None
+    sigmas: float | None
+
+
+class Report(_Part):
+    """`report.json`."""
+
+    schema_: Literal["hilfit/report/1"] = Field(alias="schema")
+    machine: str
+    created: str
+    software: dict[str, Any]
+    data: list[DataFile]
+    reduction: Reduction
+    cylinders: dict[str, CylinderResult]
+    rigid_body: RigidBody
+    one_shot: OneShot | None = None
+    errors: dict[str, JointErrors]
+    overall: Overall
+    loop: Loop
+    parameter_shifts: list[Shift]
+    warnings: list[str]
+    bandwidth_hz: float | None = None
+    noise_floor_method: str | None = None
+
+
+def clean(value: Any) -> Any:
+    """The same as plain JSON types: arrays become lists, NaN and infinities null.
+
+    Raises
+    ------
+    ReportError
+        If something has no place in JSON.
+    """
+    if value is None or isinstance(value, (str, bool, int)):
+        return value
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    if isinstance(value, np.generic):
+        return clean(value.item())
+    if isinstance(value, np.ndarray):
+        return clean(value.tolist())
+    if isinstance(value, Mapping):
+        return {str(key): clean(entry) for key, entry in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [clean(entry) for entry in value]
+    if isinstance(value, date):
+        return value.isoformat()
+    raise ReportError(f"the report holds a {type(value).__name__}, which JSON cannot: give numbers, texts or lists")
+
+
+def validate_report(report: Mapping[str, Any]) -> dict[str, Any]:
+    """Check a report against `hilfit/report/1` and return it cleaned (see :func:`clean`), nothing added.
+
+    Raises
+    ------
+    ReportError
+        One line that names the first key that is wrong.
+    """
+    cleaned: dict[str, Any] = clean(report)
+    try:
+        Report.model_validate(cleaned)
+    except ValidationError as error:
+        first = error.errors()[0]
+        place = ".".join(str(part) for part in first["loc"])
+        more = f" (and {error.error_count() - 1} more)" if error.error_count() > 1 else ""
+        raise ReportError(f"report.json: {place}: {first['msg']}{more}; write it as {SCHEMA} says") from None
+    return cleaned
+
+
+def json_schema() -> dict[str, Any]:
+    """JSON schema of `report.json`."""
+    return Report.model_json_schema(by_alias=True)

@@ -1,0 +1,118 @@
+"""Numbers and names as people read them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+_MINUS = "\u2212"
+_SUPERSCRIPT = str.maketrans("-0123456789", "\u207b\u2070\u00b9\u00b2\u00b3\u2074\u2075\u2076\u2077\u2078\u2079")
+#: What is written where a number does not exist.
+NONE = "\u2013"
+
+
+def _fixed(value: float, decimals: int) -> str:
+    text = f"{abs(value):.{max(decimals, 0)}f}"
+    whole, dot, rest = text.partition(".")
+    if len(whole) > 4:
+        # A thin space (no-break) between groups of three, as ISO 80000-1 has it.
+        whole = f"{int(whole):,}".replace(",", "\u202f")
+    negative = value < 0 and any(digit in "123456789" for digit in text)
+    return f"{_MINUS if negative else ''}{whole}{dot}{rest}"
+
+
+def _exponent(value: float) -> int:
+    return math.floor(math.log10(abs(value))) if value else 0
+
+
+def _rounded(value: float, digits: int) -> tuple[float, int]:
+    """Value rounded to significant digits, and its exponent of ten after rounding."""
+    rounded = float(f"{value:.{digits - 1}e}")
+    return rounded, _exponent(rounded)
+
+
+def number(value: float | None, digits: int = 3) -> str:
+    """``value`` with so many significant digits: ``0.0123``, ``45.6``, ``12 300``, ``1.23 x 10^7``."""
+    if value is None or not math.isfinite(value):
+        return NONE
+    if value == 0:
+        return "0"
+    rounded, exponent = _rounded(value, digits)
+    if -4 <= exponent <= 5:
+        return _fixed(rounded, digits - 1 - exponent)
+    return f"{_fixed(rounded / 10.0**exponent, digits - 1)}\u202f\u00d7\u202f10{str(exponent).translate(_SUPERSCRIPT)}"
+
+
+def count(value: int) -> str:
+    """A whole number, all its digits."""
+    return _fixed(float(value), 0)
+
+
+def with_std(value: float | None, std: float | None) -> str:
+    """``7.13 \u00b1 0.42``: the deviation with two significant digits, the value to the same place.
+
+    A deviation far larger than the value leaves the value at two digits of the deviation: that is what is known.
+    """
+    if value is None or not math.isfinite(value):
+        return NONE
+    if std is None or not math.isfinite(std) or std <= 0:
+        return number(value, 4)
+    rounded, place = _rounded(std, 2)
+    top = max(_exponent(value), place)
+    if -4 <= top <= 5:
+        decimals = 1 - place
+        shown = round(value, decimals)
+        return f"{_fixed(shown, decimals)} \u00b1 {_fixed(rounded, decimals)}"
+    scale, decimals = 10.0**top, 1 - place + top
+    return (
+        f"({_fixed(value / scale, decimals)} \u00b1 {_fixed(rounded / scale, decimals)})"
+        f"\u202f\u00d7\u202f10{str(top).translate(_SUPERSCRIPT)}"
+    )
+
+
+def percent(value: float | None) -> str:
+    """Signed percentage: ``\u221274 %``; one decimal below ten."""
+    if value is None or not math.isfinite(value):
+        return NONE
+    decimals = 0 if abs(value) >= 10 else 1
+    text = _fixed(value, decimals)
+    plus = "+" if value > 0 and not text.startswith(_MINUS) and float(f"{value:.{decimals}f}") != 0 else ""
+    return f"{plus}{text}\u202f%"
+
+
+def change(before: float | None, after: float | None) -> float | None:
+    """Change in percent of ``before``; None where there is none."""
+    if before is None or after is None or not before:
+        return None
+    return 100.0 * (after - before) / before
+
+
+def ratio(value: float | None, base: float | None) -> float | None:
+    """``value / base``; None where there is none."""
+    return None if value is None or not base else value / base
+
+
+def relative_std(value: float | None, std: float | None) -> float | None:
+    """Relative standard deviation in percent; None where either is missing or the value is zero."""
+    return None if value is None or std is None or not value else abs(100.0 * std / value)
+
+
+def words(name: str) -> str:
+    """``piston_position`` as ``piston position``."""
+    return name.replace("_", " ")
+
+
+def listed(items: Sequence[str], last: str = "and") -> str:
+    """``a, b and c``."""
+    if len(items) < 2:
+        return "".join(items)
+    return f"{', '.join(items[:-1])} {last} {items[-1]}"
+
+
+def unit(text: Any) -> str:
+    """A unit with real exponents: ``kg m^2`` as ``kg m\u00b2``."""
+    out = str(text or "")
+    for power in "23456":
+        out = out.replace(f"^{power}", power.translate(_SUPERSCRIPT))
+    return out

@@ -1,0 +1,162 @@
+"""What the report says in sentences: the verdict, what was found, what to do next."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from fitting.report.text import change, listed, number, percent, unit, with_std, words
+
+LABELS = {
+    "nothing_missing": "Nothing is missing",
+    "effect_added": "Effect found and added",
+    "ambiguous": "Something is missing, several causes fit",
+    "unexplained": "Something is missing, no known cause fits",
+}
+
+MEANINGS = {
+    "m": "moving mass",
+    "K": "stiffness",
+    "f_c": "Coulomb friction",
+    "f_v": "viscous friction",
+    "f_s": "cube-root friction",
+    "J": "drive inertia",
+}
+
+STATUSES = {
+    "accepted": "accepted",
+    "rejected": "rejected",
+    "indistinguishable": "cannot be told apart",
+    "artefact": "artefact of measurement",
+}
+
+NOISE_FLOOR = {
+    "repeat": "measured: the same motion was recorded twice, and what differs between the two is noise "
+    "(standard deviation of the difference of both residuals, over \u221a2)",
+    "estimated": "estimated from the residuals alone, because no repeated motion was recorded; record one "
+    "(role \u201crepeat\u201d) to have it measured",
+}
+
+
+def title(effect: Mapping[str, Any]) -> str:
+    """Name of an effect for people."""
+    return str(effect.get("title") or words(str(effect["id"])))
+
+
+def lower(text: str) -> str:
+    """Text with a small first letter, for the middle of a sentence; ``IDIM`` and ``K x`` stay."""
+    return text[:1].lower() + text[1:] if text[1:2].islower() else text
+
+
+def place(joint: str | None) -> str:
+    """``at joint2``, or the whole machine."""
+    return f"at {joint}" if joint else "of the whole machine"
+
+
+def at(effect: Mapping[str, Any]) -> str:
+    """``friction that depends on position at joint2``."""
+    return f"{lower(title(effect))} {place(effect.get('joint'))}"
+
+
+def alternatives(effect: Mapping[str, Any], titles: Mapping[str, str]) -> list[str]:
+    """Effects that these recordings cannot tell from ``effect``, as people name them, with place where it differs."""
+    names = []
+    for other in effect.get("indistinguishable_from") or []:
+        entry = {"id": other, "joint": effect.get("joint")} if isinstance(other, str) else dict(other)
+        entry["title"] = entry.get("title") or titles.get(str(entry["id"]))
+        same = entry.get("joint") == effect.get("joint")
+        names.append(lower(title(entry)) if same else at(entry))
+    return names
+
+
+def sizes(parameters: Mapping[str, Any] | None, most: int = 2) -> str:
+    """``k1 = 312 \u00b1 12 N/m``: the first few parameters of an effect."""
+    parts = [
+        f"{name} = {with_std(entry.get('value'), entry.get('std'))} {unit(entry.get('unit'))}".strip()
+        for name, entry in list((parameters or {}).items())[:most]
+        if entry.get("value") is not None
+    ]
+    return ", ".join(parts)
+
+
+def validate(entry: Mapping[str, Any] | None) -> float | None:
+    """The validation error of a ``{"train", "validate"}`` pair."""
+    return (entry or {}).get("validate")
+
+
+def over_noise(report: Mapping[str, Any], which: str) -> float | None:
+    """Validation error over noise floor, root mean square over the joints; None where a joint has neither."""
+    squares = []
+    for joint in report["errors"].values():
+        error, floor = validate(joint.get(which)), joint.get("noise_floor")
+        if error is not None and floor:
+            squares.append((error / floor) ** 2)
+    return math.sqrt(sum(squares) / len(squares)) if squares else None
+
+
+def interval(ci: Sequence[float] | None) -> str:
+    """``(95 % interval \u221266 % to \u221252 %)`` or nothing."""
+    return f" (95\u202f% interval {percent(ci[0])} to {percent(ci[1])})" if ci else ""
+
+
+def improvement(report: Mapping[str, Any], joints: Sequence[str | None]) -> str:
+    """How the error changed on the validation motion: at one joint where one is concerned, and altogether."""
+    parts = []
+    chosen = [joint for joint in dict.fromkeys(joints) if joint in report["errors"]]
+    if len(chosen) == 1 and chosen[0] is not None:
+        entry = report["errors"][chosen[0]]
+        before, after = validate(entry["before"]), validate(entry["after"])
+        if before is not None and after is not None and before != after:
+            verb = "fell" if after < before else "rose"
+            parts.append(
+                f"the error of {chosen[0]} on the validation motion {verb} from {number(before)} to {number(after)} "
+                f"{unit(entry['unit'])} ({percent(change(before, after))})"
+            )
+    overall = report["overall"]
+    if overall.get("change_percent"):
+        where = "that of all joints together" if parts else "the error of all joints on the validation motion"
+        parts.append(f"{where} changed by {percent(overall['change_percent'])}{interval(overall.get('ci95_percent'))}")
+    return " and ".join(parts)
+
+
+def verdict_sentence(report: Mapping[str, Any], titles: Mapping[str, str]) -> str:
+    """The verdict in one sentence.
+
+    Parameters
+    ----------
+    report : a checked report
+    titles : effect id to title, for effects that are only named
+    """
+    loop = report["loop"]
+    effects: Sequence[Mapping[str, Any]] = loop.get("effects") or []
+    laws: Sequence[Mapping[str, Any]] = loop.get("unexplained") or []
+    gain = improvement(report, [entry.get("joint") for entry in (*effects, *laws)])
+    verdict = loop["verdict"]
+    if verdict == "nothing_missing":
+        times = over_noise(report, "after")
+        noise = f": on the validation motion the error is {number(times)} times that noise" if times else ""
+        return f"No joint shows anything above its measurement noise that the model does not explain{noise}."
+    if verdict == "effect_added":
+        found = listed(
+            [at(e) + (f" ({sizes(e.get('parameters'))})" if sizes(e.get("parameters")) else "") for e in effects]
+        )
+        them = "it" if len(effects) == 1 else "them"
+        return f"The model lacked {found}; with {them} added, {gain}." if gain else f"The model lacked {found}."
+    if verdict == "ambiguous":
+        best = next((e for e in effects if e.get("indistinguishable_from")), effects[0] if effects else None)
+        if best is None:
+            return "Something is missing in the model, and these recordings cannot tell what it is."
+        names = [lower(title(best)), *alternatives(best, titles)]
+        sentence = (
+            f"Something is missing {place(best.get('joint'))}, and these recordings cannot tell whether it is "
+            f"{listed(names, 'or')}"
+        )
+        return f"{sentence}; with the first of them added, {gain}." if gain else f"{sentence}."
+    found = listed([f"the error {place(law.get('joint'))} follows the {words(str(law['variable']))}" for law in laws])
+    sentence = (
+        f"{found[:1].upper()}{found[1:]}, and no known effect explains it"
+        if found
+        else ("Structure is left in the error that no known effect explains")
+    )
+    return f"{sentence}; with the measured law added as such, {gain}." if gain and found else f"{sentence}."

@@ -1,0 +1,190 @@
+"""What the report's figures show, computed from the models before and after."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from fitting.drive import UNITS, drive_columns
+from fitting.regression import full_residual
+from fitting.report.model import FrictionCurve, Scatter, Worst
+from fitting.residual.laws import NEIGHBOUR, OWN, Law
+from fitting.residual.terms import Model
+from fitting.splines import evaluate
+
+FloatArray = npt.NDArray[np.float64]
+
+_GRID = 61
+_FRICTION = ("f_c", "f_v", "f_s")
+
+
+def law_curve(law: Law, model: Model, part: slice) -> dict[str, list[float]]:
+    """A law on a grid of its variable: value and standard deviation, in drive effort."""
+    knots = np.asarray(law.knots)
+    grid = np.linspace(knots[0], knots[-1], _GRID)
+    basis = evaluate(knots, grid)
+    value = basis @ model.fit.theta[part]
+    std = np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", basis, model.fit.covariance[part, part], basis), 0.0))
+    return {"grid": grid.tolist(), "value": value.tolist(), "std": std.tolist()}
+
+
+def scatter(before: Model, after: Model, number: int, shown: Sequence[int]) -> Scatter:
+    """Residual drive effort against the variable that term ``number`` of the final model is about."""
+    term = after.terms[number]
+    design = after.design
+    joint = _joint_of(after, number)
+    name = design.machine.joints[joint].name
+    variable, unit = _variable(after, number)
+    x, first, second, direction, columns = [], [], [], [], []
+    part = after.term_slice(number)
+    for index in shown:
+        pick = slice(design.bank.half, len(design.segments[index]) - design.bank.half, design.bank.decimation)
+        keep = design.blocks[joint][index].keep
+        x.append(_signal(after, number, index, joint)[pick][keep])
+        direction.append(np.sign(after.views[index][joint].s[pick][keep]))
+        for model, target in ((before, first), (after, second)):
+            residual = full_residual(model.design, model.fit.theta, joint, index, model.extra)
+            target.append(model.design.bank.reduce(residual)[keep])
+        columns.append(after.contribution(number, joint, index)[pick][keep])
+    law_x, law_y = _binned(np.concatenate(x), np.concatenate(columns))
+    odd = isinstance(term.content, Law) and term.content.signed
+    if not isinstance(term.content, Law):
+        odd = term.content.parity.startswith("odd")
+    law_back = None
+    law_std = np.zeros(0)
+    if isinstance(term.content, Law):
+        curve = law_curve(term.content, after, part)
+        law_x, law_y, law_std = (np.asarray(curve[key]) for key in ("grid", "value", "std"))
+        law_back = -law_y if odd else None
+    elif odd:
+        forth = np.concatenate(direction) > 0
+        law_x, law_y = _binned(np.concatenate(x)[forth], np.concatenate(columns)[forth])
+        _, law_back = _binned(np.concatenate(x)[~forth], np.concatenate(columns)[~forth], law_x)
+    unit_effort = "N" if design.machine.joints[joint].cylinder is not None else design.machine.joints[joint].effort_unit
+    return Scatter(
+        joint=name,
+        variable=variable,
+        unit=unit,
+        x=np.concatenate(x),
+        before=np.concatenate(first),
+        after=np.concatenate(second),
+        law_x=law_x,
+        law_y=law_y,
+        law_std=law_std if len(law_std) else np.zeros_like(law_x),
+        effort_unit=unit_effort,
+        direction=np.concatenate(direction) if odd else None,
+        law_back=law_back,
+    )
+
+
+def _joint_of(model: Model, number: int) -> int:
+    """The joint a term is drawn on: its own, or where a machine-wide effect changes the efforts most."""
+    term = model.terms[number]
+    if term.joint is not None:
+        return term.joint
+    sizes = []
+    for joint in range(len(model.design.machine.joints)):
+        total = sum(float(np.sum(model.contribution(number, joint, index) ** 2)) for index in model.fitted)
+        sizes.append(np.sqrt(total) / model.noise.std[joint])
+    return int(np.argmax(sizes))
+
+
+def _variable(model: Model, number: int) -> tuple[str, str]:
+    term = model.terms[number]
+    joints = model.design.parameters.joints
+    if isinstance(term.content, Law):
+        return term.content.variable(joints), term.content.unit
+    name = term.content.variable
+    if name.startswith("other."):
+        return f"{joints[int(term.shape['other'])]}.{name[6:]}", NEIGHBOUR[name[6:]][0]
+    if name == "joint_position":
+        return name, "rad"
+    return name, "N/s" if name == "force_rate" else OWN[name][0]
+
+
+def _signal(model: Model, number: int, index: int, joint: int) -> FloatArray:
+    term, view = model.terms[number], model.views[index][joint]
+    if isinstance(term.content, Law):
+        return term.content.values(view)
+    name = term.content.variable
+    if name.startswith("other."):
+        return NEIGHBOUR[name[6:]][1](view, int(term.shape["other"]))
+    if name == "joint_position":
+        return view.q
+    return view.bank.rate(view.force) if name == "force_rate" else OWN[name][1](view)
+
+
+def _binned(x: FloatArray, y: FloatArray, centres: FloatArray | None = None) -> tuple[FloatArray, FloatArray]:
+    """Mean of ``y`` in thirty bins of ``x`` (or around given centres): how an effect looks along its variable."""
+    if centres is None:
+        edges = np.linspace(x.min(), x.max(), 31)
+        centres = 0.5 * (edges[1:] + edges[:-1])
+    half = 0.5 * float(centres[1] - centres[0])
+    means = np.array([np.mean(y[np.abs(x - c) <= half]) if np.any(np.abs(x - c) <= half) else np.nan for c in centres])
+    good = np.isfinite(means)
+    return centres, np.interp(centres, centres[good], means[good])
+
+
+def worst_seconds(before: Model, after: Model, shown: Sequence[int], floor: Sequence[float]) -> Worst:
+    """The ten seconds and the joint where the error before is largest in noise floors."""
+    best: tuple[float, int, int, int] = (-1.0, 0, shown[0], 0)
+    design = before.design
+    window = max(2, round(10.0 * design.bank.reduced_rate_hz))
+    for joint in range(len(design.machine.joints)):
+        for index in shown:
+            r = design.segments[index].r[:, joint]
+            error = design.bank.reduce(r * full_residual(design, before.fit.theta, joint, index, before.extra))
+            power = (
+                np.convolve(error**2, np.ones(window), mode="valid")
+                if len(error) > window
+                else np.array([np.sum(error**2)])
+            )
+            start = int(np.argmax(power))
+            score = float(power[start]) / max(floor[joint], 1e-12) ** 2
+            if score > best[0]:
+                best = (score, joint, index, start)
+    _, joint, index, start = best
+    segment = design.segments[index]
+    pick = slice(start, start + window)
+    time = segment.t[design.bank.half : len(segment) - design.bank.half : design.bank.decimation][pick]
+    r = segment.r[:, joint]
+    measured = design.bank.reduce(r * segment.effort[:, joint])[pick]
+
+    def predicted(model: Model) -> FloatArray:
+        lever = model.design.segments[index].r[:, joint]
+        residual = full_residual(model.design, model.fit.theta, joint, index, model.extra)
+        return measured - model.design.bank.reduce(lever * residual)[pick]
+
+    machine_joint = design.machine.joints[joint]
+    return Worst(machine_joint.name, machine_joint.effort_unit, time, measured, predicted(before), predicted(after))
+
+
+def friction_curves(before: Model, after: Model) -> tuple[FrictionCurve, ...]:
+    """Friction against speed of every joint, with the band of its standard deviation."""
+    curves = []
+    parameters = after.design.parameters
+    for joint, machine_joint in enumerate(after.design.machine.joints):
+        names = tuple(n for n in parameters.drive[joint] if n in _FRICTION)
+        part = np.arange(parameters.drive_slice(joint).start, parameters.drive_slice(joint).stop)
+        part = part[[n in _FRICTION for n in parameters.drive[joint]]]
+        top = max(float(np.abs(after.design.segments[i].v[:, joint]).max()) for i in after.fitted)
+        speed = np.concatenate([np.linspace(-top, -1e-9, 60), np.linspace(1e-9, top, 60)])
+        columns = drive_columns(names, speed, speed, speed, 0.0)
+        std = np.sqrt(np.einsum("ij,jk,ik->i", columns, after.fit.covariance[np.ix_(part, part)], columns).clip(0))
+        straight = machine_joint.cylinder is not None or machine_joint.type == "prismatic"
+        force = columns @ before.fit.theta[part]
+        final = columns @ after.fit.theta[part]
+        curves.append(
+            FrictionCurve(
+                joint=machine_joint.name,
+                unit_x="m/s" if straight else "rad/s",
+                unit_y=UNITS["f_c"] if straight else "N m",
+                speed=speed,
+                force=force if after.terms else final,
+                std=std,
+                after=final if after.terms else None,
+            )
+        )
+    return tuple(curves)

@@ -1,0 +1,182 @@
+"""Kinematics first: a joint encoder against a piston encoder tells sensor and linkage errors without any dynamics.
+
+The gap between the measured piston position and ``x(q)`` of the measured joint position is zero for a perfect machine.
+Effects that bend positions are scored on it like effects on efforts are scored on residuals: whitened by the gap's own
+noise, chi-square against the price of parameters. What is accepted is *rebuilt* into the positions or the linkage, and
+the gap is looked at again, so that large errors are not left to a linear correction.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+import numpy.typing as npt
+from scipy import linalg
+from scipy.signal import lfilter
+
+from daq.linkages import Linkage
+from daq.machine_file import Machine
+from fitting.effects.base import Effect, Shape, has_both_positions
+from fitting.linkage import parameter_names
+from fitting.noise import Pairing, autoregression
+from fitting.regression import Design
+from fitting.residual.scoring import PARAMETER_PRICE
+from fitting.residual.views import Views
+
+FloatArray = npt.NDArray[np.float64]
+PositionError = Callable[[FloatArray], FloatArray]
+
+
+@dataclass(frozen=True)
+class GapScore:
+    """Score of one effect on one joint's gap; fields as in :class:`fitting.residual.scoring.Score`."""
+
+    effect: Effect
+    joint: int
+    shape: Shape
+    gain: float
+    score: float
+    values: tuple[float, ...]
+    stds: tuple[float, ...]
+    plausible: bool
+
+
+@dataclass(frozen=True)
+class GapRows:
+    """Whitened gap of one joint: taps, innovation, and the whitened series of each segment."""
+
+    taps: FloatArray
+    innovation: float
+    indices: tuple[int, ...]
+    values: tuple[FloatArray, ...]
+
+    @property
+    def chi_square(self) -> float:
+        """Sum of squares of the whitened gap."""
+        return float(sum(v @ v for v in self.values))
+
+
+@dataclass(frozen=True)
+class Corrections:
+    """What was learnt about positions: rebuilt when recordings are prepared again.
+
+    Attributes
+    ----------
+    machine : the machine, with corrected linkages
+    position_error : joint name to the error of its measured position as a function of it
+    separate : joints whose piston and joint positions must not be fused, because there is play between them
+    """
+
+    machine: Machine
+    position_error: Mapping[str, PositionError] = field(default_factory=dict)
+    separate: frozenset[str] = frozenset()
+
+
+def gap_rows(design: Design, fitted: Sequence[int], pairs: Sequence[Pairing], joint: int) -> GapRows:
+    """Whitened gap of a joint over the loaded segments; its noise is that of (train less repeat)."""
+    bank = design.bank
+    series = []
+    for pair in pairs:
+        first = design.segments[pair.train].gap[pair.train_start : pair.train_start + pair.length, joint]
+        second = design.segments[pair.repeat].gap[pair.repeat_start : pair.repeat_start + pair.length, joint]
+        series.append(bank.reduce(first - second) / np.sqrt(2.0))
+    indices = tuple(i for i in fitted if design.segments[i].loaded)
+    reduced = [bank.reduce(design.segments[i].gap[:, joint]) for i in indices]
+    if not series:  # without a repeat the fast part of the gap itself is the noise
+        series = [np.diff(r) / np.sqrt(2.0) for r in reduced]
+    taps, innovation = autoregression(series)
+    model = (taps, max(innovation, 1e-12))
+    return GapRows(*model, indices, tuple(_whiten(r, *model) for r in reduced))
+
+
+def score_gaps(
+    design: Design,
+    views: Views,
+    fitted: Sequence[int],
+    pairs: Sequence[Pairing],
+    effects: Sequence[Effect],
+    joint: int,
+) -> tuple[list[GapScore], GapRows]:
+    """Scores of all effects that bend positions, on one joint's gap, best first."""
+    rows = gap_rows(design, fitted, pairs, joint)
+    target = np.concatenate(rows.values)
+    result: list[GapScore] = []
+    for effect in effects:
+        shapes = effect.shapes(views[rows.indices[0]][joint])
+        for shape in shapes:
+            full = [effect.gap_columns(views[i][joint], shape) for i in rows.indices]
+            if any(column is None for column in full):
+                continue
+            C = np.vstack([_whiten(design.bank.reduce(c), rows.taps, rows.innovation) for c in full if c is not None])
+            scale = np.maximum(np.linalg.norm(C, axis=0), 1e-300)
+            eigenvalues, vectors = linalg.eigh((C / scale).T @ (C / scale))
+            live = eigenvalues > 1e-8
+            turned = vectors[:, live].T @ ((C / scale).T @ target)
+            gain = float(np.sum(turned**2 / eigenvalues[live]))
+            values = (vectors[:, live] @ (turned / eigenvalues[live])) / scale
+            stds = np.sqrt(np.sum(vectors[:, live] ** 2 / eigenvalues[live], axis=1)) / scale
+            price = PARAMETER_PRICE * np.count_nonzero(live) + 2.0 * np.log(len(shapes))
+            plausible = effect.plausible(values.tolist(), stds.tolist())
+            result.append(
+                GapScore(effect, joint, shape, gain, float(gain - price), tuple(values), tuple(stds), plausible)
+            )
+    return sorted(result, key=lambda s: -s.score), rows
+
+
+def gap_error(design: Design, indices: Sequence[int], joint: int) -> float:
+    """Root mean square of the filtered gap, m."""
+    values = [design.bank.reduce(design.segments[i].gap[:, joint]) for i in indices if design.segments[i].loaded]
+    return float(np.sqrt(np.mean(np.concatenate(values) ** 2))) if values else 0.0
+
+
+def checkable(machine: Machine) -> tuple[int, ...]:
+    """Joints whose kinematics can be checked without dynamics."""
+    return tuple(j for j in range(len(machine.joints)) if has_both_positions(machine, j))
+
+
+def corrected(corrections: Corrections, finding: GapScore) -> Corrections:
+    """The corrections with one more finding (or one more step of the same finding) rebuilt into them."""
+    name = corrections.machine.joints[finding.joint].name
+    if finding.effect.id == "backlash":
+        return Corrections(corrections.machine, corrections.position_error, corrections.separate | {name})
+    if finding.effect.id == "linkage_geometry":
+        machine = _with_linkage(corrections.machine, finding.joint, int(finding.shape["parameter"]), finding.values[0])
+        return Corrections(machine, corrections.position_error, corrections.separate)
+    before = corrections.position_error.get(name)
+    error = _position_error(finding)
+
+    def total(q: FloatArray) -> FloatArray:
+        earlier = np.zeros_like(q) if before is None else before(q)
+        return earlier + error(q - earlier)
+
+    return Corrections(corrections.machine, {**corrections.position_error, name: total}, corrections.separate)
+
+
+def _position_error(finding: GapScore) -> PositionError:
+    values = finding.values
+    if finding.effect.id == "encoder_offset":
+        return lambda q: np.full_like(q, values[0])
+    n = finding.shape["n"]
+    return lambda q: values[0] * np.sin(n * q) + values[1] * np.cos(n * q)
+
+
+def _with_linkage(machine: Machine, joint: int, parameter: int, change: float) -> Machine:
+    cylinder = machine.joints[joint].cylinder
+    assert cylinder is not None
+    linkage: Linkage = cylinder.linkage
+    name = parameter_names(linkage)[parameter]
+    if hasattr(linkage, name):
+        changed = linkage.model_copy(update={name: getattr(linkage, name) + change})
+    else:  # a polynomial's coefficient
+        coefficients = list(linkage.coefficients)  # type: ignore[union-attr]
+        coefficients[parameter] += change
+        changed = linkage.model_copy(update={"coefficients": tuple(coefficients)})
+    joints = list(machine.joints)
+    joints[joint] = joints[joint].model_copy(update={"cylinder": cylinder.model_copy(update={"linkage": changed})})
+    return machine.model_copy(update={"joints": tuple(joints)})
+
+
+def _whiten(rows: FloatArray, taps: FloatArray, innovation: float) -> FloatArray:
+    return np.asarray(lfilter(taps, [1.0], rows, axis=0)[len(taps) - 1 :] / innovation)

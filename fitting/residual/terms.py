@@ -1,0 +1,148 @@
+"""Terms: what has been added to the base model, and its columns."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+import numpy.typing as npt
+
+from fitting.effects.base import DriveView, Effect, Shape
+from fitting.prior import Prior, with_prior
+from fitting.regression import Design, Extra, Fit, NoiseModel, solve, whitened
+from fitting.residual.laws import Law
+from fitting.residual.views import Views, build_views
+
+FloatArray = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Term:
+    """One effect or law on one joint (None: on the whole machine), with its shape fixed.
+
+    Attributes
+    ----------
+    rebuilt : values already applied to the signals themselves, per parameter; the fitted value is what is left of it
+    """
+
+    content: Effect | Law
+    joint: int | None
+    shape: Shape = field(default_factory=dict)
+    rebuilt: tuple[float, ...] = ()
+
+    @property
+    def id(self) -> str:
+        """Effect id, or ``law``."""
+        return self.content.id if isinstance(self.content, Effect) else "law"
+
+    @property
+    def family(self) -> tuple[str, int | None]:
+        """What a reader is told: effect and joint, whatever the shape."""
+        return self.id, self.joint
+
+    @property
+    def key(self) -> tuple[object, ...] | None:
+        """Key of columns that depend on the measured motion only; None where the model's parameters enter."""
+        if isinstance(self.content, Law):
+            return None if self.content.uses_model else ("law", self.joint, self.content)
+        if self.content.uses_model or self.everywhere:
+            return None
+        return (self.content.id, self.joint, tuple(sorted(self.shape.items())))
+
+    def columns(self, views: Sequence[DriveView]) -> FloatArray:
+        """Columns in one segment from its views of all joints: (N, k), or (N, n, k) where it acts on all joints."""
+        view = views[self.joint or 0]
+        if isinstance(self.content, Law):
+            return self.content.columns(view)
+        return self.content.columns(view, self.shape)
+
+    @property
+    def everywhere(self) -> bool:
+        """True where it acts on the efforts of all joints."""
+        return isinstance(self.content, Effect) and (self.content.machine_wide or self.content.spreads)
+
+    def names(self, joints: tuple[str, ...]) -> tuple[str, ...]:
+        """Names of its linear parameters, with the joint."""
+        place = "machine" if self.joint is None else joints[self.joint]
+        if isinstance(self.content, Effect):
+            return tuple(f"{place}.{self.content.id}.{p.name}" for p in self.content.parameters)
+        signed = " sgn v" if self.content.signed else ""
+        functions = len(self.content.knots) - 4
+        return tuple(f"{place}.law({self.content.variable(joints)}){signed}.{k}" for k in range(functions))
+
+
+def extra_columns(design: Design, views: Views, terms: Sequence[Term]) -> Extra:
+    """Full-rate columns of all terms in all segments."""
+    joints = tuple(j.name for j in design.machine.joints)
+    names = tuple(name for term in terms for name in term.names(joints))
+    table: list[list[FloatArray | None]] = [[None] * len(design.segments) for _ in joints]
+    start = 0
+    for term in terms:
+        width = len(term.names(joints))
+        for index in range(len(design.segments)):
+            columns = term.columns(views[index])
+            for joint in range(len(joints)) if term.everywhere else (term.joint or 0,):
+                own = table[joint][index]
+                if own is None:
+                    own = table[joint][index] = np.zeros((len(design.segments[index]), len(names)))
+                own[:, start : start + width] = columns[:, joint] if term.everywhere else columns
+        start += width
+    return Extra(names, tuple(tuple(row) for row in table))
+
+
+@dataclass(frozen=True)
+class Model:
+    """A fitted model: design, noise, terms, and the joint refit of everything."""
+
+    design: Design
+    noise: NoiseModel
+    fitted: tuple[int, ...]
+    terms: tuple[Term, ...]
+    extra: Extra
+    fit: Fit
+    views: Views
+
+    def term_slice(self, number: int) -> slice:
+        """Where term ``number`` has its parameters in ``fit.theta``."""
+        joints = self.design.parameters.joints
+        start = len(self.design.parameters) + sum(len(t.names(joints)) for t in self.terms[:number])
+        return slice(start, start + len(self.terms[number].names(joints)))
+
+    def contribution(self, number: int, joint: int, index: int) -> FloatArray:
+        """What term ``number`` adds to a joint's drive effort in a segment, (N,)."""
+        own = self.extra.columns[joint][index]
+        if own is None:
+            return np.zeros(len(self.design.segments[index]))
+        part = self.term_slice(number)
+        first = len(self.design.parameters)
+        return np.asarray(own[:, part.start - first : part.stop - first] @ self.fit.theta[part])
+
+
+def fit_model(
+    design: Design,
+    noise: NoiseModel,
+    fitted: Sequence[int],
+    terms: Sequence[Term],
+    prior: Prior,
+    start: Model | None = None,
+    passes: int = 2,
+) -> Model:
+    """Joint refit of drive, base and terms.
+
+    Columns that hold the model's own force depend on the fit; they are rebuilt from the last one, ``passes`` times.
+    """
+    fitted = tuple(fitted)
+    empty = extra_columns(design, (), ())
+    if start is None:
+        rows = with_prior(whitened(design, noise, fitted), design.parameters, prior)
+        fit, extra = solve(rows), empty
+    else:
+        fit, extra = start.fit, start.extra
+    views = build_views(design, fit.theta, fitted, extra)
+    for _ in range(passes if terms else 1):
+        extra = extra_columns(design, views, terms)
+        rows = with_prior(whitened(design, noise, fitted, extra), design.parameters, prior)
+        fit = solve(rows, extra.names)
+        views = build_views(design, fit.theta, fitted, extra)
+    return Model(design, noise, fitted, tuple(terms), extra, fit, views)

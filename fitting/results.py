@@ -1,0 +1,319 @@
+"""From stage results to the report's content and what its figures draw."""
+
+from __future__ import annotations
+
+import platform
+from collections.abc import Mapping
+from datetime import UTC, datetime
+from importlib.metadata import version
+from typing import Any
+
+from fitting.drive import UNITS
+from fitting.effects import effect
+from fitting.loop import corrections_from_json, final_model, term_from_json
+from fitting.report.model import Figures
+from fitting.residual.drawing_data import friction_curves, law_curve, scatter, worst_seconds
+from fitting.residual.laws import Law
+from fitting.residual.terms import Model, Term
+from fitting.session import Prepared, Session
+
+Results = Mapping[str, dict[str, Any]]
+
+SHAPE_UNITS = {"v_s": "m/s", "x_s": "m", "tau": "s", "pitch": "m", "frequency": "Hz", "t_0": "s"}
+#: Shape entries that only say which variant of an effect it is.
+_CHOICES = ("other", "law", "parameter", "chamber", "odd", "side", "recording", "head", "rod")
+
+
+def build_report(session: Session, results: Results) -> tuple[dict[str, Any], Figures]:
+    """Content of report.json (DESIGN 6) and the data of the page's figures."""
+    terms = [term_from_json(a["term"]) for a in results["attribution"]["accepted"]]
+    steps = [step for f in results["residual"]["kinematics"] for step in f["steps"]]
+    prepared, model = final_model(session, corrections_from_json(session, steps), terms)
+    content = {
+        "schema": "hilfit/report/1",
+        "machine": session.machine.name,
+        "created": datetime.now(UTC).isoformat(timespec="seconds"),
+        "software": {
+            "hilfit": version("hilfit"),
+            "python": platform.python_version(),
+            **{name: version(name) for name in ("numpy", "scipy")},
+        },
+        "data": [{"role": r.role, "file": r.file, "sha256": r.sha256, "samples": len(r)} for r in session.recordings],
+        "bandwidth_hz": results["check"]["bandwidth_hz"],
+        "noise_floor_method": "repeat" if results["residual"]["measured"] else "estimated",
+        "self_check": results["check"]["self_check"],
+        "reduction": {
+            "standard_parameters": results["check"]["standard_parameters"],
+            "base_parameters": results["check"]["base_parameters"],
+        },
+        "cylinders": _cylinders(session, results),
+        "rigid_body": _rigid_body(session, results),
+        "one_shot": _one_shot(session, results),
+        "errors": _errors(session, results),
+        "overall": results["refit"]["overall"],
+        "loop": _loop(session, results, model, terms),
+        "parameter_shifts": _shifts(session, results),
+        "warnings": _warnings(session, results),
+    }
+    return content, _figures(session, results, prepared, model, terms)
+
+
+def _verdict(results: Results) -> str:
+    kinematics, verdict = results["residual"]["kinematics"], str(results["attribution"]["verdict"])
+    if not kinematics or verdict in ("unexplained", "ambiguous"):
+        return verdict
+    return "ambiguous" if any(f["rivals"] for f in kinematics) else "effect_added"
+
+
+def _cylinders(session: Session, results: Results) -> dict[str, Any]:
+    refit = results["refit"]
+    cylinders = {}
+    for number, (joint, first) in enumerate(
+        zip(session.machine.joints, results["cylinder_stage"]["cylinders"], strict=True)
+    ):
+        part = session.plain.design.parameters.drive_slice(number)
+        unit = "N" if joint.cylinder is not None else joint.effort_unit
+        units = {name: UNITS[name] for name in first["names"]}
+        if joint.cylinder is None:
+            units = _direct_units(joint.effort_unit)
+        cylinders[joint.name] = {
+            "parameters": _values(first["names"], refit["after"]["theta"][part], refit["after"]["std"][part], units),
+            "residual_std": refit["drive_residual_std"][number],
+            "unit": unit,
+            "stage_1": {
+                "parameters": _values(first["names"], first["theta"], first["std"], units),
+                "residual_std": first["residual_std"],
+                "in_situ": first["in_situ"],
+            },
+        }
+    return cylinders
+
+
+def _direct_units(effort: str) -> dict[str, str]:
+    revolute = effort == "N m"
+    return {
+        "J": "kg m^2" if revolute else "kg",
+        "f_c": effort,
+        "f_v": "N m s/rad" if revolute else "N s/m",
+    }
+
+
+def _values(names: Any, theta: Any, std: Any, units: Mapping[str, str]) -> dict[str, Any]:
+    return {
+        name: {"value": value, "std": deviation, "unit": units[name]}
+        for name, value, deviation in zip(names, theta, std, strict=True)
+    }
+
+
+def _rigid_body(session: Session, results: Results) -> dict[str, Any]:
+    base = session.base
+    part = session.plain.design.parameters.base_slice
+    refit, two_stage = results["refit"], results["rigid_body_stage"]["two_stage"]
+    return {
+        "estimator": "gls",
+        "condition_number": refit["condition_number"],
+        "parameters": [
+            {
+                "name": name,
+                "expression": expression,
+                "value": value if told else None,
+                "std": std if told else None,
+                "unit": unit,
+                "stage_2": {"value": first, "std": first_std},
+            }
+            for name, expression, unit, value, std, told, first, first_std in zip(
+                base.names,
+                base.expressions,
+                base.units,
+                refit["after"]["theta"][part],
+                refit["after"]["std"][part],
+                refit["after"]["told"][part],
+                two_stage["theta"][part],
+                two_stage["std"][part],
+                strict=True,
+            )
+        ],
+        "stage_2": {"estimator": "ols", "condition_number": two_stage["condition_number"]},
+    }
+
+
+def _one_shot(session: Session, results: Results) -> dict[str, Any]:
+    one_shot = results["rigid_body_stage"]["one_shot"]
+    return {
+        "condition_number": one_shot["condition_number"],
+        "errors": {
+            joint.name: {role: one_shot["errors"][role][number] for role in ("train", "validate")}
+            for number, joint in enumerate(session.machine.joints)
+        },
+    }
+
+
+def _errors(session: Session, results: Results) -> dict[str, Any]:
+    errors = results["refit"]["errors"]
+    two_stage = results["rigid_body_stage"]["two_stage"]["errors"]
+    floor = results["residual"]["noise_floor"]
+    return {
+        joint.name: {
+            "unit": joint.effort_unit,
+            "noise_floor": floor[number],
+            "before": {role: errors["before"][role][number] for role in ("train", "validate")},
+            "after": {role: errors["after"][role][number] for role in ("train", "validate")},
+            "two_stage": {role: two_stage[role][number] for role in ("train", "validate")},
+        }
+        for number, joint in enumerate(session.machine.joints)
+    }
+
+
+def _loop(session: Session, results: Results, model: Model, terms: list[Term]) -> dict[str, Any]:
+    names = [joint.name for joint in session.machine.joints]
+    found, effects, unexplained = results["attribution"], [], []
+    for finding in results["residual"]["kinematics"]:
+        effects.append(_kinematic_effect(names, finding))
+    for number, (term, accepted) in enumerate(zip(terms, found["accepted"], strict=True)):
+        evidence = {key: accepted[key] for key in ("score", "gain", "validate_gain", "surviving")}
+        part = model.term_slice(number)
+        if isinstance(term.content, Law):
+            unexplained.append(
+                {
+                    "joint": names[term.joint or 0],
+                    "variable": term.content.variable(tuple(names)),
+                    "times_sign_of_speed": term.content.signed,
+                    "law": law_curve(term.content, model, part),
+                    "unit": term.content.unit,
+                    "evidence": evidence,
+                }
+            )
+            continue
+        effects.append(
+            {
+                "id": term.id,
+                "joint": None if term.joint is None else names[term.joint],
+                "title": term.content.title,
+                "equation": term.content.equation,
+                "parameters": _term_parameters(term, model, part, names),
+                "indistinguishable_from": [
+                    {"id": r["id"], "joint": None if r["joint"] is None else names[r["joint"]]}
+                    for r in accepted["rivals"]
+                ],
+                "evidence": evidence,
+            }
+        )
+    return {
+        "verdict": _verdict(results),
+        "effects": effects,
+        "unexplained": unexplained,
+        "candidates": [
+            {
+                "id": finding["steps"][0]["effect"],
+                "joint": names[finding["steps"][0]["joint"]],
+                "score": finding["score"],
+                "status": "accepted",
+                "reason": f"the two position sensors disagree by {finding['gap_before'] * 1e3:.3g} mm, afterwards by "
+                f"{finding['gap_after'] * 1e3:.3g} mm",
+            }
+            for finding in results["residual"]["kinematics"]
+        ]
+        + [{**c, "joint": None if c["joint"] is None else names[c["joint"]]} for c in found["candidates"]],
+        "detection_limits": [
+            {**limit, "joint": None if limit["joint"] is None else names[limit["joint"]]} for limit in found["limits"]
+        ],
+        "next_experiment": _next_experiment(effects),
+    }
+
+
+def _kinematic_effect(names: list[str], finding: Mapping[str, Any]) -> dict[str, Any]:
+    first = finding["steps"][0]
+    content = effect(first["effect"])
+    joint = names[first["joint"]]
+    parameters: dict[str, Any] = {
+        p.name: {"value": value, "std": std, "unit": p.unit}
+        for p, value, std in zip(content.parameters, finding["values"], finding["stds"], strict=True)
+    }
+    parameters.update(_shape_values(first["shape"], names))
+    return {
+        "id": content.id,
+        "joint": joint,
+        "title": content.title,
+        "equation": content.equation,
+        "parameters": parameters,
+        "indistinguishable_from": [{"id": rival, "joint": joint} for rival in finding["rivals"]],
+        "evidence": {key: finding[key] for key in ("score", "gain", "gap_before", "gap_after")},
+    }
+
+
+def _term_parameters(term: Term, model: Model, part: slice, names: list[str]) -> dict[str, Any]:
+    assert not isinstance(term.content, Law)
+    rebuilt = term.rebuilt or (0.0,) * len(term.content.parameters)
+    values = {
+        p.name: {"value": float(value) + already, "std": float(std), "unit": p.unit}
+        for p, value, std, already in zip(
+            term.content.parameters, model.fit.theta[part], model.fit.std[part], rebuilt, strict=True
+        )
+    }
+    return {**values, **_shape_values(term.shape, names)}
+
+
+def _shape_values(shape: Mapping[str, float], names: list[str]) -> dict[str, Any]:
+    values: dict[str, Any] = {}
+    for key, value in shape.items():
+        unit = SHAPE_UNITS.get(key, "1")
+        if key == "other":
+            values[f"other joint: {names[int(value)]}"] = {"value": value, "std": None, "unit": "index"}
+        else:
+            values[key] = {"value": value, "std": None, "unit": "choice" if key in _CHOICES else unit}
+    return values
+
+
+def _next_experiment(effects: list[dict[str, Any]]) -> dict[str, Any] | None:
+    for entry in effects:
+        if entry["indistinguishable_from"]:
+            rivals = [r["id"] for r in entry["indistinguishable_from"]]
+            return {
+                "motion": effect(entry["id"]).experiment,
+                "why": f"{entry['id']} and {', '.join(rivals)} leave the same trace in these recordings",
+                "separates": [entry["id"], *rivals],
+                "joint": entry["joint"],
+            }
+    return None
+
+
+def _shifts(session: Session, results: Results) -> list[dict[str, Any]]:
+    parameters = session.plain.design.parameters
+    before, after = results["refit"]["before"], results["refit"]["after"]
+    shifts = []
+    for number, name in enumerate(parameters.names):
+        if not (before["told"][number] and after["told"][number]):
+            continue
+        first, second, std = before["theta"][number], after["theta"][number], after["std"][number]
+        shifts.append(
+            {"name": name, "before": first, "after": second, "sigmas": (second - first) / std if std > 0 else None}
+        )
+    return shifts
+
+
+def _warnings(session: Session, results: Results) -> list[str]:
+    warnings = list(results["attribution"]["warnings"])
+    if not results["residual"]["measured"]:
+        warnings.append(
+            "no repeated motion: the noise floor is an estimate from residuals; record the training motion twice"
+        )
+    if not session.plain.validate:
+        warnings.append("no validation motion: errors are those of the training motion, which was fitted")
+    if any(c["in_situ"] for c in results["cylinder_stage"]["cylinders"]):
+        in_situ = [c["joint"] for c in results["cylinder_stage"]["cylinders"] if c["in_situ"]]
+        warnings.append(f"stage 1 ran with the load as a nuisance on {', '.join(in_situ)}: no unloaded recording of it")
+    parameters = session.plain.design.parameters
+    untold = [n for n, told in zip(parameters.names, results["refit"]["after"]["told"], strict=False) if not told]
+    if untold:
+        warnings.append(f"this motion cannot tell {', '.join(untold)}; they are left at zero")
+    return warnings
+
+
+def _figures(session: Session, results: Results, prepared: Prepared, model: Model, terms: list[Term]) -> Figures:
+    before = session.base_model
+    shown = session.plain.validate or session.plain.design.indices("train", "operation")
+    return Figures(
+        scatter=tuple(scatter(before, model, number, shown) for number, term in enumerate(terms)),
+        worst=worst_seconds(before, model, shown, results["residual"]["noise_floor"]),
+        friction=friction_curves(before, model),
+    )

@@ -1,0 +1,221 @@
+"""One identification's data: machine, recordings, and everything that is computed from them once.
+
+A :class:`Session` is built from files only, so any stage can be run in a process of its own: what earlier stages
+found is handed over as plain JSON, and what is large (signals, columns) is computed again from the recordings.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+from scipy import signal
+
+from daq.errors import InputError, RecordingError
+from daq.machine_file import Machine, load_machine
+from daq.recording import Recording, read_recording
+from fitting.base_parameters import BaseParameters, reduce_parameters, unidentifiable
+from fitting.noise import Pairing, noise_model, pair_repeats
+from fitting.preparation import PositionNoise, position_noise, prepare
+from fitting.prior import Prior, mass_prior
+from fitting.regression import Design, NoiseModel, build_design
+from fitting.residual.kinematics import Corrections
+from fitting.residual.terms import Model, fit_model
+from fitting.signals import FilterBank, filter_bank
+
+FloatArray = npt.NDArray[np.float64]
+
+#: Roles that parameters are fitted on. `validate` is never among them.
+FITTED_ROLES = ("unloaded", "train", "repeat", "operation")
+_BANDWIDTH_FACTOR = 10.0
+_LEAST_BANDWIDTH = 3.0
+
+
+@dataclass(frozen=True)
+class Options:
+    """Choices of an identification.
+
+    Attributes
+    ----------
+    loop : False stops after both stages
+    bandwidth_hz : identification bandwidth; None takes ten times the motion's own, at least 3 Hz, at most an eighth of the rate
+    forgetting : forgetting factor of stage 1's recursion; 1 forgets nothing
+    """
+
+    loop: bool = True
+    bandwidth_hz: float | None = None
+    forgetting: float = 1.0
+
+
+@dataclass(frozen=True)
+class Request:
+    """What to identify.
+
+    Attributes
+    ----------
+    machine : machine file
+    recordings : (role, file) in any order
+    output : directory of the results
+    options : choices
+    """
+
+    machine: Path
+    recordings: tuple[tuple[str, Path], ...]
+    output: Path
+    options: Options = field(default_factory=Options)
+
+
+@dataclass(frozen=True)
+class Prepared:
+    """A design with its noise, for one state of corrections."""
+
+    design: Design
+    pairs: tuple[Pairing, ...]
+    noise: NoiseModel
+    fitted: tuple[int, ...]
+    validate: tuple[int, ...]
+
+
+class Session:
+    """Data of one identification; attributes are computed when first asked for."""
+
+    def __init__(self, machine: Machine, recordings: Sequence[Recording], options: Options | None = None) -> None:
+        options = options or Options()
+        if not any(r.role in ("train", "operation") for r in recordings):
+            raise InputError("no training recording; give at least one with --train (or --operation)")
+        self.machine = machine
+        self.recordings = tuple(recordings)
+        self.options = options
+
+    @classmethod
+    def load(cls, request: Request) -> Session:
+        """Read the files of a request.
+
+        Raises
+        ------
+        InputError
+            One line that names file, key or channel.
+        """
+        machine = load_machine(request.machine)
+        recordings = [read_recording(path, machine, role) for role, path in request.recordings]
+        files: dict[str, str] = {}
+        for recording in recordings:
+            earlier = files.setdefault(recording.sha256, recording.file)
+            if recording.role == "validate" and earlier != recording.file:
+                raise RecordingError(
+                    f"{recording.file}: is the same recording as {earlier}; validate on another motion"
+                )
+        return cls(machine, recordings, request.options)
+
+    @cached_property
+    def bank(self) -> FilterBank:
+        """The filters."""
+        rate = self.machine.rate_hz
+        chosen = self.options.bandwidth_hz
+        if chosen is None:
+            least = min(_LEAST_BANDWIDTH, rate / 8)
+            chosen = float(np.clip(_BANDWIDTH_FACTOR * self.motion_frequency, least, rate / 8))
+        elif not 0 < chosen <= rate / 5:
+            raise InputError(
+                f"bandwidth {chosen:g} Hz must be above 0 and at most {rate / 5:g} Hz (a fifth of the rate)"
+            )
+        return filter_bank(rate, float(chosen))
+
+    @cached_property
+    def motion_frequency(self) -> float:
+        """Frequency in Hz below which 99 % of the fastest joint's speed is (power of the smoothed speed)."""
+        rate = self.machine.rate_hz
+        smooth = filter_bank(rate, min(8.0, rate / 8))
+        highest = 0.0
+        for recording in self.recordings:
+            if recording.role == "unloaded":
+                continue
+            for joint in self.machine.joints:
+                channel = self.machine.channel("joint_position", joint.name) or self.machine.channel(
+                    "piston_position", joint.name
+                )
+                assert channel is not None
+                for part in recording.segments([channel.name]):
+                    if part.stop - part.start < 4 * smooth.margin:
+                        continue
+                    _, speed, _ = smooth.smooth(recording.values[channel.name][part])
+                    frequency, power = signal.periodogram(speed, rate, detrend="constant", window="hann")
+                    if power.sum() > 0:
+                        share = np.cumsum(power) / power.sum()
+                        highest = max(highest, float(frequency[np.searchsorted(share, 0.99)]))
+        return highest
+
+    @cached_property
+    def base(self) -> BaseParameters:
+        """The machine's base parameters."""
+        return reduce_parameters(self.machine)
+
+    @cached_property
+    def position_noise(self) -> tuple[PositionNoise, ...]:
+        """Noise of every joint's position."""
+        return position_noise(self.machine, self.recordings, self.bank)
+
+    @cached_property
+    def prior(self) -> Prior:
+        """What is known of the moving masses."""
+        return mass_prior(self.machine)
+
+    @cached_property
+    def plain(self) -> Prepared:
+        """Design without any correction."""
+        return self.prepared(Corrections(self.machine))
+
+    def prepared(self, corrections: Corrections, latency: Mapping[str, float] | None = None) -> Prepared:
+        """Design with corrections of positions, linkages and delays rebuilt into the signals."""
+        machine = corrections.machine
+        segments = prepare(
+            machine,
+            self.recordings,
+            self.bank,
+            noise=self.position_noise,
+            latency=latency,
+            position_error=corrections.position_error,
+            separate=corrections.separate,
+        )
+        design = build_design(machine, self.base, self.bank, self.position_noise, segments)
+        pairs = pair_repeats(design)
+        fitted = design.indices(*FITTED_ROLES)
+        noise = noise_model(design, fitted, pairs)
+        return Prepared(design, pairs, noise, fitted, design.indices("validate"))
+
+    @cached_property
+    def base_model(self) -> Model:
+        """Joint fit of the base model on the uncorrected design."""
+        return self.fit(self.plain)
+
+    def fit(self, prepared: Prepared) -> Model:
+        """Joint fit of the base model on a design."""
+        return fit_model(prepared.design, prepared.noise, prepared.fitted, (), self.prior)
+
+    def require_excitation(self) -> None:
+        """Refuse a motion that cannot tell the base parameters.
+
+        Raises
+        ------
+        RecordingError
+            Naming the parameters that cannot be told. Recordings of role `operation` are never refused.
+        """
+        design = self.plain.design
+        indices = design.indices("train", "repeat")
+        if not indices or design.indices("operation"):
+            return
+        base = design.parameters.base_slice
+        W = np.vstack(
+            [design.blocks[joint][i].reduced[:, base] for i in indices for joint in range(len(self.machine.joints))]
+        )
+        missing = unidentifiable(W, self.base, rtol=1e-4)
+        if missing:
+            files = ", ".join(r.file for r in self.recordings if r.role == "train")
+            names = ", ".join(missing[:6]) + (f" and {len(missing) - 6} more" if len(missing) > 6 else "")
+            raise RecordingError(
+                f"{files}: this motion does not excite {names}; move more joints, or design a motion with 'hilfit excite'"
+            )

@@ -1,0 +1,35 @@
+"""Cubic spline bases for laws of one variable whose shape is not known."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+from scipy.interpolate import BSpline
+
+FloatArray = npt.NDArray[np.float64]
+
+
+def spline_knots(values: npt.ArrayLike, functions: int) -> FloatArray:
+    """Knots of a clamped cubic B-spline with ``functions`` basis functions, inner knots at quantiles of ``values``."""
+    values = np.asarray(values, dtype=float)
+    inner = functions - 4
+    if inner < 0:
+        raise ValueError("a cubic spline has at least four basis functions")
+    low, high = float(values.min()), float(values.max())
+    if high <= low:
+        high = low + 1.0
+    quantiles = np.quantile(values, np.linspace(0, 1, inner + 2)[1:-1])
+    # Half quantiles, half even: quantiles alone leave no knots where a variable is rare.
+    even = np.linspace(low, high, inner + 2)[1:-1]
+    return np.concatenate([[low] * 4, (quantiles + even) / 2, [high] * 4])
+
+
+def evaluate(knots: FloatArray, values: npt.ArrayLike) -> FloatArray:
+    """Basis functions at ``values``, shape (N, functions); constant beyond the outer knots."""
+    values = np.clip(np.asarray(values, dtype=float), knots[0], knots[-1])
+    return np.asarray(BSpline.design_matrix(values, knots, 3).toarray())
+
+
+def spline_basis(values: npt.ArrayLike, functions: int) -> FloatArray:
+    """Basis over the range of ``values`` itself, shape (N, functions)."""
+    return evaluate(spline_knots(values, functions), values)

@@ -1,0 +1,391 @@
+"""The identification as stages, each of which can be a process of its own.
+
+``check, cylinder_stage, rigid_body_stage, residual, attribution, refit, report``. A stage takes a session and what earlier
+stages found (plain JSON) and gives plain JSON; :func:`run_stage` keeps each result in ``output/stages/<stage>.json``, written
+atomically, so that a stage that is done is never run again.
+
+As a program: ``python -m fitting.stages REQUEST.json STAGE`` prints one JSON object a line: ``{"fraction", "text"}`` while it
+works, then ``{"summary"}`` or ``{"error"}``; exit code 0, 1 (failed) or 2 (input).
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+import tempfile
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from daq.errors import HilfitError, InputError
+from fitting.cylinder_stage import CylinderEstimate, identify_cylinders
+from fitting.dynamics import self_check
+from fitting.loop import (
+    corrections_from_json,
+    final_model,
+    kinematic_findings,
+    run_attribution,
+    step_to_json,
+    term_from_json,
+    term_to_json,
+)
+from fitting.noise import effort_floor
+from fitting.regression import Design, effort_errors, full_residual
+from fitting.report import write_report
+from fitting.residual.attribution import Accepted, Attribution
+from fitting.residual.confirmation import overall_change
+from fitting.residual.kinematics import Corrections
+from fitting.residual.laws import Law
+from fitting.residual.terms import Model
+from fitting.results import build_report
+from fitting.rigid_body_stage import StackedEstimate, identify_one_shot, identify_rigid_body
+from fitting.session import Options, Request, Session
+
+FloatArray = npt.NDArray[np.float64]
+Progress = Callable[[float, str], None]
+Results = Mapping[str, dict[str, Any]]
+
+
+def _quiet(fraction: float, text: str) -> None:
+    return None
+
+
+def check(session: Session, results: Results, progress: Progress) -> dict[str, Any]:
+    """Recordings fit the machine and excite it; the machine's own equations agree with each other."""
+    session.require_excitation()
+    progress(0.5, "checking the equations of motion against themselves")
+    return {
+        "bandwidth_hz": session.bank.bandwidth_hz,
+        "self_check": self_check(session.machine).error,
+        "standard_parameters": session.base.standard_count,
+        "base_parameters": len(session.base),
+        "repeated": bool(session.plain.pairs),
+    }
+
+
+def cylinder_stage(session: Session, results: Results, progress: Progress) -> dict[str, Any]:
+    """Stage 1."""
+    prepared = session.plain
+    estimates = identify_cylinders(
+        prepared.design, prepared.noise, session.prior, forgetting=session.options.forgetting
+    )
+    return {
+        "cylinders": [
+            {
+                "joint": e.joint,
+                "names": list(e.names),
+                "theta": e.theta.tolist(),
+                "std": e.std.tolist(),
+                "residual_std": e.residual_std,
+                "in_situ": e.in_situ,
+                "rows": e.rows,
+            }
+            for e in estimates
+        ]
+    }
+
+
+def rigid_body_stage(session: Session, results: Results, progress: Progress) -> dict[str, Any]:
+    """Stage 2 with friction frozen, and the one-shot regression beside it."""
+    design = session.plain.design
+    cylinders = [
+        CylinderEstimate(
+            c["joint"],
+            tuple(c["names"]),
+            np.array(c["theta"]),
+            np.array(c["std"]),
+            c["residual_std"],
+            c["in_situ"],
+            c["rows"],
+        )
+        for c in results["cylinder_stage"]["cylinders"]
+    ]
+    two_stage = identify_rigid_body(design, cylinders)
+    progress(0.5, "one-shot regression for comparison")
+    return {
+        "two_stage": _stacked(session, two_stage),
+        "one_shot": _stacked(session, identify_one_shot(design)),
+    }
+
+
+def _stacked(session: Session, estimate: StackedEstimate) -> dict[str, Any]:
+    design = session.plain.design
+    errors = {
+        role: [_std(e) for e in effort_errors(design, estimate.theta, design.indices(*roles))]
+        for role, roles in {"train": ("train", "operation"), "validate": ("validate",)}.items()
+    }
+    std = np.where(np.isfinite(estimate.std), estimate.std, 0.0)
+    return {
+        "theta": estimate.theta.tolist(),
+        "std": std.tolist(),
+        "told": estimate.told.tolist(),
+        "condition_number": estimate.condition_number,
+        "errors": errors,
+    }
+
+
+def residual(session: Session, results: Results, progress: Progress) -> dict[str, Any]:
+    """Noise floor, and what two position sensors say of each other."""
+    prepared, model = session.plain, session.base_model
+    floor = (
+        effort_floor(prepared.design, model.fit.theta, prepared.pairs) if prepared.pairs else _estimated_floor(session)
+    )
+    findings = kinematic_findings(session, progress)[0] if session.options.loop else ()
+    return {
+        "noise_floor": np.asarray(floor).tolist(),
+        "measured": bool(prepared.pairs),
+        "kinematics": [
+            {
+                "steps": [step_to_json(s) for s in f.steps],
+                "values": list(f.values),
+                "stds": list(f.stds),
+                "gain": f.gain,
+                "score": f.score,
+                "gap_before": f.gap_before,
+                "gap_after": f.gap_after,
+                "rivals": list(f.rivals),
+            }
+            for f in findings
+        ],
+    }
+
+
+def _estimated_floor(session: Session) -> FloatArray:
+    """Noise floor in joint effort from the noise model, at each joint's mean lever arm."""
+    design = session.plain.design
+    loaded = [s for s in design.segments if s.loaded]
+    lever = np.sqrt(np.mean(np.concatenate([s.r for s in loaded]) ** 2, axis=0))
+    return np.asarray(session.plain.noise.std * lever)
+
+
+def attribution(session: Session, results: Results, progress: Progress) -> dict[str, Any]:
+    """What the residual is traced to."""
+    if not session.options.loop:
+        return {"accepted": [], "candidates": [], "limits": [], "warnings": [], "verdict": "nothing_missing"}
+    found = run_attribution(session, _corrections(session, results), progress)
+    return {
+        "verdict": found.verdict,
+        "accepted": [_accepted(a) for a in found.accepted],
+        "candidates": [
+            {"id": c.id, "joint": c.joint, "score": c.score, "status": c.status, "reason": c.reason}
+            for c in found.candidates
+            if c.id != "law"
+        ],
+        "limits": _limits(found),
+        "warnings": list(found.warnings),
+    }
+
+
+def _accepted(item: Accepted) -> dict[str, Any]:
+    return {
+        "term": term_to_json(item.score.term),
+        "score": item.score.score,
+        "gain": item.score.gain,
+        "surviving": item.score.surviving,
+        "validate_gain": item.validate_gain,
+        "rivals": [{"id": r.term.id, "joint": r.term.joint, "score": r.score} for r in item.rivals],
+    }
+
+
+def _limits(found: Attribution) -> list[dict[str, Any]]:
+    accused = {a.score.term.family for a in found.accepted}
+    limits = []
+    for score in found.limits:
+        if score.term.family in accused or isinstance(score.term.content, Law):
+            continue
+        # The chi-square that accuses, for the first parameter with the others free.
+        needed = score.gain - score.score + 14.0
+        parameter = score.term.content.parameters[0]
+        limits.append(
+            {
+                "id": score.term.id,
+                "joint": score.term.joint,
+                "smallest": float(np.sqrt(needed) * score.stds[0]),
+                "parameter": parameter.name,
+                "unit": parameter.unit,
+            }
+        )
+    return limits
+
+
+def refit(session: Session, results: Results, progress: Progress) -> dict[str, Any]:
+    """Both stages refitted jointly with what was found; errors before and after."""
+    terms = [term_from_json(a["term"]) for a in results["attribution"]["accepted"]]
+    prepared, model = final_model(session, _corrections(session, results), terms)
+    before = session.base_model
+    design, roles = session.plain.design, {"train": ("train", "operation"), "validate": ("validate",)}
+    errors: dict[str, dict[str, list[float | None]]] = {"before": {}, "after": {}}
+    series = {}
+    for role, names in roles.items():
+        first = effort_errors(design, before.fit.theta, design.indices(*names))
+        second = effort_errors(prepared.design, model.fit.theta, prepared.design.indices(*names), model.extra)
+        errors["before"][role] = [_std(e) for e in first]
+        errors["after"][role] = [_std(e) for e in second]
+        series[role] = (first, second)
+    progress(0.6, "interval of the improvement")
+    shown = "validate" if design.indices("validate") else "train"
+    floor = np.asarray(results["residual"]["noise_floor"])
+    change = overall_change(*series[shown], floor, design.bank.reduced_rate_hz, np.random.default_rng(20))
+    parameters = len(design.parameters)
+    return {
+        "before": _parameters(before.fit.theta[:parameters], before.fit.std[:parameters], before.fit.told[:parameters]),
+        "after": _parameters(model.fit.theta, model.fit.std, model.fit.told),
+        "condition_number": model.fit.condition_number,
+        "chi_square_per_row": model.fit.chi_square / max(model.fit.rows - len(model.fit.theta), 1),
+        "drive_residual_std": [_std(e) for e in _drive_errors(prepared.design, model)],
+        "errors": errors,
+        "overall": {**change, "role": shown, "unit": "noise floors"},
+    }
+
+
+def _drive_errors(design: Design, model: Model) -> list[FloatArray]:
+    result = []
+    for joint in range(len(design.machine.joints)):
+        parts = [
+            design.bank.reduce(full_residual(design, model.fit.theta, joint, i, model.extra))[
+                design.blocks[joint][i].keep
+            ]
+            for i in model.fitted
+        ]
+        result.append(np.concatenate(parts))
+    return result
+
+
+def _parameters(theta: FloatArray, std: FloatArray, told: npt.NDArray[np.bool_]) -> dict[str, Any]:
+    return {"theta": theta.tolist(), "std": std.tolist(), "told": told.tolist()}
+
+
+def _std(errors: FloatArray) -> float | None:
+    return float(np.std(errors)) if len(errors) else None
+
+
+def _corrections(session: Session, results: Results) -> Corrections:
+    steps = [step for f in results["residual"]["kinematics"] for step in f["steps"]]
+    return corrections_from_json(session, steps)
+
+
+_COMPUTE: dict[str, Callable[[Session, Results, Progress], dict[str, Any]]] = {
+    "check": check,
+    "cylinder_stage": cylinder_stage,
+    "rigid_body_stage": rigid_body_stage,
+    "residual": residual,
+    "attribution": attribution,
+    "refit": refit,
+}
+STAGES: tuple[str, ...] = (*_COMPUTE, "report")
+WORDS = {
+    "check": "checking recordings and equations",
+    "cylinder_stage": "stage 1: each cylinder's friction and stiffness",
+    "rigid_body_stage": "stage 2: base parameters with the friction frozen",
+    "residual": "noise floor and kinematic check",
+    "attribution": "tracing the residual to an effect",
+    "refit": "refitting both stages jointly",
+    "report": "writing the report",
+}
+
+
+def identify(request: Request, progress: Progress = _quiet) -> dict[str, Any]:
+    """Run all stages in this process and return the report (also written to ``request.output``).
+
+    Raises
+    ------
+    InputError
+        One line about the machine file or a recording; nothing is written then.
+    """
+    session = Session.load(request)
+    results: dict[str, dict[str, Any]] = {}
+    for number, stage in enumerate(_COMPUTE):
+        results[stage] = _COMPUTE[stage](session, results, _part(progress, number))
+    progress((len(STAGES) - 1) / len(STAGES), WORDS["report"])
+    content, figures = build_report(session, results)
+    write_report(content, figures, request.output)
+    progress(1.0, "done")
+    return content
+
+
+def _part(progress: Progress, number: int) -> Progress:
+    """Progress of one stage as a part of the whole."""
+    stage = STAGES[number]
+    progress(number / len(STAGES), WORDS[stage])
+    return lambda fraction, text: progress((number + fraction) / len(STAGES), text)
+
+
+def run_stage(stage: str, request: Request, progress: Progress = _quiet) -> dict[str, Any]:
+    """Run one stage, or give back its stored result if it is done.
+
+    Earlier stages have to be done; their results are read from ``output/stages``.
+    """
+    if stage not in STAGES:
+        raise InputError(f"there is no stage '{stage}'; use one of {', '.join(STAGES)}")
+    directory = request.output / "stages"
+    stored = directory / f"{stage}.json"
+    if stored.exists():
+        return dict(json.loads(stored.read_text(encoding="utf-8")))
+    results: dict[str, dict[str, Any]] = {}
+    for earlier in STAGES[: STAGES.index(stage)]:
+        path = directory / f"{earlier}.json"
+        if not path.exists():
+            raise HilfitError(f"{path}: stage '{earlier}' has not been run; run the stages in order")
+        results[earlier] = json.loads(path.read_text(encoding="utf-8"))
+    progress(0.0, WORDS[stage])
+    session = Session.load(request)
+    if stage == "report":
+        content, figures = build_report(session, results)
+        json_path, html_path = write_report(content, figures, request.output)
+        result: dict[str, Any] = {"report": json_path.name, "page": html_path.name}
+    else:
+        result = _COMPUTE[stage](session, results, progress)
+    _write(stored, result)
+    progress(1.0, WORDS[stage])
+    return result
+
+
+def _write(path: Path, content: Mapping[str, Any]) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}")
+    with os.fdopen(handle, "w", encoding="utf-8") as file:
+        json.dump(content, file)
+        file.flush()
+        os.fsync(file.fileno())
+    Path(temporary).replace(path)
+
+
+def load_request(path: Path) -> Request:
+    """Read a request file: keys ``machine, recordings, options, output``."""
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+        return Request(
+            machine=Path(content["machine"]),
+            recordings=tuple((str(role), Path(file)) for role, file in content["recordings"]),
+            output=Path(content["output"]),
+            options=Options(**content.get("options", {})),
+        )
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise InputError(f"{path}: not a request of an identification ({error})") from None
+
+
+def main(arguments: Sequence[str]) -> int:
+    """Entry of ``python -m fitting.stages``."""
+
+    def say(content: Mapping[str, Any]) -> None:
+        print(json.dumps(content), flush=True)
+
+    if len(arguments) != 2:
+        say({"error": "usage: python -m fitting.stages REQUEST.json STAGE"})
+        return 2
+    try:
+        request = load_request(Path(arguments[0]))
+        summary = run_stage(arguments[1], request, lambda fraction, text: say({"fraction": fraction, "text": text}))
+    except HilfitError as error:
+        say({"error": str(error)})
+        return 2 if isinstance(error, InputError) else 1
+    say({"summary": summary})
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

@@ -1,0 +1,33 @@
+"""Run as a script: become another program that is nice, and that dies with the process that started it.
+
+``python -I -S child_guard.py PARENT_PID NICENESS PROGRAM [ARGUMENT ...]``
+
+A server that is killed with SIGKILL cannot stop its children. Without this, a stage of a job would go on
+writing while the restarted server runs the same stage again. ``prctl(PR_SET_PDEATHSIG)`` survives ``execve``
+(prctl(2)). Kept free of imports beyond the standard library: it runs before every stage.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import signal
+import sys
+
+PR_SET_PDEATHSIG = 1
+
+
+def main(parent: int, niceness: int, command: list[str]) -> None:
+    """Replace this process by ``command``; return only if the parent is dead already."""
+    libc = ctypes.CDLL(None, use_errno=True)
+    if libc.prctl(PR_SET_PDEATHSIG, signal.SIGKILL, 0, 0, 0) != 0:
+        raise OSError(ctypes.get_errno(), "prctl(PR_SET_PDEATHSIG)")
+    # The parent may have died before the call above; then no signal will ever come.
+    if os.getppid() != parent:
+        return
+    os.nice(niceness)
+    os.execvp(command[0], command)
+
+
+if __name__ == "__main__":
+    main(int(sys.argv[1]), int(sys.argv[2]), sys.argv[3:])

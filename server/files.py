@@ -1,0 +1,160 @@
+"""The data directory: where the service keeps files, and how they get there whole or not at all.
+
+::
+
+    data_dir/
+    ├── hilfit.sqlite            store and workflow engine
+    ├── lock                     held by the one server that uses this directory
+    ├── machines/<name>/<version>.yaml
+    ├── recordings/<id>.parquet|.csv, <id>/ while being recorded, .incoming-* while being uploaded
+    ├── identifications/<id>/    request.json, artefacts of the stages, report.json, report.html, <stage>.log
+    └── simulation/              machine file and inbox of the simulated machine
+"""
+
+from __future__ import annotations
+
+import fcntl
+import os
+import secrets
+from collections.abc import AsyncIterable, Awaitable, Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from server.errors import ConflictError, StartError, TooLargeError
+
+#: Bytes gathered before one write to disk; small enough to be nothing in memory.
+WRITE_BYTES = 2**20
+
+
+class DataDirectory:
+    """Paths below ``data_dir``; creates the directories."""
+
+    def __init__(self, root: Path) -> None:
+        self.root = root.resolve()
+        self.machines = self.root / "machines"
+        self.recordings = self.root / "recordings"
+        self.identifications = self.root / "identifications"
+        self.simulation = self.root / "simulation"
+        try:
+            for directory in (self.root, self.machines, self.recordings, self.identifications):
+                directory.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise StartError(f"--data-dir {root}: cannot be created ({error.strerror})") from None
+
+    @property
+    def database(self) -> Path:
+        """The SQLite file."""
+        return self.root / "hilfit.sqlite"
+
+    def machine_file(self, name: str, version: int) -> Path:
+        """Text of one version of a machine file; never changed once written."""
+        return self.machines / name / f"{version}.yaml"
+
+    def incoming(self) -> Path:
+        """A new name for an upload in progress."""
+        return self.recordings / f".incoming-{secrets.token_hex(8)}"
+
+    def clean(self) -> None:
+        """Remove what interrupted uploads left behind; called before anything is served."""
+        for leftover in self.recordings.glob(".incoming-*"):
+            leftover.unlink(missing_ok=True)
+
+    @contextmanager
+    def locked(self) -> Iterator[None]:
+        """Hold the directory for this server.
+
+        Two servers on one directory would both resume its unfinished jobs.
+
+        Raises
+        ------
+        StartError
+            If another server holds it.
+        """
+        with (self.root / "lock").open("a") as file:
+            try:
+                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except OSError:
+                raise StartError(
+                    f"--data-dir {self.root}: another hilfit server is using it; stop that one or "
+                    "give another directory"
+                ) from None
+            yield
+
+
+def write_atomically(path: Path, content: bytes) -> None:
+    """Write a file that readers see whole or not at all, also after a power cut."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    temporary = path.with_name(f".{path.name}.{secrets.token_hex(4)}")
+    try:
+        with temporary.open("wb") as file:
+            file.write(content)
+            file.flush()
+            os.fsync(file.fileno())
+        temporary.replace(path)
+    finally:
+        temporary.unlink(missing_ok=True)
+    sync_directory(path.parent)
+
+
+def sync_directory(directory: Path) -> None:
+    """Make renames and new names in ``directory`` survive a power cut."""
+    descriptor = os.open(directory, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
+
+
+async def receive(
+    chunks: AsyncIterable[bytes],
+    path: Path,
+    limit: int,
+    in_thread: Callable[..., Awaitable[Any]],
+) -> int:
+    """Stream ``chunks`` into the new file ``path``, synced; the file is removed if anything goes wrong.
+
+    Parameters
+    ----------
+    limit : most bytes taken
+    in_thread : runs a blocking call elsewhere, ``await in_thread(function, *arguments)``
+
+    Returns
+    -------
+    Bytes written.
+
+    Raises
+    ------
+    TooLargeError
+        As soon as more than ``limit`` bytes came.
+    ConflictError
+        If the disk is full.
+    """
+    size = 0
+    pending = bytearray()
+    file = await in_thread(path.open, "xb")
+    try:
+        async for chunk in chunks:
+            size += len(chunk)
+            if size > limit:
+                raise TooLargeError(f"the upload is larger than {limit} bytes; split it or raise maximum_upload_bytes")
+            pending += chunk
+            if len(pending) >= WRITE_BYTES:
+                await in_thread(file.write, bytes(pending))
+                pending.clear()
+        await in_thread(_finish, file, bytes(pending))
+    except OSError as error:
+        await in_thread(path.unlink, True)
+        raise ConflictError(f"the upload cannot be stored ({error.strerror}); free some space and try again") from None
+    except BaseException:
+        path.unlink(missing_ok=True)
+        raise
+    finally:
+        file.close()
+    return size
+
+
+def _finish(file: Any, rest: bytes) -> None:
+    file.write(rest)
+    file.flush()
+    os.fsync(file.fileno())

@@ -1,0 +1,60 @@
+"""Structured logs: one JSON object per line on standard error, ours and those of the libraries alike."""
+
+from __future__ import annotations
+
+import logging
+import sys
+from typing import Any, TextIO
+
+import structlog
+
+#: Keys that are never written, whatever a caller passes along.
+SECRET_KEYS = frozenset({"authorization", "cookie", "set-cookie", "password", "token", "secret", "api_key"})
+HIDDEN = "(hidden)"
+
+
+def hide_secrets(_logger: Any, _method: str, event: dict[str, Any]) -> dict[str, Any]:
+    """Replace the values of :data:`SECRET_KEYS` in an event."""
+    return {key: HIDDEN if key.lower() in SECRET_KEYS else value for key, value in event.items()}
+
+
+def configure(level: str = "INFO", stream: TextIO | None = None) -> None:
+    """Send every log record of this process to ``stream`` (standard error) as JSON lines.
+
+    Parameters
+    ----------
+    level : least severe level of our own events; libraries are asked for warnings only
+    """
+    shared: list[Any] = [
+        structlog.contextvars.merge_contextvars,
+        structlog.stdlib.add_log_level,
+        structlog.stdlib.add_logger_name,
+        structlog.processors.TimeStamper(fmt="iso", utc=True),
+        hide_secrets,
+    ]
+    handler = logging.StreamHandler(sys.stderr if stream is None else stream)
+    handler.setFormatter(
+        structlog.stdlib.ProcessorFormatter(
+            foreign_pre_chain=shared,
+            processors=[
+                structlog.stdlib.ProcessorFormatter.remove_processors_meta,
+                structlog.processors.format_exc_info,
+                structlog.processors.JSONRenderer(),
+            ],
+        )
+    )
+    root = logging.getLogger()
+    root.handlers = [handler]
+    root.setLevel(logging.WARNING)
+    logging.getLogger("server").setLevel(level)
+    logging.getLogger("uvicorn.error").setLevel(logging.WARNING)
+    for name in ("uvicorn", "uvicorn.error", "uvicorn.access", "dbos"):
+        library = logging.getLogger(name)
+        library.handlers = []
+        library.propagate = True
+    structlog.configure(
+        processors=[*shared, structlog.stdlib.ProcessorFormatter.wrap_for_formatter],
+        logger_factory=structlog.stdlib.LoggerFactory(),
+        wrapper_class=structlog.stdlib.BoundLogger,
+        cache_logger_on_first_use=False,
+    )

@@ -1,0 +1,105 @@
+"""Errors as problem documents (RFC 9457, ``application/problem+json``) on every path."""
+
+from __future__ import annotations
+
+from http import HTTPStatus
+from typing import Any
+
+import structlog
+from fastapi import FastAPI, Request
+from fastapi.exceptions import RequestValidationError
+from fastapi.responses import JSONResponse
+from pydantic import BaseModel
+from starlette.exceptions import HTTPException
+
+from daq.errors import AcquisitionError, HilfitError, InputError
+from server.errors import ServiceError
+
+MEDIA_TYPE = "application/problem+json"
+_log = structlog.stdlib.get_logger(__name__)
+
+
+class Problem(BaseModel):
+    """A problem document: what went wrong with one request, and what to do."""
+
+    type: str
+    title: str
+    status: int
+    detail: str
+    instance: str
+    errors: list[dict[str, Any]] | None = None
+
+
+def problem(
+    request: Request,
+    status: int,
+    detail: str,
+    *,
+    slug: str | None = None,
+    title: str | None = None,
+    errors: list[dict[str, Any]] | None = None,
+    headers: dict[str, str] | None = None,
+) -> JSONResponse:
+    """The response that tells ``detail``; ``type`` is ``urn:hilfit:problem:<slug>``, RFC 9457 section 3.1."""
+    phrase = title or HTTPStatus(status).phrase
+    document = Problem(
+        type=f"urn:hilfit:problem:{slug or phrase.lower().replace(' ', '-')}",
+        title=phrase,
+        status=status,
+        detail=detail,
+        instance=request.url.path,
+        errors=errors,
+    )
+    return JSONResponse(
+        document.model_dump(exclude_none=True), status_code=status, headers=headers, media_type=MEDIA_TYPE
+    )
+
+
+def install(app: FastAPI) -> None:
+    """Make ``app`` answer every error with a problem document."""
+
+    async def service_error(request: Request, error: Exception) -> JSONResponse:
+        assert isinstance(error, ServiceError)
+        return problem(request, error.status, str(error), slug=error.slug, title=error.title)
+
+    async def input_error(request: Request, error: Exception) -> JSONResponse:
+        return problem(request, 422, str(error), slug="invalid", title="Invalid content")
+
+    async def acquisition_error(request: Request, error: Exception) -> JSONResponse:
+        return problem(request, 503, str(error), slug="unavailable", title="Unavailable")
+
+    async def other_error(request: Request, error: Exception) -> JSONResponse:
+        return problem(request, 500, str(error))
+
+    async def http_error(request: Request, error: Exception) -> JSONResponse:
+        assert isinstance(error, HTTPException)
+        detail = {
+            404: f"there is nothing at {request.url.path}; the resources are listed in /api/v1/openapi.json",
+            405: f"{request.method} is not possible here; see the header Allow",
+        }.get(error.status_code, str(error.detail))
+        return problem(request, error.status_code, detail, headers=dict(error.headers or {}))
+
+    async def validation_error(request: Request, error: Exception) -> JSONResponse:
+        assert isinstance(error, RequestValidationError)
+        errors = [
+            {"place": ".".join(str(part) for part in entry["loc"]), "text": str(entry["msg"])}
+            for entry in error.errors()
+        ]
+        first = errors[0] if errors else {"place": "request", "text": "cannot be read"}
+        more = f" (and {len(errors) - 1} more)" if len(errors) > 1 else ""
+        detail = " ".join(f"{first['place']}: {first['text']}{more}".split())
+        return problem(request, 422, detail, slug="invalid", title="Invalid content", errors=errors)
+
+    async def unexpected(request: Request, error: Exception) -> JSONResponse:
+        # The text of an unexpected error may hold paths and values; it belongs in the log only.
+        _log.error("request_failed", path=request.url.path, exc_info=error)
+        detail = "the service failed on this request; its log says why"
+        return problem(request, 500, detail, slug="internal", title="Internal error")
+
+    app.add_exception_handler(ServiceError, service_error)
+    app.add_exception_handler(InputError, input_error)
+    app.add_exception_handler(AcquisitionError, acquisition_error)
+    app.add_exception_handler(HilfitError, other_error)
+    app.add_exception_handler(HTTPException, http_error)
+    app.add_exception_handler(RequestValidationError, validation_error)
+    app.add_exception_handler(Exception, unexpected)

@@ -1,0 +1,86 @@
+"""``/identifications``: order, list, read, report."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from fastapi import APIRouter, Header, Query, Response
+from fastapi.responses import FileResponse
+
+from server.errors import ConflictError
+from server.identify import Wish
+from server.resources import IdentificationList, IdentificationOrder, IdentificationResource
+from server.routes.common import Cursor, Limit, ServiceDep, problems
+from server.service import Service
+
+router = APIRouter(prefix="/identifications", tags=["identifications"])
+#: The report is a page of ours, but it shows names from machine files: it may run no script and load nothing
+#: from elsewhere.
+REPORT_POLICY = "default-src 'none'; style-src 'unsafe-inline'; img-src data:; font-src data:; sandbox"
+
+
+@router.post("", status_code=202, responses=problems(404, 409, 422))
+def order(
+    body: IdentificationOrder,
+    response: Response,
+    service: ServiceDep,
+    idempotency_key: Annotated[str | None, Header(min_length=1, max_length=200)] = None,
+) -> IdentificationResource:
+    """Order an identification: its job is at ``Location``; one ``Idempotency-Key`` makes one job."""
+    wish = Wish(
+        machine=body.machine,
+        recordings=tuple((choice.id, choice.role) for choice in body.recordings),
+        options=body.options.model_dump(),
+        label=body.label,
+    )
+    identification = service.identify(wish, idempotency_key)
+    response.headers["Location"] = f"/api/v1/jobs/{identification.job}"
+    return IdentificationResource.of(identification)
+
+
+@router.get("", responses=problems(422))
+def list_identifications(
+    service: ServiceDep,
+    machine: Annotated[str | None, Query(max_length=80)] = None,
+    limit: Limit = 50,
+    cursor: Cursor = 0,
+) -> IdentificationList:
+    """List identifications, newest first."""
+    return IdentificationList.of(service.identifications.list(limit, cursor, machine=machine))
+
+
+@router.get("/{id}", responses=problems(404, 422))
+def get(id: str, service: ServiceDep) -> IdentificationResource:
+    """Read an identification."""
+    return IdentificationResource.of(service.identifications.get(id))
+
+
+@router.get(
+    "/{id}/report.json",
+    response_class=FileResponse,
+    responses={200: {"content": {"application/json": {}}}, **problems(404, 409, 422)},
+)
+def report(id: str, service: ServiceDep) -> FileResponse:
+    """The result (schema ``hilfit/report/1``)."""
+    return _report(service, id, "report.json", "application/json")
+
+
+@router.get(
+    "/{id}/report.html",
+    response_class=FileResponse,
+    responses={200: {"content": {"text/html": {}}}, **problems(404, 409, 422)},
+)
+def report_page(id: str, service: ServiceDep) -> FileResponse:
+    """The result as a self-contained page."""
+    response = _report(service, id, "report.html", "text/html")
+    response.headers["Content-Security-Policy"] = REPORT_POLICY
+    return response
+
+
+def _report(service: Service, id: str, name: str, media_type: str) -> FileResponse:
+    identification = service.identifications.get(id)
+    job = service.jobs.get(identification.job)
+    path = service.files.identifications / id / name
+    if job.state != "done" or not path.is_file():
+        raise ConflictError(f"identification '{id}' has no {name}: its job {job.id} is {job.state}")
+    return FileResponse(path, media_type=media_type)

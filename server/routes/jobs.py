@@ -1,0 +1,74 @@
+"""``/jobs``: state, progress by server-sent events, cancel."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import AsyncIterator
+from dataclasses import asdict
+from typing import Annotated, Literal
+
+from fastapi import APIRouter, Header, Query
+from fastapi.concurrency import run_in_threadpool
+from fastapi.responses import StreamingResponse
+
+from server.resources import JobList, JobResource
+from server.routes.common import Cursor, Limit, ServiceDep, problems
+from server.service import Service
+from server.store.jobs import FINAL
+
+router = APIRouter(prefix="/jobs", tags=["jobs"])
+#: Seconds after which a comment is sent when nothing happens, so that proxies and clients see a live
+#: connection.
+KEEP_ALIVE_S = 15.0
+State = Literal["queued", "running", "done", "failed", "cancelled"]
+
+
+@router.get("", responses=problems(422))
+def list_jobs(service: ServiceDep, state: State | None = None, limit: Limit = 50, cursor: Cursor = 0) -> JobList:
+    """List jobs, newest first."""
+    return JobList.of(service.jobs.list(limit, cursor, state=state))
+
+
+@router.get("/{id}", responses=problems(404, 422))
+def get(id: str, service: ServiceDep) -> JobResource:
+    """Read a job."""
+    return JobResource.of(service.jobs.get(id))
+
+
+@router.post("/{id}/cancel", status_code=202, responses=problems(404, 422))
+def cancel(id: str, service: ServiceDep) -> JobResource:
+    """Ask a job to stop; one that has ended stays as it is."""
+    return JobResource.of(service.runner.cancel(id))
+
+
+@router.get(
+    "/{id}/events",
+    response_class=StreamingResponse,
+    responses={200: {"content": {"text/event-stream": {"schema": {"type": "string"}}}}, **problems(404, 422)},
+)
+async def events(
+    id: str,
+    service: ServiceDep,
+    after: Annotated[int, Query(ge=0, le=2**53, description="Number of the last event seen")] = 0,
+    last_event_id: Annotated[str | None, Header(max_length=20)] = None,
+) -> StreamingResponse:
+    """Follow a job as server-sent events; the stream ends with the job. Each event's ``id`` is its number."""
+    await run_in_threadpool(service.jobs.get, id)
+    if last_event_id is not None and last_event_id.isdecimal():
+        after = int(last_event_id)
+    headers = {"Cache-Control": "no-store", "X-Accel-Buffering": "no"}
+    return StreamingResponse(_follow(service, id, after), media_type="text/event-stream", headers=headers)
+
+
+async def _follow(service: Service, id: str, after: int) -> AsyncIterator[bytes]:
+    while True:
+        seen = service.changes.number
+        for event in await run_in_threadpool(service.jobs.events, id, after):
+            yield f"id: {event.number}\nevent: progress\ndata: {json.dumps(asdict(event))}\n\n".encode()
+            after = event.number
+            if event.state in FINAL:
+                return
+        if service.changes.closed:
+            return
+        if not await service.changes.wait(seen, KEEP_ALIVE_S):
+            yield b": nothing new\n\n"

@@ -1,0 +1,80 @@
+"""``/machines``: upload, list, read, acquire."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any
+
+from fastapi import APIRouter, Query, Request, Response
+from fastapi.concurrency import run_in_threadpool
+
+from daq import load_machine
+from server.errors import NotFoundError
+from server.resources import AcquisitionWish, MachineDetail, MachineList, MachineSummary
+from server.routes.common import Cursor, Limit, ServiceDep, problems
+from server.service import Service
+
+router = APIRouter(prefix="/machines", tags=["machines"])
+YAML = "application/yaml"
+Version = Annotated[int | None, Query(ge=1, le=2**53, description="By default the current one")]
+_FILE: dict[str, Any] = {
+    "requestBody": {
+        "required": True,
+        "description": "The text of a machine file (YAML, or JSON, which is YAML too)",
+        "content": {YAML: {"schema": {"type": "string"}}},
+    }
+}
+
+
+@router.post("", status_code=201, responses=problems(409, 413, 422), openapi_extra=_FILE)
+async def upload(request: Request, response: Response, service: ServiceDep) -> MachineSummary:
+    """Upload a machine file: a new machine or a new version (200 if it is the current version already)."""
+    content = await request.body()
+    row, made = await run_in_threadpool(service.upload_machine, content)
+    response.status_code = 201 if made else 200
+    response.headers["Location"] = f"/api/v1/machines/{row.name}"
+    return MachineSummary.of(row)
+
+
+@router.get("", responses=problems(422))
+def list_machines(service: ServiceDep, limit: Limit = 50, cursor: Cursor = 0) -> MachineList:
+    """List machines."""
+    return MachineList.of(service.machines.list(limit, cursor))
+
+
+@router.get("/{name}", responses=problems(404, 422))
+def get(name: str, service: ServiceDep, version: Version = None) -> MachineDetail:
+    """Read a machine: its file, validated, as JSON, and the state of its acquisition."""
+    return _detail(service, name, version)
+
+
+@router.get(
+    "/{name}/file",
+    response_class=Response,
+    responses={200: {"content": {YAML: {"schema": {"type": "string"}}}}, **problems(404, 422)},
+)
+def file(name: str, service: ServiceDep, version: Version = None) -> Response:
+    """Read a machine file as it was uploaded."""
+    row = service.machines.get(name, version)
+    content = service.files.machine_file(name, row.version).read_bytes()
+    return Response(content, media_type=YAML)
+
+
+@router.put("/{name}/acquisition", responses=problems(404, 409, 422))
+def acquisition(name: str, wish: AcquisitionWish, service: ServiceDep) -> MachineDetail:
+    """Start or stop acquiring a machine; it stays so over restarts."""
+    service.set_acquisition(name, wish.enabled)
+    return _detail(service, name, None)
+
+
+def _detail(service: Service, name: str, version: int | None) -> MachineDetail:
+    row = service.machines.get(name, version)
+    path = service.files.machine_file(name, row.version)
+    if not path.is_file():
+        raise NotFoundError(f"the file of machine '{name}' is gone; upload it again")
+    content = load_machine(path).model_dump(mode="json", by_alias=True, exclude_none=True)
+    return MachineDetail(
+        **row.__dict__,
+        versions=[entry.version for entry in service.machines.versions(name)],
+        machine=content,
+        acquisition=service.acquisition.statistics(name),
+    )

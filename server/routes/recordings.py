@@ -1,0 +1,108 @@
+"""``/recordings``: start, stop, upload, download, list, delete."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+from fastapi import APIRouter, Query, Request, Response
+from fastapi.concurrency import run_in_threadpool
+from fastapi.responses import FileResponse
+
+from server.errors import ConflictError, NotFoundError
+from server.files import receive
+from server.resources import RecordingList, RecordingResource, RecordingStart, Role
+from server.routes.common import Cursor, Limit, ServiceDep, problems
+
+router = APIRouter(prefix="/recordings", tags=["recordings"])
+MEDIA_TYPES = {"parquet": "application/vnd.apache.parquet", "csv": "text/csv"}
+_BYTES: dict[str, Any] = {"schema": {"type": "string", "format": "binary"}}
+_FILE: dict[str, Any] = {
+    "requestBody": {
+        "required": True,
+        "description": "The bytes of the file",
+        "content": dict.fromkeys((*MEDIA_TYPES.values(), "application/octet-stream"), _BYTES),
+    }
+}
+
+
+@router.post("", status_code=201, responses=problems(404, 409, 422, 503))
+def start(wish: RecordingStart, response: Response, service: ServiceDep) -> RecordingResource:
+    """Start recording a machine that is being acquired."""
+    row = service.sessions.start(wish.machine, wish.role, wish.label, wish.seconds)
+    response.headers["Location"] = f"/api/v1/recordings/{row.id}"
+    return RecordingResource.of(row)
+
+
+@router.post(
+    "/upload",
+    status_code=201,
+    responses=problems(404, 409, 413, 415, 422),
+    openapi_extra=_FILE,
+)
+async def upload(
+    request: Request,
+    response: Response,
+    service: ServiceDep,
+    machine: Annotated[str, Query(max_length=80)],
+    role: Role,
+    name: Annotated[str, Query(min_length=1, max_length=200, description="File name, with .csv or .parquet")],
+) -> RecordingResource:
+    """Upload a recording; one that ``hilfit identify`` would refuse is refused here."""
+    incoming = await run_in_threadpool(service.recording_uploads.incoming, machine, role, name)
+    await receive(request.stream(), incoming, service.settings.maximum_upload_bytes, run_in_threadpool)
+    row = await run_in_threadpool(service.recording_uploads.add, incoming, machine, role, name)
+    response.headers["Location"] = f"/api/v1/recordings/{row.id}"
+    return RecordingResource.of(row)
+
+
+@router.get("", responses=problems(422))
+def list_recordings(
+    service: ServiceDep,
+    machine: Annotated[str | None, Query(max_length=80)] = None,
+    role: Role | None = None,
+    state: Literal["recording", "sealed", "failed"] | None = None,
+    limit: Limit = 50,
+    cursor: Cursor = 0,
+) -> RecordingList:
+    """List recordings, newest first."""
+    page = service.recordings.list(limit, cursor, machine=machine, role=role, state=state)
+    return RecordingList.of(page)
+
+
+@router.get("/{id}", responses=problems(404, 422))
+def get(id: str, service: ServiceDep) -> RecordingResource:
+    """Read a recording; while it is being recorded its statistics are live."""
+    row = service.recordings.get(id)
+    live = service.sessions.statistics(id)
+    resource = RecordingResource.of(row)
+    return resource if live is None else resource.model_copy(update={"statistics": live})
+
+
+@router.get(
+    "/{id}/data",
+    response_class=FileResponse,
+    responses={200: {"content": dict.fromkeys(MEDIA_TYPES.values(), _BYTES)}, **problems(404, 409, 422)},
+)
+def data(id: str, service: ServiceDep) -> FileResponse:
+    """Download a recording in the form in which it is kept."""
+    row = service.recordings.get(id)
+    if row.state != "sealed":
+        raise ConflictError(f"recording '{id}' is {row.state}; there is no whole file to download")
+    path = service.files.recordings / f"{id}.{row.format}"
+    if not path.is_file():
+        raise NotFoundError(f"the file of recording '{id}' is gone; record or upload it again")
+    return FileResponse(
+        path, media_type=MEDIA_TYPES[row.format], filename=f"{row.machine}-{row.role}-{id}.{row.format}"
+    )
+
+
+@router.post("/{id}/stop", responses=problems(404, 409, 422))
+def stop(id: str, service: ServiceDep) -> RecordingResource:
+    """Stop a recording and seal its file."""
+    return RecordingResource.of(service.sessions.stop(id))
+
+
+@router.delete("/{id}", status_code=204, responses=problems(404, 409, 422))
+def delete(id: str, service: ServiceDep) -> None:
+    """Delete a recording; one that an identification was made of has to stay."""
+    service.delete_recording(id)

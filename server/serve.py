@@ -1,0 +1,105 @@
+"""``hilfit serve``: one process that serves HTTP on this computer and starts all others."""
+
+from __future__ import annotations
+
+import signal
+import socket
+from collections.abc import Callable
+from types import FrameType
+from typing import NoReturn
+
+import structlog
+import uvicorn
+
+from server import logs
+from server.app import create_app
+from server.errors import StartError
+from server.parts import installed_parts
+from server.service import Parts, Service
+from server.settings import Settings, refuse_open_host
+
+#: Seconds that open requests have to end when the service stops.
+GRACE_S = 5
+SIGNALS = (signal.SIGTERM, signal.SIGINT)
+_log = structlog.stdlib.get_logger(__name__)
+
+
+class _Server(uvicorn.Server):
+    """Says when it listens, and ends event streams as soon as it is told to stop.
+
+    Open streams would hold it for the whole time of grace.
+    """
+
+    def __init__(self, config: uvicorn.Config, service: Service, ready: Callable[[], None]) -> None:
+        super().__init__(config)
+        self._service = service
+        self._ready = ready
+
+    async def startup(self, sockets: list[socket.socket] | None = None) -> None:
+        """Start listening."""
+        await super().startup(sockets)
+        if self.started:
+            self._ready()
+
+    def handle_exit(self, sig: int, frame: FrameType | None) -> None:
+        """SIGTERM or SIGINT came."""
+        self._service.changes.close()
+        super().handle_exit(sig, frame)
+
+
+def serve(settings: Settings, ready: Callable[[str], None], make_parts: Callable[[], Parts] = installed_parts) -> None:
+    """Serve until SIGTERM or SIGINT.
+
+    Parameters
+    ----------
+    ready : called with the service's URL once it listens
+    make_parts : what runs behind the routes
+
+    Raises
+    ------
+    StartError
+        If the address is not of this computer only, or taken; or the data directory cannot be used.
+    """
+    refuse_open_host(settings.host)
+    logs.configure()
+    # uvicorn handles signals while it runs and raises them again when it is done; our children still have to
+    # be ended then.
+    for number in SIGNALS:
+        signal.signal(number, _interrupt)
+    with _listen(settings.host, settings.port) as listening:
+        host = f"[{settings.host}]" if ":" in settings.host else settings.host
+        url = f"http://{host}:{listening.getsockname()[1]}"
+        service = Service(settings, make_parts())
+        try:
+            service.start()
+            config = uvicorn.Config(
+                create_app(service),
+                log_config=None,
+                access_log=False,
+                timeout_graceful_shutdown=GRACE_S,
+                server_header=False,
+            )
+            _log.info("listening", url=url)
+            _Server(config, service, lambda: ready(url)).run(sockets=[listening])
+        except KeyboardInterrupt:
+            _log.info("stopping")
+        finally:
+            # A second signal must not leave children behind; stopping takes a bounded time.
+            for number in SIGNALS:
+                signal.signal(number, signal.SIG_IGN)
+            service.stop()
+
+
+def _interrupt(_number: int, _frame: FrameType | None) -> NoReturn:
+    raise KeyboardInterrupt
+
+
+def _listen(host: str, port: int) -> socket.socket:
+    listening = socket.socket(socket.AF_INET6 if ":" in host else socket.AF_INET, socket.SOCK_STREAM)
+    listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    try:
+        listening.bind((host, port))
+    except OSError as error:
+        listening.close()
+        raise StartError(f"--port {port}: cannot listen on {host} ({error.strerror}); give another port") from None
+    return listening

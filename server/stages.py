@@ -1,0 +1,68 @@
+"""The program that a job's stages run in, and what it is told.
+
+By default it is ``python -m fitting.stages REQUEST.json STAGE``, which never runs in the process that serves
+HTTP.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from server.files import write_atomically
+
+#: What a stage is called in progress events; a stage that is not here is called by its name.
+WORDS = {
+    "check": "Checking the recordings",
+    "cylinder_stage": "Fitting cylinder friction and stiffness",
+    "rigid_body_stage": "Fitting the rigid-body parameters",
+    "residual": "Looking for structure in what is left over",
+    "attribution": "Tracing it to a physical effect",
+    "refit": "Fitting everything again with the effect",
+    "report": "Writing the report",
+}
+
+
+@dataclass(frozen=True)
+class StageProgram:
+    """Stages in order, and the command that runs one: ``[*command, REQUEST.json, STAGE]``."""
+
+    stages: tuple[str, ...]
+    command: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class StageRequest:
+    """What every stage of one identification is told: files by their paths, recordings with their roles."""
+
+    machine: Path
+    recordings: tuple[tuple[str, Path], ...]
+    options: dict[str, Any]
+    output: Path
+
+    def write(self) -> Path:
+        """Write ``request.json`` into the output directory; returns its path."""
+        content = {
+            "machine": str(self.machine),
+            "recordings": [[role, str(path)] for role, path in self.recordings],
+            "options": self.options,
+            "output": str(self.output),
+        }
+        path = self.output / "request.json"
+        write_atomically(path, json.dumps(content, indent=1).encode())
+        return path
+
+
+def words(stage: str) -> str:
+    """What a person reads while ``stage`` runs."""
+    return WORDS.get(stage, stage.replace("_", " ").capitalize())
+
+
+def fitting_program() -> StageProgram:
+    """The stages of :mod:`fitting`, which is loaded here only for their names."""
+    from fitting.stages import STAGES
+
+    return StageProgram(tuple(STAGES), (sys.executable, "-m", "fitting.stages"))

@@ -1,0 +1,129 @@
+"""Identifications: which recordings in which roles, with which options and which outcome."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import sqlalchemy as sa
+
+from server.errors import ConflictError, NotFoundError
+from server.store.database import Database, Page, page
+from server.store.tables import idempotency_keys, identification_recordings, identifications, recordings
+
+
+@dataclass(frozen=True)
+class Identification:
+    """One identification; ``recordings`` are (id, role), ``verdict`` and ``overall`` the report's."""
+
+    id: str
+    job: str
+    machine: str
+    machine_version: int
+    label: str
+    recordings: tuple[tuple[str, str], ...]
+    options: dict[str, Any]
+    created: str
+    verdict: str | None = None
+    overall: dict[str, Any] | None = None
+
+
+@dataclass(frozen=True)
+class IdempotencyKey:
+    """What a client sent as ``Idempotency-Key``, and the hash of the request that came with it."""
+
+    key: str
+    request_sha256: str
+
+
+class Identifications:
+    """Repository of identifications."""
+
+    def __init__(self, database: Database) -> None:
+        self._database = database
+
+    def add(
+        self,
+        new: Identification,
+        insert_job: Callable[[sa.Connection], None],
+        key: IdempotencyKey | None = None,
+    ) -> Identification:
+        """Store an identification and its job in one transaction.
+
+        Parameters
+        ----------
+        insert_job : makes the job's row in the transaction that it is given
+        key : if the same key came before with the same request, the identification made then is returned and
+            nothing is stored
+
+        Raises
+        ------
+        ConflictError
+            If the key came before with another request, or a recording was deleted meanwhile.
+        """
+        with self._database.write("identifications", "jobs") as connection:
+            if key is not None:
+                earlier = connection.execute(
+                    sa.select(idempotency_keys).where(idempotency_keys.c.key == key.key)
+                ).first()
+                if earlier is not None:
+                    if earlier.request_sha256 != key.request_sha256:
+                        raise ConflictError("this Idempotency-Key came before with another request; use a new key")
+                    return _get(connection, earlier.identification)
+            insert_job(connection)
+            columns = {name: value for name, value in new.__dict__.items() if name != "recordings"}
+            connection.execute(identifications.insert().values(**columns))
+            for position, (recording, role) in enumerate(new.recordings):
+                state = connection.execute(sa.select(recordings.c.state).where(recordings.c.id == recording)).scalar()
+                if state != "sealed":
+                    raise ConflictError(f"recording '{recording}' is no longer there; choose another one")
+                connection.execute(
+                    identification_recordings.insert().values(
+                        identification=new.id, position=position, recording=recording, role=role
+                    )
+                )
+            if key is not None:
+                connection.execute(
+                    idempotency_keys.insert().values(
+                        key=key.key,
+                        request_sha256=key.request_sha256,
+                        identification=new.id,
+                        created=self._database.now(),
+                    )
+                )
+        return new
+
+    def get(self, id: str) -> Identification:
+        """The identification; NotFoundError if there is none."""
+        with self._database.read() as connection:
+            return _get(connection, id)
+
+    def list(self, limit: int, after: int = 0, *, machine: str | None = None) -> Page[Identification]:
+        """Newest first."""
+        query = sa.select(identifications)
+        if machine is not None:
+            query = query.where(identifications.c.machine == machine)
+        with self._database.read() as connection:
+            rows, cursor = page(connection, query, identifications.c.number, limit, after)
+            return Page(tuple(_get(connection, row.id) for row in rows), cursor)
+
+    def set_result(self, id: str, verdict: str, overall: dict[str, Any]) -> None:
+        """Store what the report says; storing it again changes nothing."""
+        with self._database.write("identifications") as connection:
+            connection.execute(
+                identifications.update().where(identifications.c.id == id).values(verdict=verdict, overall=overall)
+            )
+
+
+def _get(connection: sa.Connection, id: str) -> Identification:
+    row = connection.execute(sa.select(identifications).where(identifications.c.id == id)).first()
+    if row is None:
+        raise NotFoundError(f"there is no identification '{id}'")
+    used = connection.execute(
+        sa.select(identification_recordings)
+        .where(identification_recordings.c.identification == id)
+        .order_by(identification_recordings.c.position)
+    ).all()
+    values = {key: value for key, value in row._mapping.items() if key != "number"}
+    return Identification(**values, recordings=tuple((entry.recording, entry.role) for entry in used))

@@ -1,0 +1,133 @@
+"""Machine files and recordings that clients send: checked first, then stored whole."""
+
+from __future__ import annotations
+
+import hashlib
+import secrets
+import sys
+import threading
+from pathlib import Path
+from typing import Literal, cast
+
+from daq import ROLES, parse_machine
+from server.children import run_child
+from server.errors import ConflictError, InvalidError, ServiceError, UnsupportedFormatError
+from server.files import DataDirectory, sync_directory, write_atomically
+from server.store import Database, MachineRow, Machines, RecordingRow, Recordings
+
+#: Seconds that looking at a recording may take.
+INSPECTION_S = 120.0
+SHOWN_NAME = "machine.yaml"
+
+
+class MachineUploads:
+    """Takes machine files; every change of a machine's file is a version of its own."""
+
+    def __init__(self, database: Database, files: DataDirectory) -> None:
+        self._machines = Machines(database)
+        self._files = files
+        self._lock = threading.Lock()  # two uploads of one machine must not take the same version number
+
+    def add(self, content: bytes, *, acquire: bool = False) -> tuple[MachineRow, bool]:
+        """Check and store the text of a machine file.
+
+        Returns
+        -------
+        The machine, and whether a version was made (False: the file is the current version already).
+
+        Raises
+        ------
+        InvalidError, daq.errors.MachineFileError
+            One line: line, key, what to do.
+        """
+        try:
+            machine = parse_machine(content.decode("utf-8"), name=SHOWN_NAME)
+        except UnicodeDecodeError:
+            raise InvalidError(f"{SHOWN_NAME}: is not text in UTF-8; send the text of a machine file") from None
+        except RecursionError:
+            raise InvalidError(f"{SHOWN_NAME}: is nested too deeply for a machine file") from None
+        digest = hashlib.sha256(content).hexdigest()
+        with self._lock:
+            version = self._machines.next_version(machine.name, digest)
+            if version is not None:
+                write_atomically(self._files.machine_file(machine.name, version), content)
+                self._machines.add(machine.name, version, digest, acquire=acquire)
+        return self._machines.get(machine.name), version is not None
+
+
+class RecordingUploads:
+    """Takes recordings as CSV or Parquet."""
+
+    def __init__(self, database: Database, files: DataDirectory) -> None:
+        self._database = database
+        self._recordings = Recordings(database)
+        self._machines = Machines(database)
+        self._files = files
+
+    def incoming(self, machine: str, role: str, name: str) -> Path:
+        """Where to stream an upload that is named ``name``, before a byte of it is read.
+
+        Raises
+        ------
+        NotFoundError, InvalidError, UnsupportedFormatError
+            If the machine, the role or the kind of file is unknown.
+        """
+        self._machines.get(machine)
+        if role not in ROLES:
+            raise InvalidError(f"role '{role}' is unknown; use one of {', '.join(ROLES)}")
+        suffix = Path(name).suffix.lower()
+        if suffix not in (".csv", ".parquet"):
+            raise UnsupportedFormatError(f"'{name}' is neither .csv nor .parquet; export the recording as one of them")
+        incoming = self._files.incoming()
+        return incoming.with_name(incoming.name + suffix)
+
+    def add(self, incoming: Path, machine: str, role: str, label: str) -> RecordingRow:
+        """Check the file at ``incoming`` and move it into the store; it is gone from there whatever happens.
+
+        Raises
+        ------
+        InvalidError
+            One line: what is wrong with the recording and what to do.
+        """
+        try:
+            version = self._machines.get(machine).version
+            machine_file = self._files.machine_file(machine, version)
+            result = run_child(
+                [sys.executable, "-m", "server.inspect_recording", str(incoming), str(machine_file), role],
+                log=self._files.recordings / "inspect.log",
+                timeout_s=INSPECTION_S,
+            )
+            if result.outcome == "input":
+                raise InvalidError((result.error or "").replace(str(incoming), label))
+            if result.outcome == "failed" and result.error is not None and "ended by" in result.error:
+                raise InvalidError(f"{label}: cannot be read; export it again")
+            if result.outcome != "done":
+                raise ServiceError(f"{label}: looking at it failed; {result.error}")
+            id = f"rec-{secrets.token_hex(8)}"
+            format = cast(Literal["parquet", "csv"], incoming.suffix.removeprefix("."))
+            target = self._files.recordings / f"{id}.{format}"
+            size = incoming.stat().st_size
+            try:
+                incoming.replace(target)
+                sync_directory(target.parent)
+            except OSError as error:
+                raise ConflictError(f"the upload cannot be stored ({error.strerror}); free some space") from None
+            row = RecordingRow(
+                id=id,
+                machine=machine,
+                machine_version=version,
+                role=role,
+                label=label,
+                state="sealed",
+                origin="uploaded",
+                format=format,
+                created=self._database.now(),
+                bytes=size,
+                sha256=result.summary["sha256"],
+                statistics=result.summary["statistics"],
+                ended=self._database.now(),
+            )
+            self._recordings.add(row)
+            return row
+        finally:
+            incoming.unlink(missing_ok=True)

@@ -1,0 +1,301 @@
+"""The CAN bus of a simulated machine: a small TCP hub that speaks the socketcand protocol.
+
+Clients are python-can's stock ``socketcand`` interface (raw mode): they connect, say ``< open can0 >`` and
+``< rawmode >``, then send ``< send 123 2 11 22 >`` and receive ``< frame 123 1699.123456 1122 >``. Every frame goes to
+all other clients and to the simulated nodes.
+
+Time is lockstep. SYNC (COB-ID 0x080) first makes the plant advance by one period and hand its state over, then the
+nodes get SYNC and that state in one packet. A Modbus device asks with a barrier for the state: the hub first works
+off everything that clients have sent before, so a request that was sent after a SYNC is answered with the state
+latched at that SYNC.
+
+What this bus does not have: bit rate, arbitration, error counters, remote frames.
+"""
+
+from __future__ import annotations
+
+import selectors
+import socket
+import time
+from collections import deque
+from typing import Any
+
+from sim_backends import backplane
+from sim_backends.child import Order, Orders, report
+
+SYNC_ID = 0x080
+QUIET = 0.1  # s after rawmode in which a client gets no frames, unless it sends: its handshake expects bare answers
+STALLED = 64 << 20  # bytes that wait for a client that does not read
+PLANT_PATIENCE = 10.0  # s
+
+
+class _Client:
+    """One socketcand connection."""
+
+    def __init__(self, connection: socket.socket) -> None:
+        self.socket = connection
+        self.received = b""
+        self.waiting = bytearray()
+        self.raw = False
+        self.quiet_until = 0.0
+
+
+class Hub:
+    """The hub's loop.
+
+    Parameters
+    ----------
+    channel : str
+        Name of the bus, as clients open it.
+    plant, nodes, modbus : socket.socket
+        Backplane ends.
+    """
+
+    def __init__(self, channel: str, plant: socket.socket, nodes: socket.socket, modbus: socket.socket) -> None:
+        self._channel = channel
+        self._plant, self._nodes, self._modbus = plant, nodes, modbus
+        self._plant.settimeout(PLANT_PATIENCE)
+        for end in (nodes, modbus):
+            end.setblocking(False)
+        self._backlog: dict[socket.socket, deque[bytes]] = {nodes: deque(), modbus: deque()}
+        self._listener = socket.create_server(("127.0.0.1", 0))
+        self._listener.setblocking(False)
+        self._clients: dict[socket.socket, _Client] = {}
+        self._everything = selectors.DefaultSelector()
+        self._arrivals = selectors.DefaultSelector()  # clients only: what a barrier has to work off
+        self.counts = {"sync": 0, "frames": 0, "clients": 0, "barriers": 0}
+        self._state = self._from_plant()
+
+    @property
+    def port(self) -> int:
+        """TCP port that clients connect to."""
+        return int(self._listener.getsockname()[1])
+
+    def _from_plant(self) -> bytes:
+        packet = self._plant.recv(backplane.PACKET)
+        if not packet:
+            raise SystemExit("hub: the plant is gone")
+        return packet[1:]
+
+    def run(self, orders: Orders) -> None:
+        """Serve until the parent closes its end."""
+        watch = self._everything.register
+        watch(self._listener, selectors.EVENT_READ, self._accept)
+        watch(self._nodes, selectors.EVENT_READ, self._from_nodes)
+        watch(self._modbus, selectors.EVENT_READ, self._from_modbus)
+        watch(orders, selectors.EVENT_READ, None)
+        self._packet(self._nodes, backplane.STATE + self._state)
+        handlers = {
+            "counts": lambda order: self.counts,
+            "drop_clients": self._drop_clients,
+            "error_frame": self._error_frame,
+        }
+        while not orders.closed:
+            for key, events in self._everything.select():
+                if key.fileobj is orders:
+                    orders.work_off(handlers)
+                elif isinstance(key.data, _Client):
+                    if events & selectors.EVENT_WRITE:
+                        self._flush(key.data)
+                    if events & selectors.EVENT_READ:
+                        self._from_client(key.data)
+                elif events & selectors.EVENT_WRITE and isinstance(key.fileobj, socket.socket):
+                    self._catch_up(key.fileobj)
+                else:
+                    key.data()
+
+    # Clients
+
+    def _accept(self) -> None:
+        try:
+            connection, _ = self._listener.accept()
+        except BlockingIOError:
+            return
+        connection.setblocking(False)
+        connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        client = _Client(connection)
+        self._clients[connection] = client
+        self._everything.register(connection, selectors.EVENT_READ, client)
+        self._arrivals.register(connection, selectors.EVENT_READ, client)
+        self.counts["clients"] += 1
+        self._send(client, b"< hi >")
+
+    def _drop(self, client: _Client) -> None:
+        if self._clients.pop(client.socket, None) is not None:
+            self._everything.unregister(client.socket)
+            self._arrivals.unregister(client.socket)
+            client.socket.close()
+
+    def _send(self, client: _Client, text: bytes) -> None:
+        if client.waiting:
+            client.waiting += text
+            if len(client.waiting) > STALLED:
+                self._drop(client)
+            return
+        try:
+            sent = client.socket.send(text)
+        except BlockingIOError:
+            sent = 0
+        except OSError:
+            self._drop(client)
+            return
+        if sent < len(text):
+            client.waiting += text[sent:]
+            self._everything.modify(client.socket, selectors.EVENT_READ | selectors.EVENT_WRITE, client)
+
+    def _flush(self, client: _Client) -> None:
+        try:
+            sent = client.socket.send(client.waiting[: 1 << 18])
+        except BlockingIOError:
+            return
+        except OSError:
+            self._drop(client)
+            return
+        del client.waiting[:sent]
+        if not client.waiting:
+            self._everything.modify(client.socket, selectors.EVENT_READ, client)
+
+    def _from_client(self, client: _Client) -> None:
+        if client.socket not in self._clients:
+            return
+        try:
+            data = client.socket.recv(1 << 16)
+        except BlockingIOError:
+            return
+        except OSError:
+            data = b""
+        if not data:
+            self._drop(client)
+            return
+        *commands, client.received = (client.received + data).split(b">")
+        for command in commands:
+            self._command(client, command.strip(b"< \r\n").split())
+        if len(client.received) > 4096:  # no command is that long: not a socketcand client
+            self._drop(client)
+
+    def _command(self, client: _Client, words: list[bytes]) -> None:
+        if words[:1] == [b"send"] and client.raw:
+            frame = _parse(words)
+            if frame is None:
+                self._send(client, b"< error could not parse send >")
+            else:
+                client.quiet_until = 0.0
+                self._on_bus(client, *frame)
+        elif words == [b"open", self._channel.encode()]:
+            self._send(client, b"< ok >")
+        elif words == [b"rawmode"]:
+            self._send(client, b"< ok >")
+            client.raw, client.quiet_until = True, time.monotonic() + QUIET
+        elif words == [b"echo"]:
+            self._send(client, b"< echo >")
+        elif words[:1] == [b"open"]:
+            self._send(client, b"< error could not open bus >")
+        else:
+            self._send(client, b"< error unknown command >")
+
+    # Frames
+
+    def _on_bus(self, sender: _Client | None, identifier: int, extended: bool, data: bytes) -> None:
+        self.counts["frames"] += 1
+        sync = identifier == SYNC_ID and not extended
+        if sync:
+            self._plant.send(backplane.STEP)
+            self._state = self._from_plant()
+            self.counts["sync"] += 1
+        name = f"{identifier:08X}" if extended else f"{identifier:03X}"
+        self._broadcast(f"< frame {name} {time.time():.6f} {data.hex().upper()} >".encode(), sender)
+        if sync:
+            self._packet(self._nodes, backplane.SYNC + self._state)
+        else:
+            head = backplane.FRAME_HEAD.pack(identifier | (extended << 31), len(data))
+            self._packet(self._nodes, backplane.FRAME + head + data)
+
+    def _broadcast(self, text: bytes, sender: _Client | None) -> None:
+        for client in list(self._clients.values()):
+            if client is sender or not client.raw:
+                continue
+            if client.quiet_until and client.quiet_until > time.monotonic():
+                continue
+            client.quiet_until = 0.0
+            self._send(client, text)
+
+    # Devices
+
+    def _packet(self, end: socket.socket, packet: bytes) -> None:
+        """To a device process; never blocks, because that process may be waiting for the hub."""
+        backlog = self._backlog[end]
+        if not backlog:
+            try:
+                end.send(packet)
+                return
+            except BlockingIOError:
+                self._everything.modify(
+                    end, selectors.EVENT_READ | selectors.EVENT_WRITE, self._everything.get_key(end).data
+                )
+        backlog.append(packet)
+
+    def _catch_up(self, end: socket.socket) -> None:
+        backlog = self._backlog[end]
+        while backlog:
+            try:
+                end.send(backlog[0])
+            except BlockingIOError:
+                return
+            backlog.popleft()
+        self._everything.modify(end, selectors.EVENT_READ, self._everything.get_key(end).data)
+
+    def _from_nodes(self) -> None:
+        packet = self._nodes.recv(backplane.PACKET)
+        if not packet:
+            raise SystemExit("hub: the nodes are gone")
+        self._broadcast(packet[1:], None)
+
+    def _from_modbus(self) -> None:
+        packet = self._modbus.recv(backplane.PACKET)
+        if not packet:
+            raise SystemExit("hub: the Modbus devices are gone")
+        self.counts["barriers"] += 1
+        self._accept()
+        while arrived := self._arrivals.select(0):
+            for key, _ in arrived:
+                self._from_client(key.data)
+        self._packet(self._modbus, backplane.STATE + self._state)
+
+    # Faults
+
+    def _drop_clients(self, order: Order) -> int:
+        """Close all connections, as a gateway that reboots does."""
+        clients = list(self._clients.values())
+        for client in clients:
+            self._drop(client)
+        return len(clients)
+
+    def _error_frame(self, order: Order) -> None:
+        """An error frame, as a disturbed cable gives."""
+        self._broadcast(f"< error 00000008 {time.time():.6f} >".encode(), None)
+
+
+def _parse(words: list[bytes]) -> tuple[int, bool, bytes] | None:
+    try:
+        identifier, length = int(words[1], 16), int(words[2], 16)
+        data = bytes(int(word, 16) for word in words[3:])
+    except (IndexError, ValueError):
+        return None
+    extended = len(words[1]) > 3
+    if len(data) != length or length > 8 or identifier > (0x1FFFFFFF if extended else 0x7FF):
+        return None
+    return identifier, extended, data
+
+
+def main() -> None:
+    """Entry of the hub's process."""
+    orders = Orders()
+    configuration: dict[str, Any] = orders.configuration()
+    ends = [backplane.adopt(configuration[name]) for name in ("plant", "nodes", "modbus")]
+    hub = Hub(configuration["channel"], *ends)
+    report({"ready": {"port": hub.port}})
+    hub.run(orders)
+
+
+if __name__ == "__main__":
+    main()

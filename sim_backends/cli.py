@@ -1,0 +1,65 @@
+"""``hilfit simulate``: simulated buses as processes of their own, until interrupted."""
+
+from __future__ import annotations
+
+import shutil
+import signal
+import tempfile
+import threading
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from daq.console import reported
+from daq.errors import InputError
+from daq.machine_file import load_machine
+from sim_backends.motion import read_motion
+from sim_backends.simulated_machine import SimulatedMachine
+from sim_backends.truth import load_truth
+from sim_backends.undeclared import parse_spec
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command to ``app``."""
+    app.command("simulate")(simulate)
+
+
+@reported
+def simulate(
+    machine: Annotated[Path, typer.Argument(help="Machine file with buses and sources.")],
+    undeclared: Annotated[
+        list[str] | None,
+        typer.Option(help="EFFECT:JOINT:SIZE that the plant has and the machine file does not say; repeatable."),
+    ] = None,
+    truth: Annotated[Path | None, typer.Option(help="The plant's own parameters (YAML).")] = None,
+    seed: Annotated[int, typer.Option(help="Of everything random.", min=0)] = 0,
+    speed: Annotated[float, typer.Option(help="Machine seconds per second, up to 4.")] = 1.0,
+    motion: Annotated[list[Path] | None, typer.Option(help="Motion files to follow at once; repeatable.")] = None,
+    workdir: Annotated[Path | None, typer.Option(help="Where machine.yaml and the inbox go.")] = None,
+) -> None:
+    """Run simulated buses of MACHINE until interrupted; prints the machine file to acquire with."""
+    declared = load_machine(machine)
+    specs = [parse_spec(text, declared) for text in undeclared or []]
+    for path in motion or []:
+        read_motion(path, declared)
+    if workdir is not None and workdir.exists() and not workdir.is_dir():
+        raise InputError(f"{workdir}: is no directory; give another --workdir")
+    ended = threading.Event()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: ended.set())
+    with tempfile.TemporaryDirectory(prefix="hilfit-") as scratch:
+        simulated = SimulatedMachine(
+            declared, load_truth(truth) if truth else None, specs, seed, speed, workdir or Path(scratch)
+        )
+        with simulated:
+            for path in motion or []:
+                part = simulated.inbox / f".{path.name}.part"
+                shutil.copyfile(path, part)
+                part.replace(simulated.inbox / path.name)
+            typer.echo(f"machine file  {simulated.machine_path}")
+            typer.echo(f"motion inbox  {simulated.inbox}")
+            typer.echo(f"controller    {simulated.status_path}")
+            typer.echo("Machine time advances with each SYNC. Ctrl-C ends it.")
+            while not ended.wait(1.0):
+                simulated.check()

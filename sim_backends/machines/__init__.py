@@ -1,0 +1,137 @@
+"""Simulated machines: arms drawn at random, and the committed one of the demonstration.
+
+``folding_arm.yaml`` is a whole machine file with buses and sources; ``folding_arm.truth.yaml`` holds the plant's own
+parameters, which only the plant reads.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+
+from daq.machine_file import Machine, load_machine, parse_machine
+from sim_backends.truth import CylinderTruth, LinkTruth, Truth, load_truth
+
+__all__ = ["default_machine", "folding_arm", "slewing_arm"]
+
+TRAVEL = (-0.65, 0.65)  # rad
+LIMITS = {"position": list(TRAVEL), "velocity": 0.6, "acceleration": 1.5}
+BORES = (0.080, 0.080, 0.063, 0.050, 0.040, 0.040)  # m, standard sizes (ISO 3320)
+ROD_RATIO = 0.56
+STROKE = 0.30  # m
+
+
+def default_machine() -> tuple[Machine, Truth]:
+    """The demonstration's folding arm with its buses, and what it really is."""
+    folder = Path(__file__).parent
+    return load_machine(folder / "folding_arm.yaml"), load_truth(folder / "folding_arm.truth.yaml")
+
+
+def folding_arm(seed: int) -> tuple[Machine, Truth]:
+    """Six parallel horizontal axes that fold in one vertical plane, six cylinders; sizes drawn with ``seed``."""
+    rng = np.random.default_rng([seed, 1])
+    lengths = np.array([0.95, 0.78, 0.58, 0.45, 0.36, 0.27]) * rng.uniform(0.88, 1.12, 6)
+    rows = [{"a": float(a), "alpha": 0.0, "d": 0.0, "theta": 0.0} for a in lengths]
+    masses = np.array([98.0, 74.0, 45.0, 28.0, 16.0, 8.5]) * rng.uniform(0.8, 1.2, 6)
+    links = [_link(rng, mass, (-0.5 * a, 0.0, 0.0), (a, 0.18, 0.14)) for mass, a in zip(masses, lengths, strict=True)]
+    return _machine("folding-arm", [0.0, -9.81, 0.0], rows, links, rng)
+
+
+def slewing_arm(seed: int) -> tuple[Machine, Truth]:
+    """A vertical slewing axis, a boom of two parallel axes and a wrist; sizes drawn with ``seed``."""
+    rng = np.random.default_rng([seed, 2])
+    half = float(np.pi / 2)
+    column, boom, stick, wrist = np.array([0.16, 1.15, 0.88, 0.33]) * rng.uniform(0.9, 1.1, 4)
+    rows = [
+        {"a": float(column), "alpha": half, "d": float(0.6 * rng.uniform(0.9, 1.1)), "theta": 0.0},
+        {"a": float(boom), "alpha": 0.0, "d": 0.0, "theta": 0.0},
+        {"a": float(stick), "alpha": 0.0, "d": 0.0, "theta": 0.0},
+        {"a": float(wrist), "alpha": half, "d": 0.0, "theta": 0.0},
+        {"a": 0.0, "alpha": half, "d": 0.0, "theta": half},
+        {"a": 0.0, "alpha": 0.0, "d": float(0.3 * rng.uniform(0.9, 1.1)), "theta": 0.0},
+    ]
+    masses = np.array([120.0, 86.0, 46.0, 20.0, 14.0, 10.0]) * rng.uniform(0.8, 1.2, 6)
+    centres = [(-0.5 * column, -0.25, 0.0), (-0.52 * boom, 0.0, 0.0), (-0.55 * stick, 0.0, 0.0),
+               (-0.5 * wrist, 0.0, 0.0), (0.0, 0.0, 0.08), (0.0, 0.0, -0.12)]  # fmt: skip
+    shapes = [(0.35, 0.6, 0.35), (boom, 0.2, 0.16), (stick, 0.18, 0.14), (wrist, 0.14, 0.14),
+              (0.15, 0.15, 0.2), (0.14, 0.14, 0.28)]  # fmt: skip
+    links = [_link(rng, m, c, s) for m, c, s in zip(masses, centres, shapes, strict=True)]
+    return _machine("slewing-arm", [0.0, 0.0, -9.81], rows, links, rng)
+
+
+def _link(rng: np.random.Generator, mass: float, centre: tuple[float, ...], shape: tuple[float, ...]) -> LinkTruth:
+    """A box of edge lengths ``shape`` (m), a little askew and off ``centre``, about its distal frame's origin."""
+    size = np.array(shape) * rng.uniform(0.85, 1.15, 3)
+    c = np.array(centre) * rng.uniform(0.9, 1.1, 3) + rng.normal(0.0, 0.025, 3)
+    tilt, _ = np.linalg.qr(np.eye(3) + rng.normal(0.0, 0.04, (3, 3)))
+    principal = mass / 12 * (size @ size - size**2)
+    about_origin = tilt @ np.diag(principal) @ tilt.T + mass * (c @ c * np.eye(3) - np.outer(c, c))
+    i = about_origin
+    moment = mass * c
+    return LinkTruth(
+        float(mass),
+        (float(moment[0]), float(moment[1]), float(moment[2])),
+        tuple(float(v) for v in (i[0, 0], i[0, 1], i[0, 2], i[1, 1], i[1, 2], i[2, 2])),  # type: ignore[arg-type]
+    )
+
+
+def _machine(
+    name: str, gravity: list[float], rows: list[dict[str, float]], links: list[LinkTruth], rng: np.random.Generator
+) -> tuple[Machine, Truth]:
+    joints: list[dict[str, Any]] = []
+    channels: list[dict[str, Any]] = []
+    cylinders: dict[str, CylinderTruth] = {}
+    for k, row in enumerate(rows):
+        joint, bore = f"joint{k + 1}", BORES[k]
+        cylinder, law = _cylinder(bore, 0.35 * (0.9 if k else 1.0), rng)
+        joints.append({"name": joint, "dh": row, "limits": LIMITS, "cylinder": cylinder})
+        cylinders[joint] = law
+        channels += [
+            {"name": f"{joint}.angle", "quantity": "joint_position", "joint": joint, "unit": "rad"},
+            {"name": f"{joint}.piston_position", "quantity": "piston_position", "joint": joint, "unit": "m"},
+            {"name": f"{joint}.head_pressure", "quantity": "head_pressure", "joint": joint, "unit": "Pa"},
+            {"name": f"{joint}.rod_pressure", "quantity": "rod_pressure", "joint": joint, "unit": "Pa"},
+        ]
+    content = {
+        "schema": "hilfit/machine/1",
+        "name": name,
+        "rate_hz": 50,
+        "gravity": gravity,
+        "joints": joints,
+        "channels": channels,
+    }
+    return parse_machine(yaml.safe_dump(content)), Truth(tuple(links), cylinders)
+
+
+def _cylinder(bore: float, spread: float, rng: np.random.Generator) -> tuple[dict[str, Any], CylinderTruth]:
+    """A cylinder of ``bore`` m with a linkage that its stroke can serve, and its friction."""
+    area = np.pi * bore**2 / 4
+
+    def around(value: float) -> float:
+        return float(value * rng.uniform(1 - spread, 1 + spread))
+
+    b = float((0.04 + 1.45 * bore) * rng.uniform(0.94, 1.06))
+    a = float((0.12 + 4.2 * bore) * rng.uniform(0.94, 1.06))
+    offset = float(rng.uniform(1.42, 1.75))
+    q = np.linspace(*TRAVEL, 101)
+    lengths = np.sqrt(a**2 + b**2 - 2 * a * b * np.cos(q + offset))
+    retracted = float(lengths.min() - rng.uniform(0.010, 0.020))
+    f_c = around(2.2e4 * area)  # seals: force with the bore's area
+    declared = {
+        "bore": bore,
+        "rod": round(bore * ROD_RATIO, 4),
+        "stroke": STROKE,
+        "damping": around(4.5e4 * area),
+        "linkage": {"type": "three_pin", "a": a, "b": b, "offset": offset, "retracted": retracted},
+    }
+    law = CylinderTruth(
+        m=around(0.9 + 1150.0 * area),
+        K=around(1.1e5 * area),
+        f_c=f_c,
+        f_v=around(2.1e5 * area),
+        f_s=float(f_c * rng.uniform(0.45, 0.95)),
+    )
+    return declared, law

@@ -1,0 +1,335 @@
+"""A simulated machine on real bus protocols: its processes, from power-on to power-off.
+
+::
+
+    acquisition --socketcand--> hub --STEP--> plant + controller <--- inbox/*.csv
+         |                       |  \\--SYNC--> CANopen nodes
+         \\-----Modbus TCP---> Modbus devices --BARRIER--> hub
+
+All ports are ephemeral and on the loopback interface. ``<workdir>/machine.yaml`` is the machine file with the
+addresses that hold for this run.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import selectors
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Literal
+
+from daq.errors import HilfitError, InputError
+from daq.machine_file import CanopenBus, Machine, ModbusTcpBus, Simulation, machine_to_yaml
+from sim_backends import backplane
+from sim_backends.device_plans import nodes_to_dict, units_to_dict
+from sim_backends.truth import SensorQuality, Truth
+from sim_backends.undeclared import EffectSpec, check_spec
+from sim_backends.wiring import wire
+
+START_PATIENCE = 30.0  # s for all processes to be ready
+ORDER_PATIENCE = 10.0  # s for an answer to an order
+STOP_PATIENCE = 5.0  # s for a process to end by itself
+HIGHEST_SPEED = 4.0
+
+_MODULES = {
+    "plant": "sim_backends.plant_process",
+    "hub": "sim_backends.can_hub",
+    "nodes": "sim_backends.canopen_nodes",
+    "modbus": "sim_backends.modbus_devices",
+}
+
+
+class SimulationError(HilfitError):
+    """A process of the simulated machine did not start, failed, or does not answer."""
+
+
+class _Process:
+    """A child process with its orders and answers."""
+
+    def __init__(self, name: str, configuration: Mapping[str, Any], ends: Sequence[socket.socket], log: Path) -> None:
+        self.name, self.log = name, log
+        environment = {k: v for k, v in os.environ.items() if k != "PYTHONSTARTUP"}
+        # One thread each: numerical libraries would start one per core.
+        environment |= dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1")
+        with log.open("wb") as errors:
+            self.popen = subprocess.Popen(
+                [sys.executable, "-m", _MODULES[name]],
+                stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=errors,
+                pass_fds=[end.fileno() for end in ends], env=environment,
+            )  # fmt: skip
+        self._received = b""
+        self._tell(configuration)
+
+    def _tell(self, content: Mapping[str, Any]) -> None:
+        assert self.popen.stdin is not None
+        try:
+            self.popen.stdin.write(json.dumps(content).encode() + b"\n")
+            self.popen.stdin.flush()
+        except (BrokenPipeError, ValueError):
+            raise SimulationError(self.ended()) from None
+
+    def answer(self, patience: float) -> dict[str, Any]:
+        """The next line that it reports."""
+        assert self.popen.stdout is not None
+        descriptor = self.popen.stdout.fileno()
+        deadline = time.monotonic() + patience
+        with selectors.DefaultSelector() as selector:
+            selector.register(descriptor, selectors.EVENT_READ)
+            while b"\n" not in self._received:
+                left = deadline - time.monotonic()
+                if left <= 0 or not selector.select(left):
+                    raise SimulationError(f"simulated {self.name}: no answer within {patience:g} s; see {self.log}")
+                data = os.read(descriptor, 1 << 16)
+                if not data:
+                    raise SimulationError(self.ended())
+                self._received += data
+        line, _, self._received = self._received.partition(b"\n")
+        content: dict[str, Any] = json.loads(line)
+        return content
+
+    def order(self, content: Mapping[str, Any]) -> Any:
+        """Give an order and wait for its result."""
+        self._tell(content)
+        answer = self.answer(ORDER_PATIENCE)
+        if "error" in answer:
+            raise SimulationError(f"simulated {self.name}: {content['order']}: {answer['error']}")
+        return answer["result"]
+
+    def ended(self) -> str:
+        """One line about a process that is gone."""
+        try:
+            code: Any = self.popen.wait(timeout=1.0)
+        except subprocess.TimeoutExpired:
+            code = "none yet"
+        return f"simulated {self.name}: its process {self.popen.pid} ended (exit code {code}); see {self.log}"
+
+    def stop(self) -> None:
+        """Close its stdin, which ends it; terminate it by its pid if that does not help."""
+        for stream in (self.popen.stdin, self.popen.stdout):
+            if stream is not None:
+                with contextlib.suppress(BrokenPipeError):
+                    stream.close()
+        for give_up in (self.popen.terminate, self.popen.kill, None):
+            try:
+                self.popen.wait(timeout=STOP_PATIENCE)
+                return
+            except subprocess.TimeoutExpired:
+                if give_up is not None:
+                    give_up()
+
+
+class SimulatedMachine:
+    """Simulated buses of a machine, as a context manager.
+
+    Parameters
+    ----------
+    machine : Machine
+        With ``buses`` and ``source`` entries; addresses in it are replaced.
+    truth : Truth, optional
+        The plant's own parameters; default: those of the committed folding arm, if ``machine`` is that arm.
+    undeclared : sequence of EffectSpec, or "demo"
+        Effects that only the plant's process gets to know. ``"demo"``: the demonstration's, chosen by the plant
+        itself, so that not even the caller handles its name.
+    seed : int
+        Of everything random in the plant.
+    speed : float
+        Machine seconds per second that acquisition is asked to run at (it leads with SYNC); up to 4.
+    workdir : path
+        Gets ``machine.yaml``, ``inbox/``, ``accepted/``, ``rejected/``, ``controller.json`` and logs.
+    quality : SensorQuality, optional
+
+    Raises
+    ------
+    InputError
+        If the machine cannot be simulated, or an effect or the speed is wrong.
+    SimulationError
+        If a process does not start.
+    """
+
+    def __init__(
+        self,
+        machine: Machine,
+        truth: Truth | None = None,
+        undeclared: Sequence[EffectSpec] | Literal["demo"] = (),
+        seed: int = 0,
+        speed: float = 1.0,
+        workdir: str | Path = ".",
+        quality: SensorQuality | None = None,
+    ) -> None:
+        if not 0 < speed <= HIGHEST_SPEED:
+            raise InputError(
+                f"speed {speed:g}: must be above 0 and at most {HIGHEST_SPEED:g} machine seconds per second"
+            )
+        self._wiring = wire(machine)
+        self._machine = machine
+        self._truth = truth if truth is not None else _default_truth(machine)
+        if undeclared != "demo":
+            undeclared = [check_spec(spec, machine) for spec in undeclared]
+        self._undeclared = undeclared
+        self._seed, self._speed = seed, speed
+        self._quality = quality or SensorQuality()
+        self.workdir = Path(workdir).resolve()
+        self.inbox = self.workdir / "inbox"
+        self.machine_path = self.workdir / "machine.yaml"
+        self.status_path = self.workdir / "controller.json"
+        self._processes: dict[str, _Process] = {}
+
+    def __enter__(self) -> SimulatedMachine:
+        for folder in (self.inbox, self.workdir / "accepted", self.workdir / "rejected", self.workdir / "log"):
+            folder.mkdir(parents=True, exist_ok=True)
+        for old in self.inbox.iterdir():
+            if old.is_file():
+                old.unlink()
+        try:
+            self._start()
+        except BaseException:
+            self.stop()
+            raise
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.stop()
+
+    def _start(self) -> None:
+        plant_hub, hub_plant = backplane.pair()
+        nodes_hub, hub_nodes = backplane.pair()
+        modbus_hub, hub_modbus = backplane.pair()
+        wiring = self._wiring
+        undeclared: Any = self._undeclared
+        if undeclared != "demo":
+            undeclared = [[spec.id, spec.joint, spec.size] for spec in self._undeclared]  # type: ignore[union-attr]
+        plant = {
+            "machine": machine_to_yaml(self._machine), "truth": self._truth.to_dict(), "undeclared": undeclared,
+            "quality": asdict(self._quality), "seed": self._seed, "hub": plant_hub.fileno(),
+            "inbox": str(self.inbox), "status": str(self.status_path),
+        }  # fmt: skip
+        nodes = {
+            "hub": nodes_hub.fileno(), "nodes": nodes_to_dict(wiring.nodes), "rate_hz": self._machine.rate_hz,
+        }  # fmt: skip
+        modbus = {
+            "hub": modbus_hub.fileno(),
+            "buses": {bus: units_to_dict(units) for bus, units in wiring.modbus.items() if units},
+        }  # fmt: skip
+        hub = {
+            "channel": wiring.can_channel, "plant": hub_plant.fileno(), "nodes": hub_nodes.fileno(),
+            "modbus": hub_modbus.fileno(),
+        }  # fmt: skip
+        ends = (plant_hub, hub_plant, nodes_hub, hub_nodes, modbus_hub, hub_modbus)
+        try:
+            for name, configuration, mine in (
+                ("plant", plant, (plant_hub,)),
+                ("nodes", nodes, (nodes_hub,)),
+                ("modbus", modbus, (modbus_hub,)),
+                ("hub", hub, (hub_plant, hub_nodes, hub_modbus)),
+            ):
+                log = self.workdir / "log" / f"{name}.log"
+                self._processes[name] = _Process(name, configuration, mine, log)
+        finally:
+            for end in ends:
+                end.close()
+        deadline = time.monotonic() + START_PATIENCE
+        ready = {
+            name: process.answer(max(0.1, deadline - time.monotonic()))["ready"]
+            for name, process in self._processes.items()
+        }
+        self.can_port = int(ready["hub"]["port"])
+        self.modbus_ports = {bus: int(port) for bus, port in ready["modbus"]["ports"].items()}
+        text = machine_to_yaml(self._addressed())
+        temporary = self.machine_path.with_name(".machine.yaml.part")
+        temporary.write_text(text, encoding="utf-8")
+        temporary.replace(self.machine_path)
+
+    def _addressed(self) -> Machine:
+        """The machine file as it holds for this run."""
+        buses: list[Any] = []
+        for bus in self._machine.buses:
+            if isinstance(bus, CanopenBus):
+                options = {"host": "127.0.0.1", "port": self.can_port}
+                buses.append(bus.model_copy(update={"interface": "socketcand", "options": options, "bitrate": None}))
+            elif isinstance(bus, ModbusTcpBus):
+                port = self.modbus_ports.get(bus.name, bus.port)
+                buses.append(bus.model_copy(update={"host": "127.0.0.1", "port": port}))
+        simulation = Simulation(speed=self._speed, lockstep=True)
+        return self._machine.model_copy(update={"buses": tuple(buses), "simulation": simulation})
+
+    def stop(self) -> None:
+        """Switch off: all processes end; what they wrote stays."""
+        for name in ("hub", "plant", "nodes", "modbus"):  # without the hub the others end by themselves
+            process = self._processes.pop(name, None)
+            if process is not None:
+                process.stop()
+
+    def check(self) -> None:
+        """Raise :class:`SimulationError` if a process has died."""
+        for process in self._processes.values():
+            if process.popen.poll() is not None:
+                raise SimulationError(process.ended())
+
+    @property
+    def pids(self) -> dict[str, int]:
+        """Process ids by process name."""
+        return {name: process.popen.pid for name, process in self._processes.items()}
+
+    def order(self, process: str, order: str, **details: Any) -> Any:
+        """Give an order to one of the processes and wait for its answer (see :mod:`sim_backends.faults`)."""
+        return self._processes[process].order({"order": order, **details})
+
+    def controller_status(self) -> dict[str, Any]:
+        """What the arm's controller does (see :mod:`sim_backends.plant_process`)."""
+        self.check()
+        content: dict[str, Any] = json.loads(self.status_path.read_text(encoding="utf-8"))
+        return content
+
+    def wait_following(self, name: str, timeout: float = 60.0) -> dict[str, Any]:
+        """Wait until the controller follows the motion file ``name``; its status then.
+
+        Machine time only advances while acquisition sends SYNC.
+        """
+        return self._wait(name, timeout, lambda status: name in status["followed"], "follow")
+
+    def wait_done(self, name: str, timeout: float = 300.0) -> dict[str, Any]:
+        """Wait until the motion file ``name`` has been followed to its end; the status then."""
+
+        def over(status: Mapping[str, Any]) -> bool:
+            cycles = status["followed"].get(name)
+            return cycles is not None and cycles[1] is not None
+
+        return self._wait(name, timeout, over, "finish")
+
+    def _wait(self, name: str, timeout: float, reached: Any, what: str) -> dict[str, Any]:
+        name = name.removesuffix(".csv")
+        deadline = time.monotonic() + timeout
+        while True:
+            status = self.controller_status()
+            if name in status["rejected"]:
+                raise InputError(status["rejected"][name])
+            if reached(status):
+                return status
+            if time.monotonic() > deadline:
+                raise SimulationError(
+                    f"the simulated controller did not {what} '{name}' within {timeout:g} s (it is "
+                    f"{status['state']} at cycle {status['cycle']}); machine time only advances with SYNC: is "
+                    "acquisition running?"
+                )
+            time.sleep(0.02)
+
+
+def _default_truth(machine: Machine) -> Truth:
+    from sim_backends.machines import default_machine
+
+    known, truth = default_machine()
+    if machine.joints != known.joints:
+        raise InputError(
+            f"{machine.name}: what this machine really weighs is not known; give the plant's parameters (truth)"
+        )
+    return truth

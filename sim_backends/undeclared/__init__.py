@@ -1,0 +1,73 @@
+"""Undeclared effects of the plant, by id: ``UNDECLARED``."""
+
+from __future__ import annotations
+
+import difflib
+import math
+from dataclasses import dataclass
+
+from daq.errors import InputError
+from daq.linkages import ThreePin
+from daq.machine_file import Machine
+from sim_backends.undeclared import forces, friction, mounting, outside, sensing
+from sim_backends.undeclared.base import Block, Place, Readings, UndeclaredEffect
+
+__all__ = ["UNDECLARED", "Block", "EffectSpec", "Place", "Readings", "UndeclaredEffect", "check_spec", "parse_spec"]
+
+UNDECLARED: dict[str, type[UndeclaredEffect]] = {
+    effect.id: effect
+    for module in (friction, forces, sensing, mounting, outside)
+    for effect in vars(module).values()
+    if isinstance(effect, type) and issubclass(effect, UndeclaredEffect) and effect is not UndeclaredEffect
+}
+
+
+@dataclass(frozen=True)
+class EffectSpec:
+    """Which effect, where, how large (in the effect's unit); ``joint`` is None for one of the whole base."""
+
+    id: str
+    joint: str | None
+    size: float
+
+
+def parse_spec(text: str, machine: Machine) -> EffectSpec:
+    """Read ``EFFECT:JOINT:SIZE`` (or ``EFFECT:SIZE`` for an effect of the whole base)."""
+    parts = text.split(":")
+    if len(parts) not in (2, 3):
+        raise InputError(f"--undeclared {text}: write EFFECT:JOINT:SIZE, as in position_dependent_friction:joint2:75")
+    try:
+        size = float(parts[-1])
+    except ValueError:
+        raise InputError(f"--undeclared {text}: size '{parts[-1]}' is no number") from None
+    return check_spec(EffectSpec(parts[0], (parts[1] or None) if len(parts) == 3 else None, size), machine)
+
+
+def check_spec(spec: EffectSpec, machine: Machine) -> EffectSpec:
+    """The same spec, if ``machine`` can have it.
+
+    Raises
+    ------
+    InputError
+        Unknown effect or joint, a joint that cannot have the effect, or a size that is not finite.
+    """
+    effect = UNDECLARED.get(spec.id)
+    if effect is None:
+        near = difflib.get_close_matches(spec.id, UNDECLARED, n=1)
+        hint = f"; did you mean '{near[0]}'?" if near else f"; one of {', '.join(sorted(UNDECLARED))}"
+        raise InputError(f"undeclared effect '{spec.id}' is not known{hint}")
+    if not math.isfinite(spec.size):
+        raise InputError(f"undeclared {spec.id}: size must be a finite number of {effect.unit}")
+    if effect.base_wide:
+        if spec.joint is not None:
+            raise InputError(f"undeclared {spec.id}: belongs to the whole base; leave the joint out: {spec.id}:SIZE")
+        return spec
+    names = [joint.name for joint in machine.joints]
+    if spec.joint not in names:
+        raise InputError(f"undeclared {spec.id}: there is no joint '{spec.joint}'; one of {', '.join(names)}")
+    cylinder = machine.joint(spec.joint).cylinder
+    if effect.needs_cylinder and cylinder is None:
+        raise InputError(f"undeclared {spec.id}: {spec.joint} has no cylinder; choose a joint that has one")
+    if effect.needs_three_pin and not (cylinder is not None and isinstance(cylinder.linkage, ThreePin)):
+        raise InputError(f"undeclared {spec.id}: {spec.joint} has no three-pin linkage; choose a joint that has one")
+    return spec

@@ -1,0 +1,64 @@
+"""A Modbus RTU slave for tests on a pseudo-terminal; the CRC is computed bit by bit, as the specification draws it."""
+
+from __future__ import annotations
+
+import os
+import pty
+import select
+import struct
+import threading
+import tty
+from dataclasses import dataclass, field
+
+
+def crc(data: bytes) -> bytes:
+    """CRC-16 of Modbus over serial line V1.02, 6.2.2."""
+    value = 0xFFFF
+    for byte in data:
+        value ^= byte
+        for _ in range(8):
+            value = value >> 1 ^ (0xA001 if value & 1 else 0)
+    return struct.pack("<H", value)
+
+
+@dataclass
+class FakeSerialModbus:
+    """Units with holding registers on one line."""
+
+    units: dict[int, dict[int, int]]
+    silent: set[int] = field(default_factory=set)
+
+    def __post_init__(self) -> None:
+        self._master, self._slave = pty.openpty()  # the slave side stays open: a reader never sees the line end
+        tty.setraw(self._slave)
+        self.port = os.ttyname(self._slave)
+        self.requests: list[int] = []
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._run, daemon=True)
+        self._thread.start()
+
+    def close(self) -> None:
+        self._stop.set()
+        self._thread.join()
+        os.close(self._master)
+        os.close(self._slave)
+
+    def _run(self) -> None:
+        buffer = b""
+        while not self._stop.is_set():
+            if not select.select([self._master], [], [], 0.02)[0]:
+                buffer = b""  # silence on the line ends a frame
+                continue
+            buffer += os.read(self._master, 256)
+            while len(buffer) >= 8:
+                request, buffer = buffer[:8], buffer[8:]
+                self._answer(request)
+
+    def _answer(self, request: bytes) -> None:
+        unit, function, address, count = struct.unpack_from(">BBHH", request)
+        self.requests.append(unit)
+        if crc(request[:6]) != request[6:] or unit in self.silent or unit not in self.units:
+            return
+        words = [self.units[unit][address + i] for i in range(count)]
+        body = struct.pack(f">BBB{count}H", unit, function, 2 * count, *words)
+        os.write(self._master, body + crc(body))

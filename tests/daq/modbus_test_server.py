@@ -1,0 +1,89 @@
+"""A Modbus TCP server for tests that can misbehave; written from the specification, shares no code with pymodbus."""
+
+from __future__ import annotations
+
+import contextlib
+import socket
+import struct
+import threading
+import time
+from dataclasses import dataclass, field
+
+
+@dataclass
+class FakeModbus:
+    """Units with holding registers; ``silent`` ones do not answer, ``exceptions`` maps a unit to its exception code."""
+
+    units: dict[int, dict[int, int]]
+    silent: set[int] = field(default_factory=set)
+    exceptions: dict[int, int] = field(default_factory=dict)
+    short: set[int] = field(default_factory=set)  # units that answer with one register less
+    delay_s: float = 0.0  # before every answer
+    fixed_port: int = 0
+
+    def __post_init__(self) -> None:
+        self.requests: list[tuple[int, int, int, int]] = []  # unit, function, address, count
+        self.asked = threading.Condition()
+        self._socket = socket.create_server(("127.0.0.1", self.fixed_port))
+        self.port = self._socket.getsockname()[1]
+        self._connections: list[socket.socket] = []
+        self._threads = [threading.Thread(target=self._accept, daemon=True)]
+        self._threads[0].start()
+
+    def close(self) -> None:
+        with contextlib.suppress(OSError):  # a test closed it already
+            self._socket.shutdown(socket.SHUT_RDWR)
+        self._socket.close()
+        for connection in self._connections:
+            with contextlib.suppress(OSError):  # the client closed it first
+                connection.shutdown(socket.SHUT_RDWR)
+            connection.close()
+        for thread in self._threads:
+            thread.join(5)
+
+    def _accept(self) -> None:
+        while True:
+            try:
+                connection, _ = self._socket.accept()
+            except OSError:
+                return
+            self._connections.append(connection)
+            thread = threading.Thread(target=self._serve, args=(connection,), daemon=True)
+            self._threads.append(thread)
+            thread.start()
+
+    def _serve(self, connection: socket.socket) -> None:
+        try:
+            while header := connection.recv(7, socket.MSG_WAITALL):
+                transaction, _, length, unit = struct.unpack(">HHHB", header)
+                function, address, count = struct.unpack(">BHH", connection.recv(length - 1, socket.MSG_WAITALL))
+                with self.asked:
+                    self.requests.append((unit, function, address, count))
+                    self.asked.notify_all()
+                body = self._answer(unit, function, address, count)
+                time.sleep(self.delay_s)
+                if body is not None:
+                    connection.sendall(struct.pack(">HHHB", transaction, 0, 1 + len(body), unit) + body)
+        except (OSError, struct.error):
+            return
+
+    def _answer(self, unit: int, function: int, address: int, count: int) -> bytes | None:
+        if unit in self.silent:
+            return None
+        if unit in self.exceptions:
+            return bytes((function | 0x80, self.exceptions[unit]))
+        if unit not in self.units:
+            return bytes((function | 0x80, 11))
+        registers = self.units[unit]
+        if any(address + i not in registers for i in range(count)):
+            return bytes((function | 0x80, 2))
+        words = [registers[address + i] for i in range(count)][: count - (unit in self.short)]
+        return struct.pack(f">BB{len(words)}H", function, 2 * len(words), *words)
+
+
+def float_registers(values: dict[int, float]) -> dict[int, int]:
+    """Holding registers with float32 values, most significant word first."""
+    registers = {}
+    for address, value in values.items():
+        registers[address], registers[address + 1] = struct.unpack(">HH", struct.pack(">f", value))
+    return registers

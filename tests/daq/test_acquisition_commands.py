@@ -1,0 +1,175 @@
+"""The acquisition commands, as a user types them: what they print, and their exit codes."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+import typer
+from bench_machines import modbus, plain
+from modbus_test_server import FakeModbus, float_registers
+from typer.testing import CliRunner
+
+from daq import cli, parse_machine, write_recording
+from daq.console import progress_bar, reported
+from daq.errors import AcquisitionError, RecordingError
+from daq.recording_files import read_table
+
+RUNNER = CliRunner()
+APP = typer.Typer()
+cli.register(APP)
+
+
+def run(*arguments: object) -> tuple[int, str, str]:
+    result = RUNNER.invoke(APP, [str(argument) for argument in arguments])
+    assert result.exception is None or isinstance(result.exception, SystemExit), result.exception
+    return result.exit_code, result.stdout, result.stderr
+
+
+@pytest.fixture
+def machine_file(tmp_path: Path) -> Path:
+    path = tmp_path / "arm.yaml"
+    path.write_text(plain())
+    return path
+
+
+@pytest.fixture
+def recording(tmp_path: Path) -> Path:
+    machine = parse_machine(plain())
+    values = {channel.name: np.arange(5.0) for channel in machine.channels}
+    return write_recording(tmp_path / "r.parquet", machine, "train", np.arange(5) / 50, values, cycle=np.arange(5))
+
+
+def test_machine_check(machine_file: Path) -> None:
+    code, out, err = run("machine", "check", machine_file)
+    assert (code, err) == (0, "")
+    assert "a valid machine file" in out
+    code, out, _ = run("machine", "check", machine_file, "--json")
+    assert code == 0
+    assert json.loads(out) == {
+        "name": "bench",
+        "rate_hz": 50.0,
+        "joints": 1,
+        "cylinders": 1,
+        "channels": 5,
+        "buses": [],
+        "can_be_acquired": False,
+    }
+
+
+def test_machine_check_says_what_is_wrong_in_one_line(machine_file: Path) -> None:
+    machine_file.write_text(plain().replace("bore", "boer"))
+    code, out, err = run("machine", "check", machine_file)
+    assert (code, out) == (2, "")
+    assert err.count("\n") == 1
+    assert err.startswith(f"hilfit: {machine_file}:10: joints[0].cylinder.boer: unknown key; did you mean 'bore'?")
+
+
+def test_machine_schema() -> None:
+    code, out, _ = run("machine", "schema")
+    assert code == 0
+    assert json.loads(out)["properties"]["schema"]["const"] == "hilfit/machine/1"
+
+
+def test_export(recording: Path, tmp_path: Path) -> None:
+    out_file = tmp_path / "r.csv"
+    code, out, _ = run("export", recording, "-o", out_file, "--json")
+    assert code == 0
+    assert json.loads(out)["rows"] == 5
+    before, after = read_table(recording), read_table(out_file)
+    assert list(before.columns) == list(after.columns)
+    for name, values in before.columns.items():
+        np.testing.assert_array_equal(after.columns[name], values)
+    assert run("export", recording, "-o", out_file)[0] == 2  # is there already
+    assert run("export", recording, "-o", out_file, "--force")[0] == 0
+    back = tmp_path / "back.parquet"
+    assert run("export", recording, "-o", back)[0] == 0
+    assert read_table(back).metadata == before.metadata
+
+
+@pytest.mark.parametrize("output", ["r.xlsx", "r"])
+def test_export_refuses_unknown_kinds(recording: Path, tmp_path: Path, output: str) -> None:
+    code, _, err = run("export", recording, "-o", tmp_path / output)
+    assert code == 2
+    assert "use .parquet or .csv" in err
+    assert not (tmp_path / output).exists()
+
+
+def test_recover_says_what_it_did(tmp_path: Path) -> None:
+    assert run("recover", tmp_path) == (0, f"{tmp_path}: nothing to recover\n", "")
+    (tmp_path / "x.parquet.journal").touch()
+    code, out, _ = run("recover", tmp_path, "--json")
+    assert code == 0
+    assert json.loads(out) == [{"journal": str(tmp_path / "x.parquet.journal"), "file": None, "rows": 0}]
+    code, _, err = run("recover", tmp_path / "nowhere")
+    assert code == 2 and "no such directory" in err
+
+
+@pytest.fixture
+def bench(tmp_path: Path) -> Iterator[tuple[Path, FakeModbus]]:
+    server = FakeModbus({1: float_registers({2: 50.0, 4: 0.0, 6: 0.3}), 2: {4: 215}})
+    path = tmp_path / "bench.yaml"
+    path.write_text(modbus(server.port))
+    yield path, server
+    server.close()
+
+
+def test_record(bench: tuple[Path, FakeModbus], tmp_path: Path) -> None:
+    output = tmp_path / "r.csv"
+    code, out, err = run("record", bench[0], "--role", "operation", "--seconds", 0.4, "-o", output, "--json")
+    assert code == 0, err
+    result = json.loads(out)
+    assert result["recording"]["rows"] == 20
+    assert result["acquisition"]["state"] == "running"
+    assert read_table(output).rows == 20
+    again = run("record", bench[0], "--role", "operation", "--seconds", 0.4, "-o", output)
+    assert again[0] == 2 and "--force" in again[2]
+
+
+def test_record_fails_in_one_line_when_a_device_is_gone(bench: tuple[Path, FakeModbus], tmp_path: Path) -> None:
+    machine_file, server = bench
+    server.silent.update({1, 2})
+    output = tmp_path / "r.parquet"
+    code, _, err = run("record", machine_file, "--role", "train", "--seconds", 1, "-o", output)
+    assert code == 1
+    assert "unit 1" in err and "(and 1 more)" in err and err.count("\n") == 1
+    assert not output.exists()
+
+
+def test_record_refuses_a_machine_without_buses(machine_file: Path, tmp_path: Path) -> None:
+    code, _, err = run("record", machine_file, "--role", "train", "--seconds", 1, "-o", tmp_path / "r.parquet")
+    assert code == 2 and "buses" in err
+    code, _, _ = run("record", machine_file, "--role", "holiday", "--seconds", 1, "-o", tmp_path / "r.parquet")
+    assert code == 2
+
+
+def test_errors_have_the_exit_codes_of_their_kind() -> None:
+    for error, code in ((RecordingError("a"), 2), (AcquisitionError("b"), 1)):
+
+        @reported
+        def fail(error: Exception = error) -> None:
+            raise error
+
+        with pytest.raises(typer.Exit) as caught:
+            fail()
+        assert caught.value.exit_code == code
+
+
+def test_the_progress_bar_takes_unknown_totals(capsys: pytest.CaptureFixture[str]) -> None:
+    with progress_bar("doing") as bar:
+        bar(1, None)
+        bar(2, 3)
+    with progress_bar("quiet", show=False) as bar:
+        bar(1, 2)
+    assert "quiet" not in capsys.readouterr().err
+
+
+def test_reading_files_loads_no_bus_library() -> None:
+    program = "import sys, daq, daq.cli; print(sorted({'can', 'canopen', 'pymodbus', 'serial'} & set(sys.modules)))"
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True, timeout=60)
+    assert done.stdout == "[]\n"

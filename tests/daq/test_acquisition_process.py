@@ -1,0 +1,217 @@
+"""The cycle with its clock and drivers in hand, and the whole process against Modbus devices."""
+
+from __future__ import annotations
+
+import os
+import signal
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from bench_machines import modbus, plain
+from modbus_test_server import FakeModbus, float_registers
+
+from daq import AcquisitionError, Machine, MachineFileError, Quality, parse_machine
+from daq.acquisition import AcquisitionProcess, Cycles, run_cycles
+from daq.channels import channel_table
+from daq.clock import FakeClock
+from daq.drivers import DriverStatistics, Samples, nothing
+from daq.frame import frame_from_row
+from daq.recorder import Recorder
+from daq.recording_files import read_table
+from daq.ring import RingReader, RingWriter, ring_buffer
+
+MACHINE = parse_machine(modbus(502))
+
+
+class Scripted:
+    """A driver that writes down when it is called; a number in ``lost`` is a cycle in which nothing comes."""
+
+    def __init__(self, name: str, channels: tuple[str, ...], log: list[str], *, leads: bool = False) -> None:
+        self.name, self.channels, self.log, self.leads = name, channels, log, leads
+        self.lost: set[int] = set()
+        self.cycle = -1
+
+    def start(self) -> tuple[str, ...]:
+        return ()
+
+    def trigger(self, cycle: int) -> None:
+        self.cycle = cycle
+        self.log.append(f"{self.name} trigger {cycle}")
+
+    def collect(self, until_ns: int) -> Samples:
+        self.log.append(f"{self.name} collect")
+        samples = nothing(len(self.channels))
+        if self.cycle not in self.lost:
+            samples.raw[:], samples.quality[:] = self.cycle, Quality.FRESH
+        return samples
+
+    def statistics(self) -> DriverStatistics:
+        return DriverStatistics(self.name, ())
+
+    def stop(self) -> None:
+        pass
+
+
+def run(cycles: Cycles, count: int) -> tuple[np.ndarray, dict[str, object]]:
+    """Run ``count`` cycles; the rows in the ring and the published statistics."""
+    with ring_buffer(cycles.table.dtype, 256) as name, RingWriter(name) as writer, RingReader(name) as reader:
+        left = iter(range(count + 1))
+        run_cycles(cycles, writer, lambda: next(left) == count)
+        return reader.read().rows, reader.info()
+
+
+def test_sync_leads_and_everything_is_triggered_before_anything_is_waited_for() -> None:
+    log: list[str] = []
+    polled = Scripted("polled", ("j1.head",), log)
+    other = Scripted("other", ("j1.rod",), log)
+    leading = Scripted("sync", ("j1.angle",), log, leads=True)
+    rows, info = run(Cycles(MACHINE, channel_table(MACHINE), [polled, leading, other], FakeClock(50)), 2)
+    one = [
+        "sync trigger {0}",
+        "polled trigger {0}",
+        "other trigger {0}",
+        "sync collect",
+        "polled collect",
+        "other collect",
+    ]
+    assert log == [line.format(cycle) for cycle in (0, 1) for line in one]
+    frames = [frame_from_row(row) for row in rows]
+    assert [frame.cycle for frame in frames] == [0, 1]
+    assert [frame.time for frame in frames] == [0.0, 0.02]
+    np.testing.assert_allclose(frames[1].values, [1.0, 1e5, 1e4 - 1e5])
+    assert info["state"] == "stopped" and info["cycles"] == 2
+
+
+def test_skipped_cycles_are_counted_and_leave_a_hole_in_the_numbers() -> None:
+    clock = FakeClock(50)
+    cycles = Cycles(MACHINE, channel_table(MACHINE), [Scripted("a", channel_table(MACHINE).names, [])], clock)
+    with ring_buffer(cycles.table.dtype, 16) as name, RingWriter(name) as writer, RingReader(name) as reader:
+        cycles.once(writer)
+        clock.skip(3)
+        cycles.once(writer)
+        assert reader.read().rows["cycle"].tolist() == [0, 4]
+    statistics = cycles.statistics("running", fifo=False, warnings=())
+    assert (statistics.cycles, statistics.skipped) == (2, 3)
+
+
+def test_statistics_count_qualities_per_channel() -> None:
+    driver = Scripted("a", channel_table(MACHINE).names, [])
+    driver.lost = {3, 4}
+    _, info = run(Cycles(MACHINE, channel_table(MACHINE), [driver], FakeClock(50)), 10)
+    assert info["quality"] == {name: {"fresh": 8, "stale": 2} for name in driver.channels}
+
+
+def test_frames_have_the_instant_of_sync() -> None:
+    clock = FakeClock(50, origin_ns=0)
+    driver = Scripted("a", channel_table(MACHINE).names, [])
+    rows, _ = run(Cycles(MACHINE, channel_table(MACHINE), [driver], clock), 3)
+    assert rows["monotonic_ns"].tolist() == [20_000_000, 40_000_000, 60_000_000]
+    assert rows["utc_ns"].tolist() == [20_000_000, 40_000_000, 60_000_000]
+
+
+@pytest.fixture
+def server() -> Iterator[FakeModbus]:
+    made = FakeModbus({1: float_registers({2: 50.0, 4: 0.0, 6: 0.3}), 2: {4: 215}})
+    yield made
+    made.close()
+
+
+def machine_at(server: FakeModbus, extra: str = "") -> Machine:
+    # Time-outs long enough that a busy computer is not taken for a dead device.
+    return parse_machine(modbus(server.port).replace("timeout_s: 0.05", "timeout_s: 1.0") + extra)
+
+
+def test_the_process_acquires_and_is_recorded(server: FakeModbus, tmp_path: Path) -> None:
+    machine = machine_at(server)
+    with AcquisitionProcess(machine) as acquisition:
+        assert acquisition.alive
+        recorder = Recorder(acquisition.ring_name, machine, "operation", tmp_path / "r.parquet")
+        summary = recorder.record(0.6)
+        acquisition.check()
+        assert acquisition.statistics().state == "running"
+    assert summary.rows == 30
+    final = acquisition.stop()  # once more: the same answer
+    assert final.state == "stopped"
+    assert final.cycles >= 30
+    assert set(final.quality) == {"j1.angle", "j1.head", "j1.rod"}
+    assert final.buses[0]["devices"] == [
+        {"name": "unit 1", "state": "running", "detail": ""},
+        {"name": "unit 2", "state": "running", "detail": ""},
+    ]
+    assert not acquisition.alive
+    table = read_table(tmp_path / "r.parquet")
+    known = np.isfinite(table.columns["j1.rod"])
+    assert known.any()
+    np.testing.assert_allclose(table.columns["j1.rod"][known], 20.5)  # bar: 0.1 x 215 - 1
+    np.testing.assert_array_equal(np.diff(table.columns["cycle"]), 1)
+
+
+def test_in_lockstep_no_cycle_is_skipped_at_four_times_the_speed(server: FakeModbus) -> None:
+    machine = machine_at(server, "simulation: {speed: 4, lockstep: true}\n")
+    with AcquisitionProcess(machine) as acquisition, RingReader(acquisition.ring_name, from_start=True) as reader:
+        rows = []
+        while sum(map(len, rows)) < 100:
+            assert reader.wait(30)
+            rows.append(reader.read().rows)
+    cycles = np.concatenate(rows)["cycle"]
+    np.testing.assert_array_equal(cycles, np.arange(cycles[0], cycles[0] + len(cycles)))
+    statistics = acquisition.stop()
+    assert statistics.skipped == 0
+    assert all(set(counts) == {"fresh"} for counts in statistics.quality.values())
+
+
+def test_devices_that_are_not_there_are_named(server: FakeModbus) -> None:
+    server.silent.add(2)
+    machine = parse_machine(modbus(server.port))
+    with (
+        pytest.raises(AcquisitionError, match=r"unit 2 \(j1\.rod\): does not answer in time"),
+        AcquisitionProcess(machine),
+    ):
+        raise AssertionError("not reached")
+    with AcquisitionProcess(machine, strict=False) as acquisition:
+        warnings = acquisition.statistics().warnings
+    assert any("unit 2" in line for line in warnings)
+
+
+def test_what_cannot_be_acquired_is_refused_at_once(tmp_path: Path) -> None:
+    file = tmp_path / "arm.yaml"
+    file.write_text(plain())
+    with pytest.raises(MachineFileError, match=r"arm\.yaml: buses: there are none"):
+        AcquisitionProcess(file)
+
+
+def test_a_machine_is_acquired_once(server: FakeModbus) -> None:
+    machine = machine_at(server)
+    with ring_buffer(channel_table(machine).dtype, 16) as name, pytest.raises(AcquisitionError, match="already"):
+        AcquisitionProcess(machine, name).start()
+
+
+def test_a_killed_process_is_noticed_and_leaves_nothing_behind(server: FakeModbus) -> None:
+    acquisition = AcquisitionProcess(machine_at(server))
+    with acquisition:
+        name = acquisition.ring_name
+        os.kill(acquisition._process.pid, signal.SIGKILL)
+        acquisition._process.join(30)
+        with pytest.raises(AcquisitionError, match="ended by itself"):
+            acquisition.check()
+        assert not acquisition.alive
+        assert acquisition.statistics().state == "failed"
+    with pytest.raises(AcquisitionError, match="no ring buffer"):
+        RingReader(name)
+
+
+def test_a_parent_that_is_gone_ends_the_process(server: FakeModbus) -> None:
+    acquisition = AcquisitionProcess(machine_at(server))
+    with acquisition:
+        assert acquisition._control is not None
+        process = acquisition._process
+        acquisition._control.close()  # what the child sees when its parent is killed
+        process.join(30)
+        assert process.exitcode == 0
+        deadline = time.monotonic() + 5
+        while acquisition.statistics().state != "stopped" and time.monotonic() < deadline:
+            time.sleep(0.01)
+        assert acquisition.statistics().state == "stopped"

@@ -1,0 +1,336 @@
+"""The CANopen driver against nodes on a virtual bus: commissioning, capture, and every fault a bus has to offer."""
+
+from __future__ import annotations
+
+import struct
+import time
+import uuid
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+
+import can as python_can
+import numpy as np
+import pytest
+from bench_machines import can
+from canopen_test_node import PRE_OPERATIONAL, FakeNode
+
+from daq import BusError, Machine, MachineFileError, Quality, parse_machine
+from daq.drivers import DriverContext, Samples
+from daq.drivers.canopen import CanopenDriver
+from daq.drivers.canopen_mapping import map_node
+
+PERIOD = 0.02
+NS = 1_000_000_000
+ANGLE, HEAD, ROD = 0, 1, 2
+
+
+@dataclass
+class Bench:
+    """Encoder node 5, pressure node 6, and a listener to all that the driver sends."""
+
+    channel: str = field(default_factory=lambda: uuid.uuid4().hex)
+    cycle: int = 0
+
+    def __post_init__(self) -> None:
+        self.listener = python_can.Bus(interface="virtual", channel=self.channel)
+        self.angle = FakeNode(self.channel, 5, {(0x6004, 0): struct.pack("<I", 123456)})
+        self.pressure = FakeNode(
+            self.channel,
+            6,
+            {(0x6130, 1): struct.pack("<f", 50.0), (0x6130, 2): struct.pack("<f", 20.5), (0x61A1, 1): b"\0\0"},
+        )
+        self.machine: Machine = parse_machine(can(self.channel))
+        self.driver = self.make()
+
+    def make(self, text: str | None = None) -> CanopenDriver:
+        machine = self.machine if text is None else parse_machine(text)
+        context = DriverContext(PERIOD, False, time.monotonic_ns)
+        return CanopenDriver(machine.buses[0], machine.channels, context)  # type: ignore[arg-type]
+
+    def once(self) -> Samples:
+        start = time.monotonic_ns()
+        self.driver.trigger(self.cycle)
+        samples = self.driver.collect(start + round(0.9 * PERIOD * NS))
+        self.cycle += 1
+        time.sleep(max(0.0, PERIOD - (time.monotonic_ns() - start) / NS))
+        return samples
+
+    def until(self, done: Callable[[Samples], bool], cycles: int = 500) -> Samples:
+        for _ in range(cycles):
+            samples = self.once()
+            if done(samples):
+                return samples
+        raise AssertionError(f"not within {cycles} cycles; {self.driver.statistics()}")
+
+    def state(self, number: int) -> str:
+        return next(d.state for d in self.driver.statistics().devices if d.name == f"node {number}")
+
+    def sent(self) -> list[python_can.Message]:
+        found = []
+        while (message := self.listener.recv(0)) is not None:
+            found.append(message)
+        return found
+
+    def close(self) -> None:
+        self.driver.stop()
+        self.angle.close()
+        self.pressure.close()
+        self.listener.shutdown()
+
+
+@pytest.fixture
+def bench() -> Iterator[Bench]:
+    made = Bench()
+    yield made
+    made.close()
+
+
+def fresh(samples: Samples) -> bool:
+    return bool(np.all(samples.quality == Quality.FRESH))
+
+
+def test_commissioning_writes_the_mapping_that_the_channels_need(bench: Bench) -> None:
+    assert bench.driver.start() == ()
+    log = bench.pressure.log
+    assert bench.pressure.commands == [0x80, 0x01]  # pre-operational first, operational last
+    off = [(i, s, v) for i, s, v in log if 0x1800 <= i <= 0x1803 and s == 1]
+    assert [v[3] & 0x80 for _, _, v in off] == [0x80, 0x80, 0]  # two PDOs that were on are off, then one is on
+    mapping = [(s, int.from_bytes(v, "little")) for i, s, v in log if i == 0x1A00]
+    assert mapping == [(0, 0), (1, 0x6130_0120), (2, 0x6130_0220), (0, 2)]  # CiA 301: 0 entries while it changes
+    assert (0x1800, 2, b"\x01") in log  # at every SYNC
+    assert (0x1017, 0, struct.pack("<H", 50)) in log
+    assert (0x61A1, 1, struct.pack("<H", 3)) in log
+    order = [i for i, _, _ in log]
+    assert order.index(0x1A00) < order.index(0x1017) < order.index(0x61A1)
+
+
+def test_frames_bring_raw_values_sampled_at_sync(bench: Bench) -> None:
+    bench.driver.start()
+    samples = bench.once()
+    assert fresh(samples)
+    assert samples.raw.tolist() == [123456.0, 50.0, 20.5]
+    assert samples.cycles_ago.tolist() == [0, 0, 0]
+    assert samples.after_sync_s.tolist() == [0.0, 0.0, 0.0]
+    bench.pressure.set(0x6130, 1, struct.pack("<f", 51.0))
+    assert bench.until(lambda s: s.raw[HEAD] == 51.0).raw[ROD] == 20.5
+
+
+def test_nothing_but_nmt_sync_and_sdo_to_own_nodes_is_ever_sent(bench: Bench) -> None:
+    bench.driver.start()
+    for _ in range(5):
+        bench.once()
+    bench.pressure.boot()
+    bench.until(lambda s: bench.state(6) == "running" and fresh(s))
+    bench.driver.stop()
+    from_nodes = {0x700 + n for n in (5, 6)} | {0x580 + n for n in (5, 6)} | {0x185, 0x186}
+    others = [m for m in bench.sent() if m.arbitration_id not in from_nodes]
+    assert {m.arbitration_id for m in others} == {0x000, 0x080, 0x605, 0x606}
+    assert {m.data[1] for m in others if m.arbitration_id == 0} == {5, 6}  # no command to all nodes
+    assert all(len(m.data) == 0 for m in others if m.arbitration_id == 0x080)
+    assert not any(m.is_extended_id for m in others)
+    assert bench.angle.commands[-1] == 0x80  # left quiet
+
+
+def test_a_node_that_is_not_there_costs_only_itself(bench: Bench) -> None:
+    bench.angle.silent = True
+    problems = bench.driver.start()
+    assert len(problems) == 1
+    assert "node 5 (j1.angle)" in problems[0] and "does not answer" in problems[0]
+    samples = bench.until(lambda s: s.quality[HEAD] == Quality.FRESH)
+    assert samples.quality[ANGLE] == Quality.MISSING
+    bench.angle.silent = False
+    bench.until(fresh)  # tried again by itself
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "words"),
+    [
+        ((0x1000, 0), 0x0008_0196, ("device type", "0x00080196", "0x00080194")),
+        ((0x1018, 1), 0x2B, ("vendor-ID", "0x0000002B", "0x0000002A")),
+        ((0x1018, 2), 8, ("product code", "product_code")),
+    ],
+)
+def test_another_device_is_not_configured(
+    bench: Bench, key: tuple[int, int], value: int, words: tuple[str, ...]
+) -> None:
+    bench.angle.objects[key] = struct.pack("<I", value)
+    problems = bench.driver.start()
+    assert len(problems) == 1
+    for word in ("node 5", "another device", *words):
+        assert word in problems[0]
+    assert bench.angle.log == []  # nothing was written to it
+    assert 0x01 not in bench.angle.commands
+
+
+def test_a_mapping_that_does_not_stay_is_found_by_reading_back(bench: Bench) -> None:
+    bench.angle.frozen[0x1A00, 1] = b""
+    (problem,) = bench.driver.start()
+    assert "0x1A00:01" in problem and "0x60040020" in problem and "manual" in problem
+
+
+def test_a_refused_object_is_named(bench: Bench) -> None:
+    bench.angle.refused.add((0x1017, 0))
+    (problem,) = bench.driver.start()
+    assert "node 5" in problem and "refuses to write 0x1017:00" in problem
+
+
+def test_a_short_pdo_is_found_at_the_start(bench: Bench) -> None:
+    bench.pressure.truncate = 4
+    (problem,) = bench.driver.start()
+    assert "node 6" in problem and "TPDO1 has 4 bytes instead of 8" in problem
+
+
+def test_a_short_pdo_in_service_is_never_taken_for_a_value(bench: Bench) -> None:
+    bench.driver.start()
+    bench.until(fresh)
+    bench.pressure.truncate = 4
+    samples = bench.until(lambda s: bench.driver.statistics().counts["short_pdo"] >= 3 and not fresh(s))
+    assert np.isnan(samples.raw[[HEAD, ROD]]).all()
+    assert samples.quality[ANGLE] == Quality.FRESH
+    bench.pressure.truncate = 0
+    bench.until(fresh)
+
+
+def test_a_node_that_boots_in_service_is_commissioned_again(bench: Bench) -> None:
+    bench.driver.start()
+    bench.until(fresh)
+    bench.pressure.log.clear()
+    bench.pressure.boot()
+    lost = bench.until(lambda s: s.quality[HEAD] != Quality.FRESH)
+    assert lost.quality[ANGLE] == Quality.FRESH
+    samples = bench.until(fresh)
+    assert samples.raw[HEAD] == 50.0
+    assert (0x1A00, 1, struct.pack("<I", 0x6130_0120)) in bench.pressure.log
+    assert bench.driver.statistics().counts["boot_up"] == 1
+
+
+def test_a_killed_node_is_noticed_by_the_watchdog_and_comes_back(bench: Bench) -> None:
+    bench.driver.start()
+    bench.until(fresh)
+    bench.pressure.silent = True
+    samples = bench.until(lambda s: bench.state(6) == "silent")
+    assert samples.quality[ANGLE] == Quality.FRESH
+    assert samples.quality[HEAD] == Quality.MISSING
+    detail = next(d.detail for d in bench.driver.statistics().devices if d.name == "node 6")
+    assert "no heartbeat" in detail
+    bench.pressure.silent = False
+    bench.until(fresh)
+
+
+def test_a_node_that_leaves_operation_is_brought_back(bench: Bench) -> None:
+    bench.driver.start()
+    bench.until(fresh)
+    bench.pressure.state = PRE_OPERATIONAL
+    bench.until(lambda s: s.quality[HEAD] == Quality.MISSING)
+    bench.until(fresh)
+
+
+def test_an_emergency_marks_the_nodes_values_until_it_is_reset(bench: Bench) -> None:
+    bench.driver.start()
+    bench.until(fresh)
+    bench.pressure.emergency(0x5000)
+    samples = bench.until(lambda s: s.quality[HEAD] == Quality.EMERGENCY)
+    assert samples.raw[HEAD] == 50.0
+    assert samples.quality[ANGLE] == Quality.FRESH
+    assert "emergency 0x5000" in [d.detail for d in bench.driver.statistics().devices]
+    assert bench.driver.statistics().counts["emergency"] == 1
+    bench.pressure.emergency(0x0000)
+    bench.until(fresh)
+
+
+def test_a_late_tpdo_is_late_and_not_fresh(bench: Bench) -> None:
+    bench.driver.start()
+    bench.until(fresh)
+    bench.driver.trigger(bench.cycle)
+    bench.driver.collect(0)  # the deadline has passed already: whatever comes now belongs to this cycle, too late
+    received = bench.driver.statistics().counts["frames"]
+    deadline = time.monotonic() + 5
+    while bench.driver.statistics().counts["frames"] < received + 2 and time.monotonic() < deadline:
+        time.sleep(0.005)
+    bench.angle.silent = bench.pressure.silent = True  # and nothing comes for the next one
+    bench.cycle += 1
+    samples = bench.once()
+    assert samples.cycles_ago.tolist() == [1, 1, 1]
+    assert samples.raw.tolist() == [123456.0, 50.0, 20.5]
+
+
+def test_a_bus_that_fails_is_rebuilt(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    bench.driver.start()
+    bench.until(fresh)
+    link = bench.driver._link
+    assert link is not None
+
+    def broken(*_: object) -> None:
+        raise python_can.CanOperationError("controller is bus-off")
+
+    monkeypatch.setattr(link._bus, "send", broken)
+    samples = bench.until(lambda s: bool(np.all(s.quality == Quality.BUS_ERROR)))
+    assert np.isnan(samples.raw).all()
+    devices = bench.driver.statistics().devices
+    assert all(device.state == "failed" and device.detail for device in devices)
+    bench.until(fresh)
+    assert bench.driver.statistics().counts["bus_rebuilt"] == 1
+
+
+def test_error_frames_are_counted(bench: Bench) -> None:
+    bench.driver.start()
+    bench.listener.send(python_can.Message(is_error_frame=True, is_extended_id=False))
+    bench.until(lambda s: bench.driver.statistics().counts["error_frames"] == 1)
+
+
+def test_a_bus_that_cannot_be_opened_is_named(bench: Bench) -> None:
+    text = can(bench.channel)
+    absent = text.replace("interface: virtual", "interface: socketcand\n  options: {host: 127.0.0.1, port: 1}")
+    with pytest.raises(BusError, match=r"'can0': nothing answers at 127\.0\.0\.1:1"):
+        bench.make(absent).start()
+    with pytest.raises(BusError, match="'can0': wirelesscan"):
+        bench.make(text.replace("interface: virtual", "interface: wirelesscan")).start()
+
+
+def channels_of(objects: list[tuple[int, int, str]]) -> Machine:
+    text = can("x")
+    head = text[: text.index("channels:")]
+    bus = text[text.index("buses:") :]
+    quantities = [
+        "joint_position",
+        "piston_position",
+        "head_pressure",
+        "rod_pressure",
+        "cylinder_force",
+        "joint_effort",
+    ]
+    units = ["rad", "m", "bar", "bar", "N", "N m"]
+    lines = [
+        f"- {{name: c{i}, quantity: {quantities[i]}, joint: j1, unit: {units[i]}, source: {{bus: can0, node: 5, "
+        f"object: {index}, subindex: {sub}, data_type: {kind}}}}}"
+        for i, (index, sub, kind) in enumerate(objects)
+    ]
+    return parse_machine(head + "channels:\n" + "\n".join(lines) + "\n" + bus)
+
+
+def test_objects_are_packed_into_tpdos() -> None:
+    machine = channels_of(
+        [
+            (0x6004, 0, "uint32"),
+            (0x6020, 1, "uint32"),
+            (0x7130, 1, "int16"),
+            (0x6130, 1, "float64"),
+            (0x6004, 0, "uint32"),
+        ]
+    )
+    first, second, third = map_node(5, list(enumerate(machine.channels)), "node 5")
+    assert (first.cob_id, first.length) == (0x185, 8)
+    assert first.entries == (0x6004_0020, 0x6020_0120)
+    assert first.positions == ((0, 4), (1,))  # one object may feed two channels
+    assert (second.cob_id, second.length, second.entries) == (0x285, 2, (0x7130_0110,))
+    assert (third.cob_id, third.length, third.entries) == (0x385, 8, (0x6130_0140,))
+    assert first.decoder.unpack(b"\x01\0\0\0\x02\0\0\0") == (1, 2)
+
+
+def test_what_does_not_fit_four_tpdos_is_refused() -> None:
+    machine = channels_of([(0x6130, sub, "float64") for sub in range(1, 6)])
+    with pytest.raises(MachineFileError, match="node 5: its 5 objects do not fit 4 TPDOs"):
+        map_node(5, list(enumerate(machine.channels)), "node 5")
+    machine = channels_of([(0x6004, 0, "uint32"), (0x6004, 0, "int32"), (0x6130, 1, "float32"), (0x6130, 2, "float32")])
+    with pytest.raises(MachineFileError, match="0x6004:0 is uint32 and int32"):
+        map_node(5, list(enumerate(machine.channels)), "node 5")

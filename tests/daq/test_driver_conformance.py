@@ -1,0 +1,162 @@
+"""Every installed driver passes the conformance check, and the check finds drivers that do not conform."""
+
+from __future__ import annotations
+
+import struct
+import uuid
+from collections.abc import Callable, Iterator
+from importlib.metadata import entry_points
+
+import numpy as np
+import pytest
+from bench_machines import can, modbus, modbus_serial
+from canopen_test_node import FakeNode
+from modbus_test_serial import FakeSerialModbus
+from modbus_test_server import FakeModbus, float_registers
+
+from daq import parse_machine
+from daq.drivers import Driver, DriverContext, DriverStatistics, Samples, make_driver, nothing
+from daq.drivers.base import DeviceStatus
+from daq.drivers.conformance import ConformanceError, check_driver
+
+Bench = tuple[str, dict[str, float], Callable[[], None], Callable[[], None]]
+REGISTERS = {1: float_registers({2: 50.0, 4: 0.0, 6: 0.3}), 2: {4: 215}}
+MODBUS_VALUES = {"j1.angle": 0.3, "j1.head": 50.0, "j1.rod": 215.0}
+
+
+@pytest.fixture
+def benches() -> Iterator[Callable[[str], Bench]]:
+    """Makes the test bench of a driver by its entry point's name."""
+    close: list[Callable[[], None]] = []
+
+    def make(name: str) -> Bench:
+        if name == "canopen":
+            channel = uuid.uuid4().hex
+            angle = FakeNode(channel, 5, {(0x6004, 0): struct.pack("<I", 123456)})
+            pressure = FakeNode(
+                channel,
+                6,
+                {(0x6130, 1): struct.pack("<f", 50.0), (0x6130, 2): struct.pack("<f", 20.5), (0x61A1, 1): b"\0\0"},
+            )
+            close.extend([angle.close, pressure.close])
+
+            def silence() -> None:
+                angle.silent = pressure.silent = True
+
+            def restore() -> None:
+                angle.silent = pressure.silent = False
+
+            return can(channel), {"j1.angle": 123456.0, "j1.head": 50.0, "j1.rod": 20.5}, silence, restore
+        server: FakeModbus | FakeSerialModbus
+        if name == "modbus_tcp":
+            server = FakeModbus(REGISTERS)
+            text = modbus(server.port)
+        elif name == "modbus_rtu":
+            server = FakeSerialModbus(REGISTERS)
+            text = modbus_serial(server.port)
+        else:
+            raise AssertionError(f"driver '{name}' is installed and has no bench here: add one")
+        close.append(server.close)
+        return text, MODBUS_VALUES, lambda: server.silent.update({1, 2}), server.silent.clear
+
+    yield make
+    for function in close:
+        function()
+
+
+@pytest.mark.parametrize("name", sorted(entry.name for entry in entry_points(group="hilfit.drivers")))
+def test_every_installed_driver_conforms(name: str, benches: Callable[[str], Bench]) -> None:
+    text, expected, silence, restore = benches(name)
+    machine = parse_machine(text)
+    check_driver(
+        lambda context: make_driver(machine.buses[0], machine.channels, context),
+        expected,
+        period_s=1 / machine.rate_hz,
+        silence=silence,
+        restore=restore,
+    )
+
+
+class Honest:
+    """A driver of one channel without a bus, that conforms."""
+
+    channels = ("a",)
+    leads = False
+
+    def __init__(self, context: DriverContext) -> None:
+        self.stopped = False
+
+    def start(self) -> tuple[str, ...]:
+        return ()
+
+    def trigger(self, cycle: int) -> None:
+        pass
+
+    def collect(self, until_ns: int) -> Samples:
+        samples = nothing(1)
+        if not self.stopped:
+            samples.raw[:], samples.quality[:] = 1.0, 0
+        return samples
+
+    def statistics(self) -> DriverStatistics:
+        return DriverStatistics("none", (DeviceStatus("one", "running"),))
+
+    def stop(self) -> None:
+        self.stopped = True
+
+
+class WrongValue(Honest):
+    def collect(self, until_ns: int) -> Samples:
+        samples = super().collect(until_ns)
+        samples.raw[:] *= 2
+        return samples
+
+
+class WrongShape(Honest):
+    def collect(self, until_ns: int) -> Samples:
+        return nothing(2)
+
+
+class FreshNaN(Honest):
+    def collect(self, until_ns: int) -> Samples:
+        samples = super().collect(until_ns)
+        samples.raw[:] = np.nan
+        samples.quality[:] = 0
+        return samples
+
+
+class Lossy(Honest):
+    count = 0
+
+    def collect(self, until_ns: int) -> Samples:
+        self.count += 1
+        return nothing(1) if self.count % 3 == 0 else super().collect(until_ns)
+
+
+class Nameless(Honest):
+    def statistics(self) -> DriverStatistics:
+        return DriverStatistics("none", ())
+
+
+class Complaining(Honest):
+    def start(self) -> tuple[str, ...]:
+        return ("device one: does not answer",)
+
+
+def run(driver: Callable[[DriverContext], Driver]) -> None:
+    check_driver(driver, {"a": 1.0}, period_s=0.0001)
+
+
+def test_the_check_accepts_a_driver_that_conforms() -> None:
+    run(Honest)
+
+
+@pytest.mark.parametrize("driver", [WrongValue, WrongShape, FreshNaN, Lossy, Nameless, Complaining])
+def test_the_check_refuses_a_driver_that_does_not_conform(driver: Callable[[DriverContext], Driver]) -> None:
+    with pytest.raises(ConformanceError):
+        run(driver)
+
+
+def test_the_check_refuses_a_driver_that_hides_silence() -> None:
+    with pytest.raises(ConformanceError, match="silence"):
+        check_driver(Honest, {"a": 1.0}, period_s=0.0001, silence=lambda: None, restore=lambda: None)

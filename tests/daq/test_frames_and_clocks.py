@@ -1,0 +1,253 @@
+"""Frames: scaling, range, quality and holding. Clocks: absolute deadlines, skipped and slipped ticks."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from bench_machines import can, modbus, plain
+from hypothesis import given
+from hypothesis import strategies as st
+
+from daq import Machine, MachineFileError, Quality, parse_machine
+from daq.assembly import HOLD_CYCLES, Assembler
+from daq.channels import channel_table, channels_by_bus
+from daq.clock import NS, Clock, FakeClock, LockstepClock, RealClock, Tick, clock_for
+from daq.drivers.base import Samples, nothing
+from daq.frame import Frame, frame_from_row, row_dtype, row_from_frame
+
+MODBUS = parse_machine(modbus(502))
+
+
+def samples(*raw: float, quality: int = Quality.FRESH, ago: int = 0, after: float = 0.0) -> Samples:
+    count = len(raw)
+    return Samples(
+        np.array(raw, dtype=float),
+        np.full(count, quality, dtype=np.uint8),
+        np.full(count, ago, dtype=np.int64),
+        np.full(count, after),
+    )
+
+
+def tick(cycle: int) -> Tick:
+    return Tick(cycle, cycle / 50, 0, 0, 0)
+
+
+def assembler(machine: Machine = MODBUS, *, lockstep: bool = False) -> Assembler:
+    table = channel_table(machine)
+    return Assembler(table, [table.names], machine.rate_hz, lockstep=lockstep)
+
+
+def test_the_channel_table_scales_to_si() -> None:
+    table = channel_table(MODBUS)
+    assert table.names == ("j1.angle", "j1.head", "j1.rod")
+    np.testing.assert_allclose(table.gain, [1.0, 1e5, 0.1e5])  # the rod's source says 0.1 bar per count, less 1 bar
+    np.testing.assert_allclose(table.bias, [0.0, 0.0, -1e5])
+    assert table.index("j1.rod") == 2
+    oil = channel_table(parse_machine(plain()))
+    np.testing.assert_allclose(oil.bias[-1], 273.15)
+    assert (oil.low[2], oil.high[2]) == (-1e5, 250e5)
+    assert oil.high[3] == np.inf
+
+
+def test_channels_are_grouped_by_bus() -> None:
+    machine = parse_machine(can("x"))
+    assert [c.name for c in channels_by_bus(machine)["can0"]] == ["j1.angle", "j1.head", "j1.rod"]
+    with pytest.raises(MachineFileError, match=r"arm\.yaml: buses: there are none"):
+        channels_by_bus(parse_machine(plain()), "arm.yaml")
+    sourceless = parse_machine(can("x").replace("buses:", "- {name: oil, quantity: oil_temperature, unit: K}\nbuses:"))
+    with pytest.raises(MachineFileError, match="oil has no source"):
+        channels_by_bus(sourceless)
+
+
+def test_fresh_values_become_si() -> None:
+    frame = assembler().frame(tick(3), 11, 12, [samples(0.5, 2.0, 30.0)])
+    assert (frame.cycle, frame.monotonic_ns, frame.utc_ns, frame.time) == (3, 11, 12, 0.06)
+    np.testing.assert_allclose(frame.values, [0.5, 2e5, 2e5])
+    assert frame.quality.tolist() == [Quality.FRESH] * 3
+    assert frame.ages.tolist() == [0, 0, 0]
+
+
+def test_ages_are_negative_for_what_is_sampled_after_sync() -> None:
+    polled = samples(0.5, 2.0, 30.0, after=0.003)
+    assert assembler().frame(tick(0), 0, 0, [polled]).ages.tolist() == [-0.003] * 3
+    # In lockstep no machine time passes between SYNCs.
+    assert assembler(lockstep=True).frame(tick(0), 0, 0, [polled]).ages.tolist() == [0.0] * 3
+
+
+def test_late_values_are_marked_and_have_an_age() -> None:
+    frame = assembler().frame(tick(8), 0, 0, [samples(0.5, 2.0, 30.0, ago=1)])
+    assert frame.quality.tolist() == [Quality.LATE] * 3
+    np.testing.assert_allclose(frame.ages, 0.02)
+
+
+def test_sentinels_and_ranges() -> None:
+    frame = assembler().frame(tick(0), 0, 0, [samples(0.5, -999.0, 30.0)])
+    assert frame.quality[1] == Quality.OUT_OF_RANGE
+    assert np.isnan(frame.values[1])
+    machine = parse_machine(modbus(502).replace("quantity: rod_pressure,", "quantity: rod_pressure, range: [0, 5],"))
+    for raw, quality in ((59.0, Quality.FRESH), (60.0, Quality.OUT_OF_RANGE), (9.0, Quality.OUT_OF_RANGE)):
+        frame = assembler(machine).frame(tick(0), 0, 0, [samples(0.5, 1.0, raw)])
+        assert frame.quality[2] == quality  # 0.1 bar per count, less 1 bar: 59 counts are 4.9 bar
+        assert np.isfinite(frame.values[2])
+
+
+def test_what_does_not_come_is_held_for_a_while_then_missing() -> None:
+    work = assembler()
+    work.frame(tick(0), 0, 0, [samples(0.5, 2.0, 30.0)])
+    for cycle in range(1, HOLD_CYCLES + 1):
+        frame = work.frame(tick(cycle), 0, 0, [nothing(3)])
+        assert frame.quality.tolist() == [Quality.STALE] * 3
+        np.testing.assert_allclose(frame.values, [0.5, 2e5, 2e5])
+        np.testing.assert_allclose(frame.ages, cycle * 0.02)
+    frame = work.frame(tick(HOLD_CYCLES + 1), 0, 0, [nothing(3)])
+    assert frame.quality.tolist() == [Quality.MISSING] * 3
+    assert np.isnan(frame.values).all() and np.isnan(frame.ages).all()
+
+
+def test_nothing_is_held_before_the_first_value() -> None:
+    frame = assembler().frame(tick(0), 0, 0, [nothing(3)])
+    assert frame.quality.tolist() == [Quality.MISSING] * 3
+
+
+def test_bus_errors_and_emergencies_stay_what_they_are() -> None:
+    work = assembler()
+    work.frame(tick(0), 0, 0, [samples(0.5, 2.0, 30.0)])
+    frame = work.frame(tick(1), 0, 0, [nothing(3, Quality.BUS_ERROR)])
+    assert frame.quality.tolist() == [Quality.BUS_ERROR] * 3
+    frame = work.frame(tick(2), 0, 0, [samples(0.5, 2.0, 30.0, quality=Quality.EMERGENCY)])
+    assert frame.quality.tolist() == [Quality.EMERGENCY] * 3
+    np.testing.assert_allclose(frame.values, [0.5, 2e5, 2e5])
+    assert work.counts[Quality.BUS_ERROR].tolist() == [1, 1, 1]
+    assert work.counts.sum() == 9
+
+
+def test_samples_of_several_drivers_find_their_channels() -> None:
+    table = channel_table(MODBUS)
+    work = Assembler(table, [("j1.rod",), ("j1.head", "j1.angle")], 50)
+    frame = work.frame(tick(0), 0, 0, [samples(30.0), samples(2.0, 0.5)])
+    np.testing.assert_allclose(frame.values, [0.5, 2e5, 2e5])
+
+
+@given(
+    cycle=st.integers(0, 2**62),
+    values=st.lists(st.floats(allow_nan=True), min_size=1, max_size=5),
+    quality=st.integers(0, 6),
+)
+def test_a_frame_survives_its_row(cycle: int, values: list[float], quality: int) -> None:
+    count = len(values)
+    frame = Frame(cycle, 1, 2, 0.5, np.array(values), np.array(values[::-1]), np.full(count, quality, dtype=np.uint8))
+    row = row_from_frame(frame)
+    assert row.dtype == row_dtype(count)
+    back = frame_from_row(row[0])
+    assert (back.cycle, back.monotonic_ns, back.utc_ns, back.time) == (cycle, 1, 2, 0.5)
+    np.testing.assert_array_equal(back.values, frame.values)
+    np.testing.assert_array_equal(back.ages, frame.ages)
+    np.testing.assert_array_equal(back.quality, frame.quality)
+
+
+class Wall:
+    """Replaces the time module of the clocks: sleeping moves the clock, nobody waits."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.now = 5 * NS
+        self.sleeps = 0
+        monkeypatch.setattr("daq.clock.time", self)
+
+    def monotonic_ns(self) -> int:
+        return self.now
+
+    def time_ns(self) -> int:
+        return self.now + 1000 * NS
+
+    def sleep(self, seconds: float) -> None:
+        self.now += max(1, round(seconds * NS))
+        self.sleeps += 1
+
+
+@pytest.fixture
+def wall(monkeypatch: pytest.MonkeyPatch) -> Wall:
+    return Wall(monkeypatch)
+
+
+def ticks(clock: Clock, count: int) -> list[Tick]:
+    return [clock.wait() for _ in range(count)]
+
+
+def test_real_deadlines_are_absolute(wall: Wall) -> None:
+    clock = RealClock(50)
+    clock.start()
+    start = wall.now
+    for cycle in range(100):
+        found = clock.wait()
+        assert (found.cycle, found.skipped) == (cycle, 0)
+        assert found.time == cycle / 50
+        assert wall.now == start + (cycle + 1) * NS // 50 + found.late_ns
+        assert wall.now < found.collect_until_ns < start + (cycle + 2) * NS // 50
+        wall.now += NS // 100  # work of half a period does not add up
+
+
+def test_a_stall_skips_ticks_and_their_numbers(wall: Wall) -> None:
+    clock = RealClock(50)
+    clock.start()
+    ticks(clock, 3)  # cycles 0, 1, 2; 3 is due 20 ms after 2
+    wall.now += NS // 10  # 100 ms: the times of 3 to 6 are over, that of 7 has just come
+    late = clock.wait()
+    assert (late.cycle, late.skipped) == (7, 4)
+    assert late.time == 7 / 50
+    assert [t.cycle for t in ticks(clock, 3)] == [8, 9, 10]
+
+
+@given(stalls=st.lists(st.floats(0, 0.3), max_size=30))
+def test_no_tick_comes_twice_or_early(stalls: list[float]) -> None:
+    with pytest.MonkeyPatch.context() as monkeypatch:
+        wall = Wall(monkeypatch)
+        clock = RealClock(50)
+        clock.start()
+        origin = wall.now + NS // 50
+        last = -1
+        for stall in stalls:
+            found = clock.wait()
+            assert found.cycle == last + 1 + found.skipped
+            assert wall.now >= origin + found.cycle * (NS // 50)
+            assert found.late_ns < NS // 50
+            last = found.cycle
+            wall.now += round(stall * NS)
+
+
+def test_lockstep_slips_and_skips_nothing(wall: Wall) -> None:
+    clock = LockstepClock(50, speed=4)
+    clock.start()
+    start = wall.now
+    first = ticks(clock, 10)
+    assert [t.cycle for t in first] == list(range(10))
+    assert [t.time for t in first] == [k / 50 for k in range(10)]
+    assert wall.now == start + 10 * NS // 200
+    wall.now += NS  # the simulation is slow
+    slipped = clock.wait()
+    assert (slipped.cycle, slipped.skipped) == (10, 0)
+    assert slipped.late_ns == NS - NS // 200
+    before = wall.now
+    following = clock.wait()
+    assert following.cycle == 11
+    assert wall.now == before + NS // 200  # no burst to catch up
+    assert following.collect_until_ns - wall.now >= NS // 2
+
+
+def test_the_machine_file_chooses_the_clock() -> None:
+    assert isinstance(clock_for(MODBUS), RealClock)
+    simulated = modbus(502) + "simulation: {speed: 4, lockstep: true}\n"
+    assert isinstance(clock_for(parse_machine(simulated)), LockstepClock)
+    free = clock_for(parse_machine(simulated.replace("true", "false")))
+    assert isinstance(free, RealClock)
+
+
+def test_the_fake_clock_jumps() -> None:
+    clock = FakeClock(50)
+    clock.start()
+    assert clock.wait().cycle == 0
+    clock.skip(2)
+    found = clock.wait()
+    assert (found.cycle, found.skipped) == (3, 2)
+    before = clock.monotonic_ns()
+    clock.advance(1.5)
+    assert clock.monotonic_ns() - before == 1.5 * NS == clock.utc_ns() - before

@@ -1,0 +1,38 @@
+"""Fixtures of the service's tests; what they are made of is in :mod:`service_fakes`."""
+
+from __future__ import annotations
+
+import io
+import os
+from collections.abc import Iterator
+
+import pytest
+from service_fakes import Fakes, Running, recording_bytes, running_service
+
+from server import logs
+
+
+@pytest.fixture(scope="module")
+def running(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Running]:
+    """One service for all tests of a module; each test brings its own resources."""
+    with running_service(tmp_path_factory.mktemp("data"), Fakes(), maximum_upload_bytes=400_000) as service:
+        yield service
+
+
+@pytest.fixture(scope="session")
+def csv(tmp_path_factory: pytest.TempPathFactory) -> bytes:
+    """A good recording of :data:`MACHINE` as CSV."""
+    return recording_bytes(tmp_path_factory.mktemp("made"))
+
+
+@pytest.fixture(scope="session", autouse=True)
+def quiet_logs() -> None:
+    """Logs as the service writes them, kept out of the tests' output."""
+    logs.configure(stream=io.StringIO())
+
+
+@pytest.fixture(autouse=True)
+def no_settings_from_outside(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The environment of whoever runs the tests must not change what they test."""
+    for name in [key for key in os.environ if key.startswith("HILFIT_")]:
+        monkeypatch.delenv(name)

@@ -1,0 +1,76 @@
+"""A stage program for tests: ``python fake_stages.py REQUEST.json STAGE``.
+
+It is steered by the request's options, or by ``steer.json`` in the data directory.
+
+``block``: this stage waits until the file ``go`` is in the output directory. ``fail``: ``[stage, exit code, text]``.
+``crash``: this stage kills itself. ``silent``: this stage ends without a result. ``no_report``: the last one
+writes none.
+Every run of a stage leaves a line in ``ran.txt``; a stage that finished answers from its stored summary.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+STAGES = ("check", "cylinder_stage", "report")
+REPORT = {
+    "schema": "hilfit/report/1",
+    "loop": {"verdict": "nothing_missing"},
+    "overall": {"before": 1.0, "after": 0.9, "change_percent": -10.0, "ci95_percent": [-12.0, -8.0]},
+}
+
+
+def say(**content: Any) -> None:
+    print(json.dumps(content), flush=True)
+
+
+def wait_for(path: Path) -> None:
+    """At most a minute, so that nothing stays behind whatever a test does."""
+    deadline = time.monotonic() + 60
+    while not path.exists():
+        if time.monotonic() > deadline:
+            sys.exit(1)
+        time.sleep(0.02)
+
+
+def main(request_file: Path, stage: str) -> int:
+    request = json.loads(request_file.read_text())
+    output, options = Path(request["output"]), request["options"]
+    steer = output.parents[1] / "steer.json"
+    if steer.exists():
+        options |= json.loads(steer.read_text())
+    stored = output / f"summary-{stage}.json"
+    if stored.exists():
+        say(summary=json.loads(stored.read_text()))
+        return 0
+    print("a library that prints to standard output")
+    say(fraction=0.5, text=f"Half of {stage}")
+    with (output / "ran.txt").open("a") as file:
+        file.write(f"{stage} {os.getpid()} {os.nice(0)}\n")
+    if options.get("block") == stage:
+        wait_for(output / "go")
+    if options.get("fail", [None])[0] == stage:
+        _, code, text = options["fail"]
+        print("details for the log", file=sys.stderr)
+        say(error=text.replace("{output}", str(output)))
+        return int(code)
+    if options.get("crash") == stage:
+        os.kill(os.getpid(), signal.SIGKILL)
+    if options.get("silent") == stage:
+        return 0
+    if stage == "report" and not options.get("no_report"):
+        (output / "report.json").write_text(json.dumps(REPORT))
+        (output / "report.html").write_text("<!doctype html><title>report</title>")
+    stored.write_text(json.dumps({"stage": stage}))
+    say(summary={"stage": stage})
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(Path(sys.argv[1]), sys.argv[2]))

@@ -1,0 +1,20 @@
+"""``python serve_with_fakes.py DATA_DIR``: a real server process with fake stages; prints its address."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+
+from service_fakes import Fakes
+
+from server.serve import serve
+from server.settings import Settings
+
+
+def ready(url: str) -> None:
+    print(json.dumps({"url": url}), flush=True)
+
+
+if __name__ == "__main__":
+    serve(Settings(data_dir=Path(sys.argv[1]), port=0), ready, lambda: Fakes().parts)

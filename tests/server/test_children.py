@@ -1,0 +1,117 @@
+"""Children: progress, results, ends; they are nice, and die with their parent."""
+
+from __future__ import annotations
+
+import os
+import select
+import signal
+import subprocess
+import sys
+from itertools import count
+from pathlib import Path
+
+import pytest
+
+from server.children import ChildResult, run_child
+
+
+def child(code: str, tmp_path: Path, **options: object) -> ChildResult:
+    settings = {"timeout_s": 30.0, **options}
+    return run_child([sys.executable, "-c", code], log=tmp_path / "log", **settings)  # type: ignore[arg-type]
+
+
+def test_progress_and_summary(tmp_path: Path) -> None:
+    seen: list[tuple[float, str]] = []
+    code = """
+import os, sys
+print('{"fraction": 0.25, "text": "a  quarter"}')
+print("noise of a library")
+print('{"fraction": "much"}')
+print('[1, 2]')
+print('to the log', file=sys.stderr)
+print('{"summary": {"nice": %d}}' % os.nice(0))
+"""
+    result = child(code, tmp_path, progress=lambda fraction, text: seen.append((fraction, text)))
+    assert result == ChildResult("done", {"nice": 19})
+    assert seen == [(0.25, "a quarter")]
+    assert (tmp_path / "log").read_text() == "to the log\n"
+
+
+@pytest.mark.parametrize(
+    ("code", "outcome", "error"),
+    [
+        ('print(\'{"error": "wrong channel"}\'); raise SystemExit(2)', "input", "wrong channel"),
+        ('print(\'{"error": "two\\\\nlines"}\'); raise SystemExit(1)', "failed", "two lines"),
+        ("raise SystemExit(0)", "failed", "ended without a result"),
+        ("raise SystemExit(3)", "failed", "ended with exit code 3; log says why"),
+        ("print('{\"summary\": {}}'); raise SystemExit(1)", "failed", "ended with exit code 1; log says why"),
+        ("import os; os.kill(os.getpid(), 9)", "failed", "was ended by SIGKILL; is the memory too small?"),
+    ],
+)
+def test_ends(tmp_path: Path, code: str, outcome: str, error: str) -> None:
+    result = child(code, tmp_path)
+    assert (result.outcome, result.error) == (outcome, error)
+
+
+def test_a_child_that_takes_too_long_is_ended(tmp_path: Path) -> None:
+    seconds = count()  # every look at the clock is a second later
+    result = child("import time; time.sleep(60)", tmp_path, timeout_s=2.0, clock=lambda: float(next(seconds)))
+    assert result.error == "took longer than 2 s and was ended"
+
+
+def test_a_child_that_ignores_sigterm_is_killed_with_its_own_children(tmp_path: Path) -> None:
+    code = """
+import signal, subprocess, sys
+signal.signal(signal.SIGTERM, signal.SIG_IGN)
+inner = subprocess.Popen([sys.executable, "-c",
+    "import signal, time; signal.signal(15, signal.SIG_IGN); print('{\\"fraction\\": 0}', flush=True); time.sleep(60)"])
+open(%r, "w").write(str(inner.pid))
+inner.wait()
+"""
+    pid_file = tmp_path / "pid"
+    told: list[float] = []
+    result = child(
+        code % str(pid_file),
+        tmp_path,
+        progress=lambda fraction, text: told.append(fraction),
+        should_stop=lambda: bool(told),
+    )
+    assert result == ChildResult("stopped")
+    assert has_ended(int(pid_file.read_text()))
+
+
+def has_ended(pid: int) -> bool:
+    """Whether a process is gone, or only its entry waits to be collected by whoever adopted it."""
+    try:
+        state = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0]
+    except FileNotFoundError:
+        return True
+    return state == "Z"
+
+
+def test_a_child_dies_when_its_parent_is_killed(tmp_path: Path) -> None:
+    pid_file = tmp_path / "pid"
+    inner = f"""
+import os, time
+open({str(pid_file)!r}, "w").write(str(os.getpid()))
+print('{{"fraction": 0}}', flush=True)
+time.sleep(60)
+"""
+    outer = f"""
+import sys
+from pathlib import Path
+from server.children import run_child
+run_child([sys.executable, "-c", {inner!r}], log=Path({str(tmp_path / "log")!r}), timeout_s=60,
+          progress=lambda *_: print("up", flush=True))
+"""
+    with subprocess.Popen([sys.executable, "-c", outer], stdout=subprocess.PIPE) as parent:
+        assert parent.stdout is not None
+        assert parent.stdout.readline() == b"up\n"
+        pid = int(pid_file.read_text())
+        watch = os.pidfd_open(pid)
+        os.kill(parent.pid, signal.SIGKILL)
+    try:
+        readable, _, _ = select.select([watch], [], [], 30)  # a pidfd is readable once the process has ended
+        assert readable
+    finally:
+        os.close(watch)

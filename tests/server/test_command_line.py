@@ -1,0 +1,159 @@
+"""The ``hilfit`` command: help, version, exit codes, one-line errors, options from the environment."""
+
+from __future__ import annotations
+
+import socket
+import subprocess
+import sys
+from collections.abc import Callable
+from importlib.metadata import version
+from pathlib import Path
+
+import pytest
+import typer
+
+from daq.errors import AcquisitionError, InputError
+from server import cli
+from server.errors import StartError
+from server.settings import load_settings, refuse_open_host
+
+Run = Callable[..., tuple[int, str, str]]
+
+
+@pytest.fixture
+def run(capsys: pytest.CaptureFixture[str]) -> Run:
+    def call(*arguments: str) -> tuple[int, str, str]:
+        with pytest.raises(SystemExit) as ended:
+            cli.main(arguments)
+        output = capsys.readouterr()
+        code = ended.value.code
+        return (code if isinstance(code, int) else 0), output.out, output.err
+
+    return call
+
+
+def test_version(run: Run) -> None:
+    assert run("--version") == (0, f"hilfit {version('hilfit')}\n", "")
+
+
+def test_help_lists_the_commands(run: Run) -> None:
+    code, out, _ = run("--help")
+    assert code == 0
+    for command in ("serve", "identify", "record", "simulate", "effects", "excite", "machine", "recover", "demo"):
+        assert command in out
+
+
+@pytest.mark.parametrize("arguments", [["dance"], ["serve", "--prot", "1"], ["serve", "--port", "many"]])
+def test_wrong_usage_is_exit_code_2(run: Run, arguments: list[str]) -> None:
+    code, _, err = run(*arguments)
+    assert code == 2
+    assert "Traceback" not in err
+
+
+def test_listening_for_other_computers_is_refused_with_one_line(run: Run, tmp_path: Path) -> None:
+    code, out, err = run("serve", "--host", "0.0.0.0", "--data-dir", str(tmp_path))
+    assert (code, out) == (2, "")
+    assert err.startswith("hilfit: --host 0.0.0.0: is reachable from other computers")
+    assert err.count("\n") == 1
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("host", ["127.0.0.1", "127.1.2.3", "::1", "localhost"])
+def test_loopback_is_fine(host: str) -> None:
+    refuse_open_host(host)
+
+
+@pytest.mark.parametrize("host", ["0.0.0.0", "::", "192.168.1.4", "example.org", ""])
+def test_anything_else_is_not(host: str) -> None:
+    with pytest.raises(StartError):
+        refuse_open_host(host)
+
+
+def test_a_port_that_is_taken_is_named(run: Run, tmp_path: Path) -> None:
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        port = str(taken.getsockname()[1])
+        code, _, err = run("serve", "--port", port, "--data-dir", str(tmp_path))
+    assert code == 2
+    assert err.startswith(f"hilfit: --port {port}: cannot listen")
+
+
+def test_the_environment_sets_every_option(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("HILFIT_HOST", "10.0.0.1")
+    code, _, err = run("serve")
+    assert code == 2
+    assert "--host 10.0.0.1" in err
+
+
+def test_settings_come_from_the_environment_too(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("HILFIT_MAXIMUM_UPLOAD_BYTES", "1000")
+    assert load_settings().maximum_upload_bytes == 1000
+    monkeypatch.setenv("HILFIT_MAXIMUM_UPLOAD_BYTES", "lots")
+    with pytest.raises(StartError, match=r"HILFIT_MAXIMUM_UPLOAD_BYTES: .* 'lots'"):
+        load_settings()
+
+
+@pytest.mark.parametrize(
+    ("error", "code", "says"),
+    [
+        (InputError("a.yaml: is wrong"), 2, "hilfit: a.yaml: is wrong\n"),
+        (AcquisitionError("the bus is gone"), 1, "hilfit: the bus is gone\n"),
+        (
+            ModuleNotFoundError("No module named 'mujoco'", name="mujoco"),
+            2,
+            "hilfit: this needs mujoco, which is not installed; run: pip install 'hilfit[sim]'\n",
+        ),
+    ],
+)
+def test_errors_become_one_line_and_an_exit_code(
+    run: Run, monkeypatch: pytest.MonkeyPatch, error: Exception, code: int, says: str
+) -> None:
+    def build() -> typer.Typer:
+        app = typer.Typer(pretty_exceptions_enable=False)
+
+        @app.command()
+        def fail() -> None:
+            raise error
+
+        return app
+
+    monkeypatch.setattr(cli, "build", build)
+    assert run() == (code, "", says)
+
+
+@pytest.fixture
+def without_mujoco(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As installed without the extra: the module cannot be found, and nothing that needs it is loaded yet."""
+    monkeypatch.setitem(sys.modules, "mujoco", None)
+    for name in [name for name in sys.modules if name.partition(".")[0] == "sim_backends"]:
+        monkeypatch.delitem(sys.modules, name)
+
+
+@pytest.mark.usefixtures("without_mujoco")
+def test_a_missing_extra_costs_only_its_own_commands(run: Run) -> None:
+    code, out, _ = run("--help")
+    assert code == 0
+    assert "simulate" in out
+    code, _, err = run("simulate", "machine.yaml", "--seed", "1")
+    assert code == 2
+    assert err == "hilfit: this needs mujoco, which is not installed; run: pip install 'hilfit[sim]'\n"
+
+
+def test_a_wrong_file_is_exit_code_2_and_one_line(run: Run, tmp_path: Path) -> None:
+    path = tmp_path / "machine.yaml"
+    path.write_text("schema: hilfit/machine/1\nnome: x\n")
+    code, _, err = run("machine", "check", str(path))
+    assert code == 2
+    assert str(path) in err
+    assert "Traceback" not in err
+
+
+def test_help_imports_nothing_numerical() -> None:
+    code = (
+        "import sys\nfrom server.cli import main\n"
+        "try:\n    main(['--help'])\nexcept SystemExit: pass\n"
+        "print(','.join(m for m in ('scipy.optimize', 'fastapi', 'dbos', 'matplotlib') if m in sys.modules))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=True)
+    assert done.stdout.splitlines()[-1] == ""

@@ -1,0 +1,125 @@
+"""Errors are problem documents (RFC 9457) on every path, and say nothing that belongs in the log."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+from service_fakes import API, Running
+
+
+def problem(response: Any, status: int) -> dict[str, Any]:
+    assert response.status_code == status, response.text
+    assert response.headers["content-type"] == "application/problem+json"
+    document = dict(response.json())
+    assert document["status"] == status
+    assert document["type"].startswith("urn:hilfit:problem:")
+    assert document["title"]
+    assert "\n" not in document["detail"]
+    return document
+
+
+@pytest.mark.parametrize(
+    ("method", "path", "status"),
+    [
+        ("GET", "/nothing", 404),
+        ("GET", f"{API}/machines/absent", 404),
+        ("GET", f"{API}/machines/absent/file", 404),
+        ("GET", f"{API}/recordings/absent", 404),
+        ("GET", f"{API}/recordings/absent/data", 404),
+        ("POST", f"{API}/recordings/absent/stop", 404),
+        ("DELETE", f"{API}/recordings/absent", 404),
+        ("GET", f"{API}/identifications/absent", 404),
+        ("GET", f"{API}/identifications/absent/report.json", 404),
+        ("GET", f"{API}/jobs/absent", 404),
+        ("GET", f"{API}/jobs/absent/events", 404),
+        ("POST", f"{API}/jobs/absent/cancel", 404),
+        ("GET", f"{API}/live?machine=absent", 404),
+        ("DELETE", f"{API}/machines", 405),
+        ("PATCH", f"{API}/jobs", 405),
+        ("GET", f"{API}/jobs?limit=0", 422),
+        ("GET", f"{API}/jobs?state=bored", 422),
+        ("GET", f"{API}/machines?cursor=-1", 422),
+        ("POST", f"{API}/identifications", 422),
+        ("POST", f"{API}/recordings/upload", 422),
+    ],
+)
+def test_every_error_is_a_problem_document(running: Running, method: str, path: str, status: int) -> None:
+    document = problem(running.client.request(method, path), status)
+    assert document["instance"] == path.partition("?")[0]
+
+
+def test_a_body_that_is_no_json_names_the_place(running: Running) -> None:
+    response = running.client.post(f"{API}/identifications", content="{", headers={"content-type": "application/json"})
+    assert problem(response, 422)["errors"]
+
+
+def test_an_unknown_key_is_named(running: Running) -> None:
+    response = running.client.post(f"{API}/recordings", json={"machine": "a", "role": "train", "secs": 3})
+    assert "secs" in problem(response, 422)["detail"]
+
+
+def test_a_request_that_says_it_is_too_large_is_refused_unread(running: Running) -> None:
+    response = running.client.post(f"{API}/machines", content=b" " * (2**20 + 1))
+    assert "1048576 bytes" in problem(response, 413)["detail"]
+
+
+def test_a_request_that_does_not_say_its_size_is_stopped_at_the_limit(running: Running) -> None:
+    pieces = (b" " * 2**18 for _ in range(5))  # chunked: no Content-Length
+    problem(running.client.post(f"{API}/machines", content=pieces), 413)
+
+
+def test_an_unexpected_error_says_nothing_about_the_inside(running: Running, monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(*_: object, **__: object) -> None:
+        raise RuntimeError("/secret/path")
+
+    monkeypatch.setattr(running.service.jobs, "list", fail)
+    document = problem(running.client.get(f"{API}/jobs"), 500)
+    assert "secret" not in str(document)
+
+
+def test_a_store_that_is_gone_is_503(running: Running, monkeypatch: pytest.MonkeyPatch) -> None:
+    import sqlalchemy as sa
+
+    def fail() -> None:
+        raise sa.exc.OperationalError("SELECT", {}, Exception("disk I/O error"))
+
+    monkeypatch.setattr(running.service._database, "check", fail)
+    problem(running.client.get("/healthz"), 503)
+
+
+def test_health_and_headers(running: Running) -> None:
+    response = running.client.get("/healthz")
+    assert response.json() == {"status": "ok"}
+    assert response.headers["x-content-type-options"] == "nosniff"
+
+
+def test_openapi_tells_of_problem_documents(running: Running) -> None:
+    paths = running.client.get(f"{API}/openapi.json").json()["paths"]
+    for path, methods in paths.items():
+        for method, operation in methods.items():
+            for status, response in operation["responses"].items():
+                if status >= "400":
+                    assert list(response["content"]) == ["application/problem+json"], (path, method, status)
+
+
+@pytest.mark.parametrize(
+    "headers",
+    [
+        {"origin": "https://elsewhere.example"},
+        {"origin": "http://127.0.0.1:9999"},
+        {"origin": "null"},
+        {"host": "elsewhere.example"},
+        {"host": "127.0.0.1.elsewhere.example"},
+    ],
+)
+def test_pages_from_elsewhere_are_refused(running: Running, headers: dict[str, str]) -> None:
+    problem(running.client.get(f"{API}/machines", headers=headers), 403)
+
+
+@pytest.mark.parametrize(
+    "headers",
+    [{"origin": "http://127.0.0.1:8350"}, {"host": "localhost:80"}, {"host": "[::1]:8350"}, {"host": "127.0.0.1"}],
+)
+def test_our_own_pages_and_programs_are_not(running: Running, headers: dict[str, str]) -> None:
+    assert running.client.get(f"{API}/machines", headers=headers).status_code == 200
