@@ -17,6 +17,8 @@ from daq.recording_files import SUFFIXES
 Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]
 MachineFile = Annotated[Path, typer.Argument(help="The machine file.", metavar="MACHINE")]
 
+INTERRUPTED = 130  # exit code: stopped by Ctrl-C, what was recorded is there
+
 
 class Role(StrEnum):
     """Roles of a recording."""
@@ -58,11 +60,16 @@ def record(
         progress_bar(f"recording {output.name}", show=not json) as bar,
     ):
         recorder = Recorder(acquisition.ring_name, described, role.value, output, overwrite=force)
-        summary = recorder.record(seconds, bar)
+        recorder.start(seconds, bar)
+        interrupted = False
+        try:
+            summary = recorder.wait()
+        except KeyboardInterrupt:  # what has come until now is worth keeping
+            summary, interrupted = recorder.stop(), True
         statistics = acquisition.statistics()
     if json:
         print_json({"recording": asdict(summary), "acquisition": asdict(statistics)})
-        return
+        raise typer.Exit(INTERRUPTED if interrupted else 0)
     bad = sum(sum(counts.values()) for counts in summary.quality.values())
     print(
         f"{summary.path}: {summary.rows} rows, {summary.seconds:g} s at {described.rate_hz:g} Hz, "
@@ -70,6 +77,9 @@ def record(
     )
     for warning in statistics.warnings:
         print(f"warning: {warning}")
+    if interrupted:
+        print(f"interrupted before {seconds:g} s were over")
+        raise typer.Exit(INTERRUPTED)
 
 
 def _writable(output: Path, force: bool) -> None:

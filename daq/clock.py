@@ -9,6 +9,7 @@ from typing import Protocol
 from daq.machine_file import Machine
 
 NS = 1_000_000_000
+PATIENCE_S = 2.0  # in lockstep: longer than a busy computer keeps a simulated device from running
 
 
 @dataclass(frozen=True)
@@ -94,8 +95,6 @@ class LockstepClock:
     for far longer than a period; a simulated device that is really dead stops being waited for after a few cycles.
     """
 
-    PATIENCE_NS = NS // 2
-
     def __init__(self, rate_hz: float, speed: float) -> None:
         self._period = round(NS / (rate_hz * speed))
         self._rate = rate_hz
@@ -123,7 +122,7 @@ class LockstepClock:
         cycle, self._cycle = self._cycle, self._cycle + 1
         # Within one period of lateness the pace is kept (waking up late is no slip); beyond, all later ticks slip.
         self._at = self._at + self._period if late < self._period else now + self._period
-        return Tick(cycle, cycle / self._rate, late, 0, now + max(self._period, self.PATIENCE_NS))
+        return Tick(cycle, cycle / self._rate, late, 0, now + max(self._period, round(PATIENCE_S * NS)))
 
 
 def clock_for(machine: Machine) -> Clock:

@@ -10,7 +10,7 @@ import functools
 import json
 import sys
 from collections.abc import Callable, Iterator
-from typing import Any, ParamSpec, TypeVar
+from typing import Any, ParamSpec, Protocol, TypeVar
 
 import typer
 from rich.console import Console
@@ -20,6 +20,12 @@ from daq.errors import HilfitError, InputError
 
 P = ParamSpec("P")
 R = TypeVar("R")
+
+
+class ShowProgress(Protocol):
+    """Called with what is done, how much there is, and (optionally) what is being done."""
+
+    def __call__(self, done: float, total: float | None, text: str | None = None) -> None: ...
 
 
 def exit_code(error: HilfitError) -> int:
@@ -47,12 +53,34 @@ def print_json(value: Any) -> None:
 
 
 @contextlib.contextmanager
-def progress_bar(what: str, *, show: bool = True) -> Iterator[Callable[[float, float | None], None]]:
-    """A progress bar on standard error; call what it yields with (done, total), total None when it is not known."""
+def progress_bar(what: str, *, show: bool = True) -> Iterator[ShowProgress]:
+    """A progress bar on standard error; call what it yields with (done, total[, text]), total None if not known."""
     if not show:
-        yield lambda done, total: None
+        yield lambda done, total, text=None: None
+        return
+    if not sys.stderr.isatty():
+        yield _lines(what)
         return
     columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), TimeRemainingColumn())
-    with Progress(*columns, console=Console(stderr=True), transient=not sys.stderr.isatty()) as bar:
+    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task(what, total=None)
-        yield lambda done, total: bar.update(task, completed=done, total=total)
+
+        def update(done: float, total: float | None, text: str | None = None) -> None:
+            bar.update(task, completed=done, total=total, description=text)
+
+        yield update
+
+
+def _lines(what: str) -> ShowProgress:
+    """Progress for a log: one line whenever what is being done changes."""
+    last = ""
+
+    def update(done: float, total: float | None, text: str | None = None) -> None:
+        nonlocal last
+        text = text or what
+        if text != last:
+            share = f"{100 * done / total:3.0f} %" if total else f"{done:g}"
+            print(f"[{share}] {text}", file=sys.stderr, flush=True)
+            last = text
+
+    return update

@@ -7,16 +7,57 @@ with one line that names the place.
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any, Literal, get_args
+from typing import Annotated, Any, Literal
 
 import numpy as np
 import yaml
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
+from pydantic import BaseModel, Field, ValidationError, field_validator, model_validator
 
+from daq.buses import (
+    Bus,
+    CanNode,
+    CanopenBus,
+    CanSource,
+    FileModel,
+    ModbusRtuBus,
+    ModbusSource,
+    ModbusTcpBus,
+    Name,
+    OtherBus,
+    OtherSource,
+    Source,
+    source_of,
+)
 from daq.errors import MachineFileError
 from daq.linkages import Linkage, ThreePin
 from daq.machine_file_errors import did_you_mean, one_line
 from daq.units import SI_UNITS, Conversion, conversion
+
+__all__ = [
+    "JOINT_QUANTITIES",
+    "SCHEMA",
+    "Bus",
+    "CanNode",
+    "CanSource",
+    "CanopenBus",
+    "Channel",
+    "Cylinder",
+    "DenavitHartenberg",
+    "Joint",
+    "Limits",
+    "Machine",
+    "ModbusRtuBus",
+    "ModbusSource",
+    "ModbusTcpBus",
+    "OtherBus",
+    "OtherSource",
+    "Quantity",
+    "Simulation",
+    "Source",
+    "load_machine",
+    "machine_to_yaml",
+    "parse_machine",
+]
 
 SCHEMA = "hilfit/machine/1"
 
@@ -36,14 +77,8 @@ Quantity = Literal[
 JOINT_QUANTITIES = frozenset(
     {"joint_position", "piston_position", "head_pressure", "rod_pressure", "cylinder_force", "joint_effort"}
 )
-Name = Annotated[str, Field(pattern=r"^[A-Za-z_][A-Za-z0-9_.\-]*$", max_length=80)]
 Positive = Annotated[float, Field(gt=0)]
 Interval = tuple[float, float]
-DataType = Literal["int8", "uint8", "int16", "uint16", "int32", "uint32", "int64", "uint64", "float32", "float64"]
-
-
-class _Model(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
 
 def _ordered(interval: Interval, what: str) -> Interval:
@@ -52,7 +87,7 @@ def _ordered(interval: Interval, what: str) -> Interval:
     return interval
 
 
-class DenavitHartenberg(_Model):
+class DenavitHartenberg(FileModel):
     """Standard (distal) Denavit-Hartenberg row: ``Rz(theta) Tz(d) Tx(a) Rx(alpha)``; the joint variable adds."""
 
     a: float  # m
@@ -61,7 +96,7 @@ class DenavitHartenberg(_Model):
     theta: float  # rad
 
 
-class Limits(_Model):
+class Limits(FileModel):
     """What the joint may do: position (rad or m), speed and acceleration."""
 
     position: Interval
@@ -74,7 +109,7 @@ class Limits(_Model):
         return _ordered(value, "position")
 
 
-class Cylinder(_Model):
+class Cylinder(FileModel):
     """A hydraulic cylinder and the linkage between its rod and the joint."""
 
     bore: Positive  # m
@@ -101,7 +136,7 @@ class Cylinder(_Model):
         return float(np.pi * (self.bore**2 - self.rod**2) / 4)
 
 
-class Joint(_Model):
+class Joint(FileModel):
     """One joint, from base to tip."""
 
     name: Name
@@ -148,106 +183,7 @@ class Joint(_Model):
         return self
 
 
-class CanSource(_Model):
-    """Where a channel comes from on a CANopen bus: an object of a node, mapped into a TPDO."""
-
-    bus: Name
-    node: Annotated[int, Field(ge=1, le=127)]
-    object: Annotated[int, Field(ge=0x1000, le=0xFFFF)]
-    subindex: Annotated[int, Field(ge=0, le=255)] = 0
-    data_type: DataType
-    scale: float = 1.0  # value in the channel's unit = scale * raw + offset
-    offset: float = 0.0
-    sentinels: tuple[float, ...] = ()  # raw values that mean "no valid measurement"
-
-    @field_validator("object", mode="before")
-    @classmethod
-    def _hexadecimal(cls, value: Any) -> Any:
-        if isinstance(value, str):
-            try:
-                return int(value, 0)
-            except ValueError:
-                raise ValueError(f"'{value}' is no object index; write it as 0x6004") from None
-        return value
-
-
-class ModbusSource(_Model):
-    """Where a channel comes from on a Modbus bus: registers of a unit, read in one block per unit and cycle."""
-
-    bus: Name
-    unit: Annotated[int, Field(ge=0, le=247)]
-    register_: Annotated[int, Field(ge=0, le=0xFFFF, alias="register")]  # zero-based protocol address
-    table: Literal["holding", "input"] = "holding"
-    data_type: DataType
-    word_order: Literal["big", "little"] = "big"
-    scale: float = 1.0  # value in the channel's unit = scale * raw + offset
-    offset: float = 0.0
-    sentinels: tuple[float, ...] = ()
-
-
-class CanNode(_Model):
-    """What a CANopen node must be, and how it is set up at commissioning."""
-
-    node: Annotated[int, Field(ge=1, le=127)]
-    device_type: int | None = None  # 0x1000
-    vendor_id: int | None = None  # 0x1018:1
-    product_code: int | None = None  # 0x1018:2
-    heartbeat_ms: Annotated[int, Field(ge=20, le=5000)] = 100
-    settings: dict[str, float] = Field(default_factory=dict)  # "0x6131:1 uint32": value, written before operation
-
-    @field_validator("settings")
-    @classmethod
-    def _objects(cls, value: dict[str, float]) -> dict[str, float]:
-        for key in value:
-            place, _, data_type = key.partition(" ")
-            index, _, subindex = place.partition(":")
-            try:
-                int(index, 0), int(subindex or "0", 0)
-            except ValueError:
-                raise ValueError(f"'{key}' is no object; write it as \"0x6131:1\"") from None
-            if data_type and data_type.strip() not in get_args(DataType):
-                raise ValueError(f"'{key}': unknown data type; write it as \"0x6131:1 uint32\"")
-        return value
-
-
-class CanopenBus(_Model):
-    """A CANopen bus behind any python-can interface."""
-
-    name: Name
-    type: Literal["canopen"]
-    interface: str  # python-can's name: socketcan, socketcand, pcan, ...
-    channel: str
-    bitrate: int | None = None
-    options: dict[str, str | int | float | bool] = Field(default_factory=dict)  # passed to python-can
-    nodes: tuple[CanNode, ...] = ()
-
-
-class ModbusTcpBus(_Model):
-    """Modbus TCP transmitters or a gateway."""
-
-    name: Name
-    type: Literal["modbus_tcp"]
-    host: str
-    port: Annotated[int, Field(ge=1, le=65535)] = 502
-    timeout_s: Annotated[float, Field(gt=0, le=5)] = 0.1
-
-
-class ModbusRtuBus(_Model):
-    """Modbus transmitters on a serial line."""
-
-    name: Name
-    type: Literal["modbus_rtu"]
-    port: str
-    baudrate: int = 115200
-    parity: Literal["N", "E", "O"] = "E"
-    stopbits: Literal[1, 2] = 1
-    timeout_s: Annotated[float, Field(gt=0, le=5)] = 0.1
-
-
-Bus = Annotated[CanopenBus | ModbusTcpBus | ModbusRtuBus, Field(discriminator="type")]
-
-
-class Channel(_Model):
+class Channel(FileModel):
     """One measured signal: its quantity, unit and, where it is acquired, its source."""
 
     name: Name
@@ -257,7 +193,7 @@ class Channel(_Model):
     range: Interval | None = None  # in `unit`; values at or beyond it are saturated
     noise_std: Annotated[float, Field(ge=0)] | None = None  # in `unit`
     resolution: Annotated[float, Field(ge=0)] | None = None  # in `unit`
-    source: CanSource | ModbusSource | None = None
+    source: Source | None = None
 
     @field_validator("range")
     @classmethod
@@ -267,19 +203,17 @@ class Channel(_Model):
     @field_validator("source", mode="before")
     @classmethod
     def _kind_of_source(cls, value: Any) -> Any:
-        if isinstance(value, dict):
-            return (ModbusSource if "unit" in value or "register" in value else CanSource).model_validate(value)
-        return value
+        return source_of(value)
 
 
-class Simulation(_Model):
+class Simulation(FileModel):
     """Present only in files that the simulator writes: how machine time relates to the clock on the wall."""
 
     speed: Annotated[float, Field(gt=0, le=4)] = 1.0  # machine seconds per second
     lockstep: bool = True  # machine time advances with SYNC and by nothing else
 
 
-class Machine(_Model):
+class Machine(FileModel):
     """A validated machine file."""
 
     schema_: Literal["hilfit/machine/1"] = Field(alias="schema")
@@ -323,7 +257,8 @@ class Machine(_Model):
                     known = list(buses)
                     hint = did_you_mean(channel.source.bus, known) or f"; there are {', '.join(known)}"
                     raise ValueError(f"{place}: there is no bus '{channel.source.bus}'{hint}")
-                if isinstance(bus, CanopenBus) != isinstance(channel.source, CanSource):
+                fitting = {"canopen": CanSource, "modbus_tcp": ModbusSource, "modbus_rtu": ModbusSource}
+                if not isinstance(channel.source, fitting.get(bus.type, OtherSource)):
                     raise ValueError(f"{place}: its source does not fit bus '{bus.name}' of type {bus.type}")
         for name in names:
             self._joint_is_measured(name)
@@ -424,5 +359,5 @@ def machine_to_yaml(machine: Machine) -> str:
     return yaml.safe_dump(content, sort_keys=False, allow_unicode=True)
 
 
-_MODELS: tuple[type[BaseModel], ...] = (*_Model.__subclasses__(), ThreePin)
+_MODELS: tuple[type[BaseModel], ...] = (*FileModel.__subclasses__(), ThreePin)
 _ALL_KEYS = sorted({field.alias or key for model in _MODELS for key, field in model.model_fields.items()})

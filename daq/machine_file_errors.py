@@ -9,9 +9,7 @@ from collections.abc import Sequence
 import yaml
 from pydantic import ValidationError
 
-_UNION_TAGS = frozenset(
-    ("three_pin", "rack", "direct", "polynomial", "canopen", "modbus_tcp", "modbus_rtu", "CanSource", "ModbusSource")
-)
+_UNION_TAGS = frozenset(("three_pin", "rack", "direct", "polynomial", "canopen", "modbus_tcp", "modbus_rtu", "other"))
 
 
 def did_you_mean(word: str, options: Sequence[str]) -> str:

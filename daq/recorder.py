@@ -76,6 +76,8 @@ class Recorder:
         self._path = Path(path)
         self._overwrite = overwrite
         self._stop = threading.Event()
+        # Not Thread.join: one that Ctrl-C interrupts takes the thread for ended ever after (bpo-45274).
+        self._ended = threading.Event()
         self._thread: threading.Thread | None = None
         self._error: HilfitError | None = None
         self._summary: RecordingSummary | None = None
@@ -152,6 +154,8 @@ class Recorder:
                 self._summary = self.record(seconds, progress)
             except HilfitError as error:
                 self._error = error
+            finally:
+                self._ended.set()
 
         self._thread = threading.Thread(target=run, name=f"recorder-{self._path.name}", daemon=True)
         self._thread.start()
@@ -159,7 +163,7 @@ class Recorder:
     @property
     def active(self) -> bool:
         """Whether the thread of :meth:`start` is still recording."""
-        return self._thread is not None and self._thread.is_alive()
+        return self._thread is not None and not self._ended.is_set()
 
     def request_stop(self) -> None:
         """Let :meth:`record` seal what there is and return."""
@@ -173,7 +177,7 @@ class Recorder:
     def wait(self) -> RecordingSummary:
         """Wait for the end of a recording begun by :meth:`start`; as :meth:`stop`."""
         if self._thread is not None:
-            self._thread.join()
+            self._ended.wait()
         if self._error is not None:
             raise self._error
         if self._summary is None:

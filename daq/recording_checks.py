@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from daq.errors import RecordingError
 from daq.machine_file import JOINT_QUANTITIES, Channel, Machine
-from daq.quality import MEASURED, Quality
+from daq.quality import Quality
 from daq.recording_files import Table
 
 FloatArray = npt.NDArray[np.float64]
@@ -25,6 +25,8 @@ RATE_TOLERANCE = 0.01  # of the nominal period, on the median step: below any cl
 STEP_TOLERANCE = 0.25  # of the nominal period, on a single step: sampling jitter, not a lost row
 GAP_SHARE = 0.02  # of the steps: a foreign file may have this many holes before its rate is in doubt
 SATURATED_ROWS = 3  # consecutive samples at a limit; noise alone hardly makes three
+STUCK_ROWS = 8  # consecutive samples at the extreme of a signal that elsewhere hardly ever repeats itself
+REPEATS = 0.1  # share of equal neighbours up to which a signal hardly ever repeats itself
 LEVELS = 20  # a signal of fewer levels sits on its extreme for lack of resolution, not for saturation
 MISMATCH = 0.1  # of the stroke, between piston encoder and linkage: far above offsets and pin errors
 
@@ -188,8 +190,9 @@ def long_enough(path: Path, values: Mapping[str, FloatArray], machine: Machine, 
 def not_saturated(path: Path, channel: Channel, machine: Machine, values: FloatArray, time: FloatArray) -> None:
     """No sensor sat at its limit.
 
-    With a declared range: three consecutive samples at or beyond it. Without: a pressure whose extreme value is
-    repeated exactly for a second or more, and in 2 % of the samples, which noise never does.
+    With a declared range: three consecutive samples at or beyond it. Without: a pressure that stays exactly at its
+    extreme value although it is noisy elsewhere, or whose extreme value is repeated exactly for a second or more in all
+    and in 2 % of the samples, which noise never does.
     """
     known = np.isfinite(values)
     if not np.any(known):
@@ -208,8 +211,10 @@ def not_saturated(path: Path, channel: Channel, machine: Machine, values: FloatA
     enough = max(machine.rate_hz, 0.02 * known.sum())
     for extreme in (np.max(values[known]), np.min(values[known])):
         at = values == extreme
-        if at.sum() >= enough:
-            longest = max(runs(at), key=lambda run: run.stop - run.start)
+        longest = max(runs(at), key=lambda run: run.stop - run.start)
+        elsewhere = np.diff(values[known & ~at]) == 0
+        noisy = len(elsewhere) > 0 and float(np.mean(elsewhere)) < REPEATS
+        if at.sum() >= enough or (noisy and longest.stop - longest.start >= STUCK_ROWS):
             raise RecordingError(_saturated(path, channel, time, longest, "one exact value"))
 
 
@@ -293,11 +298,6 @@ def positions_agree(path: Path, machine: Machine, role: str, values: Mapping[str
                 "and the linkage "
                 "put it; check whether the recording is of this machine, then the linkage and the channel's unit"
             )
-
-
-def measured(quality: npt.NDArray[np.uint8]) -> BoolArray:
-    """Rows whose value was measured in their own cycle."""
-    return np.isin(quality, MEASURED)
 
 
 def _near(word: str, options: list[str]) -> str:

@@ -50,7 +50,7 @@ def identify(
         raise InputError(f"{output}: is a file; give a directory with -o")
     request = Request(machine, recordings, output, Options(loop=not no_loop, bandwidth_hz=bandwidth))
     with progress_bar("identify", show=not json) as bar:
-        content = run(request, lambda fraction, text: bar(fraction, 1.0))
+        content = run(request, lambda fraction, text: bar(fraction, 1.0, text))
     if json:
         print_json(content)
         return

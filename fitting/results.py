@@ -41,7 +41,7 @@ def build_report(session: Session, results: Results) -> tuple[dict[str, Any], Fi
         "data": [{"role": r.role, "file": r.file, "sha256": r.sha256, "samples": len(r)} for r in session.recordings],
         "bandwidth_hz": results["check"]["bandwidth_hz"],
         "noise_floor_method": "repeat" if results["residual"]["measured"] else "estimated",
-        "self_check": results["check"]["self_check"],
+        "self_check": {"regressor_against_newton_euler": results["check"]["self_check"]},
         "reduction": {
             "standard_parameters": results["check"]["standard_parameters"],
             "base_parameters": results["check"]["base_parameters"],
@@ -80,11 +80,9 @@ def _cylinders(session: Session, results: Results) -> dict[str, Any]:
             "parameters": _values(first["names"], refit["after"]["theta"][part], refit["after"]["std"][part], units),
             "residual_std": refit["drive_residual_std"][number],
             "unit": unit,
-            "stage_1": {
-                "parameters": _values(first["names"], first["theta"], first["std"], units),
-                "residual_std": first["residual_std"],
-                "in_situ": first["in_situ"],
-            },
+            "stage_1": _values(first["names"], first["theta"], first["std"], units),
+            "stage_1_residual_std": first["residual_std"],
+            "stage_1_in_situ": first["in_situ"],
         }
     return cylinders
 
@@ -213,7 +211,7 @@ def _loop(session: Session, results: Results, model: Model, terms: list[Term]) -
             }
             for finding in results["residual"]["kinematics"]
         ]
-        + [{**c, "joint": None if c["joint"] is None else names[c["joint"]]} for c in found["candidates"]],
+        + [{**c, "title": effect(c["id"]).title, "joint": None if c["joint"] is None else names[c["joint"]]} for c in found["candidates"]],
         "detection_limits": [
             {**limit, "joint": None if limit["joint"] is None else names[limit["joint"]]} for limit in found["limits"]
         ],

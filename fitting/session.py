@@ -31,7 +31,7 @@ FloatArray = npt.NDArray[np.float64]
 
 #: Roles that parameters are fitted on. `validate` is never among them.
 FITTED_ROLES = ("unloaded", "train", "repeat", "operation")
-_BANDWIDTH_FACTOR = 10.0
+_BANDWIDTH_FACTOR = 5.0
 _LEAST_BANDWIDTH = 3.0
 
 
@@ -42,7 +42,7 @@ class Options:
     Attributes
     ----------
     loop : False stops after both stages
-    bandwidth_hz : identification bandwidth; None takes ten times the motion's own, at least 3 Hz, at most an eighth of the rate
+    bandwidth_hz : identification bandwidth; None takes five times the motion's own, at least 3 Hz, at most an eighth of the rate
     forgetting : forgetting factor of stage 1's recursion; 1 forgets nothing
     """
 

@@ -119,7 +119,7 @@ class FilterBank:
 def filter_bank(rate_hz: float, bandwidth_hz: float) -> FilterBank:
     """Design the filters for a bandwidth.
 
-    The identification filter is down by 6 dB at ``bandwidth_hz`` and by 80 dB at 1.4 times that; the
+    The identification filter is down by 6 dB at ``bandwidth_hz``, by 60 dB at 1.4 times and by 80 dB at 1.5 times that; the
     trajectory filter is flat to 1e-3 up to ``bandwidth_hz``.
 
     Raises

@@ -27,7 +27,8 @@ def spline_knots(values: npt.ArrayLike, functions: int) -> FloatArray:
 def evaluate(knots: FloatArray, values: npt.ArrayLike) -> FloatArray:
     """Basis functions at ``values``, shape (N, functions); constant beyond the outer knots."""
     values = np.clip(np.asarray(values, dtype=float), knots[0], knots[-1])
-    return np.asarray(BSpline.design_matrix(values, knots, 3).toarray())
+    # Coefficients of the identity: all functions at once, in compiled code.
+    return np.asarray(BSpline(knots, np.eye(len(knots) - 4), 3)(values))
 
 
 def spline_basis(values: npt.ArrayLike, functions: int) -> FloatArray:

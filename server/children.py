@@ -20,6 +20,9 @@ from pathlib import Path
 from typing import IO, Any, Literal
 
 NICENESS = 19
+#: One core stays free of numerical work, for acquisition and HTTP.
+THREADS = str(max(1, (os.cpu_count() or 1) - 1))
+THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 #: Seconds between two looks at whether the child should stop.
 LOOK_S = 0.25
 #: Seconds that a child has to end itself after SIGTERM.
@@ -65,7 +68,12 @@ def run_child(
     with (
         log.open("ab") as errors,
         subprocess.Popen(
-            guarded, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=errors, start_new_session=True
+            guarded,
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=errors,
+            start_new_session=True,
+            env=os.environ | dict.fromkeys(THREAD_VARIABLES, THREADS),
         ) as child,
     ):
         assert child.stdout is not None

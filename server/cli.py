@@ -1,37 +1,91 @@
-"""The ``hilfit`` command: mounts the commands of all packages, turns errors into one line and an exit code.
+"""The ``hilfit`` command: the commands of all packages, errors as one line and an exit code.
 
-Exit codes: 0 done, 1 failed, 2 bad usage or input, 130 interrupted. Every option can be set in the
-environment: ``--data-dir`` by ``HILFIT_DATA_DIR``. Nothing heavy is imported before a command needs it.
+Exit codes: 0 done, 1 failed, 2 bad usage or input, 130 interrupted. Every option can be set in the environment:
+``--data-dir`` by ``HILFIT_DATA_DIR``. A command's module is imported when the command is used, so that help is quick
+and a missing extra costs only the commands that need it.
 """
 
 from __future__ import annotations
 
 import json as json_format
+import os
 import sys
 from collections.abc import Sequence
+from dataclasses import dataclass
 from importlib import import_module
 from importlib.metadata import version
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, NoReturn
 
 import typer
+from typer.core import TyperGroup
 
-#: Modules with ``register(app)`` in the order of the help text, and their commands that need an extra.
-PARTS: dict[str, tuple[str, ...]] = {
-    "server.demo": ("demo",),
-    "fitting.cli": (),
-    "fitting.cli_excite": (),
-    "daq.cli": (),
-    "sim_backends.cli": ("simulate",),
-}
+# All matrices here are small: one BLAS thread is fastest, and has to be asked for before numpy is loaded.
+for _variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+    os.environ.setdefault(_variable, "1")
+
+
+@dataclass(frozen=True)
+class Part:
+    """A module with ``register(app)``, and its commands with the line that stands in the help of ``hilfit``."""
+
+    module: str
+    commands: dict[str, str]
+
+
+#: In the order of the help text.
+PARTS = (
+    Part("server.demo", {"demo": "The whole job on a simulated machine, from motions to a report."}),
+    Part(
+        "fitting.cli",
+        {
+            "identify": "Identify an arm from recordings and find what its model lacks.",
+            "effects": "The catalogue of physical effects.",
+        },
+    ),
+    Part("fitting.cli_excite", {"excite": "Design a motion that tells the parameters."}),
+    Part(
+        "daq.cli",
+        {
+            "record": "Acquire from a machine's buses and record.",
+            "recover": "Seal recordings that a killed recorder left behind.",
+            "export": "Write a recording in another format.",
+            "machine": "Look at machine files.",
+        },
+    ),
+    Part("sim_backends.cli", {"simulate": "Run the simulated buses of a machine."}),
+    Part("server.cli", {"serve": "Serve machines, recordings and identifications over HTTP."}),
+)
 #: Modules that come with an extra of the distribution.
 EXTRAS = {"mujoco": "sim"}
 
 
+class _Commands(TyperGroup):
+    """Shows a line per command, and loads the command itself when it is used."""
+
+    def resolve_command(self, ctx: Any, args: list[str]) -> Any:
+        """Find the command in ``args[0]``."""
+        for part in PARTS:
+            if args and args[0] in part.commands:
+                self.commands[args[0]] = load_commands(part)[args[0]]
+        return super().resolve_command(ctx, args)
+
+
+def load_commands(part: Part) -> dict[str, Any]:
+    """Import a part; its commands by name."""
+    app = typer.Typer()
+    app.callback()(lambda: None)  # or a lone command would not be a group
+    import_module(part.module).register(app)
+    group: Any = typer.main.get_command(app)
+    name_environment(group)
+    return dict(group.commands)
+
+
 def build() -> typer.Typer:
-    """The command with everything mounted."""
+    """The command with a line for each of its commands."""
     app = typer.Typer(
         name="hilfit",
+        cls=_Commands,
         help="Hardware-in-the-loop acquisition and fitting for hydraulically driven arms.",
         no_args_is_help=True,
         add_completion=False,
@@ -39,30 +93,10 @@ def build() -> typer.Typer:
         context_settings={"help_option_names": ["-h", "--help"]},
     )
     app.callback()(_root)
-    for part, commands in PARTS.items():
-        mount(app, part, commands)
-    register(app)
+    for part in PARTS:
+        for name, text in part.commands.items():
+            app.command(name, help=text)(_not_loaded)
     return app
-
-
-def mount(app: typer.Typer, part: str, commands: Sequence[str]) -> None:
-    """Mount the commands of module ``part``; without its extra, each of ``commands`` says so when it is used."""
-    try:
-        import_module(part).register(app)
-    except ModuleNotFoundError as error:
-        missing = error
-        if missing.name == part:
-            return
-        if _extra(missing) is None:
-            raise
-
-        def unavailable(context: typer.Context) -> None:
-            raise missing
-
-        anything = {"allow_extra_args": True, "ignore_unknown_options": True}
-        text = f"Needs the extra 'hilfit[{_extra(missing)}]', which is not installed."
-        for command in commands:
-            app.command(command, help=text, context_settings=anything)(unavailable)
 
 
 def register(app: typer.Typer) -> None:
@@ -74,10 +108,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
     """Run the command line and exit."""
     try:
         command = typer.main.get_command(build())
-        name_environment(command)
         command.main(None if arguments is None else list(arguments), prog_name="hilfit")
     except ModuleNotFoundError as error:
-        extra = _extra(error)
+        extra = EXTRAS.get((error.name or "").partition(".")[0])
         if extra is None:
             raise
         _fail(f"this needs {error.name}, which is not installed; run: pip install 'hilfit[{extra}]'", 2)
@@ -93,7 +126,7 @@ def name_environment(command: Any) -> None:
     """Let ``HILFIT_<OPTION>`` in the environment set every option of a command and its subcommands."""
     for parameter in command.params:
         long = [name for name in parameter.opts if name.startswith("--")]
-        if parameter.param_type_name == "option" and long and long[0] not in ("--help", "--version"):
+        if parameter.param_type_name == "option" and long and long[0] != "--help":
             parameter.envvar = parameter.envvar or "HILFIT_" + long[0][2:].upper().replace("-", "_")
     for subcommand in getattr(command, "commands", {}).values():
         name_environment(subcommand)
@@ -138,9 +171,8 @@ def _root(
     """Options of the command itself."""
 
 
-def _extra(error: ModuleNotFoundError) -> str | None:
-    """The extra that brings the module that was not found."""
-    return EXTRAS.get((error.name or "").partition(".")[0])
+def _not_loaded() -> NoReturn:
+    raise AssertionError("a line of the help stands for its command and is replaced by it when it is used")
 
 
 def _fail(text: str, code: int) -> None:

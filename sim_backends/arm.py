@@ -24,7 +24,7 @@ from sim_backends.truth import LinkTruth, Truth
 
 FloatArray = npt.NDArray[np.float64]
 
-GRID = 1200  # cells over a joint's range: 1e-11 m off the geometry
+GRID = 400  # cells over a joint's range: 1e-12 m off the geometry
 PIN_BEARING = 0.4  # rad: where around the axis the carrying pin sits; the law depends on the difference only
 
 

@@ -14,18 +14,13 @@ import typer
 from daq.console import reported
 from daq.errors import InputError
 from daq.machine_file import load_machine
-from sim_backends.motion import read_motion
-from sim_backends.simulated_machine import SimulatedMachine
-from sim_backends.truth import load_truth
-from sim_backends.undeclared import parse_spec
 
 
 def register(app: typer.Typer) -> None:
     """Add the command to ``app``."""
-    app.command("simulate")(simulate)
+    app.command("simulate")(reported(simulate))
 
 
-@reported
 def simulate(
     machine: Annotated[Path, typer.Argument(help="Machine file with buses and sources.")],
     undeclared: Annotated[
@@ -39,6 +34,13 @@ def simulate(
     workdir: Annotated[Path | None, typer.Option(help="Where machine.yaml and the inbox go.")] = None,
 ) -> None:
     """Run simulated buses of MACHINE until interrupted; prints the machine file to acquire with."""
+    try:  # the physics engine is an extra, and other commands need not load it
+        from sim_backends.motion import read_motion
+        from sim_backends.simulated_machine import SimulatedMachine
+        from sim_backends.truth import load_truth
+        from sim_backends.undeclared import parse_spec
+    except ModuleNotFoundError as error:
+        raise InputError(f"the simulator needs {error.name}; install it with: pip install 'hilfit[sim]'") from None
     declared = load_machine(machine)
     specs = [parse_spec(text, declared) for text in undeclared or []]
     for path in motion or []:

@@ -12,7 +12,9 @@ from sim_backends.truth import CylinderTruth, Hydraulics, Truth
 
 FloatArray = npt.NDArray[np.float64]
 
-REVERSAL_SPEED = 2.0e-4  # m/s: half-width of the smoothed Coulomb jump, well below what an encoder resolves
+# Half-width of the smoothed Coulomb jump in m/s: below the speed that smoothed 50 Hz encoders resolve (some 2e-5 m/s),
+# so that what is measured is a jump.
+REVERSAL_SPEED = 1.0e-5
 
 
 def direction(v: FloatArray, width: float = REVERSAL_SPEED) -> FloatArray:

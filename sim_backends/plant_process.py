@@ -24,6 +24,8 @@ from __future__ import annotations
 import json
 import selectors
 import socket
+import sys
+import traceback
 from collections import deque
 from dataclasses import dataclass
 from pathlib import Path
@@ -41,7 +43,7 @@ from sim_backends.truth import SensorQuality, Truth
 from sim_backends.undeclared import EffectSpec
 
 AHEAD = 10  # periods computed at once: most of the cost of a period is the cost of a block
-DEMO = (EffectSpec("position_dependent_friction", "joint2", 75.0),)
+DEMO = (EffectSpec("position_dependent_friction", "joint2", 220.0),)
 
 
 @dataclass(frozen=True)
@@ -60,7 +62,6 @@ class PlantServer:
         self._inbox, self._status_path = inbox, status
         self._ready: deque[_Period] = deque()
         self._cycle = 0
-        self._seen_ns = -1
         self._names: list[str] = []
         self._status: dict[str, Any] = {
             "state": "idle", "motion": "", "rods": "pinned", "cycle": 0, "queue": [], "followed": {}, "rejected": {},
@@ -106,10 +107,6 @@ class PlantServer:
         self._write_status()
 
     def _look_into_inbox(self) -> None:
-        changed_ns = self._inbox.stat().st_mtime_ns
-        if changed_ns == self._seen_ns:
-            return
-        self._seen_ns = changed_ns
         files = [p for p in self._inbox.iterdir() if p.is_file() and not p.name.startswith(".")]
         for path in sorted(files, key=lambda p: (p.stat().st_mtime_ns, p.name)):
             try:
@@ -150,7 +147,22 @@ class PlantServer:
 
 
 def main() -> None:
-    """Entry of the plant's process."""
+    """Entry of the plant's process.
+
+    A failure leaves one line in the log, without the frames of undeclared effects: even a log must not name them.
+    """
+    try:
+        _serve()
+    except (BrokenPipeError, ConnectionResetError):  # the hub went first: the machine is being switched off
+        return
+    except Exception as error:
+        frames = [f for f in traceback.extract_tb(error.__traceback__) if "undeclared" not in f.filename]
+        place = f"{Path(frames[-1].filename).name}:{frames[-1].lineno}" if frames else "start"
+        print(f"plant: {type(error).__name__} under {place}", file=sys.stderr)
+        raise SystemExit(1) from None
+
+
+def _serve() -> None:
     orders = Orders()
     configuration = orders.configuration()
     machine = parse_machine(configuration["machine"])
@@ -163,18 +175,10 @@ def main() -> None:
         quality=SensorQuality(**configuration["quality"]),
         rng=np.random.default_rng(configuration["seed"]),
     )
-    try:
-        server = PlantServer(
-            machine,
-            plant,
-            backplane.adopt(configuration["hub"]),
-            Path(configuration["inbox"]),
-            Path(configuration["status"]),
-        )
-        report({"ready": {}})
-        server.run(orders)
-    except BrokenPipeError:  # the hub went first: the machine is being switched off
-        return
+    hub = backplane.adopt(configuration["hub"])
+    server = PlantServer(machine, plant, hub, Path(configuration["inbox"]), Path(configuration["status"]))
+    report({"ready": {}})
+    server.run(orders)
 
 
 if __name__ == "__main__":

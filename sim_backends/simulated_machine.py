@@ -20,7 +20,7 @@ import socket
 import subprocess
 import sys
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from types import TracebackType
@@ -38,6 +38,8 @@ START_PATIENCE = 30.0  # s for all processes to be ready
 ORDER_PATIENCE = 10.0  # s for an answer to an order
 STOP_PATIENCE = 5.0  # s for a process to end by itself
 HIGHEST_SPEED = 4.0
+
+Reached = Callable[[Mapping[str, Any]], bool]
 
 _MODULES = {
     "plant": "sim_backends.plant_process",
@@ -185,9 +187,6 @@ class SimulatedMachine:
     def __enter__(self) -> SimulatedMachine:
         for folder in (self.inbox, self.workdir / "accepted", self.workdir / "rejected", self.workdir / "log"):
             folder.mkdir(parents=True, exist_ok=True)
-        for old in self.inbox.iterdir():
-            if old.is_file():
-                old.unlink()
         try:
             self._start()
         except BaseException:
@@ -295,10 +294,12 @@ class SimulatedMachine:
 
         Machine time only advances while acquisition sends SYNC.
         """
+        name = name.removesuffix(".csv")
         return self._wait(name, timeout, lambda status: name in status["followed"], "follow")
 
     def wait_done(self, name: str, timeout: float = 300.0) -> dict[str, Any]:
         """Wait until the motion file ``name`` has been followed to its end; the status then."""
+        name = name.removesuffix(".csv")
 
         def over(status: Mapping[str, Any]) -> bool:
             cycles = status["followed"].get(name)
@@ -306,8 +307,7 @@ class SimulatedMachine:
 
         return self._wait(name, timeout, over, "finish")
 
-    def _wait(self, name: str, timeout: float, reached: Any, what: str) -> dict[str, Any]:
-        name = name.removesuffix(".csv")
+    def _wait(self, name: str, timeout: float, reached: Reached, what: str) -> dict[str, Any]:
         deadline = time.monotonic() + timeout
         while True:
             status = self.controller_status()

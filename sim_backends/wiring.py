@@ -74,7 +74,7 @@ def wire(machine: Machine) -> Wiring:
 
 def _signal(machine: Machine, channel: Channel, column: int) -> Signal:
     source = channel.source
-    assert source is not None
+    assert isinstance(source, CanSource | ModbusSource)
     # value = (SI - conversion.offset) / conversion.factor and raw = (value - source.offset) / source.scale
     conversion = machine.conversion(channel)
     factor = 1.0 / (conversion.factor * source.scale)

@@ -32,12 +32,13 @@ class DriverContext:
     Attributes
     ----------
     period_s : wall seconds between two cycles
-    patient : a simulation in lockstep: nothing is lost by waiting, so time-outs are generous
+    patience_s : least time to wait for a device that was alive just now: 0 on a machine, where late answers are no use;
+        long in lockstep with a simulation, where waiting loses nothing
     monotonic_ns : the clock
     """
 
     period_s: float
-    patient: bool
+    patience_s: float
     monotonic_ns: Callable[[], int]
 
 

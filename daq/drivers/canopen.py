@@ -11,7 +11,7 @@ import time
 from collections.abc import Sequence
 
 from daq.drivers.base import DeviceStatus, DriverContext, DriverStatistics, Samples, nothing
-from daq.drivers.canopen_commissioning import BOOT_UP_S, PRE_OPERATIONAL, commission
+from daq.drivers.canopen_commissioning import PRE_OPERATIONAL, commission
 from daq.drivers.canopen_link import CanLink
 from daq.drivers.canopen_mapping import map_node
 from daq.drivers.canopen_node import (
@@ -32,6 +32,7 @@ from daq.quality import Quality
 NS = 1_000_000_000
 BACK_OFF_S = (0.5, 1.0, 2.0, 5.0)
 BUS = 0  # the keeper's key for the bus itself; node-IDs start at 1
+STOP_TIMEOUT_S = 3.0
 VERIFY_CYCLES = 3
 VERIFY_PATIENCE_S = 0.5  # beyond the three cycles: a shared host may not run us for that long
 
@@ -95,13 +96,13 @@ class CanopenDriver:
         self._link = self._open()
         problems = []
         for node in self._nodes.values():
-            if not self._commission(self._link, node, boot_up_s=BOOT_UP_S):
+            if not self._commission(self._link, node, boot_up_s=node.config.boot_up_s):
                 problems.append(node.detail)
         commissioned = [node for node in self._nodes.values() if node.state == "commissioning"]
         for _ in range(VERIFY_CYCLES):
             self._cycle.begin(-1, self._context.monotonic_ns(), set().union(*(n.cob_ids for n in commissioned)))
             self._link.send_sync()
-            self._cycle.done.wait(self._context.period_s + (VERIFY_PATIENCE_S if self._context.patient else 0.0))
+            self._cycle.done.wait(self._context.period_s + self._context.patience_s)
             if all(node.complete() for node in commissioned):
                 break
         problems += [node.detail for node in commissioned if not self._verify(node)]
@@ -231,7 +232,8 @@ class CanopenDriver:
                 self._soon(node.config.node)
                 return
         alive = node.last_sign_ns()
-        limit = WATCHDOG_PERIODS * max(node.config.heartbeat_ms * 1e-3, self._context.period_s) * NS
+        heartbeat_s = WATCHDOG_PERIODS * max(node.config.heartbeat_ms * 1e-3, self._context.period_s)
+        limit = max(heartbeat_s, self._context.patience_s) * NS
         now = self._context.monotonic_ns()
         if node.state == "running" and now - alive > limit:
             node.state = "silent"
@@ -351,7 +353,7 @@ class CanopenDriver:
             self._stopping = True
             self._condition.notify()
         if self._keeper is not None:
-            self._keeper.join(timeout=BOOT_UP_S)
+            self._keeper.join(timeout=STOP_TIMEOUT_S)
             self._keeper = None
         link, self._link = self._link, None
         if link is not None:

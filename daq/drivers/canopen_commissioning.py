@@ -21,7 +21,6 @@ OPERATIONAL = 0x01  # NMT commands (CiA 301, 7.3.2.2.1)
 PRE_OPERATIONAL = 0x80
 PDO_NOT_VALID = 0x8000_0000
 SYNCHRONOUS_EVERY = 1  # transmission type: at every SYNC
-BOOT_UP_S = 3.0  # a transducer takes up to some seconds from power to its boot-up message
 
 
 class SdoAccess(Protocol):
@@ -46,7 +45,7 @@ def commission(
     *,
     monotonic_ns: Callable[[], int],
     answered: Callable[[], None],
-    boot_up_s: float = BOOT_UP_S,
+    boot_up_s: float,
 ) -> None:
     """Commission one node; it is operational afterwards and sends every mapped TPDO at every SYNC.
 

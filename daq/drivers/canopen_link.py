@@ -29,7 +29,7 @@ Handler = Callable[[bytearray, int], None]
 OPEN_ATTEMPTS = 5
 OPEN_TIMEOUT_S = 2.0
 SDO_TIMEOUT_S = 0.5
-SDO_ATTEMPTS = 2
+SDO_ATTEMPTS = 3
 
 
 class CanLink:
@@ -189,7 +189,7 @@ class Sdo:
                     f"{self._place}: refuses to {what} ({error}); check the object in its manual"
                 ) from None
             except SdoCommunicationError:
-                # A late answer would be taken for that of the next request: the second attempt starts from silence.
+                # A late answer would be taken for that of the next request: the next attempt starts from silence.
                 if attempt + 1 < SDO_ATTEMPTS:
                     time.sleep(0.05)
             except (can.CanError, OSError) as error:

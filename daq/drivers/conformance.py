@@ -48,7 +48,7 @@ def check_driver(
     ConformanceError
         Naming what is violated.
     """
-    context = DriverContext(period_s=period_s, patient=False, monotonic_ns=time.monotonic_ns)
+    context = DriverContext(period_s=period_s, patience_s=0.0, monotonic_ns=time.monotonic_ns)
     for run in ("first", "second"):  # the second one finds a bus that the first one has released
         driver = make(context)
         _require(set(driver.channels) == set(expected), f"channels are {driver.channels}, not {tuple(expected)}")

@@ -21,7 +21,6 @@ from daq.quality import Quality
 NS = 1_000_000_000
 BLOCK_REGISTERS = 125  # the most that one read may ask for (Modbus application protocol V1.1b3, 6.3)
 BACK_OFF_S = (0.0, 0.0, 0.5, 1.0, 2.0, 5.0)  # after so many failures in a row
-PATIENT_TIMEOUT_S = 0.5
 MISSES_TOLERATED = 3
 
 
@@ -182,7 +181,7 @@ class _ModbusDriver:
         self._bus = bus
         self._context = context
         self._names = tuple(channel.name for channel in channels)
-        self._timeout = max(bus.timeout_s, PATIENT_TIMEOUT_S) if context.patient else bus.timeout_s
+        self._timeout = max(bus.timeout_s, context.patience_s)
         grouped: dict[int, list[tuple[int, Channel]]] = {}
         for position, channel in enumerate(channels):
             assert isinstance(channel.source, ModbusSource)

@@ -11,7 +11,7 @@ class AsymmetricFriction(Effect):
     """Another friction law extending than retracting: seals are not symmetric."""
 
     id = "asymmetric_friction"
-    title = "friction differs between extending and retracting"
+    title = "friction that differs between extending and retracting"
     level = "cylinder"
     variable = "piston_speed"
     uses_model = False

@@ -12,7 +12,7 @@ class BaseTilt(Effect):
     """A base that is not level."""
 
     id = "base_tilt"
-    title = "the base is not level"
+    title = "a base that is not level"
     level = "joint"
     variable = "joint_position"
     equation = "dY/dg (e_1 t_1 + e_2 t_2) pi, e_1 and e_2 across gravity"

@@ -14,7 +14,7 @@ class CarriedLiquid(Effect):
     """Liquid in a tank or bucket that sloshes with the joint's acceleration."""
 
     id = "carried_liquid"
-    title = "carried liquid sloshes"
+    title = "sloshing of a carried liquid"
     level = "joint"
     variable = "piston_acceleration"
     uses_model = False

@@ -13,7 +13,7 @@ class CounterbalanceValve(Effect):
     """A load-holding valve that throttles while an overrunning load is lowered."""
 
     id = "counterbalance_valve"
-    title = "counterbalance valve throttles while lowering"
+    title = "a counterbalance valve that throttles while lowering"
     level = "cylinder"
     variable = "cylinder_force"
     equation = "(b_0 + b_1 |v|) [v < 0][F^ > 0], or mirrored"

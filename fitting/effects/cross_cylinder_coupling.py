@@ -14,7 +14,7 @@ class CrossCylinderCoupling(Effect):
     """Another cylinder's flow moves this cylinder's pressures: a shared return line."""
 
     id = "cross_cylinder_coupling"
-    title = "another cylinder's flow acts on this one's pressures"
+    title = "another cylinder's flow acting on this one's pressures"
     level = "cylinder"
     variable = "other.piston_speed"
     uses_model = False

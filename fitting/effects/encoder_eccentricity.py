@@ -14,7 +14,7 @@ class EncoderEccentricity(Effect):
     """A joint encoder whose disc is not centred."""
 
     id = "encoder_eccentricity"
-    title = "the joint encoder runs eccentrically"
+    title = "a joint encoder that runs eccentrically"
     level = "measurement"
     variable = "joint_position"
     equation = "q = q_measured - (e_s sin n q + e_c cos n q)"

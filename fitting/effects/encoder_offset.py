@@ -12,7 +12,7 @@ class EncoderOffset(Effect):
     """A joint encoder whose zero is off."""
 
     id = "encoder_offset"
-    title = "the joint encoder's zero is off"
+    title = "a joint encoder whose zero is off"
     level = "measurement"
     variable = "joint_position"
     equation = "q = q_measured - q_0"

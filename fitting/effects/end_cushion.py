@@ -13,7 +13,7 @@ class EndCushion(Effect):
     """A cushion that throttles the oil near one end of the stroke."""
 
     id = "end_cushion"
-    title = "end-of-stroke cushion"
+    title = "an end-of-stroke cushion"
     level = "cylinder"
     variable = "piston_position"
     uses_model = False

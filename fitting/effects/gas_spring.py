@@ -11,7 +11,7 @@ class GasSpring(Effect):
     """A trapped gas volume that one direction of the stroke compresses."""
 
     id = "gas_spring"
-    title = "gas spring or trapped accumulator"
+    title = "a gas spring or trapped accumulator"
     level = "cylinder"
     variable = "piston_position"
     uses_model = False

@@ -11,7 +11,7 @@ class HoseStiffness(Effect):
     """Hoses and cable harness that pull the joint towards a middle position."""
 
     id = "hose_stiffness"
-    title = "hoses or harness act as a spring"
+    title = "hoses or harness that act as a spring"
     level = "joint"
     variable = "joint_position"
     uses_model = False

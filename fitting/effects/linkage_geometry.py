@@ -15,7 +15,7 @@ class LinkageGeometry(Effect):
     """A pin that is not where the machine file says: the lever arm is wrong."""
 
     id = "linkage_geometry"
-    title = "a pin of the linkage is not where the machine file says"
+    title = "a linkage pin that is not where the machine file says"
     level = "joint"
     variable = "joint_position"
     equation = "-F_l d ln r / d p"

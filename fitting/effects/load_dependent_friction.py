@@ -11,7 +11,7 @@ class LoadDependentFriction(Effect):
     """Friction that grows with the force a cylinder carries: seals and bearings pressed harder."""
 
     id = "load_dependent_friction"
-    title = "friction grows with the load"
+    title = "friction that grows with the load"
     level = "cylinder"
     variable = "cylinder_force"
     equation = "mu |F^| sgn v"

@@ -14,7 +14,7 @@ class LubricantFilmLag(Effect):
     """The lubricating film follows the speed with a lag, so friction against speed is a loop."""
 
     id = "lubricant_film_lag"
-    title = "the lubricating film lags behind the speed"
+    title = "a lubricating film that lags behind the speed"
     level = "cylinder"
     variable = "piston_speed"
     uses_model = False

@@ -14,7 +14,7 @@ class Payload(Effect):
     """A mass at the tip from a moment on."""
 
     id = "payload"
-    title = "a payload is there in part of the recordings"
+    title = "a payload in part of the recordings"
     level = "joint"
     variable = "time"
     equation = "Y_tip(q, q', q'') m_p from t_0 on"

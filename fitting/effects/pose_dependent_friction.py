@@ -14,7 +14,7 @@ class PoseDependentFriction(Effect):
     """Joint friction that changes with another joint's pose."""
 
     id = "pose_dependent_friction"
-    title = "friction follows another joint's pose"
+    title = "friction that follows another joint's pose"
     level = "joint"
     variable = "other.joint_position"
     uses_model = False

@@ -11,16 +11,13 @@ class PositionDependentFriction(Effect):
     """Friction that depends on where the piston is: a bore that is not round, a rod that is worn."""
 
     id = "position_dependent_friction"
-    title = "friction depends on the piston position"
+    title = "friction that depends on the piston position"
     level = "cylinder"
     variable = "piston_position"
     uses_model = False
-    equation = "(f_1 (x - x_m) + f_2 (x - x_m)^2) sgn v"
+    equation = "(f_1 u + f_2 u^2 + f_3 u^3) sgn v, u = x - x_m"
     parity = "odd in v, smooth in x"
-    parameters = (
-        Parameter("f_1", "N/m"),
-        Parameter("f_2", "N/m^2"),
-    )
+    parameters = (Parameter("f_1", "N/m"), Parameter("f_2", "N/m^2"), Parameter("f_3", "N/m^3"))
     confounders = ("load_dependent_friction", "pose_dependent_friction")
     experiment = "move other joints so that load and position decorrelate"
     source = "Armstrong-Helouvry, Control of Machines with Friction, 1991 (position-dependent friction)"
@@ -28,4 +25,4 @@ class PositionDependentFriction(Effect):
     def columns(self, view: DriveView, shape: Shape) -> FloatArray:
         """Columns (N, k); see :class:`Effect`."""
         offset = view.x - view.range.middle
-        return np.column_stack([offset * view.s, offset**2 * view.s])
+        return np.column_stack([offset * view.s, offset**2 * view.s, offset**3 * view.s])

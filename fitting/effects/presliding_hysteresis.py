@@ -13,7 +13,7 @@ class PreslidingHysteresis(Effect):
     """Elastic presliding after a reversal (Dahl): friction builds up over a distance, not at once."""
 
     id = "presliding_hysteresis"
-    title = "friction builds up over a distance after a reversal"
+    title = "friction that builds up over a distance after a reversal"
     level = "cylinder"
     variable = "piston_position"
     uses_model = False

@@ -12,7 +12,7 @@ class PressureDependentFriction(Effect):
     """Friction of seals that chamber pressure presses against the bore."""
 
     id = "pressure_dependent_friction"
-    title = "friction grows with chamber pressure"
+    title = "friction that grows with the chamber pressure"
     level = "cylinder"
     variable = "head_pressure"
     equation = "(beta1 p1 + beta2 p2) sgn v"

@@ -9,7 +9,7 @@ class PressureDrift(Effect):
     """A pressure transducer that drifts in the course of a recording."""
 
     id = "pressure_drift"
-    title = "a pressure sensor drifts"
+    title = "a drifting pressure sensor"
     level = "measurement"
     variable = "time"
     uses_model = False

@@ -12,7 +12,7 @@ class PressureGain(Effect):
     """One pressure transducer whose gain is off."""
 
     id = "pressure_gain"
-    title = "a pressure sensor has a wrong gain"
+    title = "a wrong gain of a pressure sensor"
     level = "measurement"
     variable = "head_pressure"
     equation = "g p1 A1 or -g p2 A2"

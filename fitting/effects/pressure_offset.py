@@ -11,7 +11,7 @@ class PressureOffset(Effect):
     """A pressure transducer whose zero is off."""
 
     id = "pressure_offset"
-    title = "a pressure sensor has an offset"
+    title = "an offset of a pressure sensor"
     level = "measurement"
     variable = "cylinder_force"
     uses_model = False

@@ -11,7 +11,7 @@ class QuadraticLoss(Effect):
     """Turbulent loss between pressure port and chamber: grows with the square of the speed."""
 
     id = "quadratic_loss"
-    title = "flow loss that grows with the square of the speed"
+    title = "a flow loss that grows with the square of the speed"
     level = "cylinder"
     variable = "piston_speed"
     uses_model = False

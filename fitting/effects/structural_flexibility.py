@@ -11,7 +11,7 @@ class StructuralFlexibility(Effect):
     """A link behind the joint's encoder that gives way under load."""
 
     id = "structural_flexibility"
-    title = "the structure behind the joint bends"
+    title = "a structure that bends behind the joint"
     level = "joint"
     variable = "cylinder_force"
     equation = "q_link = q - c tau: c (dY/dq) (-tau) pi / r for all joints"

@@ -13,7 +13,7 @@ class ThermalViscosityDrift(Effect):
     """Oil warms up, its viscosity falls, and the viscous friction with it."""
 
     id = "thermal_viscosity_drift"
-    title = "viscous friction drifts as the oil warms up"
+    title = "viscous friction that drifts as the oil warms up"
     level = "cylinder"
     variable = "time"
     uses_model = False

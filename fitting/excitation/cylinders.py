@@ -16,7 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import chain, pairwise
 
 import numpy as np
 import numpy.typing as npt
@@ -34,6 +34,7 @@ FloatArray = npt.NDArray[np.float64]
 
 _NORM_POWER = 24  # of the p-norm that keeps the limits, as for whole motions
 _SHORTEST_RAMP = 0.2  # s: several samples at 50 Hz, so that a controller can follow
+_LEVEL_SECONDS = 2.5  # what a level of the staircase gets at least
 _SOFT = 0.02  # of the top speed: the width over which sgn is smoothed, while searching only
 
 
@@ -48,8 +49,8 @@ class CylinderOptions:
     staircase
         Share of it given to the staircase, 0 to 0.8.
     levels
-        Speeds of the staircase, from 3 % of the top speed up in equal ratios; fewer where there are less than 2.5 s for
-        each.
+        Speeds of the staircase, from 3 % of the top speed up in equal ratios; fewer where there are less than
+        3.75 s for each.
     max_frequency
         Highest frequency of the band-limited part, Hz.
     harmonics
@@ -85,7 +86,7 @@ class CylinderOptions:
     @property
     def levels_that_fit(self) -> int:
         """Speeds that the staircase really has."""
-        return min(self.levels, max(1, int(self.seconds * self.staircase / 2.5)))
+        return min(self.levels, max(1, int(self.seconds * self.staircase / (1.5 * _LEVEL_SECONDS))))
 
 
 @dataclass(frozen=True)
@@ -264,44 +265,69 @@ def _band_value(
 def _staircase(
     time: FloatArray, seconds: float, levels: int, half: float, top_speed: float, top_acceleration: float
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Constant speeds, equal time to each: from mid-stroke out to one side, over to the other, and back.
+    """Constant speeds, slow to fast: from mid-stroke out to one side, over to the other, and back.
 
-    Between speeds ``v0`` and ``v1`` the speed follows ``v0 + (v1 - v0) (10 s^3 - 15 s^4 + 6 s^5)``, whose
-    steepest slope is ``1.875 (v1 - v0) / duration``.
+    Fast levels run the whole stroke, as often as their share of the time allows, or once if it takes no more than 40 %
+    of what is left; slower ones share the rest.
+    Between speeds ``v0`` and ``v1`` the speed follows ``v0 + (v1 - v0) (10 s^3 - 15 s^4 + 6 s^5)``, whose steepest
+    slope is ``1.875 (v1 - v0) / duration``.
     """
-    share = seconds / levels
+    parts: list[list[tuple[float, float]]] = []
+    left = seconds
+    for place, speed in enumerate(top_speed * np.geomspace(1.0, 0.03, levels)):
+        speed_held = _speed_with_hold(float(speed), half, top_acceleration)
+        whole_stroke = 4 * half / speed_held + 2.25 * _ramp(speed_held, top_acceleration)
+        budget = max(left / (levels - place), min(1.001 * whole_stroke, 0.4 * left))
+        budget = min(budget, left - (levels - place - 1) * _LEVEL_SECONDS)
+        part = _level(budget, speed_held, half, top_acceleration)
+        left -= sum(duration for duration, _ in part)
+        parts.append(part)
+    now = 0.0
     knots: list[tuple[float, float]] = [(0.0, 0.0)]  # time, speed; ramps where the speed changes
-    for speed in top_speed * np.geomspace(0.03, 1.0, levels):
-        knots += _level(share, float(speed), half, top_acceleration, knots[-1][0])
+    for duration, speed in chain.from_iterable(reversed(parts)):
+        now += duration
+        knots.append((now, speed))
     return _follow(time, knots)
 
 
-def _level(
-    seconds: float, speed: float, half: float, top_acceleration: float, start: float
-) -> list[tuple[float, float]]:
-    """Knots of one level: whole cycles out, over and back, at ``speed`` or the highest speed that fits.
+def _ramp(speed: float, top_acceleration: float) -> float:
+    return max(1.875 * speed / top_acceleration, _SHORTEST_RAMP)
 
-    A cycle of period ``P``: ramp 0 to v (``t``), hold ``a``, reverse (``2 t``), hold ``b``, reverse (``2
-    t``), hold ``a``, ramp v to 0 (``t``). Half a reversal covers ``0.6875 v t``, a ramp from rest ``0.5 v
-    t``, so the turn is ``v (a + 1.1875 t)`` from the middle; the cycle closes with ``b = 2 a + t``, hence ``a = (P - 7
-    t) / 4``.
+
+def _speed_with_hold(speed: float, half: float, top_acceleration: float) -> float:
+    """``speed``, or the highest below it that is held for a while between two ends of the stroke."""
+    while half / speed - 1.1875 * _ramp(speed, top_acceleration) < _ramp(speed, top_acceleration) / 2:
+        speed *= 0.95
+    return speed
+
+
+def _level(seconds: float, speed: float, half: float, top_acceleration: float) -> list[tuple[float, float]]:
+    """One level as (duration, speed at its end): cycles out, over and back, at ``speed`` or the highest that fits.
+
+    A cycle of period ``P``: ramp 0 to v (``t``), hold ``a``, reverse (``2 t``), hold ``b``, reverse (``2 t``), hold
+    ``a``, ramp v to 0 (``t``). Half a reversal covers ``0.6875 v t``, a ramp from rest ``0.5 v t``, so the turn is ``v
+    (a + 1.1875 t)`` from the middle; the cycle closes with ``b = 2 a + t``, hence ``P = 4 a + 7 t``.
     """
-    cycles = 1
     while True:
-        ramp = max(1.875 * speed / top_acceleration, _SHORTEST_RAMP)
-        hold = (seconds / cycles - 7 * ramp) / 4
-        if hold < ramp / 2:  # nothing would be constant any more: slower, with fewer turns
-            speed, cycles = 0.9 * speed, 1
-        elif speed * (hold + 1.1875 * ramp) > half:
-            cycles += 1
-        else:
+        ramp = _ramp(speed, top_acceleration)
+        hold = half / speed - 1.1875 * ramp  # all of the stroke, or what there is time for
+        hold = min(hold, (seconds - 7 * ramp) / 4)
+        if hold >= ramp / 2:
             break
+        speed *= 0.9  # nothing would be constant any more
         if speed < 1e-3 * half / seconds:
             raise InputError(f"seconds: a level of {seconds:.3g} s is too short for a staircase; take more seconds")
-    durations = (ramp, hold, 2 * ramp, 2 * hold + ramp, 2 * ramp, hold, ramp)
-    speeds = (speed, speed, -speed, -speed, speed, speed, 0.0)
-    times = start + np.cumsum(durations * cycles)
-    return [(float(t), v) for t, v in zip(times, speeds * cycles, strict=True)]
+    cycles = int(seconds / (4 * hold + 7 * ramp) + 1e-9)
+    cycle = [
+        (ramp, speed),
+        (hold, speed),
+        (2 * ramp, -speed),
+        (2 * hold + ramp, -speed),
+        (2 * ramp, speed),
+        (hold, speed),
+        (ramp, 0.0),
+    ]
+    return cycle * cycles
 
 
 def _follow(time: FloatArray, knots: list[tuple[float, float]]) -> tuple[FloatArray, FloatArray, FloatArray]:

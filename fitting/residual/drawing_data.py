@@ -124,6 +124,8 @@ def _binned(x: FloatArray, y: FloatArray, centres: FloatArray | None = None) -> 
     half = 0.5 * float(centres[1] - centres[0])
     means = np.array([np.mean(y[np.abs(x - c) <= half]) if np.any(np.abs(x - c) <= half) else np.nan for c in centres])
     good = np.isfinite(means)
+    if not good.any():
+        return centres, means
     return centres, np.interp(centres, centres[good], means[good])
 
 

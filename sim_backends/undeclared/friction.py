@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 
+from sim_backends.arm import ArmDesign
 from sim_backends.undeclared.base import Block, FloatArray, UndeclaredEffect
 
 REFERENCE_PRESSURE = 2.0e6  # Pa: sizes of load and pressure effects are quoted there
@@ -166,15 +168,19 @@ class ThermalViscosityDrift(UndeclaredEffect):
     meaning = "viscous friction that is there when cold and gone when warm"
 
     def prepare(self, rng: np.random.Generator) -> None:
-        self.warm_up = rng.uniform(15.0, 45.0)
+        self.warm_up = rng.uniform(15.0, 45.0)  # s: a small tank without cooler
         self.sensitivity = rng.uniform(0.02, 0.05)  # 1/K, of mineral oil
 
+    def redesign(self, design: ArmDesign) -> ArmDesign:
+        if self.size == 0.0:
+            return design
+        oil = replace(design.truth.hydraulics, warm_up=self.warm_up)
+        return replace(design, truth=replace(design.truth, hydraulics=oil))
+
     def piston_force(self, block: Block) -> FloatArray:
-        # The film in this cylinder warms with its own short time constant, up to a rise of 18 K.
-        rise = 18.0
-        warmed = rise * -np.expm1(-np.maximum(block.time, 0.0) / self.warm_up)
-        warm = math.exp(-self.sensitivity * rise)
-        thinned = (np.exp(-self.sensitivity * warmed) - warm) / (1.0 - warm)
+        oil = self.place.truth.hydraulics
+        warm = math.exp(-self.sensitivity * oil.heating)
+        thinned = (np.exp(-self.sensitivity * (block.temperature - oil.ambient)) - warm) / (1.0 - warm)
         return self.size * thinned * block.v[:, self.joint]
 
 

@@ -35,8 +35,8 @@ buses:
   interface: virtual
   channel: {channel}
   nodes:
-  - {{node: 5, device_type: 0x00080194, vendor_id: 0x2A, product_code: 7}}
-  - {{node: 6, heartbeat_ms: 50, settings: {{"0x61A1:1 uint16": 3}}}}
+  - {{node: 5, device_type: 0x00080194, vendor_id: 0x2A, product_code: 7, boot_up_s: 0.2}}
+  - {{node: 6, heartbeat_ms: 50, boot_up_s: 0.2, settings: {{"0x61A1:1 uint16": 3}}}}
 """
 MODBUS = """
 channels:
@@ -59,6 +59,14 @@ def plain(rate: float = 50) -> str:
 def can(channel: str, rate: float = 50) -> str:
     """Encoder node 5 and pressure node 6 on a virtual bus."""
     return HEAD.format(rate=rate) + CAN.format(channel=channel)
+
+
+def socketcand(port: int, rate: float = 50) -> str:
+    """The same nodes behind a server on this computer."""
+    text = can("can0", rate)
+    return text.replace(
+        "interface: virtual\n", f"interface: socketcand\n  options: {{host: 127.0.0.1, port: {port}}}\n"
+    )
 
 
 def modbus(port: int, rate: float = 50) -> str:

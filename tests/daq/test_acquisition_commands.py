@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import json
+import signal
 import subprocess
 import sys
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -18,6 +20,7 @@ from typer.testing import CliRunner
 from daq import cli, parse_machine, write_recording
 from daq.console import progress_bar, reported
 from daq.errors import AcquisitionError, RecordingError
+from daq.journal import journal_path
 from daq.recording_files import read_table
 
 RUNNER = CliRunner()
@@ -139,6 +142,24 @@ def test_record_fails_in_one_line_when_a_device_is_gone(bench: tuple[Path, FakeM
     assert code == 1
     assert "unit 1" in err and "(and 1 more)" in err and err.count("\n") == 1
     assert not output.exists()
+
+
+def test_an_interrupted_recording_is_sealed(bench: tuple[Path, FakeModbus], tmp_path: Path) -> None:
+    output = tmp_path / "r.parquet"
+    program = "import typer; from daq import cli; app = typer.Typer(); cli.register(app); app()"
+    order = ["record", str(bench[0]), "--role", "operation", "--seconds", "600", "-o", str(output)]
+    with subprocess.Popen([sys.executable, "-c", program, *order], stdout=subprocess.PIPE, text=True) as process:
+        server = bench[1]
+        with server.asked:  # commissioning asks each unit once; from the second dozen on, frames come
+            assert server.asked.wait_for(lambda: len(server.requests) > 24, timeout=60)
+        deadline = time.monotonic() + 60
+        while not journal_path(output).exists() and time.monotonic() < deadline:
+            time.sleep(0.01)
+        process.send_signal(signal.SIGINT)
+        out, _ = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert "interrupted before 600 s" in out
+    assert not journal_path(output).exists()
 
 
 def test_record_refuses_a_machine_without_buses(machine_file: Path, tmp_path: Path) -> None:

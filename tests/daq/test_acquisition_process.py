@@ -14,9 +14,11 @@ from bench_machines import modbus, plain
 from modbus_test_server import FakeModbus, float_registers
 
 from daq import AcquisitionError, Machine, MachineFileError, Quality, parse_machine
-from daq.acquisition import AcquisitionProcess, Cycles, run_cycles
+from daq.acquisition import AcquisitionProcess
+from daq.acquisition_child import request_fifo
 from daq.channels import channel_table
 from daq.clock import FakeClock
+from daq.cycles import Cycles, run_cycles
 from daq.drivers import DriverStatistics, Samples, nothing
 from daq.frame import frame_from_row
 from daq.recorder import Recorder
@@ -183,6 +185,16 @@ def test_what_cannot_be_acquired_is_refused_at_once(tmp_path: Path) -> None:
         AcquisitionProcess(file)
 
 
+def test_real_time_scheduling_is_never_required(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(*_: object) -> None:
+        raise PermissionError(1, "Operation not permitted")
+
+    monkeypatch.setattr("os.sched_setscheduler", refuse)
+    granted, line = request_fifo()
+    assert not granted
+    assert "SCHED_FIFO" in line and "Operation not permitted" in line
+
+
 def test_a_machine_is_acquired_once(server: FakeModbus) -> None:
     machine = machine_at(server)
     with ring_buffer(channel_table(machine).dtype, 16) as name, pytest.raises(AcquisitionError, match="already"):
@@ -193,8 +205,9 @@ def test_a_killed_process_is_noticed_and_leaves_nothing_behind(server: FakeModbu
     acquisition = AcquisitionProcess(machine_at(server))
     with acquisition:
         name = acquisition.ring_name
+        assert acquisition._process is not None
         os.kill(acquisition._process.pid, signal.SIGKILL)
-        acquisition._process.join(30)
+        acquisition._process.wait(30)
         with pytest.raises(AcquisitionError, match="ended by itself"):
             acquisition.check()
         assert not acquisition.alive
@@ -207,10 +220,9 @@ def test_a_parent_that_is_gone_ends_the_process(server: FakeModbus) -> None:
     acquisition = AcquisitionProcess(machine_at(server))
     with acquisition:
         assert acquisition._control is not None
-        process = acquisition._process
+        assert acquisition._process is not None
         acquisition._control.close()  # what the child sees when its parent is killed
-        process.join(30)
-        assert process.exitcode == 0
+        assert acquisition._process.wait(30) == 0
         deadline = time.monotonic() + 5
         while acquisition.statistics().state != "stopped" and time.monotonic() < deadline:
             time.sleep(0.01)

@@ -44,7 +44,7 @@ class Bench:
 
     def make(self, text: str | None = None) -> CanopenDriver:
         machine = self.machine if text is None else parse_machine(text)
-        context = DriverContext(PERIOD, False, time.monotonic_ns)
+        context = DriverContext(PERIOD, 0.0, time.monotonic_ns)
         return CanopenDriver(machine.buses[0], machine.channels, context)  # type: ignore[arg-type]
 
     def once(self) -> Samples:

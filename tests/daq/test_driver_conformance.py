@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import struct
+import time
 import uuid
-from collections.abc import Callable, Iterator
-from importlib.metadata import entry_points
+from collections.abc import Callable, Iterator, Sequence
+from importlib.metadata import EntryPoint, entry_points
 
 import numpy as np
 import pytest
@@ -14,10 +15,11 @@ from canopen_test_node import FakeNode
 from modbus_test_serial import FakeSerialModbus
 from modbus_test_server import FakeModbus, float_registers
 
-from daq import parse_machine
+from daq import AcquisitionError, Channel, MachineFileError, parse_machine
 from daq.drivers import Driver, DriverContext, DriverStatistics, Samples, make_driver, nothing
-from daq.drivers.base import DeviceStatus
+from daq.drivers.base import ENTRY_POINT_GROUP, DeviceStatus
 from daq.drivers.conformance import ConformanceError, check_driver
+from daq.machine_file import OtherBus
 
 Bench = tuple[str, dict[str, float], Callable[[], None], Callable[[], None]]
 REGISTERS = {1: float_registers({2: 50.0, 4: 0.0, 6: 0.3}), 2: {4: 215}}
@@ -103,6 +105,30 @@ class Honest:
 
     def stop(self) -> None:
         self.stopped = True
+
+
+class Plugged(Honest):
+    """The same as another package would bring it: made from a bus and its channels."""
+
+    def __init__(self, bus: OtherBus, channels: Sequence[Channel], context: DriverContext) -> None:
+        super().__init__(context)
+        assert bus.options == {"nic": "eth1"}
+        self.channels = tuple(channel.name for channel in channels)
+
+
+def test_a_driver_of_another_package_is_found_by_its_entry_point(monkeypatch: pytest.MonkeyPatch) -> None:
+    bus = OtherBus(name="field", type="ethercat", options={"nic": "eth1"})
+    channel = Channel(name="a", quantity="oil_temperature", unit="K")
+    context = DriverContext(0.02, 0.0, time.monotonic_ns)
+    with pytest.raises(MachineFileError, match="'field': no driver for type 'ethercat'"):
+        make_driver(bus, [channel], context)
+    entry = EntryPoint("ethercat", f"{__name__}:Plugged", ENTRY_POINT_GROUP)
+    monkeypatch.setattr("daq.drivers.base.entry_points", lambda group: [entry])
+    check_driver(lambda context: make_driver(bus, [channel], context), {"a": 1.0}, period_s=0.0001)
+    broken = EntryPoint("ethercat", f"{__name__}:Nobody", ENTRY_POINT_GROUP)
+    monkeypatch.setattr("daq.drivers.base.entry_points", lambda group: [broken])
+    with pytest.raises(AcquisitionError, match="driver 'ethercat'"):
+        make_driver(bus, [channel], context)
 
 
 class WrongValue(Honest):

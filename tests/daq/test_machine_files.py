@@ -166,6 +166,22 @@ def test_sources_fit_their_buses() -> None:
     refuse(other, "j1.angle", "does not fit bus 'can0'")
 
 
+def test_buses_of_other_packages() -> None:
+    text = can("c").replace("type: canopen", "type: ethercat").replace("interface: virtual\n", "options: {nic: eth1}\n")
+    text = text[: text.index("  channel: c")]
+    refuse(text, "does not fit bus 'can0' of type ethercat")
+    for number in range(3):
+        text = text.replace("{bus: can0, node", f"{{bus: can0, address: {{slot: {number}}}, node", 1)
+    refuse(text, "source.node", "unknown key")
+    plain_text = "\n".join(
+        line.split(", node")[0] + "}}" if "node:" in line and "source" in line else line for line in text.splitlines()
+    )
+    machine = parse_machine(plain_text)
+    assert machine.buses[0].type == "ethercat"
+    assert parse_machine(machine_to_yaml(machine)) == machine
+    refuse(can("c").replace("type: canopen", "type: canopenn"), "buses[0]", "'canopenn'; did you mean 'canopen'?")
+
+
 def test_a_prismatic_joint_is_measured_in_metres() -> None:
     text = plain().replace("- name: j1\n", "- name: j1\n  type: prismatic\n").replace("unit: deg}", "unit: mm}")
     machine = parse_machine(text)

@@ -33,9 +33,9 @@ def registers() -> dict[int, dict[int, int]]:
 class Run:
     """Cycles of a driver."""
 
-    def __init__(self, machine: Machine, period: float = PERIOD, *, patient: bool = False) -> None:
+    def __init__(self, machine: Machine, period: float = PERIOD, *, patience: float = 0.0) -> None:
         self.driver: Driver = make_driver(
-            machine.buses[0], machine.channels, DriverContext(period, patient, time.monotonic_ns)
+            machine.buses[0], machine.channels, DriverContext(period, patience, time.monotonic_ns)
         )
         self.period = period
         self.cycle = 0
@@ -241,11 +241,11 @@ def test_blocks_cover_what_is_needed() -> None:
     assert BLOCK_REGISTERS < 400 - 6
 
 
-@pytest.mark.parametrize("patient", [False, True])
-def test_in_lockstep_a_slow_answer_is_waited_for(server: FakeModbus, patient: bool) -> None:
+@pytest.mark.parametrize("patience", [0.0, 5.0])
+def test_in_lockstep_a_slow_answer_is_waited_for(server: FakeModbus, patience: float) -> None:
     server.delay_s = 0.15  # three time-outs of the machine file
-    run = Run(parse_machine(modbus(server.port)), patient=patient)
+    run = Run(parse_machine(modbus(server.port)), patience=patience)
     try:
-        assert (run.driver.start() == ()) is patient
+        assert (run.driver.start() == ()) is (patience > 0)
     finally:
         run.driver.stop()

@@ -215,6 +215,7 @@ BAD: dict[str, tuple[Change, tuple[str, ...]]] = {
         lambda c: c.update({"j1.rod": np.minimum(c["j1.rod"], 38.0)}),
         ("j1.rod", "saturated"),
     ),
+    "saturated for a moment": (put("j1.rod", slice(100, 108), 41.0), ("j1.rod", "saturated", "rows 101 to 108")),
     "another machine of the same channels": (
         lambda c: c.update({"j1.piston": 200 - c["j1.piston"] / 2}),
         ("j1.piston", "linkage"),
@@ -249,6 +250,10 @@ def test_bad_files_are_refused(tmp_path: Path) -> None:
     misnamed = tmp_path / "misnamed.parquet"
     misnamed.write_text("time,j1.angle\n0,0\n")
     refuse(misnamed, "not a Parquet file")
+    journal = tmp_path / "r.parquet.journal"
+    with pa.ipc.new_stream(journal, pa.schema([("time", pa.float64())])):
+        pass
+    refuse(journal, "hilfit recover")
     sound = save(tmp_path / "sound.parquet", motion()).read_bytes()
     for cut in (5, len(sound) // 2, len(sound) - 3):
         torn = tmp_path / f"torn{cut}.parquet"

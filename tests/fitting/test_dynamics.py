@@ -33,7 +33,7 @@ from fitting.geometry import Geometry, link_frames
 
 
 def to_mujoco(arm: Geometry, links, drive_inertia=None, damping=None) -> mujoco.MjModel:
-    """The same chain as bodies. Body ``i`` is frame ``i - 1`` after the motion of joint ``i``; frame ``i`` is fixed in it."""
+    """The same chain as bodies: body ``i`` is frame ``i - 1`` moved by joint ``i``, and frame ``i`` fixed in it."""
     masses, centres, inertias = links
     at_rest = link_frames(arm, np.zeros(arm.joints))
     fixed = [np.linalg.inv(at_rest[i]) @ at_rest[i + 1] for i in range(arm.joints)]  # A_i(0)
@@ -63,7 +63,8 @@ def to_mujoco(arm: Geometry, links, drive_inertia=None, damping=None) -> mujoco.
         pose = fixed[i]
     gravity = " ".join(repr(float(v)) for v in arm.gravity)
     return mujoco.MjModel.from_xml_string(
-        f'<mujoco><compiler angle="radian"/><option gravity="{gravity}"/><worldbody>{body}{closing}</worldbody></mujoco>'
+        f'<mujoco><compiler angle="radian"/><option gravity="{gravity}"/>'
+        f"<worldbody>{body}{closing}</worldbody></mujoco>"
     )
 
 

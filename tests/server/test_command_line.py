@@ -10,7 +10,7 @@ from importlib.metadata import version
 from pathlib import Path
 
 import pytest
-import typer
+from service_fakes import MACHINE
 
 from daq.errors import AcquisitionError, InputError
 from server import cli
@@ -39,8 +39,14 @@ def test_version(run: Run) -> None:
 def test_help_lists_the_commands(run: Run) -> None:
     code, out, _ = run("--help")
     assert code == 0
-    for command in ("serve", "identify", "record", "simulate", "effects", "excite", "machine", "recover", "demo"):
-        assert command in out
+    for part in cli.PARTS:
+        for command in part.commands:
+            assert f" {command} " in out
+
+
+@pytest.mark.parametrize("part", cli.PARTS, ids=lambda part: part.module)
+def test_the_help_knows_the_commands_of_every_part(part: cli.Part) -> None:
+    assert set(cli.load_commands(part)) == set(part.commands)
 
 
 @pytest.mark.parametrize("arguments", [["dance"], ["serve", "--prot", "1"], ["serve", "--port", "many"]])
@@ -109,17 +115,11 @@ def test_settings_come_from_the_environment_too(monkeypatch: pytest.MonkeyPatch)
 def test_errors_become_one_line_and_an_exit_code(
     run: Run, monkeypatch: pytest.MonkeyPatch, error: Exception, code: int, says: str
 ) -> None:
-    def build() -> typer.Typer:
-        app = typer.Typer(pretty_exceptions_enable=False)
+    def fail(part: cli.Part) -> dict[str, object]:
+        raise error
 
-        @app.command()
-        def fail() -> None:
-            raise error
-
-        return app
-
-    monkeypatch.setattr(cli, "build", build)
-    assert run() == (code, "", says)
+    monkeypatch.setattr(cli, "load_commands", fail)
+    assert run("serve") == (code, "", says)
 
 
 @pytest.fixture
@@ -131,13 +131,19 @@ def without_mujoco(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.usefixtures("without_mujoco")
-def test_a_missing_extra_costs_only_its_own_commands(run: Run) -> None:
-    code, out, _ = run("--help")
-    assert code == 0
-    assert "simulate" in out
-    code, _, err = run("simulate", "machine.yaml", "--seed", "1")
+def test_a_missing_extra_is_named_with_the_command_that_installs_it(run: Run, tmp_path: Path) -> None:
+    path = tmp_path / "machine.yaml"
+    path.write_text(MACHINE)
+    code, _, err = run("simulate", str(path))
     assert code == 2
     assert err == "hilfit: this needs mujoco, which is not installed; run: pip install 'hilfit[sim]'\n"
+
+
+@pytest.mark.usefixtures("without_mujoco")
+def test_what_needs_no_extra_works_without_it(run: Run, tmp_path: Path) -> None:
+    path = tmp_path / "machine.yaml"
+    path.write_text(MACHINE)
+    assert run("machine", "check", str(path))[0] == 0
 
 
 def test_a_wrong_file_is_exit_code_2_and_one_line(run: Run, tmp_path: Path) -> None:
@@ -149,11 +155,12 @@ def test_a_wrong_file_is_exit_code_2_and_one_line(run: Run, tmp_path: Path) -> N
     assert "Traceback" not in err
 
 
-def test_help_imports_nothing_numerical() -> None:
+def test_help_imports_nothing_heavy() -> None:
+    heavy = ("numpy", "pyarrow", "pydantic", "scipy", "mujoco", "fastapi", "dbos", "matplotlib")
     code = (
         "import sys\nfrom server.cli import main\n"
         "try:\n    main(['--help'])\nexcept SystemExit: pass\n"
-        "print(','.join(m for m in ('scipy.optimize', 'fastapi', 'dbos', 'matplotlib') if m in sys.modules))"
+        f"print([name for name in {heavy} if name in sys.modules])"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=True)
-    assert done.stdout.splitlines()[-1] == ""
+    assert done.stdout.splitlines()[-1] == "[]"

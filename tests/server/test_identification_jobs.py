@@ -22,7 +22,7 @@ IDENTIFICATIONS = f"{API}/identifications"
 def outcome(running: Running, order: Identification) -> dict[str, Any]:
     """The job once it has ended."""
     running.follow(order.job)
-    return dict(running.client.get(f"{API}/jobs/{order['job']}").json())
+    return dict(running.client.get(f"{API}/jobs/{order.job}").json())
 
 
 def let_go(running: Running, order: Identification, stage: str) -> None:
@@ -42,11 +42,11 @@ def test_an_identification_runs_every_stage_and_stores_the_result(running: Runni
     texts = [event["text"] for event in events]
     assert "Checking the recordings" in texts
     assert "Half of cylinder_stage" in texts
-    identification = running.client.get(f"{IDENTIFICATIONS}/{order['id']}").json()
+    identification = running.client.get(f"{IDENTIFICATIONS}/{order.id}").json()
     assert identification["verdict"] == "nothing_missing"
     assert identification["overall"] == REPORT["overall"]
-    assert running.client.get(f"{IDENTIFICATIONS}/{order['id']}/report.json").json() == REPORT
-    page = running.client.get(f"{IDENTIFICATIONS}/{order['id']}/report.html")
+    assert running.client.get(f"{IDENTIFICATIONS}/{order.id}/report.json").json() == REPORT
+    page = running.client.get(f"{IDENTIFICATIONS}/{order.id}/report.html")
     assert page.headers["content-type"].startswith("text/html")
     assert "default-src 'none'" in page.headers["content-security-policy"]
     assert running.client.get(IDENTIFICATIONS).json()["items"][0]["id"] == order.id
@@ -64,7 +64,7 @@ def test_stages_run_at_the_lowest_priority_in_processes_of_their_own(running: Ru
 
 def test_location_is_the_job_and_there_is_no_report_before_the_end(running: Running, csv: bytes) -> None:
     order = running.order(csv, block="cylinder_stage")
-    report = running.client.get(f"{IDENTIFICATIONS}/{order['id']}/report.json")
+    report = running.client.get(f"{IDENTIFICATIONS}/{order.id}/report.json")
     assert report.status_code == 409
     let_go(running, order, "cylinder_stage")
     assert outcome(running, order)["state"] == "done"
@@ -90,7 +90,7 @@ def test_a_stage_that_fails_ends_the_job_and_says_why(
     assert says in job["error"]
     assert "\n" not in job["error"]
     assert str(running.service.files.root) not in job["error"]
-    assert running.client.get(f"{IDENTIFICATIONS}/{order['id']}/report.json").status_code == 409
+    assert running.client.get(f"{IDENTIFICATIONS}/{order.id}/report.json").status_code == 409
 
 
 def test_the_log_of_a_stage_keeps_its_standard_error(running: Running, csv: bytes) -> None:
@@ -103,7 +103,7 @@ def test_the_log_of_a_stage_keeps_its_standard_error(running: Running, csv: byte
 def test_cancelling_ends_a_running_stage(running: Running, csv: bytes) -> None:
     order = running.order(csv, block="cylinder_stage")
     running.follow(order.job, lambda event: event["text"] == "Half of cylinder_stage")
-    response = running.client.post(f"{API}/jobs/{order['job']}/cancel")
+    response = running.client.post(f"{API}/jobs/{order.job}/cancel")
     assert response.status_code == 202
     assert response.json()["cancel_requested"]
     job = outcome(running, order)
@@ -111,14 +111,14 @@ def test_cancelling_ends_a_running_stage(running: Running, csv: bytes) -> None:
     path = running.service.files.identifications / order.id / "ran.txt"
     process = int(path.read_text().splitlines()[-1].split()[1])
     assert not Path(f"/proc/{process}").exists()
-    again = running.client.post(f"{API}/jobs/{order['job']}/cancel").json()
+    again = running.client.post(f"{API}/jobs/{order.job}/cancel").json()
     assert again == job
 
 
 def test_a_waiting_job_is_cancelled_at_once_and_never_starts(running: Running, csv: bytes) -> None:
     first = running.order(csv, block="check")
     second = running.order(csv)
-    cancelled = running.client.post(f"{API}/jobs/{second['job']}/cancel").json()
+    cancelled = running.client.post(f"{API}/jobs/{second.job}/cancel").json()
     assert cancelled["state"] == "cancelled"
     let_go(running, first, "check")
     assert outcome(running, first)["state"] == "done"
@@ -170,7 +170,7 @@ def test_options_are_those_of_the_fitting_side(running: Running, csv: bytes) -> 
 
 def test_recordings_in_use_cannot_be_deleted(running: Running, csv: bytes) -> None:
     order = running.order(csv)
-    response = running.client.delete(f"{API}/recordings/{order['recordings'][0]['id']}")
+    response = running.client.delete(f"{API}/recordings/{order.recordings[0][0]}")
     assert response.status_code == 409
     assert "is the data of identification" in response.json()["detail"]
     assert outcome(running, order)["state"] == "done"
@@ -187,13 +187,13 @@ def events_of(text: str) -> list[dict[str, Any]]:
 
 def test_the_event_stream_ends_with_the_job_and_resumes_where_a_client_left(running: Running, csv: bytes) -> None:
     order = running.order(csv)
-    with running.client.stream("GET", f"{API}/jobs/{order['job']}/events") as response:
+    with running.client.stream("GET", f"{API}/jobs/{order.job}/events") as response:
         assert response.headers["content-type"].startswith("text/event-stream")
         events = events_of(response.read().decode())
     assert [event["id"] for event in events] == list(range(1, len(events) + 1))
     assert {event["event"] for event in events} == {"progress"}
     assert events[-1]["state"] == "done"
-    rest = running.client.get(f"{API}/jobs/{order['job']}/events", headers={"Last-Event-ID": "3"})
+    rest = running.client.get(f"{API}/jobs/{order.job}/events", headers={"Last-Event-ID": "3"})
     assert events_of(rest.text) == events[3:]
 
 

@@ -1,0 +1,113 @@
+"""The acquisition process itself; :class:`daq.acquisition.AcquisitionProcess` starts it as ``python -m``.
+
+It is not started by multiprocessing, which would import the parent's main script into it once more.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import os
+import signal
+import sys
+import threading
+from multiprocessing.connection import Connection
+
+from daq.channels import channel_table, channels_by_bus
+from daq.clock import PATIENCE_S, clock_for
+from daq.cycles import Cycles, run_cycles
+from daq.drivers.base import Driver, DriverContext, make_driver
+from daq.errors import AcquisitionError, HilfitError
+from daq.machine_file import Machine
+from daq.ring import RingWriter
+
+FIFO_PRIORITY = 20
+
+
+def main(control: Connection) -> None:
+    """Acquire what the parent orders: a machine, the name of its ring, and whether all devices have to be there.
+
+    Says ``("running", "")`` or ``("failed", line)`` through ``control``; stops when anything comes back.
+    """
+    machine, name, strict = control.recv()
+    stopping = threading.Event()
+    signal.signal(signal.SIGTERM, lambda *_: stopping.set())
+    for library in ("can", "canopen", "pymodbus"):
+        logging.getLogger(library).setLevel(logging.CRITICAL)  # what they report is in the devices' states
+    try:
+        with RingWriter(name) as ring, contextlib.closing(_Drivers(machine)) as drivers:
+            try:
+                fifo, refusal = request_fifo()  # before the drivers' threads, which inherit it
+                problems = drivers.start()
+                if problems and strict:
+                    more = f" (and {len(problems) - 1} more)" if len(problems) > 1 else ""
+                    raise AcquisitionError(problems[0] + more)
+                warnings = [*problems, *([refusal] if refusal else [])]
+                cycles = Cycles(machine, channel_table(machine), drivers.drivers, clock_for(machine))
+                threading.Thread(target=_listen, args=(control, stopping), daemon=True).start()
+                control.send(("running", ""))
+                run_cycles(cycles, ring, stopping.is_set, fifo=fifo, warnings=warnings)
+            finally:
+                ring.finish()
+    except HilfitError as error:
+        _say(control, "failed", str(error))
+    except Exception as error:  # the parent must not be left waiting for a process that died of a bug
+        _say(control, "failed", f"acquisition of '{machine.name}' broke: {type(error).__name__}: {error}")
+        raise
+
+
+def _say(control: Connection, what: str, text: str) -> None:
+    with contextlib.suppress(OSError):
+        control.send((what, " ".join(text.split())))
+
+
+def _listen(control: Connection, stopping: threading.Event) -> None:
+    """Anything on the pipe, and its end (the parent died), mean stop."""
+    with contextlib.suppress(EOFError, OSError):
+        control.recv()
+    stopping.set()
+
+
+class _Drivers:
+    """All drivers of a machine, started together and stopped together."""
+
+    def __init__(self, machine: Machine) -> None:
+        simulation = machine.simulation
+        clock = clock_for(machine)
+        context = DriverContext(
+            period_s=1.0 / (machine.rate_hz * (simulation.speed if simulation else 1.0)),
+            patience_s=PATIENCE_S if simulation is not None and simulation.lockstep else 0.0,
+            monotonic_ns=clock.monotonic_ns,
+        )
+        grouped = channels_by_bus(machine, f"machine '{machine.name}'")
+        self.drivers: list[Driver] = [
+            make_driver(bus, grouped[bus.name], context) for bus in machine.buses if bus.name in grouped
+        ]
+
+    def start(self) -> list[str]:
+        """Start every driver; one line per device that cannot be used."""
+        problems: list[str] = []
+        for driver in sorted(self.drivers, key=lambda driver: not driver.leads):
+            problems += driver.start()
+        return problems
+
+    def close(self) -> None:
+        """Stop every driver."""
+        for driver in self.drivers:
+            driver.stop()
+
+
+def request_fifo() -> tuple[bool, str]:
+    """Ask for the real-time class; whether it was granted, and if not a line that says what to do."""
+    try:
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(FIFO_PRIORITY))
+    except (PermissionError, OSError) as error:
+        return False, (
+            f"no real-time scheduling ({error.strerror}): cycles may be late on a busy machine; allow SCHED_FIFO "
+            "(CAP_SYS_NICE, or rtprio in limits.conf)"
+        )
+    return True, ""
+
+
+if __name__ == "__main__":
+    main(Connection(int(sys.argv[1])))

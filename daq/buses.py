@@ -1,0 +1,171 @@
+"""Buses and sources, as a machine file declares them: where channels come from. Fitting needs none of it."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal, get_args
+
+from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag, field_validator, model_validator
+
+from daq.machine_file_errors import did_you_mean
+
+Name = Annotated[str, Field(pattern=r"^[A-Za-z_][A-Za-z0-9_.\-]*$", max_length=80)]
+DataType = Literal["int8", "uint8", "int16", "uint16", "int32", "uint32", "int64", "uint64", "float32", "float64"]
+
+
+class FileModel(BaseModel):
+    """Any part of a machine file: unknown keys are errors, values never change."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+
+class CanSource(FileModel):
+    """Where a channel comes from on a CANopen bus: an object of a node, mapped into a TPDO."""
+
+    bus: Name
+    node: Annotated[int, Field(ge=1, le=127)]
+    object: Annotated[int, Field(ge=0x1000, le=0xFFFF)]
+    subindex: Annotated[int, Field(ge=0, le=255)] = 0
+    data_type: DataType
+    scale: float = 1.0  # value in the channel's unit = scale * raw + offset
+    offset: float = 0.0
+    sentinels: tuple[float, ...] = ()  # raw values that mean "no valid measurement"
+
+    @field_validator("object", mode="before")
+    @classmethod
+    def _hexadecimal(cls, value: Any) -> Any:
+        if isinstance(value, str):
+            try:
+                return int(value, 0)
+            except ValueError:
+                raise ValueError(f"'{value}' is no object index; write it as 0x6004") from None
+        return value
+
+
+class ModbusSource(FileModel):
+    """Where a channel comes from on a Modbus bus: registers of a unit, read in one block per unit and cycle."""
+
+    bus: Name
+    unit: Annotated[int, Field(ge=0, le=247)]
+    register_: Annotated[int, Field(ge=0, le=0xFFFF, alias="register")]  # zero-based protocol address
+    table: Literal["holding", "input"] = "holding"
+    data_type: DataType
+    word_order: Literal["big", "little"] = "big"
+    scale: float = 1.0  # value in the channel's unit = scale * raw + offset
+    offset: float = 0.0
+    sentinels: tuple[float, ...] = ()
+
+
+class OtherSource(FileModel):
+    """Where a channel comes from on a bus that another package's driver serves; only that driver knows addresses."""
+
+    bus: Name
+    address: dict[str, Any]
+    scale: float = 1.0  # value in the channel's unit = scale * raw + offset
+    offset: float = 0.0
+    sentinels: tuple[float, ...] = ()
+
+
+Source = CanSource | ModbusSource | OtherSource
+
+
+def source_of(value: Any) -> Any:
+    """A source as its keys say: ``unit`` or ``register``: Modbus; ``address``: another package's; else CANopen."""
+    if not isinstance(value, dict):
+        return value
+    if "address" in value:
+        return OtherSource.model_validate(value)
+    return (ModbusSource if "unit" in value or "register" in value else CanSource).model_validate(value)
+
+
+class CanNode(FileModel):
+    """What a CANopen node must be, and how it is set up at commissioning."""
+
+    node: Annotated[int, Field(ge=1, le=127)]
+    device_type: int | None = None  # 0x1000
+    vendor_id: int | None = None  # 0x1018:1
+    product_code: int | None = None  # 0x1018:2
+    heartbeat_ms: Annotated[int, Field(ge=20, le=5000)] = 100
+    boot_up_s: Annotated[float, Field(ge=0, le=60)] = 3.0  # from power to its first answer
+    settings: dict[str, float] = Field(default_factory=dict)  # "0x6131:1 uint32": value, written before operation
+
+    @field_validator("settings")
+    @classmethod
+    def _objects(cls, value: dict[str, float]) -> dict[str, float]:
+        for key in value:
+            place, _, data_type = key.partition(" ")
+            index, _, subindex = place.partition(":")
+            try:
+                int(index, 0), int(subindex or "0", 0)
+            except ValueError:
+                raise ValueError(f"'{key}' is no object; write it as \"0x6131:1\"") from None
+            if data_type and data_type.strip() not in get_args(DataType):
+                raise ValueError(f"'{key}': unknown data type; write it as \"0x6131:1 uint32\"")
+        return value
+
+
+class CanopenBus(FileModel):
+    """A CANopen bus behind any python-can interface."""
+
+    name: Name
+    type: Literal["canopen"]
+    interface: str  # python-can's name: socketcan, socketcand, pcan, ...
+    channel: str
+    bitrate: int | None = None
+    options: dict[str, str | int | float | bool] = Field(default_factory=dict)  # passed to python-can
+    nodes: tuple[CanNode, ...] = ()
+
+
+class ModbusTcpBus(FileModel):
+    """Modbus TCP transmitters or a gateway."""
+
+    name: Name
+    type: Literal["modbus_tcp"]
+    host: str
+    port: Annotated[int, Field(ge=1, le=65535)] = 502
+    timeout_s: Annotated[float, Field(gt=0, le=5)] = 0.1
+
+
+class ModbusRtuBus(FileModel):
+    """Modbus transmitters on a serial line."""
+
+    name: Name
+    type: Literal["modbus_rtu"]
+    port: str
+    baudrate: int = 115200
+    parity: Literal["N", "E", "O"] = "E"
+    stopbits: Literal[1, 2] = 1
+    timeout_s: Annotated[float, Field(gt=0, le=5)] = 0.1
+
+
+class OtherBus(FileModel):
+    """A bus of a type that another package brings a driver for (entry points ``hilfit.drivers``)."""
+
+    name: Name
+    type: Name
+    options: dict[str, Any] = Field(default_factory=dict)  # the driver checks them
+
+    @model_validator(mode="before")
+    @classmethod
+    def _no_slip_of_the_pen(cls, value: Any) -> Any:
+        kind = value.get("type") if isinstance(value, dict) else None
+        hint = did_you_mean(str(kind), BUS_TYPES)
+        if hint:
+            raise ValueError(f"there is no bus type '{kind}'{hint}")
+        return value
+
+
+BUS_TYPES = ("canopen", "modbus_tcp", "modbus_rtu")
+
+
+def _bus_type(value: Any) -> str:
+    kind = value.get("type") if isinstance(value, dict) else getattr(value, "type", None)
+    return kind if kind in BUS_TYPES else "other"
+
+
+Bus = Annotated[
+    Annotated[CanopenBus, Tag("canopen")]
+    | Annotated[ModbusTcpBus, Tag("modbus_tcp")]
+    | Annotated[ModbusRtuBus, Tag("modbus_rtu")]
+    | Annotated[OtherBus, Tag("other")],
+    Discriminator(_bus_type),
+]

@@ -1,0 +1,135 @@
+"""The acquisition loop: wait for the tick, trigger, collect, publish; and what it counts.
+
+The clock and the drivers are arguments, so that a test can run it without either.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from daq.assembly import Assembler
+from daq.channels import ChannelTable
+from daq.clock import Clock
+from daq.drivers.base import Driver, DriverStatistics
+from daq.frame import row_from_frame
+from daq.machine_file import Machine
+from daq.quality import Quality
+from daq.ring import RingWriter
+
+INFO_SECONDS = 0.5
+
+
+@dataclass(frozen=True)
+class AcquisitionStatistics:
+    """How acquisition has been doing since it started.
+
+    Attributes
+    ----------
+    state : ``starting``, ``running``, ``stopped`` or ``failed``
+    cycles : frames published
+    skipped : cycles that never happened because their time had passed (real clock)
+    late : cycles that started more than a tenth of a period after their time
+    slipped : cycles that started a whole period or more after their time, in lockstep with a simulation: they delay all
+        that follow instead of being lost
+    worst_late_ms : largest lateness in ms
+    quality : per channel, frames of each quality by name (qualities that never occurred are left out)
+    buses : per bus the state of its devices, and counters
+    fifo : whether the real-time scheduling class was granted
+    warnings : one line each
+    """
+
+    state: str = "starting"
+    cycles: int = 0
+    skipped: int = 0
+    late: int = 0
+    slipped: int = 0
+    worst_late_ms: float = 0.0
+    quality: dict[str, dict[str, int]] = field(default_factory=dict)
+    buses: list[dict[str, Any]] = field(default_factory=list)
+    fifo: bool = False
+    warnings: list[str] = field(default_factory=list)
+
+    def missing(self) -> int:
+        """Frames in which some value was not fresh, counted per channel and summed."""
+        return sum(n for counts in self.quality.values() for name, n in counts.items() if name != "fresh")
+
+
+class Cycles:
+    """The loop's state: what :func:`run_cycles` counts and publishes."""
+
+    def __init__(self, machine: Machine, table: ChannelTable, drivers: Sequence[Driver], clock: Clock) -> None:
+        self.lockstep = machine.simulation is not None and machine.simulation.lockstep
+        # Drivers that send SYNC come first: polled devices are asked after it.
+        self.drivers = sorted(drivers, key=lambda driver: not driver.leads)
+        self.assembler = Assembler(
+            table, [driver.channels for driver in self.drivers], machine.rate_hz, lockstep=self.lockstep
+        )
+        self.clock = clock
+        self.table = table
+        self._period_ns = 1e9 / (machine.rate_hz * (machine.simulation.speed if machine.simulation else 1.0))
+        self.cycles = self.skipped = self.late = 0
+        self.worst_late_ns = 0
+
+    def once(self, ring: RingWriter) -> None:
+        """One cycle: wait for its tick, trigger, collect, publish."""
+        tick = self.clock.wait()
+        sync_ns, utc_ns = self.clock.monotonic_ns(), self.clock.utc_ns()
+        for driver in self.drivers:
+            driver.trigger(tick.cycle)
+        samples = [driver.collect(tick.collect_until_ns) for driver in self.drivers]
+        ring.write(row_from_frame(self.assembler.frame(tick, sync_ns, utc_ns, samples)))
+        self.cycles += 1
+        self.skipped += tick.skipped
+        self.late += tick.late_ns >= self._period_ns * (1.0 if self.lockstep else 0.1)
+        self.worst_late_ns = max(self.worst_late_ns, tick.late_ns)
+
+    def statistics(self, state: str, *, fifo: bool, warnings: Sequence[str]) -> AcquisitionStatistics:
+        """State of everything, for whoever asks."""
+        counts = self.assembler.counts
+        quality = {
+            name: {q.name.lower(): int(counts[q, i]) for q in Quality if counts[q, i]}
+            for i, name in enumerate(self.table.names)
+        }
+        return AcquisitionStatistics(
+            state=state,
+            cycles=self.cycles,
+            skipped=self.skipped,
+            late=0 if self.lockstep else self.late,
+            slipped=self.late if self.lockstep else 0,
+            worst_late_ms=self.worst_late_ns / 1e6,
+            quality=quality,
+            buses=[_as_dict(driver.statistics()) for driver in self.drivers],
+            fifo=fifo,
+            warnings=list(warnings),
+        )
+
+
+def _as_dict(statistics: DriverStatistics) -> dict[str, Any]:
+    return {
+        "bus": statistics.bus,
+        "devices": [{"name": d.name, "state": d.state, "detail": d.detail} for d in statistics.devices],
+        "counts": dict(statistics.counts),
+    }
+
+
+def run_cycles(
+    cycles: Cycles,
+    ring: RingWriter,
+    stop: Callable[[], bool],
+    *,
+    fifo: bool = False,
+    warnings: Sequence[str] = (),
+) -> None:
+    """Run cycles until ``stop()``; statistics go into the ring twice a second."""
+    clock = cycles.clock
+    clock.start()
+    ring.set_info(vars(cycles.statistics("running", fifo=fifo, warnings=warnings)))
+    next_info = clock.monotonic_ns() + round(INFO_SECONDS * 1e9)
+    while not stop():
+        cycles.once(ring)
+        if clock.monotonic_ns() >= next_info:
+            next_info = clock.monotonic_ns() + round(INFO_SECONDS * 1e9)
+            ring.set_info(vars(cycles.statistics("running", fifo=fifo, warnings=warnings)))
+    ring.set_info(vars(cycles.statistics("stopped", fifo=fifo, warnings=warnings)))

@@ -1,0 +1,367 @@
+"""What every effect must hold to; call it from a test of your own effect::
+
+    from fitting.effects.conformance import check_effect
+
+    def test_conforms() -> None:
+        check_effect(MyEffect())
+
+The effect is tried on small arms that have every kind of joint: revolute and prismatic, with a cylinder (three pins,
+rack, polynomial, direct) and without, with pressures and with a force sensor, with one position sensor and with two.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass, fields, replace
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+import yaml
+
+from daq.machine_file import Machine, parse_machine
+from fitting.base_parameters import reduce_parameters
+from fitting.effects.base import DriveView, Effect, FloatArray, Shape
+from fitting.linkage import lever_arm, piston_motion
+from fitting.preparation import PositionNoise, Segment
+from fitting.regression import build_design
+from fitting.residual.views import Views, build_views
+from fitting.signals import filter_bank
+
+#: Signals that a residual can be drawn against; those of a neighbour have ``other.`` in front.
+VARIABLES = frozenset(
+    {
+        "joint_position",
+        "piston_position",
+        "piston_speed",
+        "piston_acceleration",
+        "cylinder_force",
+        "force_rate",
+        "head_pressure",
+        "rod_pressure",
+        "time",
+        "oil_temperature",
+    }
+)
+_RATE = 50.0
+_SECONDS = 24.0
+_TEXTS = ("id", "title", "level", "variable", "equation", "parity", "experiment", "source")
+
+
+@dataclass(frozen=True)
+class _Bench:
+    """One arm with an unloaded and a loaded recording; ``views[segment][joint]``."""
+
+    machine: Machine
+    views: Views
+
+
+def check_effect(effect: Effect) -> None:
+    """Raise ``AssertionError``, with a text that says what is wrong, if the effect breaks the contract.
+
+    Checked: texts are there; parameters are named once; on every joint that it applies to, every shape gives finite
+    columns of the right form that add something in a loaded recording; a joint's effect is gone when the arm is
+    unloaded; the parity is the declared one; columns of an effect with ``uses_model = False`` do not move with the
+    model, and no column holds a hidden force of its own (doubled model forces give 1, 2 or 4 times the column); gap
+    columns have the same form; plausibility follows the intervals; the same view gives the same columns and is left
+    unchanged.
+    """
+    _check_texts(effect)
+    _check_plausibility(effect)
+    used = False
+    for bench in _benches():
+        for joint in _joints(effect, bench.machine):
+            used = True
+            _check_columns(effect, bench, joint)
+        _check_gap(effect, bench)
+    bends = any(_gap(effect, bench, j) is not None for bench in _benches() for j in _both(bench))
+    _require(effect, used or bends, "it applies to no joint of any arm, and no position sensor sees it")
+
+
+def _require(effect: Effect, condition: bool, text: str) -> None:
+    if not condition:
+        raise AssertionError(f"effect '{getattr(effect, 'id', type(effect).__name__)}' does not conform: {text}")
+
+
+def _check_texts(effect: Effect) -> None:
+    _require(effect, isinstance(effect, Effect), "it is no subclass of fitting.effects.Effect")
+    for name in _TEXTS:
+        text = getattr(effect, name, None)
+        _require(effect, isinstance(text, str) and bool(text.strip()), f"its text '{name}' is missing or empty")
+        _require(effect, "\n" not in str(text), f"its text '{name}' is more than one line")
+    _require(effect, bool(re.fullmatch(r"[a-z][a-z0-9_]*", effect.id)), "its id is not in lower case with underscores")
+    _require(effect, effect.level in ("cylinder", "joint", "measurement"), f"there is no level '{effect.level}'")
+    _require(
+        effect,
+        effect.variable.removeprefix("other.") in VARIABLES,
+        f"there is no variable '{effect.variable}' to draw it against",
+    )
+    names = [p.name for p in effect.parameters]
+    _require(effect, bool(names) and len(set(names)) == len(names), "its parameters need names, each its own")
+    for parameter in effect.parameters:
+        _require(effect, bool(parameter.unit), f"parameter '{parameter.name}' has no unit; '1' where it has none")
+        _require(effect, parameter.low < parameter.high, f"the interval of '{parameter.name}' is empty")
+    _require(effect, effect.id not in effect.confounders, "it is named as its own confounder")
+
+
+def _check_plausibility(effect: Effect) -> None:
+    inside, stds = [], [1e-9] * len(effect.parameters)
+    for p in effect.parameters:
+        low, high = max(p.low, -1e3), min(p.high, 1e3)
+        inside.append(0.5 * (low + high))
+    _require(effect, effect.plausible(inside, stds), "the middles of its own intervals are not plausible")
+    for number, p in enumerate(effect.parameters):
+        for bound, beyond in ((p.low, p.low - 1.0), (p.high, p.high + 1.0)):
+            if np.isfinite(bound):
+                outside = [*inside[:number], beyond, *inside[number + 1 :]]
+                _require(
+                    effect, not effect.plausible(outside, stds), f"{p.name} = {beyond:g} is plausible, against its text"
+                )
+
+
+def _joints(effect: Effect, machine: Machine) -> list[int]:
+    if effect.machine_wide:
+        return [0]
+    return [j for j in range(len(machine.joints)) if effect.applies(machine, j)]
+
+
+def _shapes(effect: Effect, view: DriveView) -> Iterator[Shape]:
+    variants = ((),) if effect.machine_wide else effect.variants(view.machine, view.joint)
+    for others in variants:
+        _require(effect, all(k != view.joint for k in others), "a variant names the joint itself as the other one")
+        for shape in effect.shapes(view):
+            yield {**shape, **({"other": float(others[0])} if others else {})}
+
+
+def _check_columns(effect: Effect, bench: _Bench, joint: int) -> None:
+    place = f"on {bench.machine.name}, {bench.machine.joints[joint].name}"
+    unloaded, loaded = bench.views[0][joint], bench.views[1][joint]
+    shapes = list(_shapes(effect, loaded))
+    _require(effect, bool(shapes), f"{place} it has no shape; give one empty one")
+    alive = False
+    for shape in shapes:
+        _require(
+            effect,
+            all(isinstance(k, str) and np.isfinite(float(v)) for k, v in shape.items()),
+            f"{place} shape {dict(shape)} is not made of finite numbers",
+        )
+        before = _fingerprint(loaded)
+        columns = _columns(effect, loaded, shape, place)
+        _require(effect, _fingerprint(loaded) == before, f"{place} it changes the view that it looks at")
+        _require(effect, np.array_equal(columns, effect.columns(loaded, shape)), f"{place} it is not deterministic")
+        alive = alive or bool(np.any(columns))
+        still = _columns(effect, unloaded, shape, place)
+        if effect.level == "joint":
+            _require(effect, not np.any(still), f"{place} a joint's effect must be zero in an unloaded recording")
+        if effect.parity.startswith("odd in v"):
+            # A lagged or averaged column is odd too: every speed of the recording is turned round.
+            _require(effect, _like(effect.columns(_turned(loaded), shape), -columns), f"{place} it is not odd in v")
+        elif effect.parity.startswith(("even in v", "independent of speed", "constant", "slow in time")):
+            _require(effect, _like(effect.columns(_turned(loaded), shape), columns), f"{place} it is not even in v")
+        elif effect.parity.startswith("neither even nor odd"):
+            other = effect.columns(_turned(loaded), shape)
+            _require(
+                effect, not _like(other, columns) and not _like(other, -columns), f"{place} it is even or odd in v"
+            )
+        stronger = effect.columns(_stronger(loaded), shape)
+        if not effect.uses_model:
+            _require(
+                effect, np.array_equal(stronger, columns), f"{place} uses_model is False, but it moves with the model"
+            )
+        _require(
+            effect,
+            any(_like(stronger, factor * columns) for factor in (1.0, 2.0, 4.0)),
+            f"{place} its columns hold a force that is neither the model's nor the parameter's",
+        )
+    _require(effect, alive, f"{place} every shape is zero in a recording that moves all joints under load")
+
+
+def _columns(effect: Effect, view: DriveView, shape: Shape, place: str) -> FloatArray:
+    columns = effect.columns(view, shape)
+    wide = effect.machine_wide or effect.spreads
+    k = len(effect.parameters)
+    wanted = (len(view), len(view.machine.joints), k) if wide else (len(view), k)
+    _require(effect, np.shape(columns) == wanted, f"{place} columns have shape {np.shape(columns)}, not {wanted}")
+    _require(effect, bool(np.all(np.isfinite(columns))), f"{place} columns of shape {dict(shape)} are not finite")
+    return columns
+
+
+def _both(bench: _Bench) -> list[int]:
+    """Joints of a bench with two position sensors."""
+    return [
+        j
+        for j, joint in enumerate(bench.machine.joints)
+        if joint.cylinder is not None
+        and all(bench.machine.channel(k, joint.name) for k in ("joint_position", "piston_position"))
+    ]
+
+
+def _gap(effect: Effect, bench: _Bench, joint: int) -> FloatArray | None:
+    view = bench.views[1][joint]
+    return effect.gap_columns(view, effect.shapes(view)[0])
+
+
+def _check_gap(effect: Effect, bench: _Bench) -> None:
+    for joint in _both(bench):
+        view = bench.views[1][joint]
+        for shape in effect.shapes(view):
+            columns = effect.gap_columns(view, shape)
+            if columns is not None:
+                wanted = (len(view), len(effect.parameters))
+                _require(effect, columns.shape == wanted, f"gap columns have shape {columns.shape}, not {wanted}")
+                _require(effect, bool(np.all(np.isfinite(columns))), "gap columns are not finite")
+                _require(effect, bool(np.any(columns)), "gap columns are zero; give None where there is no gap")
+
+
+def _like(first: FloatArray, second: FloatArray) -> bool:
+    size = max(float(np.max(np.abs(second))), 1e-300)
+    return bool(np.all(np.abs(first - second) <= 1e-6 * size))
+
+
+def _turned(view: DriveView) -> DriveView:
+    """The view with every speed turned round; positions, accelerations and forces as they were."""
+    segment = replace(view.segment, v=-view.segment.v, qd=-view.segment.qd)
+    return replace(view, segment=segment, cache={})
+
+
+def _stronger(view: DriveView) -> DriveView:
+    """The view of a model with twice the forces."""
+    return replace(
+        view,
+        forces=2 * view.forces,
+        loads=2 * view.loads,
+        rod_pressures=2 * view.rod_pressures,
+        base_values=2 * view.base_values,
+        cache={},
+    )
+
+
+def _fingerprint(view: DriveView) -> bytes:
+    arrays = [view.forces, view.loads, view.rod_pressures, view.clock, view.base_values]
+    arrays += [v for f in fields(view.segment) if isinstance(v := getattr(view.segment, f.name), np.ndarray)]
+    return b"".join(np.ascontiguousarray(a).tobytes() for a in arrays)
+
+
+# The benches: machine files in short, and motions that are sums of sines, so that derivatives are exact.
+_LINKAGES: dict[str, dict[str, Any]] = {
+    "three_pin": {"type": "three_pin", "a": 0.45, "b": 0.16, "offset": 1.7, "retracted": 0.37},
+    "rack": {"type": "rack", "radius": 0.1, "zero": -1.5},
+    "polynomial": {"type": "polynomial", "coefficients": [0.15, 0.14, 0.02, -0.01]},
+    "direct": {"type": "direct"},
+}
+#: name, then per joint: type, linkage or None, twist, sensors
+_ARMS: tuple[tuple[str, tuple[tuple[str, str | None, float, tuple[str, ...]], ...]], ...] = (
+    (
+        "planar",
+        (
+            ("revolute", "three_pin", 0.0, ("joint_position", "piston_position", "head_pressure", "rod_pressure")),
+            ("revolute", "polynomial", 0.0, ("joint_position", "piston_position", "head_pressure", "rod_pressure")),
+        ),
+    ),
+    (
+        "slewing",
+        (
+            ("revolute", "rack", np.pi / 2, ("joint_position", "head_pressure", "rod_pressure")),
+            ("revolute", "three_pin", 0.0, ("joint_position", "cylinder_force")),
+            ("prismatic", "direct", 0.0, ("piston_position", "head_pressure", "rod_pressure")),
+        ),
+    ),
+    (
+        "direct-drives",
+        (
+            ("revolute", None, np.pi / 2, ("joint_position", "joint_effort")),
+            ("prismatic", None, np.pi / 2, ("joint_position", "joint_effort")),
+            ("revolute", None, 0.0, ("joint_position", "joint_effort")),
+        ),
+    ),
+)
+
+
+@lru_cache(maxsize=1)
+def _benches() -> tuple[_Bench, ...]:
+    return tuple(_bench(name, joints) for name, joints in _ARMS)
+
+
+def _bench(name: str, joints: tuple[tuple[str, str | None, float, tuple[str, ...]], ...]) -> _Bench:
+    machine = _machine(name, joints)
+    n = len(joints)
+    base = reduce_parameters(machine)
+    bank = filter_bank(_RATE, 3.0)
+    noise = (PositionNoise(1e-5, 1e-4, 1e-3),) * n
+    segments = [_segment(machine, loaded, number) for number, loaded in enumerate((False, True))]
+    design = build_design(machine, base, bank, noise, segments)
+    rng = np.random.default_rng(3)
+    # Loads of both signs, friction of a like size: every branch of an effect is entered.
+    theta = rng.normal(size=len(design.parameters)) * 20.0
+    return _Bench(machine, build_views(design, theta, (0, 1)))
+
+
+def _machine(name: str, joints: tuple[tuple[str, str | None, float, tuple[str, ...]], ...]) -> Machine:
+    units = {"head_pressure": "Pa", "rod_pressure": "Pa", "piston_position": "m", "cylinder_force": "N"}
+    table: list[dict[str, Any]] = []
+    channels: list[dict[str, str]] = []
+    for number, (kind, linkage, alpha, sensors) in enumerate(joints, start=1):
+        revolute = kind == "revolute"
+        joint: dict[str, Any] = {
+            "name": f"joint{number}",
+            "type": kind,
+            "dh": {"a": 0.7, "alpha": alpha, "d": 0.1, "theta": 0.2},
+            "limits": {"position": [-0.6, 0.6] if revolute else [0.05, 0.35], "velocity": 1.0, "acceleration": 4.0},
+        }
+        if linkage is not None:
+            joint["cylinder"] = {"bore": 0.08, "rod": 0.045, "stroke": 0.4, "linkage": _LINKAGES[linkage]}
+        table.append(joint)
+        own = {"joint_position": "rad" if revolute else "m", "joint_effort": "N m" if revolute else "N"}
+        channels += [
+            {"name": f"joint{number}.{s}", "quantity": s, "joint": f"joint{number}", "unit": {**units, **own}[s]}
+            for s in sensors
+        ]
+    content = {"schema": "hilfit/machine/1", "name": name, "gravity": [0.0, -6.0, -7.0], "rate_hz": _RATE}
+    return parse_machine(yaml.safe_dump({**content, "joints": table, "channels": channels}))
+
+
+def _segment(machine: Machine, loaded: bool, number: int) -> Segment:
+    n = len(machine.joints)
+    rng = np.random.default_rng([5, number])
+    t = np.arange(round(_SECONDS * _RATE)) / _RATE
+    w = 2 * np.pi * rng.uniform(0.08, 0.4, (n, 3))
+    angle = t[:, None, None] * w + rng.uniform(0, 2 * np.pi, (n, 3))
+    parts = (np.sin(angle), w * np.cos(angle), -(w**2) * np.sin(angle))
+    wave = [0.3 * part.sum(axis=2) for part in parts]
+    middle = np.array([0.5 * sum(j.limits.position) for j in machine.joints])
+    half = np.array([0.5 * (j.limits.position[1] - j.limits.position[0]) for j in machine.joints])
+    q, qd, qdd = (half * part for part in wave)
+    q += middle
+    x, v, a, r = q.copy(), qd.copy(), qdd.copy(), np.ones_like(q)
+    p1, p2 = np.full_like(q, np.nan), np.full_like(q, np.nan)
+    for j, joint in enumerate(machine.joints):
+        if joint.cylinder is None:
+            continue
+        x[:, j], v[:, j], a[:, j] = piston_motion(joint.cylinder.linkage, q[:, j], qd[:, j], qdd[:, j])
+        r[:, j] = lever_arm(joint.cylinder.linkage, q[:, j])
+        if machine.channel("rod_pressure", joint.name) is not None:
+            p2[:, j] = 8e5 + 1e6 * v[:, j]
+            p1[:, j] = 1.5 * p2[:, j]
+    if not loaded:
+        q, qd, qdd = np.tile(middle, (len(t), 1)), np.zeros_like(q), np.zeros_like(q)
+    return Segment(
+        recording=number,
+        role="train" if loaded else "unloaded",
+        start=0,
+        t=t,
+        q=q,
+        qd=qd,
+        qdd=qdd,
+        x=x,
+        v=v,
+        a=a,
+        r=r,
+        effort=np.zeros_like(q),
+        p1=p1,
+        p2=p2,
+        rest=np.zeros(q.shape, dtype=bool),
+        loaded=loaded,
+        temperature=None,
+        gap=np.zeros_like(q),
+    )

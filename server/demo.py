@@ -1,0 +1,214 @@
+"""``hilfit demo``: the whole main job on simulated buses, from transducers to a corrected model and its report.
+
+The simulated machine runs as processes of its own and is talked to like any machine: motions are handed to its
+controller as files, signals come over CANopen and Modbus through the ordinary drivers. What its plant has that the model
+lacks is known to the plant alone.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from daq.console import print_json, progress_bar, reported
+from daq.errors import InputError
+
+if TYPE_CHECKING:
+    from daq.acquisition import AcquisitionProcess
+    from daq.machine_file import Machine
+    from fitting.motion import Motion
+    from sim_backends.simulated_machine import SimulatedMachine
+
+Progress = Callable[[float, str], None]
+
+#: Motions in the order they are recorded: file name, role, and the designed motion that it is.
+PLAN = (
+    ("unloaded", "unloaded", "unloaded"),
+    ("train-1", "train", "train-1"),
+    ("train-2", "train", "train-2"),
+    ("repeat", "repeat", "train-1"),
+    ("validate", "validate", "validate"),
+)
+#: Share of the progress bar that each part takes.
+_DESIGN, _RECORD = 0.12, 0.7
+
+
+@dataclass(frozen=True)
+class Acquired:
+    """What acquisition did: recorded files with their roles, and its counts."""
+
+    recordings: tuple[tuple[str, Path], ...]
+    rate_hz: float
+    rows: int
+    missed_cycles: int
+    not_fresh: int
+
+
+def register(app: typer.Typer) -> None:
+    """Mount the command."""
+    app.command("demo")(reported(demo))
+
+
+def demo(
+    output: Annotated[Path, typer.Option("--output", "-o", help="Directory of everything it makes.")] = Path(
+        "hilfit-demo"
+    ),
+    undeclared: Annotated[
+        list[str] | None,
+        typer.Option(help="EFFECT:JOINT:SIZE that the plant has and the model lacks; 'none' for a perfect plant."),
+    ] = None,
+    seconds: Annotated[float, typer.Option(help="Length of each recording in machine time.", min=20.0)] = 40.0,
+    speed: Annotated[float, typer.Option(help="Machine seconds per second, at most 4.", min=0.1)] = 4.0,
+    seed: Annotated[int, typer.Option(help="Of the plant's noise and of the designed motions.")] = 1,
+    json: Annotated[bool, typer.Option("--json", help="Print report.json on standard output.")] = False,
+) -> None:
+    """Simulate an arm with an effect nobody declared, record it over its buses, identify it, and find the effect."""
+    started = time.monotonic()
+    with progress_bar("demo", show=not json) as bar:
+        report, acquired = run_demo(
+            output,
+            undeclared,
+            seconds=seconds,
+            speed=speed,
+            seed=seed,
+            progress=lambda share, text: bar(share, 1.0, text),
+        )
+    if json:
+        print_json(report)
+        return
+    from fitting.summary import print_summary
+
+    print(
+        f"acquired {acquired.rows} cycles at {acquired.rate_hz:.1f} Hz in machine time, {acquired.missed_cycles} missing, "
+        f"{acquired.not_fresh} values not fresh; {time.monotonic() - started:.0f} s in all"
+    )
+    print_summary(report, output)
+
+
+def run_demo(
+    output: Path,
+    undeclared: Sequence[str] | None = None,
+    *,
+    seconds: float = 40.0,
+    speed: float = 4.0,
+    seed: int = 1,
+    progress: Progress = lambda share, text: None,
+) -> tuple[dict[str, Any], Acquired]:
+    """Run the demo; returns the report and what was acquired.
+
+    Parameters
+    ----------
+    output : directory; gets ``motions/``, ``recordings/``, ``machine/`` (the simulated machine's files) and the report
+    undeclared : ``EFFECT:JOINT:SIZE`` texts; None lets the plant choose its own, ``["none"]`` gives a perfect plant
+    seconds : length of each recording in machine time
+    speed : machine seconds per second
+    seed : of the plant's noise and of the motions
+    progress : called with the share done and what is being done
+    """
+    from daq.acquisition import AcquisitionProcess
+    from fitting.session import Request
+    from fitting.stages import identify
+    from sim_backends.machines import default_machine
+    from sim_backends.simulated_machine import SimulatedMachine
+
+    if output.exists() and not output.is_dir():
+        raise InputError(f"{output}: is a file; give a directory with -o")
+    machine, _ = default_machine()
+    with ExitStack() as stack:
+        progress(0.0, "starting the simulated machine")
+        simulated = stack.enter_context(
+            SimulatedMachine(machine, None, _effects(undeclared, machine), seed, speed, output / "machine")
+        )
+        motions = design_motions(simulated.machine_path, seconds, seed, lambda s, t: progress(_DESIGN * s, t))
+        for name, motion in motions.items():
+            _save(output / "motions" / f"{name}.csv", motion)
+        acquisition = stack.enter_context(AcquisitionProcess(simulated.machine_path))
+        acquired = record_all(
+            simulated,
+            acquisition,
+            motions,
+            output / "recordings",
+            lambda s, t: progress(_DESIGN + (_RECORD - _DESIGN) * s, t),
+        )
+    request = Request(output / "machine" / "machine.yaml", acquired.recordings, output)
+    report = identify(request, lambda s, t: progress(_RECORD + (1 - _RECORD) * s, t))
+    return report, acquired
+
+
+def design_motions(machine_path: Path, seconds: float, seed: int, progress: Progress) -> dict[str, Motion]:
+    """One signal for all free cylinders, two complementary motions for training, and another for validation."""
+    from daq.machine_file import load_machine
+    from fitting.base_parameters import reduce_parameters
+    from fitting.excitation import (
+        CylinderOptions,
+        ExcitationOptions,
+        design_cylinder_motion,
+        design_motion,
+        design_sequence,
+    )
+
+    machine = load_machine(machine_path)
+    base = reduce_parameters(machine)
+    options = ExcitationOptions(seconds=seconds, starts=1, iterations=40)
+    progress(0.0, "designing the free cylinders' signals")
+    free = design_cylinder_motion(machine, seed=seed, options=CylinderOptions(seconds=seconds, starts=2)).motion
+    progress(0.2, "designing the training motions")
+    first, second = design_sequence(machine, base, 2, seed=seed, options=options)
+    progress(0.75, "designing the validation motion")
+    other = design_motion(machine, base, seed=seed + 1000, options=options)
+    return {"unloaded": free, "train-1": first.motion, "train-2": second.motion, "validate": other.motion}
+
+
+def record_all(
+    simulated: SimulatedMachine,
+    acquisition: AcquisitionProcess,
+    motions: dict[str, Motion],
+    directory: Path,
+    progress: Progress,
+) -> Acquired:
+    """Hand each motion to the arm's controller, record while it follows, and count what came."""
+    from daq.recorder import Recorder
+
+    recordings, rows, missed, not_fresh = [], 0, 0, 0
+    for number, (name, role, motion_name) in enumerate(PLAN):
+        what = f"recording {name}"
+        progress(number / len(PLAN), what)
+        motion = motions[motion_name]
+        _save(simulated.inbox / f"{name}.csv", motion)
+        simulated.wait_following(name)
+        path = directory / f"{name}.parquet"
+        recorder = Recorder(acquisition.ring_name, acquisition.machine, role, path, overwrite=True)
+
+        def shown(done: int, total: int | None, number: int = number, what: str = what) -> None:
+            progress((number + done / (total or 1)) / len(PLAN), what)
+
+        summary = recorder.record(motion.seconds, shown)
+        acquisition.check()
+        recordings.append((role, path))
+        rows += summary.rows
+        missed += summary.missed_cycles
+        not_fresh += sum(sum(counts.values()) for counts in summary.quality.values())
+        # The arm holds its last pose; the next motion starts from there.
+        simulated.wait_done(name)
+    return Acquired(tuple(recordings), acquisition.machine.rate_hz, rows, missed, not_fresh)
+
+
+def _effects(texts: Sequence[str] | None, machine: Machine) -> Any:
+    from sim_backends.undeclared import parse_spec
+
+    if texts is None:
+        return "demo"
+    return [parse_spec(text, machine) for text in texts if text != "none"]
+
+
+def _save(path: Path, motion: Motion) -> None:
+    from fitting.motion import write_motion
+
+    path.parent.mkdir(parents=True, exist_ok=True)
+    write_motion(path, motion)

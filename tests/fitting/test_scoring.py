@@ -1,0 +1,131 @@
+"""Scores of candidates are what two explicit least-squares fits would say."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from synthetic_arm import clean_session
+
+from fitting.effects import effect, effects
+from fitting.prior import with_prior
+from fitting.regression import whitened
+from fitting.residual.laws import Law
+from fitting.residual.scoring import PARAMETER_PRICE, Score, catalogue_terms, law_terms, score_terms
+from fitting.residual.terms import Model, Term, extra_columns, fit_model
+from fitting.session import Session
+from fitting.splines import evaluate, spline_knots
+
+
+def explicit_gain(session: Session, model: Model, term: Term) -> tuple[float, np.ndarray]:
+    """Chi-square with and without the candidate by numpy's lstsq, and the candidate's parameters."""
+    design = model.design
+    joint_count = len(design.machine.joints)
+
+    def stacked(terms: tuple[Term, ...]) -> tuple[np.ndarray, np.ndarray]:
+        extra = extra_columns(design, model.views, terms)
+        rows = with_prior(whitened(design, model.noise, model.fitted, extra), design.parameters, session.prior)
+        assert len(rows) == joint_count
+        return np.vstack([r.A for r in rows]), np.concatenate([r.b for r in rows])
+
+    chi, theta = [], np.zeros(0)
+    for terms in (model.terms, (*model.terms, term)):
+        A, b = stacked(terms)
+        scale = np.linalg.norm(A, axis=0)
+        theta = np.linalg.lstsq(A / scale, b, rcond=1e-13)[0] / scale
+        residual = b - A @ theta
+        chi.append(residual @ residual)
+    width = len(term.names(design.parameters.joints))
+    return float(chi[0] - chi[1]), theta[-width:]
+
+
+CASES = [
+    Term(effect("position_dependent_friction"), 1),
+    Term(effect("load_dependent_friction"), 0),
+    Term(effect("quadratic_loss"), 1),
+    Term(effect("pose_dependent_friction"), 0, {"other": 1.0}),
+    Term(effect("cross_cylinder_coupling"), 1, {"other": 0.0, "law": 1.0}),
+    Term(effect("payload"), None, {"recording": 1.0, "t_0": 15.0}),
+    Term(effect("structural_flexibility"), 1),
+    Term(Law("piston_position", None, True, False, tuple(spline_knots(np.linspace(0.05, 0.25, 50), 6))), 1),
+]
+
+
+@pytest.mark.parametrize("term", CASES, ids=lambda t: f"{t.id}-{t.joint}")
+def test_a_gain_is_the_difference_of_two_fits(term: Term) -> None:
+    session = clean_session(2)
+    model = session.base_model
+    (score,) = score_terms(model, [term], [1])
+    gain, values = explicit_gain(session, model, term)
+    # 1e-8 of the chi-square that is taken apart, not of the small difference itself.
+    assert score.gain == pytest.approx(gain, abs=1e-8 * model.fit.chi_square, rel=1e-8)
+    if score.live == len(values):
+        assert np.allclose(score.values, values, rtol=1e-5, atol=1e-7 * np.abs(values).max())
+
+
+def test_a_gain_beside_an_accepted_effect_is_the_difference_of_two_fits() -> None:
+    session = clean_session(2)
+    base = session.base_model
+    first = Term(effect("position_dependent_friction"), 1)
+    model = fit_model(base.design, base.noise, base.fitted, [first], session.prior, base)
+    term = Term(effect("stribeck"), 1, {"v_s": 0.01, "delta": 2.0})
+    (score,) = score_terms(model, [term], [1])
+    gain, _ = explicit_gain(session, model, term)
+    assert score.gain == pytest.approx(gain, abs=1e-8 * model.fit.chi_square)
+    # What is in the model already gains nothing.
+    assert not [s for s in score_terms(model, [first], [1]) if s.gain > 1e-3]
+
+
+def test_the_score_pays_for_parameters_and_for_the_grid() -> None:
+    model = clean_session(2).base_model
+    term = Term(effect("position_dependent_friction"), 0)
+    one, many = (score_terms(model, [term], [size])[0] for size in (1, 20))
+    assert one.score == pytest.approx(one.gain - 2 * PARAMETER_PRICE)
+    assert many.score == pytest.approx(one.score - 2 * np.log(20))
+
+
+def test_the_cache_changes_nothing() -> None:
+    model = clean_session(2).base_model
+    terms, grid = catalogue_terms(model, effects())
+    cache: dict[tuple[object, ...], np.ndarray] = {}
+    fresh = score_terms(model, terms, grid)
+    first, second = score_terms(model, terms, grid, cache), score_terms(model, terms, grid, cache)
+    assert cache
+    for a, b, c in zip(fresh, first, second, strict=True):
+        assert a.term == b.term == c.term
+        assert a.gain == pytest.approx(b.gain, rel=1e-6, abs=1e-6) == pytest.approx(c.gain, rel=1e-6, abs=1e-6)
+
+
+def test_a_column_that_the_base_explains_is_dead_and_skipped() -> None:
+    """Twice the Coulomb friction's own column: what survives the projection is rounding, and must not score."""
+    session = clean_session(2)
+    model = session.base_model
+    # A cubic spline of the speed in full contains the viscous term; five functions, but one direction is the base's.
+    v = np.concatenate([model.design.segments[i].v[:, 0] for i in model.fitted])
+    knots = spline_knots(v, 5)
+    assert np.allclose(evaluate(knots, v).sum(axis=1), 1.0)
+    (score,) = score_terms(model, [Term(Law("piston_speed", None, False, False, tuple(knots)), 0)], [1])
+    assert score.live == 4
+    # An inertia on the first joint's own axis is ZZ1 for every motion; the score must be silent about it.
+    scores = score_terms(model, [Term(effect("actuator_inertia"), 0)], [1])
+    assert scores == [] or scores[0].live == 0
+
+
+def test_nothing_scores_on_a_joint_that_it_does_not_apply_to() -> None:
+    model = clean_session(2).base_model
+    terms, grid = catalogue_terms(model, effects(), joints=[1])
+    assert len(terms) == len(grid)
+    assert {t.joint for t in terms} == {None, 1}
+    assert not {"backlash", "encoder_offset"} & {t.id for t in terms}  # found between the two position sensors
+    assert {t.joint for t in law_terms(model, [0])[0]} == {0}
+    for term, size in zip(terms, grid, strict=True):
+        assert size == sum(t.family == term.family and t.shape.get("other") == term.shape.get("other") for t in terms)
+
+
+def test_on_a_clean_arm_scores_are_those_of_noise() -> None:
+    """No candidate reaches the threshold, and one-parameter gains are chi-square numbers of one degree of freedom."""
+    model = clean_session(2).base_model
+    scores: list[Score] = score_terms(model, *catalogue_terms(model, effects()))
+    assert max(s.score for s in scores) < 14.0
+    singles = [s for s in scores if s.live == 1 and not s.term.shape]
+    for score in singles:
+        assert score.gain == pytest.approx((score.values[0] / score.stds[0]) ** 2, rel=1e-6)
