@@ -17,12 +17,30 @@ before numpy is loaded.
 """
 
 import os
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
 
 for _variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(_variable, "1")
 del _variable
 
-from fitting.session import Options, Request  # noqa: E402
-from fitting.stages import STAGES, identify, run_stage  # noqa: E402
+if TYPE_CHECKING:
+    from fitting.session import Options, Request
+    from fitting.stages import STAGES, identify, run_stage
 
 __all__ = ["STAGES", "Options", "Request", "identify", "run_stage"]
+
+_HOMES = {
+    "Options": "session",
+    "Request": "session",
+    "STAGES": "stages",
+    "identify": "stages",
+    "run_stage": "stages",
+}
+
+
+def __getattr__(name: str) -> Any:
+    # Loaded when first asked for: `python -m fitting.stages` must find its own module not yet imported.
+    if name not in _HOMES:
+        raise AttributeError(f"module 'fitting' has no attribute '{name}'")
+    return getattr(import_module(f"fitting.{_HOMES[name]}"), name)

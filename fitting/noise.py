@@ -111,6 +111,10 @@ def noise_model(
                 freedom = 1.0
             else:
                 series, freedom = _flexible_residual(design, theta, fitted, joint, extra)
+            if not sum(len(s) for s in series):  # a joint that stood still all the time has no rows to weigh
+                filters.append(np.array([1.0]))
+                innovation[joint] = std[joint] = 1.0
+                continue
             taps, innovation[joint] = autoregression(series)
             innovation[joint] = max(innovation[joint] * freedom, 1e-12)
             std[joint] = float(np.std(np.concatenate(series)) * freedom)

@@ -37,9 +37,9 @@ def identify_rigid_body(design: Design, cylinders: Sequence[CylinderEstimate]) -
     """Stage 2: ordinary least squares of ``r (F - F_cylinder) = Y_b beta`` over all joints and samples."""
     parameters = design.parameters
     theta, std = np.zeros(len(parameters)), np.zeros(len(parameters))
-    for joint, estimate in enumerate(cylinders):
-        theta[parameters.drive_slice(joint)] = estimate.theta
-        std[parameters.drive_slice(joint)] = estimate.std
+    for joint, cylinder in enumerate(cylinders):
+        theta[parameters.drive_slice(joint)] = cylinder.theta
+        std[parameters.drive_slice(joint)] = cylinder.std
     A, b, groups = _effort_rows(design, theta)
     base = parameters.base_slice
     estimate = OrdinaryLeastSquares().fit(A[:, base], b, groups=groups)

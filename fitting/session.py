@@ -18,7 +18,7 @@ from scipy import signal
 from daq.errors import InputError, RecordingError
 from daq.machine_file import Machine, load_machine
 from daq.recording import Recording, read_recording
-from fitting.base_parameters import BaseParameters, reduce_parameters, unidentifiable
+from fitting.base_parameters import BaseParameters, base_regressor, reduce_parameters, unidentifiable
 from fitting.noise import Pairing, noise_model, pair_repeats
 from fitting.preparation import PositionNoise, position_noise, prepare
 from fitting.prior import Prior, mass_prior
@@ -208,10 +208,14 @@ class Session:
         indices = design.indices("train", "repeat")
         if not indices or design.indices("operation"):
             return
-        base = design.parameters.base_slice
-        W = np.vstack(
-            [design.blocks[joint][i].reduced[:, base] for i in indices for joint in range(len(self.machine.joints))]
-        )
+        rows = []
+        for i in indices:
+            segment = design.segments[i]
+            # A joint that stands still has noise for an acceleration, and that would pass for excitation.
+            qd, qdd = (np.where(segment.rest, 0.0, motion) for motion in (segment.qd, segment.qdd))
+            body = base_regressor(self.machine, self.base, segment.q, qd, qdd) / segment.r[:, :, None]
+            rows += [self.bank.reduce(body[:, joint]) for joint in range(len(self.machine.joints))]
+        W = np.vstack(rows)
         missing = unidentifiable(W, self.base, rtol=1e-4)
         if missing:
             files = ", ".join(r.file for r in self.recordings if r.role == "train")

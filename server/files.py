@@ -6,7 +6,7 @@
     ├── hilfit.sqlite            store and workflow engine
     ├── lock                     held by the one server that uses this directory
     ├── machines/<name>/<version>.yaml
-    ├── recordings/<id>.parquet|.csv, <id>/ while being recorded, .incoming-* while being uploaded
+    ├── recordings/<id>.parquet|.csv, with .journal while being recorded, .incoming-* while being uploaded
     ├── identifications/<id>/    request.json, artefacts of the stages, report.json, report.html, <stage>.log
     └── simulation/              machine file and inbox of the simulated machine
 """

@@ -1,6 +1,6 @@
 """The program that a job's stages run in, and what it is told.
 
-By default it is ``python -m fitting.stages REQUEST.json STAGE``, which never runs in the process that serves
+By default it is ``python -P -m fitting.stages REQUEST.json STAGE``, which never runs in the process that serves
 HTTP.
 """
 
@@ -65,4 +65,4 @@ def fitting_program() -> StageProgram:
     """The stages of :mod:`fitting`, which is loaded here only for their names."""
     from fitting.stages import STAGES
 
-    return StageProgram(tuple(STAGES), (sys.executable, "-m", "fitting.stages"))
+    return StageProgram(tuple(STAGES), (sys.executable, "-P", "-m", "fitting.stages"))

@@ -93,7 +93,7 @@ class RecordingUploads:
             version = self._machines.get(machine).version
             machine_file = self._files.machine_file(machine, version)
             result = run_child(
-                [sys.executable, "-m", "server.inspect_recording", str(incoming), str(machine_file), role],
+                [sys.executable, "-P", "-m", "server.inspect_recording", str(incoming), str(machine_file), role],
                 log=self._files.recordings / "inspect.log",
                 timeout_s=INSPECTION_S,
             )

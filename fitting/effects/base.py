@@ -20,7 +20,7 @@ Hooks and why they are there:
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import ClassVar, Literal
@@ -81,7 +81,7 @@ class DriveView:
     noise : position noise of every joint
     forces : (N, n) the model's drive efforts ``F^`` of all joints
     loads : (N, n) the model's load forces ``F_l`` (rigid body only) at the piston
-    rod_pressures : (N, n) expected rod pressures in Pa, free of measurement noise; NaN without pressure sensors
+    rod_pressures : gives the (N, n) expected rod pressures in Pa, free of measurement noise; NaN without sensors
     ranges : ranges per joint
     clock : (N,) s since the recording's first sample
     base, base_values : the base parameters and their present estimate
@@ -96,7 +96,7 @@ class DriveView:
     noise: tuple[PositionNoise, ...]
     forces: FloatArray
     loads: FloatArray
-    rod_pressures: FloatArray
+    rod_pressures: Callable[[], FloatArray]
     ranges: tuple[Ranges, ...]
     clock: FloatArray
     base: BaseParameters
@@ -161,7 +161,7 @@ class DriveView:
     @property
     def p2(self) -> FloatArray:
         """Expected rod pressure, Pa: what motion and model force tell of it, without its own noise."""
-        return self.rod_pressures[:, self.joint]
+        return self.rod_pressures()[:, self.joint]
 
     @property
     def range(self) -> Ranges:
@@ -171,20 +171,17 @@ class DriveView:
     def body_change(self, position: FloatArray) -> FloatArray:
         """Change (N, n) of all drive efforts when this joint's link moves by ``position`` (N,), to first order.
 
-        By a central difference along the whole trajectory: speed and acceleration change with the position.
+        By a difference along the whole trajectory: speed and acceleration change with the position.
         """
         segment = self.segment
         largest = max(float(np.max(np.abs(position))), 1e-12)
-        step = 1e-4 / largest
+        step = 1e-6 / largest  # of a smooth function: error 1e-6 of the second derivative, rounding 1e-10
         rates = self.bank.rate(position)
-        change = (position, rates, self.bank.rate(rates))
-        efforts = []
-        for sign in (1.0, -1.0):
-            moved = [values.copy() for values in (segment.q, segment.qd, segment.qdd)]
-            for values, delta in zip(moved, change, strict=True):
-                values[:, self.joint] += sign * step * delta
-            efforts.append(base_regressor(self.machine, self.base, *moved) @ self.base_values)
-        return np.asarray((efforts[0] - efforts[1]) / (2 * step) / segment.r)
+        moved = [values.copy() for values in (segment.q, segment.qd, segment.qdd)]
+        for values, delta in zip(moved, (position, rates, self.bank.rate(rates)), strict=True):
+            values[:, self.joint] += step * delta
+        there = base_regressor(self.machine, self.base, *moved) @ self.base_values
+        return np.asarray((there / segment.r - self.loads) / step)
 
     def speed_of(self, other: int) -> FloatArray:
         """Speed of another joint's driving element."""

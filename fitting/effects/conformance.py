@@ -231,14 +231,14 @@ def _stronger(view: DriveView) -> DriveView:
         view,
         forces=2 * view.forces,
         loads=2 * view.loads,
-        rod_pressures=2 * view.rod_pressures,
+        rod_pressures=lambda: 2 * view.rod_pressures(),
         base_values=2 * view.base_values,
         cache={},
     )
 
 
 def _fingerprint(view: DriveView) -> bytes:
-    arrays = [view.forces, view.loads, view.rod_pressures, view.clock, view.base_values]
+    arrays = [view.forces, view.loads, view.rod_pressures(), view.clock, view.base_values]
     arrays += [v for f in fields(view.segment) if isinstance(v := getattr(view.segment, f.name), np.ndarray)]
     return b"".join(np.ascontiguousarray(a).tobytes() for a in arrays)
 

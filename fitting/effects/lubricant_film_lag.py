@@ -34,4 +34,4 @@ class LubricantFilmLag(Effect):
         steady = np.abs(view.power(shape["n"]))
         blend = 1.0 - np.exp(-1.0 / (view.bank.rate_hz * shape["tau"]))
         film, _ = signal.lfilter([blend], [1.0, blend - 1.0], steady, zi=[(1.0 - blend) * steady[0]])
-        return (view.s * (steady - film))[:, None]
+        return np.asarray(view.s * (steady - film))[:, None]

@@ -78,7 +78,10 @@ class Law:
 
     def columns(self, view: DriveView) -> FloatArray:
         """Columns (N, functions)."""
-        basis = evaluate(np.asarray(self.knots), self.values(view))
+        key = f"{self.signal}/{self.other}/{hash(self.knots)}"  # shared by signed, unsigned and loaded-only laws
+        if key not in view.cache:
+            view.cache[key] = evaluate(np.asarray(self.knots), self.values(view))
+        basis = view.cache[key]
         if self.signed:
             basis = basis * view.s[:, None]
         return np.zeros_like(basis) if self.loaded_only and not view.segment.loaded else basis

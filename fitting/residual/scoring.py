@@ -88,6 +88,9 @@ def score_terms(
             gram = own.T @ own - shadow.T @ shadow
             result[number] = _score(model, terms[number], grid[number], gram, products[part], norms[part])
             start += width
+    for views in model.views:
+        for view in views:
+            view.cache.clear()  # what shapes shared is of no use any more
     return [score for score in result if score is not None]
 
 
@@ -134,7 +137,10 @@ def _score(
     scale = np.sqrt(np.maximum(norms, 1e-300))
     if not np.all(np.isfinite(scale)) or np.all(norms <= 1e-20):
         return None
-    eigenvalues, vectors = linalg.eigh(gram / np.outer(scale, scale))
+    if len(scale) == 1:
+        eigenvalues, vectors = (gram / norms).ravel(), np.ones((1, 1))
+    else:
+        eigenvalues, vectors = linalg.eigh(gram / np.outer(scale, scale), check_finite=False)
     live = eigenvalues > _DEAD
     if not live.any():
         return None

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 
 import numpy as np
 import numpy.typing as npt
@@ -51,7 +52,13 @@ def build_views(design: Design, theta: FloatArray, fitted: Sequence[int], extra:
         for index in count
     ]
     ranges = signal_ranges(design, fitted, forces)
-    rods = _rod_pressures(design, fitted, forces)
+    rods: list[list[FloatArray]] = []
+
+    def rod_pressures(index: int) -> FloatArray:
+        if not rods:  # most fits never ask for pressures
+            rods.append(_rod_pressures(design, fitted, forces))
+        return rods[0][index]
+
     starts = _recording_starts(design)
     loaded = tuple(sorted({design.segments[i].recording for i in fitted if design.segments[i].loaded}))
     views = []
@@ -67,7 +74,7 @@ def build_views(design: Design, theta: FloatArray, fitted: Sequence[int], extra:
                     noise=design.noise,
                     forces=forces[index],
                     loads=loads[index],
-                    rod_pressures=rods[index],
+                    rod_pressures=partial(rod_pressures, index),
                     ranges=ranges,
                     clock=segment.t - starts[segment.recording],
                     base=design.parameters.base,

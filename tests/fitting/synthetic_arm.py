@@ -251,13 +251,19 @@ def exact_views(machine: Machine, arm: Truth, **options: Any) -> tuple[Design, V
 
 
 def injected(
-    machine: Machine, arm: Truth, effect: Effect, joint: int | None, shape: dict[str, float], values: Sequence[float]
+    machine: Machine,
+    arm: Truth,
+    effect: Effect,
+    joint: int | None,
+    shape: dict[str, float],
+    values: Sequence[float],
+    recordings: Sequence[tuple[str, int]] = USUAL,
 ) -> list[np.ndarray]:
-    """What an effect of this size adds to the drive efforts of the usual recordings, (N, n) each.
+    """What an effect of this size adds to the drive efforts of the recordings, (N, n) each.
 
     Columns that hold the model's force are built until the force with the effect in it agrees with itself.
     """
-    design, views = exact_views(machine, arm)
+    design, views = exact_views(machine, arm, recordings=recordings)
     fitted = design.indices("unloaded", "train", "repeat")
     term = Term(effect, joint, shape)
     theta = np.concatenate([arm.theta(machine), values])
@@ -321,7 +327,7 @@ def sample(
     rods = back_pressure(motion)
     for j, joint in enumerate(machine.joints):
         measured = effort[:, j] + disturbance(rng, samples, noise)
-        rod = rods[:, j]
+        rod = rods[:, j] + 2000.0 * np.sign(noise.white) * rng.normal(size=samples)  # the head chamber takes it up
         delay = (late or {}).get(j, 0.0)
         if delay:
             measured, rod = (np.interp(motion.t - delay, motion.t, signal) for signal in (measured, rod))

@@ -1,0 +1,177 @@
+"""Rules of the loop: confirmation on another motion, laws against names, what a report may claim."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from synthetic_arm import clean_session, exact_views, make_session, planar_machine, truth
+
+from fitting.effects import effect, effects
+from fitting.loop import final_model, run_attribution, term_from_json, term_to_json
+from fitting.residual.attribution import ACCUSE, Attribution, attribute, validate_gain
+from fitting.residual.confirmation import overall_change
+from fitting.residual.kinematics import Corrections
+from fitting.residual.laws import Law
+from fitting.residual.terms import Term, fit_model
+from fitting.session import Session
+
+MACHINE, ARM = planar_machine(2), truth(2)
+RECORDINGS = (("unloaded", 1), ("train", 2), ("train", 4), ("repeat", 2), ("validate", 3))
+
+
+def session_with(law: object, **options: object) -> Session:
+    """Recordings with ``law(motion, index)`` (N,) on top of joint 2's drive effort."""
+    design, _ = exact_views(MACHINE, ARM, recordings=RECORDINGS)
+    added = []
+    for index, segment in enumerate(design.segments):
+        extra = np.zeros_like(segment.q)
+        extra[:, 1] = law(segment, index)  # type: ignore[operator]
+        added.append(extra)
+    return make_session(MACHINE, ARM, RECORDINGS, added=added, **options)
+
+
+def run(session: Session) -> Attribution:
+    return run_attribution(session, Corrections(session.machine))
+
+
+@pytest.fixture(scope="module")
+def strange() -> Attribution:
+    """A lump of force at one place of the stroke, whichever way the piston goes: in no catalogue."""
+    return run(session_with(lambda s, i: 60.0 * np.exp(-(((s.x[:, 1] - 0.13) / 0.012) ** 2))))
+
+
+def test_what_is_in_no_catalogue_becomes_a_law_of_its_variable(strange: Attribution) -> None:
+    assert strange.verdict == "unexplained"
+    laws = [a.score.term for a in strange.accepted if isinstance(a.score.term.content, Law)]
+    assert laws and all(t.joint == 1 for t in laws)
+    assert {t.content.variable(("joint1", "joint2")) for t in laws if isinstance(t.content, Law)} == {
+        "piston_position"
+    }
+
+
+def test_a_law_has_the_shape_of_what_was_put_in(strange: Attribution) -> None:
+    model = strange.model
+    number = next(n for n, t in enumerate(model.terms) if isinstance(t.content, Law))
+    index = model.fitted[1]
+    x = model.design.segments[index].x[:, 1]
+    lump = 60.0 * np.exp(-(((x - 0.13) / 0.012) ** 2))
+    given = model.contribution(number, 1, index)
+    # Stiffness and gravity take a smooth part of it, and sixteen functions round its corners.
+    assert np.corrcoef(lump, given)[0, 1] > 0.9
+
+
+def test_every_accepted_term_helps_where_nothing_was_fitted(strange: Attribution) -> None:
+    assert all(a.validate_gain is not None and a.validate_gain > 0 for a in strange.accepted)
+    assert all(a.score.score > ACCUSE for a in strange.accepted)
+
+
+@pytest.mark.slow
+def test_what_is_only_in_the_training_motions_is_refused() -> None:
+    """The same friction with the opposite sign in `validate`: what training says is wrong there."""
+
+    def law(segment: object, index: int) -> np.ndarray:
+        offset = segment.x[:, 1] - 0.15  # type: ignore[attr-defined]
+        sign = -1.0 if RECORDINGS[index][0] == "validate" else 1.0
+        return sign * 900.0 * offset * np.sign(segment.v[:, 1])  # type: ignore[attr-defined]
+
+    attribution = run(session_with(law))
+    assert ("position_dependent_friction", 1) not in {a.score.term.family for a in attribution.accepted}
+    line = next(c for c in attribution.candidates if (c.id, c.joint) == ("position_dependent_friction", 1))
+    assert line.status == "rejected" and "validation motion" in line.reason
+
+
+@pytest.mark.slow
+def test_nothing_is_selected_on_the_validation_motion() -> None:
+    """An effect that only `validate` has is invisible to the loop: no candidate scores differently."""
+
+    def law(segment: object, index: int) -> np.ndarray:
+        return (RECORDINGS[index][0] == "validate") * 200.0 * np.sign(segment.v[:, 1])  # type: ignore[attr-defined]
+
+    spoiled, clean = run(session_with(law)), run(session_with(lambda s, i: np.zeros(len(s))))
+    assert spoiled.verdict == clean.verdict == "nothing_missing"
+    assert [c.score for c in spoiled.candidates] == [c.score for c in clean.candidates]
+
+
+@pytest.mark.slow
+def test_without_a_validation_motion_nothing_confirms_and_nothing_is_claimed_to() -> None:
+    session = session_with(lambda s, i: 900.0 * (s.x[:, 1] - 0.15) * np.sign(s.v[:, 1]))
+    model = session.base_model
+    attribution = attribute(model, effects(), (), session.prior)
+    assert [a.score.term.family for a in attribution.accepted] == [("position_dependent_friction", 1)]
+    assert attribution.accepted[0].validate_gain is None
+
+
+@pytest.mark.slow
+def test_two_effects_are_both_found() -> None:
+    def law(segment: object, index: int) -> np.ndarray:
+        x, v = segment.x[:, 1], segment.v[:, 1]  # type: ignore[attr-defined]
+        other = segment.v[:, 0]  # type: ignore[attr-defined]
+        return 900.0 * (x - 0.15) * np.sign(v) + 500.0 * other
+
+    attribution = run(session_with(law))
+    assert {a.score.term.family for a in attribution.accepted} == {
+        ("position_dependent_friction", 1),
+        ("cross_cylinder_coupling", 1),
+    }
+
+
+@pytest.mark.slow
+def test_the_same_data_give_the_same_answer(strange: Attribution) -> None:
+    again = run(session_with(lambda s, i: 60.0 * np.exp(-(((s.x[:, 1] - 0.13) / 0.012) ** 2))))
+    assert again.candidates == strange.candidates
+    assert np.array_equal(again.model.fit.theta, strange.model.fit.theta)
+
+
+def test_terms_survive_their_way_through_json(strange: Attribution) -> None:
+    for term in (*strange.model.terms, Term(effect("sensor_latency"), 1, {}, (0.02,))):
+        assert term_from_json(term_to_json(term)) == term
+
+
+@pytest.mark.slow
+def test_the_final_model_is_the_loops_model() -> None:
+    session = session_with(lambda s, i: 900.0 * (s.x[:, 1] - 0.15) * np.sign(s.v[:, 1]))
+    attribution = run(session)
+    _, model = final_model(session, Corrections(session.machine), attribution.model.terms)
+    assert model.fit.theta == pytest.approx(attribution.model.fit.theta, rel=1e-6, abs=1e-6)
+
+
+def test_limits_are_given_for_what_was_not_found() -> None:
+    attribution = run(clean_session(2))
+    assert attribution.verdict == "nothing_missing"
+    families = {s.term.family for s in attribution.limits}
+    assert {("load_dependent_friction", 0), ("sensor_latency", 1), ("payload", None)} <= families
+
+
+def test_validate_gain_is_the_fall_of_the_whitened_chi_square() -> None:
+    session = session_with(lambda s, i: 900.0 * (s.x[:, 1] - 0.15) * np.sign(s.v[:, 1]))
+    before = session.base_model
+    term = Term(effect("position_dependent_friction"), 1)
+    after = fit_model(before.design, before.noise, before.fitted, [term], session.prior, before)
+    gain = validate_gain(before, after, session.plain.validate)
+    assert gain > 100
+    assert validate_gain(after, before, session.plain.validate) == pytest.approx(-gain)
+
+
+def test_overall_change_is_the_ratio_of_root_mean_squares_with_a_block_interval() -> None:
+    rng = np.random.default_rng(1)
+    before = [3.0 * rng.normal(size=600), 2.0 * rng.normal(size=600)]
+    after = [1.0 * rng.normal(size=600), 2.0 * rng.normal(size=600)]
+    floor = np.array([1.0, 2.0])
+    change = overall_change(before, after, floor, 10.0, np.random.default_rng(2))
+    first = np.sqrt(np.mean([np.var(b) / f**2 for b, f in zip(before, floor, strict=True)]))
+    second = np.sqrt(np.mean([np.var(a) / f**2 for a, f in zip(after, floor, strict=True)]))
+    assert change["before"] == pytest.approx(first) and change["after"] == pytest.approx(second)
+    assert change["change_percent"] == pytest.approx(100 * (second / first - 1))
+    low, high = change["ci95_percent"]
+    assert low < change["change_percent"] < high < 0
+    again = overall_change(before, after, floor, 10.0, np.random.default_rng(2))
+    assert again == change
+
+
+def test_no_change_is_an_interval_around_zero() -> None:
+    rng = np.random.default_rng(3)
+    series = [rng.normal(size=500)]
+    change = overall_change(series, series, np.array([1.0]), 10.0, np.random.default_rng(4))
+    assert change["change_percent"] == 0.0 and change["ci95_percent"] == [0.0, 0.0]
+    nothing = overall_change([np.zeros(0)], [np.zeros(0)], np.array([1.0]), 10.0, np.random.default_rng(4))
+    assert nothing["change_percent"] is None and nothing["ci95_percent"] is None

@@ -1,0 +1,93 @@
+"""``hilfit identify`` and ``hilfit effects`` when all is well: what is printed, what is written."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from synthetic_arm import make_recordings, planar_machine, truth
+
+from daq.machine_file import machine_to_yaml
+from daq.recording import write_recording
+from fitting.effects import effects
+from server.cli import main
+
+
+@pytest.fixture(scope="module")
+def arm(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """One joint, 20 s a motion, Parquet and CSV."""
+    directory = tmp_path_factory.mktemp("arm")
+    machine = planar_machine(1)
+    (directory / "machine.yaml").write_text(machine_to_yaml(machine), encoding="utf-8")
+    for recording in make_recordings(machine, truth(1), seconds=20.0):
+        for suffix in ("parquet", "csv"):
+            path = directory / f"{recording.role}.{suffix}"
+            write_recording(path, machine, recording.role, recording.time, recording.values)
+    return directory
+
+
+def command(arm: Path, output: Path, suffix: str = "parquet") -> list[str]:
+    recordings = [part for role in ("unloaded", "train", "repeat", "validate") for part in (f"--{role}", role)]
+    files = [part if part.startswith("--") else str(arm / f"{part}.{suffix}") for part in recordings]
+    return ["identify", str(arm / "machine.yaml"), *files, "-o", str(output)]
+
+
+def run(arguments: list[str]) -> int:
+    with pytest.raises(SystemExit) as caught:
+        main(arguments)
+    return int(caught.value.code or 0)
+
+
+def test_the_report_is_written_and_the_table_printed(
+    arm: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    output = tmp_path / "deep" / "report"
+    assert run(command(arm, output)) == 0
+    printed = capsys.readouterr().out
+    report = json.loads((output / "report.json").read_text(encoding="utf-8"))
+    assert "joint1" in printed and "noise floor" in printed
+    assert str(output / "report.html") in printed
+    assert (output / "report.html").exists()
+    assert report["loop"]["verdict"] == "nothing_missing"
+
+
+def test_json_prints_the_report_and_nothing_else(
+    arm: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run([*command(arm, tmp_path / "out"), "--json", "--no-loop"]) == 0
+    written = capsys.readouterr()
+    report = json.loads((tmp_path / "out" / "report.json").read_text(encoding="utf-8"))
+    assert json.loads(written.out) == report
+    assert written.err == ""
+
+
+def test_csv_gives_the_same_parameters(arm: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    values = []
+    for suffix in ("parquet", "csv"):
+        assert run([*command(arm, tmp_path / suffix, suffix), "--json", "--no-loop"]) == 0
+        report = json.loads(capsys.readouterr().out)
+        values.append([p["value"] for p in report["cylinders"]["joint1"]["parameters"].values()])
+    assert values[0] == pytest.approx(values[1], rel=1e-6)
+
+
+def test_the_bandwidth_is_the_one_that_was_asked_for(
+    arm: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run([*command(arm, tmp_path / "out"), "--json", "--no-loop", "--bandwidth", "4"]) == 0
+    assert json.loads(capsys.readouterr().out)["bandwidth_hz"] == 4.0
+
+
+def test_effects_are_listed_and_shown(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(["effects", "list", "--json"]) == 0
+    listed = json.loads(capsys.readouterr().out)
+    assert [entry["id"] for entry in listed] == [e.id for e in effects()]
+    assert run(["effects", "list"]) == 0
+    table = capsys.readouterr().out
+    assert all(e.id in table for e in effects())
+    assert run(["effects", "show", "stribeck", "--json"]) == 0
+    shown = json.loads(capsys.readouterr().out)
+    assert shown["equation"] and shown["experiment"] and shown["parameters"][0] == {"name": "f_b", "unit": "N"}
+    assert run(["effects", "show", "stribeck"]) == 0
+    text = capsys.readouterr().out
+    assert "f_b [N]" in text and shown["title"] in text

@@ -1,0 +1,139 @@
+"""Kinematic errors put into a joint encoder are named and rebuilt from the two position sensors alone."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from synthetic_arm import RATE, clean_session, force, make_motion, make_session, planar_machine, sample, truth
+
+from daq.machine_file import Machine
+from fitting.loop import KinematicFinding, corrections_from_json, kinematic_findings, step_to_json
+from fitting.residual.kinematics import Corrections, checkable, gap_error
+from fitting.session import Session
+
+ARM = truth(2)
+
+
+def with_reading(reading: Callable[[np.ndarray], np.ndarray], joint: int = 1) -> Session:
+    return make_session(planar_machine(2), ARM, joint_reading=lambda j, q: reading(q) if j == joint else q)
+
+
+def named(findings: tuple[KinematicFinding, ...], effect: str, joint: int) -> KinematicFinding:
+    """The one finding; it has the name first or in its set."""
+    assert [f.joint for f in findings] == [joint]
+    assert effect in (findings[0].effect.id, *findings[0].rivals)
+    return findings[0]
+
+
+def gap_left(session: Session, corrections: Corrections, joint: int) -> tuple[float, float]:
+    """Gap on the validation motion before and after, m."""
+    changed = session.prepared(corrections)
+    validate = session.plain.validate
+    return gap_error(session.plain.design, validate, joint), gap_error(changed.design, validate, joint)
+
+
+def test_two_honest_encoders_show_nothing() -> None:
+    findings, corrections = kinematic_findings(clean_session(2))
+    assert findings == ()
+    assert corrections == Corrections(clean_session(2).machine)
+
+
+@pytest.mark.parametrize("offset", [0.002, -0.03])
+def test_an_encoder_offset_is_named_measured_and_rebuilt(offset: float) -> None:
+    session = with_reading(lambda q: q + offset)
+    findings, corrections = kinematic_findings(session)
+    finding = named(findings, "encoder_offset", 1)
+    if finding.effect.id == "encoder_offset":
+        assert finding.values[0] == pytest.approx(offset, abs=max(4 * finding.stds[0], 1e-5))
+    before, after = gap_left(session, corrections, 1)
+    assert before > 10 * after
+    assert (finding.gap_before, finding.gap_after) == pytest.approx((before, after), rel=1e-6)
+    # Some tens of micrometres of encoder noise, filtered, are left.
+    assert after < 2e-5
+
+
+@pytest.mark.parametrize("n", [2, 4])
+def test_an_eccentric_encoder_is_named_with_its_harmonic(n: int) -> None:
+    session = with_reading(lambda q: q + 0.004 * np.sin(n * q) + 0.002 * np.cos(n * q))
+    findings, corrections = kinematic_findings(session)
+    finding = named(findings, "encoder_eccentricity", 1)
+    if finding.effect.id == "encoder_eccentricity" and finding.steps[0].shape["n"] == n:
+        assert finding.values == pytest.approx((0.004, 0.002), abs=2e-4)
+    before, after = gap_left(session, corrections, 1)
+    assert before > 10 * after and after < 2e-5
+
+
+@pytest.mark.parametrize(("parameter", "shift"), [("b", 0.004), ("a", -0.006), ("retracted", 0.003)])
+def test_a_shifted_pin_is_named_and_the_linkage_rebuilt(parameter: str, shift: float) -> None:
+    machine = planar_machine(2)
+    true = _shifted(machine, 1, parameter, shift)
+    recordings = []
+    for number, (role, seed) in enumerate((("unloaded", 1), ("train", 2), ("repeat", 2), ("validate", 3))):
+        motion = make_motion(true, role, seed)
+        recordings.append(sample(true, motion, force(true, ARM, motion), role, 1, number=number))
+    session = Session(machine, recordings)
+    findings, corrections = kinematic_findings(session)
+    finding = named(findings, "linkage_geometry", 1)
+    before, after = gap_left(session, corrections, 1)
+    assert before > 10 * after and after < 3e-5
+    if finding.effect.id == "linkage_geometry" and len(finding.rivals) == 0:
+        found = corrections.machine.joints[1].cylinder.linkage  # type: ignore[union-attr]
+        assert getattr(found, parameter) == pytest.approx(
+            getattr(true.joints[1].cylinder.linkage, parameter),  # type: ignore[union-attr]
+            abs=5e-4,
+        )
+
+
+def test_play_is_named_and_the_sensors_are_not_fused_any_more() -> None:
+    """An arm that hangs: its load changes sign with the angle, and the piston is half the play ahead on either side."""
+    machine = planar_machine(2).model_copy(update={"gravity": (9.81, 0.0, 0.0)})
+    bodiless = replace(ARM, pi=0 * ARM.pi)
+    recordings = []
+    for number, (role, seed) in enumerate((("unloaded", 1), ("train", 2), ("repeat", 2), ("validate", 3))):
+        motion = make_motion(machine, role, seed)
+        effort = force(machine, ARM, motion)
+        if role != "unloaded":
+            load = effort - force(machine, bodiless, motion)
+            x = motion.x.copy()
+            x[:, 1] += 0.0005 * np.sign(load[:, 1])
+            motion = replace(motion, x=x)
+        recordings.append(sample(machine, motion, effort, role, 1, number=number))
+    session = Session(machine, recordings)
+    findings, corrections = kinematic_findings(session)
+    finding = named(findings, "backlash", 1)
+    # The model's load crosses zero a little before or after the true one.
+    assert finding.values[0] == pytest.approx(0.001, rel=0.1)
+    assert corrections.separate == {"joint2"}
+    assert finding.gap_after < 0.3 * finding.gap_before
+
+
+def test_one_position_sensor_cannot_be_checked() -> None:
+    for sensors in ("joint", "piston"):
+        machine = planar_machine(2, sensors=sensors)
+        assert checkable(machine) == ()
+        findings, _ = kinematic_findings(make_session(machine, ARM))
+        assert findings == ()
+
+
+def test_what_was_found_survives_its_way_through_json() -> None:
+    session = with_reading(lambda q: q + 0.01)
+    findings, corrections = kinematic_findings(session)
+    steps = [step_to_json(s) for f in findings for s in f.steps]
+    again = corrections_from_json(session, steps)
+    q = np.linspace(-0.5, 0.5, int(RATE))
+    assert again.machine == corrections.machine
+    assert again.position_error.keys() == corrections.position_error.keys()
+    for name, error in corrections.position_error.items():
+        assert np.allclose(again.position_error[name](q), error(q), rtol=0, atol=1e-15)
+
+
+def _shifted(machine: Machine, joint: int, parameter: str, shift: float) -> Machine:
+    cylinder = machine.joints[joint].cylinder
+    assert cylinder is not None
+    linkage = cylinder.linkage.model_copy(update={parameter: getattr(cylinder.linkage, parameter) + shift})
+    changed = machine.joints[joint].model_copy(update={"cylinder": cylinder.model_copy(update={"linkage": linkage})})
+    joints = tuple(changed if j == joint else own for j, own in enumerate(machine.joints))
+    return machine.model_copy(update={"joints": joints})
