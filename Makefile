@@ -1,37 +1,54 @@
-# Two commands are enough: `make demo` and `make test`.
+# Two commands are enough: `make demo` and `make test`. `make` alone lists them all.
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
-PROJECT := pyproject.toml
-PACKAGES := daq fitting server sim_backends
+PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check
+PYTEST := $(BIN)/pytest -n 2 --dist loadgroup
 
-.PHONY: demo test test-quick check bench clean
-demo: $(VENV)/.use
+.PHONY: help demo test test-quick check bench clean
+
+help: ## this list
+	@sed -n 's/^\([a-z-]*\):[^#]*## \(.*\)/make \1|\2/p' Makefile | while IFS='|' read -r name text; do \
+	  printf '%-16s %s\n' "$$name" "$$text"; done
+
+demo: $(VENV)/.use ## the whole job on a simulated machine, about two minutes; everything goes to hilfit-demo/
 	$(BIN)/hilfit demo
 
-# The environments are rebuilt when the dependencies change; the package itself is installed editable.
-$(VENV)/bin/python:
-	$(PYTHON) -m venv $(VENV)
+test: check ## the checks, then every test
+	$(PYTEST)
 
-$(VENV)/.use: $(PROJECT) | $(VENV)/bin/python
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e ".[sim]"
-	touch $@
+test-quick: $(VENV)/.dev ## the tests that take no more than a few seconds each
+	$(PYTEST) -m "not slow"
 
-$(VENV)/.dev: $(PROJECT) | $(VENV)/bin/python
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e ".[dev]"
-	touch $@ $(VENV)/.use
-
-check: $(VENV)/.dev
+check: $(VENV)/.dev ## ruff, mypy --strict, import-linter
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports --no-cache
 
-test: check
-	$(BIN)/pytest -n 2 --dist loadgroup
+bench: $(VENV)/.dev ## the benchmarks that have a target, see benchmarks/README.md
+	$(BIN)/python benchmarks/samples.py
+	$(BIN)/python benchmarks/demo.py
 
-test-quick: $(VENV)/.dev
-	$(BIN)/pytest -n 2 --dist loadgroup -m "not slow"
+clean: ## remove the environment and everything that was built
+	rm -rf $(VENV) build *.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +
 
-clean:
-	rm -rf $(VENV) build *.egg-info .mypy_cache .ruff_cache .pytest_cache
+# Debian has the venv module in a package of its own; without it `python3 -m venv` leaves half an environment behind.
+$(BIN)/python:
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
+	  { echo 'hilfit needs Python 3.11 or newer; name one with PYTHON=, as in: make demo PYTHON=python3.12' >&2; exit 1; }
+	@$(PYTHON) -c 'import ensurepip' 2>/dev/null || if [ "$$(id -u)" = 0 ] && command -v apt-get >/dev/null; then \
+	  apt-get update -qq && DEBIAN_FRONTEND=noninteractive apt-get install -y -qq python3-venv || true; fi
+	@$(PYTHON) -c 'import ensurepip' 2>/dev/null || \
+	  { echo '$(PYTHON) cannot make virtual environments; install that with: sudo apt-get install python3-venv' >&2; exit 1; }
+	$(PYTHON) -m venv $(VENV) || { rm -rf $(VENV); exit 1; }
+
+# The environment is brought up to date when the dependencies change; the package itself is installed editable.
+$(VENV)/.use: pyproject.toml | $(BIN)/python
+	$(PIP) -e ".[sim]"
+	@touch $@
+
+$(VENV)/.dev: pyproject.toml | $(BIN)/python
+	$(PIP) -e ".[dev]"
+	@touch $@ $(VENV)/.use

@@ -58,7 +58,9 @@ def session_of(case: Case) -> Session:
     for stem, table in case.recordings.items():
         values = {name: np.asarray(column) for name, column in table.items() if name != "time"}
         recordings.append(
-            Recording(case.machine.name, ROLES[stem], stem, stem, case.machine.rate_hz, np.asarray(table["time"]), values)
+            Recording(
+                case.machine.name, ROLES[stem], stem, stem, case.machine.rate_hz, np.asarray(table["time"]), values
+            )
         )
     return Session(case.machine, recordings)
 
@@ -80,9 +82,10 @@ def visibility(bare: Session, case: Case, without: Case) -> float:
                 table = tables.recordings[stem]
                 c = next(j for j in tables.machine.joints if j.name == joint_name).cylinder
                 assert c is not None
-                return np.asarray(table[f"{joint_name}.head_pressure"]) * c.head_area - np.asarray(
-                    table[f"{joint_name}.rod_pressure"]
-                ) * c.rod_area
+                return (
+                    np.asarray(table[f"{joint_name}.head_pressure"]) * c.head_area
+                    - np.asarray(table[f"{joint_name}.rod_pressure"]) * c.rod_area
+                )
 
             difference = plain.design.bank.trimmed(force(case) - force(without))
             kept = plain.noise.kept(number, plain.design.blocks[number][index].keep)
@@ -109,7 +112,12 @@ def judge(case: Case) -> tuple[str, str]:
             laws.append((place, term.content.variable(tuple(names))))
             continue
         named.append((term.id, place))
-        sets.append({(term.id, place), *((r.term.id, None if r.term.joint is None else names[r.term.joint]) for r in item.rivals)})
+        sets.append(
+            {
+                (term.id, place),
+                *((r.term.id, None if r.term.joint is None else names[r.term.joint]) for r in item.rivals),
+            }
+        )
     said = "; ".join(
         ["|".join(f"{e}@{j}" for e, j in sorted(s, key=str)) for s in sets] + [f"law({v})@{j}" for j, v in laws]
     )
@@ -178,7 +186,7 @@ def main() -> None:
         except Exception as error:  # a size that the plant refuses is reported, not hidden
             result, said, lam = "error", f"{type(error).__name__}: {error}", 0.0
         outcomes.append(Outcome(kind, effect, joint, lam, result, said, time.process_time() - started))
-        show(number, outcomes[-1], f" size {size:.4g}")
+        show(number, outcomes[-1], f" ({arm}, size {size:.4g}, seed {seed})")
     table(outcomes)
 
 
@@ -191,8 +199,8 @@ def nominal_size(effect: str) -> float:
 def show(number: int, outcome: Outcome, more: str = "") -> None:
     """One line."""
     print(
-        f"{number:3d} {outcome.kind:8s} {outcome.effect:28s} {outcome.joint or '-':7s} lambda {outcome.visibility:7.1f} "
-        f"{outcome.result:12s} {outcome.seconds:5.1f} s {outcome.said}{more}",
+        f"{number:3d} {outcome.kind:8s} {outcome.effect:28s} {outcome.joint or '-':7s} "
+        f"lambda {outcome.visibility:7.1f} {outcome.result:12s} {outcome.seconds:5.1f} s {outcome.said}{more}",
         flush=True,
     )
 

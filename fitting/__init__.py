@@ -11,36 +11,37 @@
 ``session stages results report``               one identification, stage by stage, and its report
 =====================  =====================================================================================
 
-Everything here is small matrices: one BLAS thread is fastest, and two processes with two threads each on two cores spend
-most of their time waiting for one another. So, unless the environment says otherwise, BLAS is asked for one thread
-before numpy is loaded.
+Everything here is small matrices: one BLAS thread is fastest, and two processes with two threads each on two cores
+spend most of their time waiting for one another. So, unless the environment says otherwise, BLAS is asked for one
+thread before numpy is loaded.
 """
 
 import os
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
+if TYPE_CHECKING:
+    from fitting.session import Options, Request
+    from fitting.stages import identify, run_stage
+
+from fitting.stage_names import STAGES
+
 for _variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(_variable, "1")
 del _variable
 
-if TYPE_CHECKING:
-    from fitting.session import Options, Request
-    from fitting.stages import STAGES, identify, run_stage
-
 __all__ = ["STAGES", "Options", "Request", "identify", "run_stage"]
 
 _HOMES = {
-    "Options": "session",
-    "Request": "session",
-    "STAGES": "stages",
-    "identify": "stages",
-    "run_stage": "stages",
+    "Options": "fitting.session",
+    "Request": "fitting.session",
+    "identify": "fitting.stages",
+    "run_stage": "fitting.stages",
 }
 
 
 def __getattr__(name: str) -> Any:
-    # Loaded when first asked for: `python -m fitting.stages` must find its own module not yet imported.
-    if name not in _HOMES:
-        raise AttributeError(f"module 'fitting' has no attribute '{name}'")
-    return getattr(import_module(f"fitting.{_HOMES[name]}"), name)
+    """Load the public names when they are first asked for: a server names stages without loading numerics."""
+    if name in _HOMES:
+        return getattr(import_module(_HOMES[name]), name)
+    raise AttributeError(f"module 'fitting' has no attribute '{name}'")

@@ -1,8 +1,8 @@
 """Stage 1: friction, stiffness and moving mass of each cylinder by recursive least squares.
 
-With an `unloaded` recording ``F_l = 0`` and the rows of each cylinder hold its own parameters only. Without one, or for a
-cylinder that stood still in it, the stage runs *in situ*: the rigid-body load on this joint is a nuisance with columns
-of its own.
+With an `unloaded` recording ``F_l = 0`` and the rows of each cylinder hold its own parameters only. Without one, or
+for a cylinder that stood still in it, the stage runs *in situ*: the rigid-body load on this joint is a nuisance
+with columns of its own.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Regressor columns of what drives a joint: the cylinder's own mass, stiffness and friction.
 
-``m x'' + K x + f_c sgn v + f_v v + f_s |v|^(1/3) sgn v``, linear in ``[m, K, f_c, f_v, f_s]`` (the known damping ``c v`` and a
-known moving mass are moved to the left-hand side). A joint driven directly has ``[J, f_c, f_v]``.
+``m x'' + K x + f_c sgn v + f_v v + f_s |v|^(1/3) sgn v``, linear in ``[m, K, f_c, f_v, f_s]`` (the known damping
+``c v`` and a known moving mass are moved to the left-hand side). A joint driven directly has ``[J, f_c, f_v]``.
 
 A measured speed near zero has the wrong sign every so often, and a regressor built from it is then wrong by a
 lot. So the sign and the cube root are replaced by their expectation given the measured speed and its noise
@@ -10,6 +10,8 @@ away from zero nothing changes.
 """
 
 from __future__ import annotations
+
+from collections.abc import Callable
 
 import numpy as np
 import numpy.typing as npt
@@ -73,8 +75,8 @@ def drive_names(machine: Machine) -> tuple[tuple[str, ...], ...]:
 def drive_columns(
     names: tuple[str, ...], x: FloatArray, v: FloatArray, a: FloatArray, speed_noise: float
 ) -> FloatArray:
-    """Columns for the named drive parameters, shape (N, len(names)); ``x``, ``v``, ``a`` are (N,) of the driving element."""
-    makers = {
+    """Columns for the named drive parameters, (N, len(names)); ``x``, ``v``, ``a`` are (N,) of the driving element."""
+    makers: dict[str, Callable[[], FloatArray]] = {
         "m": lambda: a,
         "J": lambda: a,
         "K": lambda: x,

@@ -1,4 +1,4 @@
-"""The residual loop on a session: kinematics first, then attribution, with signals rebuilt where a column is not enough."""
+"""The residual loop on a session: kinematics, then attribution; signals are rebuilt where columns fall short."""
 
 from __future__ import annotations
 
@@ -11,7 +11,15 @@ import numpy.typing as npt
 
 from fitting.effects import effect, effects
 from fitting.effects.base import Effect
-from fitting.residual.attribution import ACCUSE, MOST_RIVALS, SET_SHARE, SET_WIDTH, Attribution, attribute
+from fitting.residual.attribution import (
+    ACCUSE,
+    MISFIT_SHARE,
+    MOST_RIVALS,
+    SET_SHARE,
+    SET_WIDTH,
+    Attribution,
+    attribute,
+)
 from fitting.residual.kinematics import Corrections, GapScore, checkable, corrected, gap_error, score_gaps
 from fitting.residual.laws import Law
 from fitting.residual.terms import Model, Term, fit_model
@@ -73,7 +81,8 @@ def kinematic_findings(
             scores = _gap_scores(prepared, model, effects(), joint)
             taken = {f.effect.id for f in found if f.joint == joint}
             usable = [s for s in scores if s.plausible and s.effect.id not in taken]
-            if not usable or usable[0].score <= ACCUSE:
+            earlier = max((f.gain for f in found if f.joint == joint), default=0.0)
+            if not usable or usable[0].score <= ACCUSE or usable[0].gain < MISFIT_SHARE * earlier:
                 break
             best = usable[0]
             shown = prepared.validate or prepared.fitted
@@ -113,6 +122,8 @@ def kinematic_findings(
             )
             corrections, prepared = trial, changed
             model = session.fit(prepared)
+            if best.effect.id == "backlash":
+                break  # the play is still in this gap, and would be taken for whatever resembles it
     return tuple(found), corrections
 
 
@@ -121,25 +132,43 @@ def _gap_scores(prepared: Prepared, model: Model, among: Sequence[Effect], joint
     return scores
 
 
-def rebuilder(session: Session, corrections: Corrections) -> Callable[[Model, Term], Model]:
-    """What corrects signals themselves once ``sensor_latency`` is accepted: the effort is moved, not approximated."""
+class SessionSignals:
+    """Refits on a session's recordings: positions corrected as kinematics found, delays as accepted terms say."""
 
-    def rebuild(model: Model, term: Term) -> Model:
-        if term.id != "sensor_latency":
+    def __init__(self, session: Session, corrections: Corrections) -> None:
+        self._session = session
+        self._corrections = corrections
+        self._prepared: dict[tuple[tuple[str, float], ...], Prepared] = {}
+
+    def prepared(self, terms: Sequence[Term]) -> Prepared:
+        """The design on signals corrected as the terms say; the last one is kept."""
+        late = delays(self._session, terms)
+        key = tuple(sorted(late.items()))
+        if key not in self._prepared:
+            untouched = self._corrections == Corrections(self._session.machine) and not late
+            design = self._session.plain if untouched else self._session.prepared(self._corrections, late)
+            self._prepared = {key: design}
+        return self._prepared[key]
+
+    def refit(self, terms: Sequence[Term]) -> Model:
+        """Both stages refitted jointly with these terms."""
+        prepared = self.prepared(terms)
+        return fit_model(
+            prepared.design, prepared.noise, prepared.fitted, terms, self._session.prior, passes=3 if terms else 1
+        )
+
+    def rebuilt(self, model: Model) -> Model:
+        """Move the effort in time instead of approximating it, once ``sensor_latency`` is the last term."""
+        if model.terms[-1].id != "sensor_latency":
             return model
         for _ in range(_REBUILDS):
-            number = len(model.terms) - 1
-            part = model.term_slice(number)
+            part = model.term_slice(len(model.terms) - 1)
             late = float(model.fit.theta[part][0])
             if abs(late) < 0.05 * float(model.fit.std[part][0]):
                 break
-            total = model.terms[number].rebuilt[0] + late if model.terms[number].rebuilt else late
-            terms = (*model.terms[:-1], replace(model.terms[-1], rebuilt=(total,)))
-            changed = session.prepared(corrections, delays(session, terms))
-            model = fit_model(changed.design, changed.noise, changed.fitted, terms, session.prior)
+            already = sum(model.terms[-1].rebuilt)
+            model = self.refit((*model.terms[:-1], replace(model.terms[-1], rebuilt=(already + late,))))
         return model
-
-    return rebuild
 
 
 def delays(session: Session, terms: Sequence[Term]) -> dict[str, float]:
@@ -155,18 +184,15 @@ def run_attribution(
     session: Session, corrections: Corrections, progress: Progress = lambda fraction, text: None
 ) -> Attribution:
     """Attribution of what the efforts leave, on signals with the kinematic corrections rebuilt."""
-    prepared = session.prepared(corrections) if corrections != Corrections(session.machine) else session.plain
-    model = session.fit(prepared)
-    return attribute(model, effects(), prepared.validate, session.prior, rebuilder(session, corrections), progress)
+    signals = SessionSignals(session, corrections)
+    validate = signals.prepared(()).validate
+    return attribute(signals.refit(()), effects(), validate, signals, progress)
 
 
 def final_model(session: Session, corrections: Corrections, terms: Sequence[Term]) -> tuple[Prepared, Model]:
     """Both stages refitted jointly with everything that was found."""
-    latency = delays(session, terms)
-    plain = corrections == Corrections(session.machine) and not latency
-    prepared = session.plain if plain else session.prepared(corrections, latency)
-    model = fit_model(prepared.design, prepared.noise, prepared.fitted, terms, session.prior, passes=3)
-    return prepared, model
+    signals = SessionSignals(session, corrections)
+    return signals.prepared(terms), signals.refit(terms)
 
 
 def term_to_json(term: Term) -> dict[str, Any]:

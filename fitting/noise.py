@@ -39,7 +39,8 @@ class Pairing:
 def pair_repeats(design: Design) -> tuple[Pairing, ...]:
     """For each `repeat` segment the training segment it repeats, aligned in time.
 
-    A segment is paired only if, after alignment, its joint positions follow the training motion to within 2 % of their spread.
+    A segment is paired only if, after alignment, its joint positions follow the training motion to within 2 % of
+    their spread.
     """
     pairs = []
     for repeat in design.indices("repeat"):
@@ -98,7 +99,7 @@ def noise_model(
     extra: Extra | None = None,
     passes: int = 2,
 ) -> NoiseModel:
-    """Autoregression of each joint's noise, by alternating between fit and noise (feasible generalised least squares)."""
+    """Autoregression of each joint's noise, alternating between fit and noise (feasible generalised least squares)."""
     joints = len(design.machine.joints)
     model = white_noise_model(joints)
     names = () if extra is None else extra.names

@@ -1,8 +1,8 @@
 """From recordings to the smooth motion and the measured drive effort that regressions are built on.
 
 A :class:`Segment` is one gap-free stretch of one recording. Positions are fused where a joint has both kinds: each
-weighted by the inverse variance of its own white noise. The drive effort of a joint with a cylinder is ``p1 A1 - p2 A2``
-in N (positive extends), of a joint driven directly its measured effort.
+weighted by the inverse variance of its own white noise. The drive effort of a joint with a cylinder is
+``p1 A1 - p2 A2`` in N (positive extends), of a joint driven directly its measured effort.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
 """What is known before any measurement: a cylinder's moving mass.
 
-In a recording that moves slowly, the moving mass of a cylinder is all but invisible, and its estimate trades off against
-the stiffness (`x''` and `x` are opposite in a sine). But a piston and its rod are made of steel, and the machine file
-gives their size: a rod as long as 1.2 strokes and a piston as long as its bore, give or take half. That enters as one
-more row per cylinder, of the weight of its uncertainty; data that can tell the mass outweigh it.
+In a recording that moves slowly, the moving mass of a cylinder is all but invisible, and its estimate trades off
+against the stiffness (`x''` and `x` are opposite in a sine). But a piston and its rod are made of steel, and the
+machine file gives their size: a rod as long as 1.2 strokes and a piston as long as its bore, give or take half. That
+enters as one more row per cylinder, of the weight of its uncertainty; data that can tell the mass outweigh it.
 """
 
 from __future__ import annotations

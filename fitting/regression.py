@@ -282,6 +282,8 @@ def solve(rows: Sequence[WhiteRows], extra_names: tuple[str, ...] = ()) -> Fit:
     p = A.shape[1]
     scale = np.linalg.norm(A, axis=0)
     used = np.flatnonzero(scale > 0)
+    # Effects come last: where a law could stand in for a base column, the base keeps its meaning.
+    scale = np.where(np.arange(p) < p - len(extra_names), scale, 1e3 * scale)
     Q, R, order = linalg.qr(A[:, used] / scale[used], mode="economic", pivoting=True)
     pivots = np.abs(np.diag(R))
     rank = int(np.count_nonzero(pivots > 1e-9 * pivots[0])) if len(pivots) else 0
@@ -292,7 +294,8 @@ def solve(rows: Sequence[WhiteRows], extra_names: tuple[str, ...] = ()) -> Fit:
     inverse = linalg.solve_triangular(R, np.eye(rank))
     covariance[np.ix_(told_order, told_order)] = (inverse @ inverse.T) / np.outer(scale[told_order], scale[told_order])
     told[told_order] = True
-    singular = linalg.svdvals(R) if rank else np.array([1.0])
+    unit = R / np.linalg.norm(R, axis=0) if rank else R
+    singular = linalg.svdvals(unit) if rank else np.array([1.0])
     residual = b - Q @ projected
     ends = np.cumsum([len(r.b) for r in rows])[:-1]
     return Fit(

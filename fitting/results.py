@@ -211,7 +211,10 @@ def _loop(session: Session, results: Results, model: Model, terms: list[Term]) -
             }
             for finding in results["residual"]["kinematics"]
         ]
-        + [{**c, "title": effect(c["id"]).title, "joint": None if c["joint"] is None else names[c["joint"]]} for c in found["candidates"]],
+        + [
+            {**c, "title": effect(c["id"]).title, "joint": None if c["joint"] is None else names[c["joint"]]}
+            for c in found["candidates"]
+        ],
         "detection_limits": [
             {**limit, "joint": None if limit["joint"] is None else names[limit["joint"]]} for limit in found["limits"]
         ],

@@ -42,7 +42,8 @@ class Options:
     Attributes
     ----------
     loop : False stops after both stages
-    bandwidth_hz : identification bandwidth; None takes five times the motion's own, at least 3 Hz, at most an eighth of the rate
+    bandwidth_hz : identification bandwidth; None takes five times the motion's own, at least 3 Hz, at most an
+        eighth of the rate
     forgetting : forgetting factor of stage 1's recursion; 1 forgets nothing
     """
 
@@ -221,5 +222,6 @@ class Session:
             files = ", ".join(r.file for r in self.recordings if r.role == "train")
             names = ", ".join(missing[:6]) + (f" and {len(missing) - 6} more" if len(missing) > 6 else "")
             raise RecordingError(
-                f"{files}: this motion does not excite {names}; move more joints, or design a motion with 'hilfit excite'"
+                f"{files}: this motion does not excite {names}; move more joints, or design a motion with "
+                "'hilfit excite'"
             )

@@ -22,7 +22,8 @@ from scipy import signal
 FloatArray = npt.NDArray[np.float64]
 
 _KAISER_BETA = 8.0  # side lobes 80 dB down
-# Central differences of eighth order (Fornberg 1988): relative error (omega T)^8 / 630, below 1e-4 up to a tenth of the rate.
+# Central differences of eighth order (Fornberg 1988): relative error (omega T)^8 / 630, below 1e-4 up to a tenth of
+# the rate.
 _FIRST = np.array([1 / 280, -4 / 105, 1 / 5, -4 / 5, 0.0, 4 / 5, -1 / 5, 4 / 105, -1 / 280])
 _SECOND = np.array([-1 / 560, 8 / 315, -1 / 5, 8 / 5, -205 / 72, 8 / 5, -1 / 5, 8 / 315, -1 / 560])
 
@@ -119,8 +120,8 @@ class FilterBank:
 def filter_bank(rate_hz: float, bandwidth_hz: float) -> FilterBank:
     """Design the filters for a bandwidth.
 
-    The identification filter is down by 6 dB at ``bandwidth_hz``, by 60 dB at 1.4 times and by 80 dB at 1.5 times that; the
-    trajectory filter is flat to 1e-3 up to ``bandwidth_hz``.
+    The identification filter is down by 6 dB at ``bandwidth_hz``, by 60 dB at 1.4 times and by 80 dB at 1.5 times that;
+    the trajectory filter is flat to 1e-3 up to ``bandwidth_hz``.
 
     Raises
     ------

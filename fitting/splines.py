@@ -26,9 +26,9 @@ def spline_knots(values: npt.ArrayLike, functions: int) -> FloatArray:
 
 def evaluate(knots: FloatArray, values: npt.ArrayLike) -> FloatArray:
     """Basis functions at ``values``, shape (N, functions); constant beyond the outer knots."""
-    values = np.clip(np.asarray(values, dtype=float), knots[0], knots[-1])
+    inside = np.clip(np.asarray(values, dtype=float), knots[0], knots[-1])
     # Coefficients of the identity: all functions at once, in compiled code.
-    return np.asarray(BSpline(knots, np.eye(len(knots) - 4), 3)(values))
+    return np.asarray(BSpline(knots, np.eye(len(knots) - 4), 3)(inside))
 
 
 def spline_basis(values: npt.ArrayLike, functions: int) -> FloatArray:

@@ -1,11 +1,11 @@
 """The identification as stages, each of which can be a process of its own.
 
-``check, cylinder_stage, rigid_body_stage, residual, attribution, refit, report``. A stage takes a session and what earlier
-stages found (plain JSON) and gives plain JSON; :func:`run_stage` keeps each result in ``output/stages/<stage>.json``, written
-atomically, so that a stage that is done is never run again.
+``check, cylinder_stage, rigid_body_stage, residual, attribution, refit, report``. A stage takes a session and what
+earlier stages found (plain JSON) and gives plain JSON; :func:`run_stage` keeps each result in
+``output/stages/<stage>.json``, written atomically, so that a stage that is done is never run again.
 
-As a program: ``python -m fitting.stages REQUEST.json STAGE`` prints one JSON object a line: ``{"fraction", "text"}`` while it
-works, then ``{"summary"}`` or ``{"error"}``; exit code 0, 1 (failed) or 2 (input).
+As a program: ``python -m fitting.stages REQUEST.json STAGE`` prints one JSON object a line: ``{"fraction", "text"}``
+while it works, then ``{"summary"}`` or ``{"error"}``; exit code 0, 1 (failed) or 2 (input).
 """
 
 from __future__ import annotations
@@ -44,6 +44,7 @@ from fitting.residual.terms import Model
 from fitting.results import build_report
 from fitting.rigid_body_stage import StackedEstimate, identify_one_shot, identify_rigid_body
 from fitting.session import Options, Request, Session
+from fitting.stage_names import STAGES, WORDS
 
 FloatArray = npt.NDArray[np.float64]
 Progress = Callable[[float, str], None]
@@ -197,14 +198,17 @@ def _limits(found: Attribution) -> list[dict[str, Any]]:
     for score in found.limits:
         if score.term.family in accused or isinstance(score.term.content, Law):
             continue
-        # The chi-square that accuses, for the first parameter with the others free.
+        # The chi-square that accuses, for the first parameter that this motion tells at all, with the others free.
         needed = score.gain - score.score + 14.0
-        parameter = score.term.content.parameters[0]
+        told = [number for number, std in enumerate(score.stds) if std > 0]
+        if not told:
+            continue
+        parameter = score.term.content.parameters[told[0]]
         limits.append(
             {
                 "id": score.term.id,
                 "joint": score.term.joint,
-                "smallest": float(np.sqrt(needed) * score.stds[0]),
+                "smallest": float(np.sqrt(needed) * score.stds[told[0]]),
                 "parameter": parameter.name,
                 "unit": parameter.unit,
             }
@@ -275,16 +279,6 @@ _COMPUTE: dict[str, Callable[[Session, Results, Progress], dict[str, Any]]] = {
     "residual": residual,
     "attribution": attribution,
     "refit": refit,
-}
-STAGES: tuple[str, ...] = (*_COMPUTE, "report")
-WORDS = {
-    "check": "checking recordings and equations",
-    "cylinder_stage": "stage 1: each cylinder's friction and stiffness",
-    "rigid_body_stage": "stage 2: base parameters with the friction frozen",
-    "residual": "noise floor and kinematic check",
-    "attribution": "tracing the residual to an effect",
-    "refit": "refitting both stages jointly",
-    "report": "writing the report",
 }
 
 

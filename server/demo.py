@@ -1,8 +1,8 @@
 """``hilfit demo``: the whole main job on simulated buses, from transducers to a corrected model and its report.
 
 The simulated machine runs as processes of its own and is talked to like any machine: motions are handed to its
-controller as files, signals come over CANopen and Modbus through the ordinary drivers. What its plant has that the model
-lacks is known to the plant alone.
+controller as files, signals come over CANopen and Modbus through the ordinary drivers. What its plant has that the
+model lacks is known to the plant alone.
 """
 
 from __future__ import annotations
@@ -85,8 +85,9 @@ def demo(
     from fitting.summary import print_summary
 
     print(
-        f"acquired {acquired.rows} cycles at {acquired.rate_hz:.1f} Hz in machine time, {acquired.missed_cycles} missing, "
-        f"{acquired.not_fresh} values not fresh; {time.monotonic() - started:.0f} s in all"
+        f"acquired {acquired.rows} cycles at {acquired.rate_hz:.1f} Hz in machine time, "
+        f"{acquired.missed_cycles} missing, {acquired.not_fresh} values not fresh; "
+        f"{time.monotonic() - started:.0f} s in all"
     )
     print_summary(report, output)
 

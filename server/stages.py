@@ -12,18 +12,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from fitting.stage_names import STAGES, WORDS
 from server.files import write_atomically
-
-#: What a stage is called in progress events; a stage that is not here is called by its name.
-WORDS = {
-    "check": "Checking the recordings",
-    "cylinder_stage": "Fitting cylinder friction and stiffness",
-    "rigid_body_stage": "Fitting the rigid-body parameters",
-    "residual": "Looking for structure in what is left over",
-    "attribution": "Tracing it to a physical effect",
-    "refit": "Fitting everything again with the effect",
-    "report": "Writing the report",
-}
 
 
 @dataclass(frozen=True)
@@ -58,11 +48,10 @@ class StageRequest:
 
 def words(stage: str) -> str:
     """What a person reads while ``stage`` runs."""
-    return WORDS.get(stage, stage.replace("_", " ").capitalize())
+    said = WORDS.get(stage, stage.replace("_", " "))
+    return said[:1].upper() + said[1:]
 
 
 def fitting_program() -> StageProgram:
     """The stages of :mod:`fitting`, which is loaded here only for their names."""
-    from fitting.stages import STAGES
-
     return StageProgram(tuple(STAGES), (sys.executable, "-P", "-m", "fitting.stages"))

@@ -34,13 +34,12 @@ def simulate(
     workdir: Annotated[Path | None, typer.Option(help="Where machine.yaml and the inbox go.")] = None,
 ) -> None:
     """Run simulated buses of MACHINE until interrupted; prints the machine file to acquire with."""
-    try:  # the physics engine is an extra, and other commands need not load it
-        from sim_backends.motion import read_motion
-        from sim_backends.simulated_machine import SimulatedMachine
-        from sim_backends.truth import load_truth
-        from sim_backends.undeclared import parse_spec
-    except ModuleNotFoundError as error:
-        raise InputError(f"the simulator needs {error.name}; install it with: pip install 'hilfit[sim]'") from None
+    # The physics engine is an extra, and other commands need not load it.
+    from sim_backends.motion import read_motion
+    from sim_backends.simulated_machine import SimulatedMachine
+    from sim_backends.truth import load_truth
+    from sim_backends.undeclared import parse_spec
+
     declared = load_machine(machine)
     specs = [parse_spec(text, declared) for text in undeclared or []]
     for path in motion or []:

@@ -204,14 +204,16 @@ class Effect(ABC):
     confounders: ClassVar[tuple[str, ...]] = ()
     experiment: ClassVar[str]
     source: ClassVar[str]
+    #: True where the effect is one of oil and chambers; friction is there in any drive.
+    needs_cylinder: ClassVar[bool] = False
     #: True where one effect acts on the whole machine (``columns`` then gives all joints at once).
     machine_wide: ClassVar[bool] = False
     #: True where an effect of one joint changes the efforts of all (``columns`` gives all joints at once).
     spreads: ClassVar[bool] = False
 
     def applies(self, machine: Machine, joint: int) -> bool:
-        """Whether the joint can have this effect, and the recordings can show it."""
-        return machine.joints[joint].cylinder is not None or self.level != "cylinder"
+        """Whether the joint can have this effect, and its channels can show it."""
+        return machine.joints[joint].cylinder is not None or not self.needs_cylinder
 
     def shapes(self, view: DriveView) -> Sequence[Shape]:
         """Grid of shape parameters; one empty shape if there are none. ``view`` gives scales (its ranges)."""

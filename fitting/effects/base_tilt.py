@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from daq.machine_file import Machine
 from fitting.dynamics import gravity_regressor
 from fitting.effects.base import DriveView, Effect, FloatArray, Parameter, Shape
 
@@ -25,6 +26,10 @@ class BaseTilt(Effect):
     experiment = "an inclinometer on the base, or the same motion after half a slew turn"
     source = "gravity in the base frame is linear in two small angles"
     machine_wide = True
+
+    def applies(self, machine: Machine, joint: int) -> bool:
+        """There has to be gravity."""
+        return any(machine.gravity)
 
     def columns(self, view: DriveView, shape: Shape) -> FloatArray:
         """Columns (N, n, 2) for all joints."""

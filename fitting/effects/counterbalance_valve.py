@@ -15,6 +15,7 @@ class CounterbalanceValve(Effect):
     id = "counterbalance_valve"
     title = "a counterbalance valve that throttles while lowering"
     level = "cylinder"
+    needs_cylinder = True
     variable = "cylinder_force"
     equation = "(b_0 + b_1 |v|) [v < 0][F^ > 0], or mirrored"
     parity = "only while an overrunning load is lowered"

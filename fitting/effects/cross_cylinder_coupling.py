@@ -16,11 +16,16 @@ class CrossCylinderCoupling(Effect):
     id = "cross_cylinder_coupling"
     title = "another cylinder's flow acting on this one's pressures"
     level = "cylinder"
+    needs_cylinder = True
     variable = "other.piston_speed"
     uses_model = False
-    equation = "b v_k, b |v_k| or b v_k |v_k|"
+    equation = "b_1 v_k + b_2 |v_k| + b_3 v_k |v_k|"
     parity = "follows a neighbour's speed"
-    parameters = (Parameter("b", "SI"),)
+    parameters = (
+        Parameter("b_1", "N s/m"),
+        Parameter("b_2", "N s/m"),
+        Parameter("b_3", "N s^2/m^2"),
+    )
     confounders = ()
     experiment = "move the neighbour alone"
     source = "Merritt, Hydraulic Control Systems, 1967 (line losses)"
@@ -29,12 +34,7 @@ class CrossCylinderCoupling(Effect):
         """Every other joint in turn."""
         return [(other,) for other in range(len(machine.joints)) if other != joint]
 
-    def shapes(self, view: DriveView) -> Sequence[Shape]:
-        """Grid of shapes; see :class:`Effect`."""
-        return ({"law": 0.0}, {"law": 1.0}, {"law": 2.0})
-
     def columns(self, view: DriveView, shape: Shape) -> FloatArray:
         """Columns (N, k); see :class:`Effect`."""
         speed = view.speed_of(int(shape["other"]))
-        laws = (speed, np.abs(speed), speed * np.abs(speed))
-        return laws[int(shape["law"])][:, None]
+        return np.column_stack([speed, np.abs(speed), speed * np.abs(speed)])

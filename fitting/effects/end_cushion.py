@@ -15,6 +15,7 @@ class EndCushion(Effect):
     id = "end_cushion"
     title = "an end-of-stroke cushion"
     level = "cylinder"
+    needs_cylinder = True
     variable = "piston_position"
     uses_model = False
     equation = "w^n (k + d v), w = distance inside the cushion"

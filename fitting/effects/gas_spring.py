@@ -13,6 +13,7 @@ class GasSpring(Effect):
     id = "gas_spring"
     title = "a gas spring or trapped accumulator"
     level = "cylinder"
+    needs_cylinder = True
     variable = "piston_position"
     uses_model = False
     equation = "f_g (1 - x / x_0)^(-n)"

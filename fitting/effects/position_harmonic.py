@@ -6,7 +6,6 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from daq.machine_file import Machine
 from fitting.effects.base import DriveView, Effect, FloatArray, Parameter, Shape
 
 
@@ -27,10 +26,6 @@ class PositionHarmonic(Effect):
     confounders = ("encoder_eccentricity", "supply_ripple")
     experiment = "change the speed: a harmonic stays in x, a ripple in t"
     source = "EMPS benchmark: 2.5 mm harmonic of the screw"
-
-    def applies(self, machine: Machine, joint: int) -> bool:
-        """Any joint: a screw or a gear as well as a cylinder."""
-        return True
 
     def shapes(self, view: DriveView) -> Sequence[Shape]:
         """Grid of shapes; see :class:`Effect`."""

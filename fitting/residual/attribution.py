@@ -3,10 +3,10 @@
 Decisions and where their numbers come from (``docs/decisions/0003-attribution.md``):
 
 accuse
-    A candidate has to gain :data:`ACCUSE` beyond the price of its parameters. One parameter then needs a chi-square of 20
-    (p = 8e-6), which pays for some hundred independent looks per joint at one per cent.
+    A candidate has to gain :data:`ACCUSE` beyond the price of its parameters. One parameter then needs a chi-square
+    of 20 (p = 8e-6), which pays for some hundred independent looks per joint at one per cent.
 name or law
-    A named effect that leaves a spline of one signal clearly better off is not the explanation; the law is said instead.
+    A named effect that leaves a spline of one signal clearly better off is not the explanation; the law is said.
 set
     Two candidates with one parameter differ by ``lambda^2 (1 - rho^2)`` on average, with twice its root as
     standard deviation; a rival within :data:`SET_WIDTH` could be the truth with a chance of more than half a per cent.
@@ -18,19 +18,22 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
 
 from fitting.effects.base import Effect
-from fitting.prior import Prior
 from fitting.regression import full_residual
 from fitting.residual.laws import Law
-from fitting.residual.scoring import ColumnCache, Score, catalogue_terms, law_terms, score_terms
-from fitting.residual.terms import Model, Term, fit_model
+from fitting.residual.scoring import PARAMETER_PRICE, ColumnCache, Score, catalogue_terms, law_terms, score_terms
+from fitting.residual.terms import Model, Term
+from fitting.splines import spline_knots
 
 FloatArray = npt.NDArray[np.float64]
 Progress = Callable[[float, str], None]
+#: Effect id (``law``) and joint.
+Family = tuple[str, int | None]
 
 ACCUSE = 14.0
 SET_WIDTH = 7.0
@@ -40,7 +43,7 @@ LAW_WINS_SHARE = 0.05
 MOST_EFFECTS = 4
 MOST_RIVALS = 2
 #: What is left of an effect's own gain on its own joint is the difference between its formula and nature's.
-MISFIT_SHARE = 0.05
+MISFIT_SHARE = 0.1
 #: The same for a spline's limited resolution, in the signal that it is a law of.
 LAW_MISFIT_SHARE = 0.25
 #: The same on other joints, where only the coupling through the rigid body shows.
@@ -97,12 +100,23 @@ class Attribution:
         return "ambiguous" if any(a.rivals for a in self.accepted) else "effect_added"
 
 
+class Signals(Protocol):
+    """What can correct the signals themselves, for effects that a column cannot correct when they are large."""
+
+    def rebuilt(self, model: Model) -> Model:
+        """The model with its last term moved into the signals as far as that term can be."""
+        ...
+
+    def refit(self, terms: Sequence[Term]) -> Model:
+        """A fresh fit with these terms, on signals corrected as they say."""
+        ...
+
+
 def attribute(
     base: Model,
     effects: Sequence[Effect],
     validate: Sequence[int],
-    prior: Prior,
-    rebuild: Callable[[Model, Term], Model] | None = None,
+    signals: Signals,
     progress: Progress = lambda fraction, text: None,
 ) -> Attribution:
     """Run the loop on a fitted base model.
@@ -112,105 +126,151 @@ def attribute(
     base : joint fit of the base model
     effects : the catalogue
     validate : segments of the `validate` recordings; nothing is selected on them, they only confirm or refuse
-    prior : prior of the fits
-    rebuild : turns a model and a term into a model whose *signals* were corrected (for effects like latency that a
-        column cannot correct when they are large); None if the term is no such effect
+    signals : refits, with delays and the like corrected in the signals themselves
     progress : called with a fraction and plain words
     """
-    joints = base.design.parameters.joints
-    model, accepted = base, []
-    refused: set[tuple[str, int | None]] = set()
-    table: dict[tuple[str, int | None], Candidate] = {}
-    warnings: list[str] = []
-    limits: list[Score] = []
-    names_refuted: set[int | None] = set()
-    cache: ColumnCache = {}
-    joints_open: list[int] | None = None
-    for step in range(MOST_EFFECTS + 3):
-        progress(min(0.9, step / 4), f"looking for what is missing, round {step + 1}")
-        named = best_by_family(score_terms(model, *catalogue_terms(model, effects, joints_open), cache))
-        best_laws = best_by_joint(score_terms(model, *law_terms(model, joints_open), cache))
-        if step == 0:
-            limits = list(named.values())
-        _record(table, named, accepted)
-        open_names = [
-            s
-            for s in named.values()
-            if s.plausible
-            and s.term.family not in refused
-            and s.term.joint not in names_refuted
-            and not _there(accepted, s)
-        ]
-        open_laws = [s for s in best_laws.values() if s.term.family not in refused and not _law_there(accepted, s)]
-        choice = _choose(open_names, open_laws, accepted)
-        if choice is None or len(accepted) >= MOST_EFFECTS:
+    selection = _Selection(base, effects, validate, signals)
+    for number in range(MOST_EFFECTS + 3):
+        progress(min(0.9, number / 4), f"looking for what is missing, round {number + 1}")
+        if not selection.step():
             break
-        if isinstance(choice.term.content, Law):
-            wrong = _refutes(choice, accepted)
-            if wrong is not None:
-                name = accepted.pop(wrong).score.term
-                names_refuted.add(name.joint)
-                table[name.family] = replace(
-                    table[name.family],
-                    status="rejected",
-                    reason="a law of one signal explains much more on this joint: it is not this effect",
-                )
-                model = fit_model(base.design, base.noise, base.fitted, [a.score.term for a in accepted], prior, base)
-                continue
+    selection.prune()
+    return selection.result()
+
+
+class _Selection:
+    """State of the forward selection: the model so far, what was accepted or refused, and the table of candidates."""
+
+    def __init__(self, base: Model, effects: Sequence[Effect], validate: Sequence[int], signals: Signals) -> None:
+        self.base, self.effects, self.validate, self.signals = base, effects, validate, signals
+        self.model = base
+        self.accepted: list[Accepted] = []
+        self.refused: set[Family] = set()
+        self.refuted_joints: set[int | None] = set()
+        self.table: dict[Family, Candidate] = {}
+        self.limits: tuple[Score, ...] = ()
+        self.cache: ColumnCache = {}
+        self.scored: Model | None = None
+        self.named: dict[Family, Score] = {}
+        self.laws: dict[int | None, Score] = {}
+
+    def step(self) -> bool:
+        """One round: score everything, add, refuse or take back one thing. False when there is nothing left to do."""
+        self._score()
+        if not self.limits:
+            self.limits = tuple(self.named.values())
+        _record(self.table, self.named, self.accepted)
+        choice = _choose(self._open_names(), self._open_laws(), self.accepted)
+        if choice is None or len(self.accepted) >= MOST_EFFECTS:
+            return False
+        wrong = _refutes(choice, self.accepted) if isinstance(choice.term.content, Law) else None
+        if wrong is not None:
+            self._take_back(wrong)
         else:
-            choice = _refined(model, choice)
-        trial = fit_model(
-            model.design, model.noise, model.fitted, [*(a.score.term for a in accepted), choice.term], prior, model
+            self._try(choice)
+        return True
+
+    def _score(self) -> None:
+        if self.scored is self.model:
+            return
+        if self.scored is not None and self.scored.design is not self.model.design:
+            self.cache.clear()
+        self.named = best_by_family(score_terms(self.model, *catalogue_terms(self.model, self.effects), self.cache))
+        self.laws = best_by_joint(score_terms(self.model, *law_terms(self.model), self.cache))
+        self.scored = self.model
+
+    def _open_names(self) -> list[Score]:
+        return [
+            score
+            for score in self.named.values()
+            if score.plausible
+            and score.term.family not in self.refused
+            and score.term.joint not in self.refuted_joints
+            and not _there(self.accepted, score)
+        ]
+
+    def _open_laws(self) -> list[Score]:
+        return [
+            score
+            for score in self.laws.values()
+            if score.term.family not in self.refused and not _law_there(self.accepted, score)
+        ]
+
+    def _take_back(self, number: int) -> None:
+        """An accepted name was wrong: a law of one signal explains far more on its joint."""
+        family = self.accepted.pop(number).score.term.family
+        self.refuted_joints.add(family[1])
+        self.table[family] = replace(
+            self.table[family],
+            status="rejected",
+            reason="a law of one signal explains much more on this joint: it is not this effect",
         )
-        if rebuild is not None:
-            trial = rebuild(trial, choice.term)
-            choice = replace(choice, term=trial.terms[-1])
-            if trial.design is not model.design:
-                cache.clear()
-        gain = validate_gain(model, trial, validate) if validate else None
+        self.model = self.signals.refit([item.score.term for item in self.accepted])
+
+    def _try(self, choice: Score) -> None:
+        """Add the choice if it helps on the validation motion."""
+        choice = (_refined if isinstance(choice.term.content, Effect) else _finer)(self.model, choice)
+        terms = [*(item.score.term for item in self.accepted), choice.term]
+        trial = self.signals.rebuilt(self.signals.refit(terms))
+        choice = replace(choice, term=trial.terms[-1])
+        family = choice.term.family
+        gain = validate_gain(self.model, trial, self.validate) if self.validate else None
         if gain is not None and gain <= 0:
-            refused.add(choice.term.family)
-            table[choice.term.family] = Candidate(
-                choice.term.id,
-                choice.term.joint,
-                choice.score,
-                "rejected",
-                f"it does not help on the validation motion (chi-square {gain:+.1f})",
-            )
-            continue
-        rivals = () if isinstance(choice.term.content, Law) else _rivals(choice, named, refused)
-        accepted.append(Accepted(choice, rivals, gain))
-        table[choice.term.family] = Candidate(choice.term.id, choice.term.joint, choice.score, "accepted", _why(choice))
+            self.refused.add(family)
+            reason = f"it does not help on the validation motion (chi-square {gain:+.1f})"
+            self.table[family] = Candidate(*family, choice.score, "rejected", reason)
+            return
+        rivals = () if isinstance(choice.term.content, Law) else _rivals(choice, self.named, self.refused)
+        self.accepted.append(Accepted(choice, rivals, gain))
+        self.table[family] = Candidate(*family, choice.score, "accepted", _why(choice))
         for rival in rivals:
-            table[rival.term.family] = Candidate(
-                rival.term.id,
-                rival.term.joint,
-                rival.score,
-                "indistinguishable",
-                f"within {choice.score - rival.score:.1f} of {choice.term.id}: this data cannot tell them apart",
-            )
-        model = trial
-    model, accepted = _pruned(model, accepted, prior, table)
-    left = (
-        [s for s in best_by_joint(score_terms(model, *law_terms(model))).values() if s.score > ACCUSE]
-        if accepted
-        else []
-    )
-    for score in left:
-        where = joints[score.term.joint or 0]
-        law = score.term.content
-        assert isinstance(law, Law)
-        warnings.append(
-            f"{where}: a small structure in {law.variable(joints)} is left (chi-square {score.gain:.0f}); "
-            "the added effect's formula is not exactly nature's"
-        )
-    ordered = tuple(sorted(table.values(), key=lambda c: -c.score))
-    return Attribution(base, model, tuple(accepted), ordered, tuple(limits), tuple(warnings))
+            reason = f"within {choice.score - rival.score:.1f} of {choice.term.id}: this data cannot tell them apart"
+            self.table[rival.term.family] = Candidate(*rival.term.family, rival.score, "indistinguishable", reason)
+        self.model = trial
+
+    def prune(self) -> None:
+        """Backward: drop what no longer earns its place beside the others."""
+        while len(self.accepted) > 1:
+            worth = [self._worth(number) for number in range(len(self.accepted))]
+            weakest = int(np.argmin(worth))
+            if worth[weakest] >= ACCUSE / 2:
+                break
+            family = self.accepted.pop(weakest).score.term.family
+            reason = "not needed any more beside the effects added later"
+            self.table[family] = replace(self.table[family], status="rejected", reason=reason)
+            self.model = self.signals.refit([item.score.term for item in self.accepted])
+
+    def _worth(self, number: int) -> float:
+        """Chi-square that dropping an accepted term would cost, less the price of its parameters (Wald's)."""
+        fit, part = self.model.fit, self.model.term_slice(number)
+        told = fit.told[part]
+        values = fit.theta[part][told]
+        if self.model.terms[number].rebuilt:  # what was moved into the signals counts as well
+            values = values + np.asarray(self.model.terms[number].rebuilt)[told]
+        covariance = fit.covariance[part, part][np.ix_(told, told)]
+        wald = float(values @ np.linalg.pinv(covariance) @ values) if told.any() else 0.0
+        return wald - PARAMETER_PRICE * int(told.sum())
+
+    def result(self) -> Attribution:
+        """What was found, with a warning for every joint on which a law still gains something."""
+        joints = self.base.design.parameters.joints
+        warnings = []
+        if self.accepted:
+            self._score()
+            for score in self.laws.values():
+                law = score.term.content
+                if score.score > ACCUSE and isinstance(law, Law):
+                    warnings.append(
+                        f"{joints[score.term.joint or 0]}: a small structure in {law.variable(joints)} is left "
+                        f"(chi-square {score.gain:.0f}); the added effect's formula is not exactly nature's"
+                    )
+        ordered = tuple(sorted(self.table.values(), key=lambda c: -c.score))
+        return Attribution(self.base, self.model, tuple(self.accepted), ordered, self.limits, tuple(warnings))
 
 
-def best_by_family(scores: Sequence[Score]) -> dict[tuple[str, int | None], Score]:
+def best_by_family(scores: Sequence[Score]) -> dict[Family, Score]:
     """Best shape of each effect on each joint; plausible ones come before implausible ones."""
-    best: dict[tuple[str, int | None], Score] = {}
+    best: dict[Family, Score] = {}
     for score in scores:
         present = best.get(score.term.family)
         if present is None or (score.plausible, score.score) > (present.plausible, present.score):
@@ -281,15 +341,13 @@ def _refutes(score: Score, accepted: Sequence[Accepted]) -> int | None:
     """Number of an accepted *name* on the same joint that this law shows to be wrong."""
     for number, item in enumerate(accepted):
         term = item.score.term
-        if isinstance(term.content, Effect) and term.joint == score.term.joint:
-            if score.gain > REFUTED_SHARE * item.score.gain:
-                return number
+        named_here = isinstance(term.content, Effect) and term.joint == score.term.joint
+        if named_here and score.gain > REFUTED_SHARE * item.score.gain:
+            return number
     return None
 
 
-def _rivals(
-    choice: Score, named: dict[tuple[str, int | None], Score], refused: set[tuple[str, int | None]]
-) -> tuple[Score, ...]:
+def _rivals(choice: Score, named: dict[Family, Score], refused: set[Family]) -> tuple[Score, ...]:
     width = max(SET_WIDTH, SET_SHARE * choice.gain)
     near = [
         s
@@ -310,20 +368,23 @@ def _law_there(accepted: Sequence[Accepted], score: Score) -> bool:
     law = score.term.content
     for item in accepted:
         present = item.score.term.content
-        if isinstance(present, Law) and isinstance(law, Law) and item.score.term.joint == score.term.joint:
-            if (present.signal, present.other, present.signed) == (law.signal, law.other, law.signed):
-                return True
+        if not isinstance(present, Law) or not isinstance(law, Law) or item.score.term.joint != score.term.joint:
+            continue
+        if (present.signal, present.other, present.signed) == (law.signal, law.other, law.signed):
+            return True
     return False
 
 
 def _record(
-    table: dict[tuple[str, int | None], Candidate],
-    named: dict[tuple[str, int | None], Score],
+    table: dict[Family, Candidate],
+    named: dict[Family, Score],
     accepted: Sequence[Accepted],
 ) -> None:
     """Note what each family could do in this round, unless it already has its say."""
     for family, score in named.items():
-        if family in table and table[family].status != "rejected" or family in {a.score.term.family for a in accepted}:
+        if (family in table and table[family].status != "rejected") or family in {
+            a.score.term.family for a in accepted
+        }:
             continue
         if not score.plausible and score.score > ACCUSE:
             values = ", ".join(f"{v:.3g}" for v in score.values)
@@ -364,25 +425,16 @@ def _refined(model: Model, score: Score) -> Score:
     return best
 
 
-def _pruned(
-    model: Model, accepted: list[Accepted], prior: Prior, table: dict[tuple[str, int | None], Candidate]
-) -> tuple[Model, list[Accepted]]:
-    """Backward: drop what no longer earns its place beside the others."""
-    while len(accepted) > 1:
-        losses = []
-        for number in range(len(accepted)):
-            part = model.term_slice(number)
-            told = model.fit.told[part]
-            values = model.fit.theta[part][told]
-            covariance = model.fit.covariance[part, part][np.ix_(told, told)]
-            wald = float(values @ np.linalg.pinv(covariance) @ values) if told.any() else 0.0
-            losses.append(wald - 6.0 * int(told.sum()))
-        weakest = int(np.argmin(losses))
-        if losses[weakest] >= ACCUSE / 2:
+def _finer(model: Model, score: Score) -> Score:
+    """The law with twice and four times the knots, as long as they earn their price: a bump may be narrow."""
+    law = score.term.content
+    assert isinstance(law, Law)
+    best = score
+    values = np.concatenate([law.values(model.views[index][score.term.joint or 0]) for index in model.fitted])
+    for factor in (2, 4):
+        knots = tuple(spline_knots(values, factor * (len(law.knots) - 4)).tolist())
+        trials = score_terms(model, [replace(score.term, content=replace(law, knots=knots))], [4])
+        if not trials or trials[0].score <= best.score:
             break
-        gone = accepted.pop(weakest).score.term
-        table[gone.family] = replace(
-            table[gone.family], status="rejected", reason="not needed any more beside the effects added later"
-        )
-        model = fit_model(model.design, model.noise, model.fitted, [a.score.term for a in accepted], prior, model)
-    return model, accepted
+        best = trials[0]
+    return best

@@ -37,7 +37,9 @@ def scatter(before: Model, after: Model, number: int, shown: Sequence[int]) -> S
     joint = _joint_of(after, number)
     name = design.machine.joints[joint].name
     variable, unit = _variable(after, number)
-    x, first, second, direction, columns = [], [], [], [], []
+    x, direction, columns = [], [], []
+    first: list[FloatArray] = []
+    second: list[FloatArray] = []
     part = after.term_slice(number)
     for index in shown:
         pick = slice(design.bank.half, len(design.segments[index]) - design.bank.half, design.bank.decimation)

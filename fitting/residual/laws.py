@@ -1,7 +1,7 @@
 """Laws of one measured variable: what is said when no known effect fits.
 
-A law is a cubic spline in one signal of the joint itself or of a neighbour, alone or times the sign of the joint's speed,
-fitted together with the base. It localises structure without knowing its physics.
+A law is a cubic spline in one signal of the joint itself or of a neighbour, alone or times the sign of the joint's
+speed, fitted together with the base. It localises structure without knowing its physics.
 """
 
 from __future__ import annotations

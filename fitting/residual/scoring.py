@@ -8,7 +8,7 @@ columns ``C`` lower the residual's sum of squares by::
 with ``e`` the residual of the present model: exactly the chi-square that a full refit with the candidate would gain, at
 the cost of one small solve. ``S`` is what survives projecting the base out of the candidate.
 
-A directions of ``S`` that survives with less than 1e-4 of its norm is rounding or geometry, and is not used.
+A direction of ``S`` that survives with less than 1e-4 of its norm is rounding or geometry, and is not used.
 """
 
 from __future__ import annotations
@@ -64,7 +64,8 @@ def score_terms(
 ) -> list[Score]:
     """Scores of candidates; ``grid[i]`` is the size of the grid that candidate ``i`` was picked from.
 
-    ``cache`` keeps whitened columns that depend on the measured motion only, between calls with the same design and noise.
+    ``cache`` keeps whitened columns that depend on the measured motion only, between calls with the same design and
+    noise.
     """
     cache = {} if cache is None else cache
     result: list[Score | None] = [None] * len(terms)
@@ -124,11 +125,10 @@ def _white_columns(model: Model, terms: Sequence[Term], joint: int) -> FloatArra
 
 
 def _gram(model: Model, parts: Sequence[FloatArray]) -> tuple[FloatArray, FloatArray, FloatArray]:
-    norms = sum(np.einsum("ij,ij->j", part, part) for part in parts)
-    shadow = sum(q.T @ part for q, part in zip(model.fit.orthonormal, parts, strict=True))
-    gram = sum(part.T @ part for part in parts) - shadow.T @ shadow
-    products = sum(part.T @ e for part, e in zip(parts, model.fit.residual, strict=True))
-    return np.asarray(gram), np.asarray(products), np.asarray(norms)
+    together = np.vstack(parts)
+    shadow = np.vstack(model.fit.orthonormal).T @ together
+    gram = together.T @ together - shadow.T @ shadow
+    return gram, together.T @ np.concatenate(model.fit.residual), np.einsum("ij,ij->j", together, together)
 
 
 def _score(
@@ -172,6 +172,8 @@ def catalogue_terms(
     grid: list[int] = []
     machine = model.design.machine
     for effect in effects:
+        if effect.machine_wide and not effect.applies(machine, 0):
+            continue
         if effect.machine_wide:
             own = [Term(effect, None, shape) for shape in effect.shapes(model.views[model.fitted[0]][0])]
             terms.extend(own)

@@ -393,5 +393,3 @@ def shifted(recording: Recording, samples: int) -> Recording:
     """The recording without its first ``samples`` rows: the same motion, started later."""
     cut = {name: value[samples:] for name, value in recording.values.items()}
     return replace(recording, time=recording.time[samples:] - recording.time[samples], values=cut)
-
-

@@ -44,9 +44,7 @@ def test_what_is_in_no_catalogue_becomes_a_law_of_its_variable(strange: Attribut
     assert strange.verdict == "unexplained"
     laws = [a.score.term for a in strange.accepted if isinstance(a.score.term.content, Law)]
     assert laws and all(t.joint == 1 for t in laws)
-    assert {t.content.variable(("joint1", "joint2")) for t in laws if isinstance(t.content, Law)} == {
-        "piston_position"
-    }
+    assert {t.content.variable(("joint1", "joint2")) for t in laws if isinstance(t.content, Law)} == {"piston_position"}
 
 
 def test_a_law_has_the_shape_of_what_was_put_in(strange: Attribution) -> None:

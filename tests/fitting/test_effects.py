@@ -170,7 +170,7 @@ CASES = [
     Case("position_dependent_friction", 1, (800.0, 0.0, 0.0)),
     Case("gas_spring", 1, (40.0,), {"side": 1.0, "rest": 0.1, "n": 1.4}),
     Case("counterbalance_valve", 1, (40.0, 400.0), {"side": 1.0}),
-    Case("cross_cylinder_coupling", 1, (500.0,), {"other": 0.0, "law": 0.0}),
+    Case("cross_cylinder_coupling", 1, (500.0, 0.0, 0.0), {"other": 0.0}),
     # Equivalence classes of the notes: a constant force is also a Coulomb asymmetry, a gain of one chamber as well.
     Case("pressure_offset", 1, (50.0,), or_set=("asymmetric_friction", "gas_spring")),
     Case("pressure_gain", 1, (0.05,), {"chamber": 1.0}, or_set=("asymmetric_friction",)),
@@ -197,7 +197,7 @@ ELSEWHERE = {
     "encoder_eccentricity": "found between two position sensors: test_kinematic_check",
 }
 RECORDINGS = (("unloaded", 1), ("train", 2), ("train", 4), ("repeat", 2), ("validate", 3))
-QUICK = ("position_dependent_friction", "pressure_offset")
+QUICK = ("position_dependent_friction",)
 
 
 def test_every_effect_has_a_case_or_a_reason() -> None:

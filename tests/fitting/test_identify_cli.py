@@ -52,9 +52,7 @@ def test_the_report_is_written_and_the_table_printed(
     assert report["loop"]["verdict"] == "nothing_missing"
 
 
-def test_json_prints_the_report_and_nothing_else(
-    arm: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_json_prints_the_report_and_nothing_else(arm: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert run([*command(arm, tmp_path / "out"), "--json", "--no-loop"]) == 0
     written = capsys.readouterr()
     report = json.loads((tmp_path / "out" / "report.json").read_text(encoding="utf-8"))

@@ -11,9 +11,9 @@ import pytest
 import yaml
 from arm_examples import SHARED
 
+from fitting.results import build_report
 from fitting.session import Request, Session
 from fitting.stages import _COMPUTE
-from fitting.results import build_report
 
 pytestmark = pytest.mark.slow
 

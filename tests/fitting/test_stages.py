@@ -128,9 +128,7 @@ def test_an_unknown_stage_is_an_input_error(files: Path, tmp_path: Path) -> None
         run_stage("magic", request_of(files, tmp_path))
 
 
-def test_a_stage_that_fails_leaves_nothing_half(
-    files: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_stage_that_fails_leaves_nothing_half(files: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     request = request_of(files, tmp_path / "report")
     monkeypatch.setitem(stages._COMPUTE, "check", lambda *args: {"value": {1, 2}})  # a set is no JSON
     with pytest.raises(TypeError):
@@ -194,6 +192,7 @@ def test_a_request_survives_its_file(files: Path, tmp_path: Path) -> None:
     assert load_request(request_file(request, tmp_path / "request.json")) == request
 
 
+@pytest.mark.slow
 def test_as_a_process_of_its_own(files: Path, tmp_path: Path) -> None:
     path = request_file(request_of(files, tmp_path / "report"), tmp_path / "request.json")
     done = subprocess.run(

@@ -59,6 +59,7 @@ def outcome(running: Running, job: str) -> dict[str, Any]:
     return dict(running.client.get(f"{API}/jobs/{job}").json())
 
 
+@pytest.mark.slow
 def test_a_job_whose_workflow_broke_off_is_not_running_for_ever(
     tmp_path: Path, csv: bytes, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -77,6 +78,7 @@ def test_a_job_whose_workflow_broke_off_is_not_running_for_ever(
         assert (job["state"], job["error"]) == ("failed", "the job broke off unexpectedly; order it again")
 
 
+@pytest.mark.slow
 def test_a_job_that_was_stored_but_never_queued_is_taken_up(
     tmp_path: Path, csv: bytes, monkeypatch: pytest.MonkeyPatch
 ) -> None:

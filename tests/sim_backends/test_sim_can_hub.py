@@ -7,7 +7,7 @@ from pathlib import Path
 
 import can
 import pytest
-from conftest import SYNC, connect, receive
+from sim_bus_client import SYNC, connect, receive
 
 
 def talk(port: int, *commands: bytes) -> list[bytes]:

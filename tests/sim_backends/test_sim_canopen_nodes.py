@@ -10,9 +10,9 @@ import can
 import canopen
 import numpy as np
 import pytest
-from conftest import SYNC, receive
 from hypothesis import given
 from hypothesis import strategies as st
+from sim_bus_client import SYNC, receive
 
 import sim_backends
 from sim_backends import default_machine

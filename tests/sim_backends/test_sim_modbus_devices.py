@@ -9,8 +9,8 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
-from conftest import SYNC
 from pymodbus.client import ModbusTcpClient
+from sim_bus_client import SYNC
 
 from daq import wire as encodings
 from daq.machine_file import ModbusSource

@@ -15,7 +15,7 @@ from pathlib import Path
 import can
 import numpy as np
 import pytest
-from conftest import SYNC, connect, receive
+from sim_bus_client import SYNC, connect, receive
 
 from daq.acquisition import AcquisitionProcess
 from daq.errors import InputError

@@ -1,0 +1,13 @@
+"""Names of an identification's stages, apart from the code that runs them: importing this loads no numerics."""
+
+#: Stage to what is said while it runs.
+WORDS = {
+    "check": "checking recordings and equations",
+    "cylinder_stage": "stage 1: each cylinder's friction and stiffness",
+    "rigid_body_stage": "stage 2: base parameters with the friction frozen",
+    "residual": "noise floor and kinematic check",
+    "attribution": "tracing the residual to an effect",
+    "refit": "refitting both stages jointly",
+    "report": "writing the report",
+}
+STAGES: tuple[str, ...] = tuple(WORDS)
