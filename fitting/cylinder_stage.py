@@ -30,7 +30,7 @@ class CylinderEstimate:
     ----------
     joint : name
     names : parameters, ``m K f_c f_v f_s`` or those that a direct drive has
-    theta, std : their values and standard deviations, SI
+    theta, std : their values and standard deviations, SI; zero and infinite for a joint that never moved
     residual_std : of the filtered drive effort, N (or the joint's effort unit)
     in_situ : True if the load was a nuisance instead of zero
     rows : how many rows the recursion took
@@ -66,6 +66,11 @@ def _identify(design: Design, noise: NoiseModel, prior: Prior, joint: int, forge
         own = np.hstack([A[:, drive], body[:, np.linalg.norm(body, axis=0) > 0]])
     else:
         own = A[:, drive]
+    if len(b) == 0:  # it never moved: nothing is known, and nothing is made up
+        nothing = np.zeros(len(names))
+        return CylinderEstimate(
+            design.machine.joints[joint].name, names, nothing, np.full(len(names), np.inf), 0.0, in_situ, 0
+        )
     # The recursion works on unit columns; the estimate is scaled back.
     scale = np.linalg.norm(own, axis=0)
     scale[scale == 0] = 1.0

@@ -300,8 +300,11 @@ def _warnings(session: Session, results: Results) -> list[str]:
         )
     if not session.plain.validate:
         warnings.append("no validation motion: errors are those of the training motion, which was fitted")
-    if any(c["in_situ"] for c in results["cylinder_stage"]["cylinders"]):
-        in_situ = [c["joint"] for c in results["cylinder_stage"]["cylinders"] if c["in_situ"]]
+    still = [c["joint"] for c in results["cylinder_stage"]["cylinders"] if c["rows"] == 0]
+    if still:
+        warnings.append(f"{', '.join(still)} never moved: nothing is known of its friction and stiffness")
+    in_situ = [c["joint"] for c in results["cylinder_stage"]["cylinders"] if c["in_situ"] and c["rows"] > 0]
+    if in_situ:
         warnings.append(f"stage 1 ran with the load as a nuisance on {', '.join(in_situ)}: no unloaded recording of it")
     parameters = session.plain.design.parameters
     untold = [n for n, told in zip(parameters.names, results["refit"]["after"]["told"], strict=False) if not told]

@@ -20,14 +20,9 @@ def print_summary(report: Mapping[str, Any], output: Path) -> None:
         before, after = errors["before"]["validate"], errors["after"]["validate"]
         if before is None:
             before, after = errors["before"]["train"], errors["after"]["train"]
-        table.add_row(
-            joint,
-            errors["unit"],
-            f"{errors['noise_floor']:.3g}",
-            f"{before:.3g}",
-            f"{after:.3g}",
-            f"{100 * (after / before - 1):+.0f} %",
-        )
+        change = "-" if not before or after is None else f"{100 * (after / before - 1):+.0f} %"
+        numbers = ("-" if n is None else f"{n:.3g}" for n in (errors["noise_floor"], before, after))
+        table.add_row(joint, errors["unit"], *numbers, change)
     console.print(table)
     titles = {entry["id"]: entry["title"] for entry in report["loop"]["effects"]}
     console.print(verdict_sentence(report, titles), soft_wrap=True)

@@ -321,7 +321,10 @@ def _is_misfit(score: Score, accepted: Sequence[Accepted]) -> bool:
         own = term.everywhere or term.joint == score.term.joint or score.term.everywhere
         share = MISFIT_SHARE if own else SPILL_SHARE
         if isinstance(term.content, Law) and own and _same_signal(score, term.content):
-            share = LAW_MISFIT_SHARE
+            content = score.term.content
+            # The odd part of a law is no misfit of its even part: one signal may have both.
+            other_part = isinstance(content, Law) and content.signed != term.content.signed
+            share = SPILL_SHARE if other_part else LAW_MISFIT_SHARE
         if score.gain < share * item.score.gain:
             return True
     return False

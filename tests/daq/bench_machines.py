@@ -69,15 +69,15 @@ def socketcand(port: int, rate: float = 50) -> str:
     )
 
 
-def modbus(port: int, rate: float = 50) -> str:
-    """Units 1 and 2 behind one TCP port."""
+def modbus(port: int, rate: float = 50, timeout_s: float = 0.5) -> str:
+    """Units 1 and 2 behind one TCP port; the time-out is long enough that a busy computer is no dead device."""
     return HEAD.format(rate=rate) + MODBUS.format(
-        bus=f"{{name: mb, type: modbus_tcp, host: 127.0.0.1, port: {port}, timeout_s: 0.05}}"
+        bus=f"{{name: mb, type: modbus_tcp, host: 127.0.0.1, port: {port}, timeout_s: {timeout_s}}}"
     )
 
 
-def modbus_serial(port: str) -> str:
+def modbus_serial(port: str, timeout_s: float = 0.25) -> str:
     """Units 1 and 2 on a serial line."""
     return HEAD.format(rate=20) + MODBUS.format(
-        bus=f"{{name: mb, type: modbus_rtu, port: {port}, parity: N, timeout_s: 0.05}}"
+        bus=f"{{name: mb, type: modbus_rtu, port: {port}, parity: N, timeout_s: {timeout_s}}}"
     )

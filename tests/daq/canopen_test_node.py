@@ -5,6 +5,7 @@ It is written from CiA 301 and shares no code with the driver. It lives on pytho
 
 from __future__ import annotations
 
+import queue
 import struct
 import threading
 import time
@@ -46,11 +47,13 @@ class FakeNode:
     frozen: dict[tuple[int, int], bytes] = field(default_factory=dict)  # objects that keep their value
     refused: set[tuple[int, int]] = field(default_factory=set)
     boots_by_itself: bool = True
+    holding: bool = False  # keeps its TPDOs back until they are let go one by one
 
     def __post_init__(self) -> None:
         self.log: list[tuple[int, int, bytes]] = []
         self.commands: list[int] = []
         self.syncs = 0
+        self.held: queue.Queue[tuple[int, bytes]] = queue.Queue()
         self.state = PRE_OPERATIONAL
         self.operational = threading.Event()
         self.bus = can.Bus(interface="virtual", channel=self.channel)
@@ -78,6 +81,10 @@ class FakeNode:
     def emergency(self, code: int) -> None:
         """Send EMCY."""
         self._send(0x080 + self.node, struct.pack("<HB5x", code, 1 if code else 0))
+
+    def let_go(self) -> None:
+        """Send the TPDO that was held back first."""
+        self._send(*self.held.get(timeout=10))
 
     def close(self) -> None:
         self._stop.set()
@@ -120,7 +127,11 @@ class FakeNode:
             for entry in range(1, self.objects[0x1A00 + pdo, 0][0] + 1):
                 place = struct.unpack("<I", self.objects[0x1A00 + pdo, entry])[0]
                 data += self.objects[place >> 16, place >> 8 & 0xFF]
-            self._send(cob_id & 0x7FF, data[: len(data) - self.truncate])
+            frame = (cob_id & 0x7FF, data[: len(data) - self.truncate])
+            if self.holding:
+                self.held.put(frame)
+            else:
+                self._send(*frame)
 
     def _sdo(self, data: bytes) -> None:
         command, index, subindex = struct.unpack_from("<BHB", data)

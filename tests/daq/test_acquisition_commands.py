@@ -144,6 +144,7 @@ def test_record_fails_in_one_line_when_a_device_is_gone(bench: tuple[Path, FakeM
     assert not output.exists()
 
 
+@pytest.mark.slow
 def test_an_interrupted_recording_is_sealed(bench: tuple[Path, FakeModbus], tmp_path: Path) -> None:
     output = tmp_path / "r.parquet"
     program = "import typer; from daq import cli; app = typer.Typer(); cli.register(app); app()"

@@ -19,6 +19,8 @@ from daq.drivers import DriverContext, Samples
 from daq.drivers.canopen import CanopenDriver
 
 PERIOD = 0.02
+#: A cycle waits this long for what is due: longer than a busy computer keeps a node's thread from running.
+PATIENCE = 0.3
 NS = 1_000_000_000
 
 
@@ -32,7 +34,7 @@ class Bench:
     def once(self) -> Samples:
         start = time.monotonic_ns()
         self.driver.trigger(self.cycle)
-        samples = self.driver.collect(start + round(0.9 * PERIOD * NS))
+        samples = self.driver.collect(start + round(PATIENCE * NS))
         self.cycle += 1
         time.sleep(max(0.0, PERIOD - (time.monotonic_ns() - start) / NS))
         return samples
@@ -81,7 +83,7 @@ def test_a_connection_that_is_cut_is_noticed_and_made_again(bench: Bench) -> Non
     bench.driver.start()
     bench.until(fresh)
     bench.hub.drop()
-    bench.until(down, cycles=50)
+    bench.until(down)
     bench.until(fresh)
     assert bench.hub.clients == 2
 
@@ -91,7 +93,7 @@ def test_a_server_that_goes_away_and_comes_back(bench: Bench) -> None:
     bench.until(fresh)
     port = bench.hub.port
     bench.hub.close()
-    bench.until(down, cycles=50)
+    bench.until(down)
     for _ in range(40):
         assert down(bench.once())
     assert "nothing answers" in bench.driver.statistics().devices[0].detail

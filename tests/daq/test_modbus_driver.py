@@ -22,6 +22,8 @@ from daq.drivers import Driver, DriverContext, Samples, make_driver
 from daq.drivers.modbus import BLOCK_REGISTERS, blocks
 
 PERIOD = 0.02
+#: A cycle waits this long for what is due: longer than a busy computer keeps a server's thread from running.
+PATIENCE = 0.3
 NS = 1_000_000_000
 ANGLE, HEAD, ROD = 0, 1, 2
 
@@ -43,7 +45,8 @@ class Run:
     def once(self) -> Samples:
         start = time.monotonic_ns()
         self.driver.trigger(self.cycle)
-        samples = self.driver.collect(start + round(0.9 * self.period * NS))
+        samples = self.driver.collect(start + round(PATIENCE * NS))
+        self.took_s = (time.monotonic_ns() - start) / NS
         self.cycle += 1
         time.sleep(max(0.0, self.period - (time.monotonic_ns() - start) / NS))
         return samples
@@ -88,9 +91,9 @@ def test_one_block_per_unit_and_cycle(server: FakeModbus, run: Run) -> None:
 
 def test_values_and_their_instant(run: Run) -> None:
     run.driver.start()
-    samples = run.until(fresh)
+    samples = run.until(lambda s: fresh(s) and not s.cycles_ago.any())
     np.testing.assert_allclose(samples.raw, [0.3, 50.0, 215.0], rtol=1e-7)
-    assert np.all((samples.after_sync_s > 0) & (samples.after_sync_s < PERIOD))
+    assert np.all((samples.after_sync_s > 0) & (samples.after_sync_s < run.took_s))
     assert not run.driver.leads
 
 
@@ -123,8 +126,7 @@ def test_a_silent_unit_costs_only_itself(server: FakeModbus, run: Run) -> None:
     server.silent.add(2)
     run.until(lambda s: s.quality[ROD] == Quality.MISSING)
     samples = [run.once() for _ in range(40)]
-    lost = sum(s.quality[HEAD] != Quality.FRESH for s in samples)
-    assert lost <= 4  # a shared computer may lose a cycle; the time-out alone is two and a half of them, each time
+    assert all(s.quality[HEAD] == Quality.FRESH for s in samples)
     assert all(s.quality[ROD] != Quality.FRESH for s in samples)
     asked = sum(request[0] == 2 for request in server.requests[-60:])
     assert asked <= 10  # backs off instead of asking every cycle
@@ -244,7 +246,7 @@ def test_blocks_cover_what_is_needed() -> None:
 @pytest.mark.parametrize("patience", [0.0, 5.0])
 def test_in_lockstep_a_slow_answer_is_waited_for(server: FakeModbus, patience: float) -> None:
     server.delay_s = 0.15  # three time-outs of the machine file
-    run = Run(parse_machine(modbus(server.port)), patience=patience)
+    run = Run(parse_machine(modbus(server.port, timeout_s=0.05)), patience=patience)
     try:
         assert (run.driver.start() == ()) is (patience > 0)
     finally:

@@ -369,6 +369,7 @@ def test_roles_and_kinds_of_file_are_checked(tmp_path: Path) -> None:
         write_recording(tmp_path / "r.csv", MACHINE, "train", columns["time"], {**values, "j1.rod": np.zeros(3)})
 
 
+@pytest.mark.slow
 def test_every_sample_recording_is_accepted() -> None:
     files = sorted(SAMPLES.glob("*/*.parquet"))
     if not files:

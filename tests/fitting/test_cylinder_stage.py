@@ -124,7 +124,6 @@ def test_directly_driven_joints_have_friction_of_their_own() -> None:
         assert np.all(np.abs(estimate.theta[-2:] - true[2:4]) < 4.5 * estimate.std[-2:])
 
 
-@pytest.mark.xfail(strict=True, reason="stage 1 divides by the number of rows; a parked joint in 'operation' has none")
 def test_a_joint_that_was_parked_all_day_has_no_estimate_but_no_nan_either() -> None:
     machine, arm = planar_machine(2), truth(2)
     session = make_session(machine, arm, (("operation", 2), ("operation", 4)), moving=[1])
