@@ -70,8 +70,8 @@ def said(report: dict[str, Any]) -> str:
 
 
 def true_effects(truth: dict[str, Any]) -> set[tuple[str, str | None]]:
-    """What the plant had, as (id, joint)."""
-    return {(e["id"], None if e["id"] in MACHINE_WIDE else e["joint"]) for e in truth["effects"]}
+    """What the plant had, as (id, joint); the id is None for what stands in no catalogue."""
+    return {(e["name"], None if e["name"] in MACHINE_WIDE else e["joint"]) for e in truth["effects"]}
 
 
 def checks(case: str, report: dict[str, Any], truth: dict[str, Any]) -> Checks:

@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from fitting.effects import effect, effects
 from fitting.effects.base import Effect
+from fitting.prior import Prior
 from fitting.residual.attribution import (
     ACCUSE,
     MISFIT_SHARE,
@@ -139,6 +140,11 @@ class SessionSignals:
         self._session = session
         self._corrections = corrections
         self._prepared: dict[tuple[tuple[str, float], ...], Prepared] = {}
+
+    @property
+    def prior(self) -> Prior:
+        """What is known before any measurement."""
+        return self._session.prior
 
     def prepared(self, terms: Sequence[Term]) -> Prepared:
         """The design on signals corrected as the terms say; the last one is kept."""

@@ -20,6 +20,7 @@ from fitting.session import Prepared, Session
 Results = Mapping[str, dict[str, Any]]
 
 SHAPE_UNITS = {"v_s": "m/s", "x_s": "m", "tau": "s", "pitch": "m", "frequency": "Hz", "t_0": "s"}
+_EVIDENCE = ("score", "gain", "held_out_gain", "held_out_z", "validate_gain", "surviving")
 #: Shape entries that only say which variant of an effect it is.
 _CHOICES = ("other", "law", "parameter", "chamber", "odd", "side", "recording", "head", "rod")
 
@@ -168,7 +169,9 @@ def _loop(session: Session, results: Results, model: Model, terms: list[Term]) -
     for finding in results["residual"]["kinematics"]:
         effects.append(_kinematic_effect(names, finding))
     for number, (term, accepted) in enumerate(zip(terms, found["accepted"], strict=True)):
-        evidence = {key: accepted[key] for key in ("score", "gain", "validate_gain", "surviving")}
+        evidence = {
+            key: accepted[key] for key in ("score", "gain", "held_out_gain", "held_out_z", "validate_gain", "surviving")
+        }
         part = model.term_slice(number)
         if isinstance(term.content, Law):
             unexplained.append(
@@ -190,7 +193,11 @@ def _loop(session: Session, results: Results, model: Model, terms: list[Term]) -
                 "equation": term.content.equation,
                 "parameters": _term_parameters(term, model, part, names),
                 "indistinguishable_from": [
-                    {"id": r["id"], "joint": None if r["joint"] is None else names[r["joint"]]}
+                    {
+                        "id": r["id"],
+                        "title": effect(r["id"]).title,
+                        "joint": None if r["joint"] is None else names[r["joint"]],
+                    }
                     for r in accepted["rivals"]
                 ],
                 "evidence": evidence,
@@ -237,7 +244,9 @@ def _kinematic_effect(names: list[str], finding: Mapping[str, Any]) -> dict[str,
         "title": content.title,
         "equation": content.equation,
         "parameters": parameters,
-        "indistinguishable_from": [{"id": rival, "joint": joint} for rival in finding["rivals"]],
+        "indistinguishable_from": [
+            {"id": rival, "title": effect(rival).title, "joint": joint} for rival in finding["rivals"]
+        ],
         "evidence": {key: finding[key] for key in ("score", "gain", "gap_before", "gap_after")},
     }
 

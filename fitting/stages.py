@@ -187,6 +187,8 @@ def _accepted(item: Accepted) -> dict[str, Any]:
         "score": item.score.score,
         "gain": item.score.gain,
         "surviving": item.score.surviving,
+        "held_out_gain": item.held_out.gain,
+        "held_out_z": item.held_out.z,
         "validate_gain": item.validate_gain,
         "rivals": [{"id": r.term.id, "joint": r.term.joint, "score": r.score} for r in item.rivals],
     }

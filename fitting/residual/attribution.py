@@ -10,6 +10,8 @@ name or law
 set
     Two candidates with one parameter differ by ``lambda^2 (1 - rho^2)`` on average, with twice its root as
     standard deviation; a rival within :data:`SET_WIDTH` could be the truth with a chance of more than half a per cent.
+hold
+    It has to hold on blocks of the fitted recordings that were left out of the fit.
 confirm
     What does not lower the whitened error of `validate` is refused, whatever it gained in training.
 """
@@ -24,7 +26,9 @@ import numpy as np
 import numpy.typing as npt
 
 from fitting.effects.base import Effect
+from fitting.prior import Prior
 from fitting.regression import full_residual
+from fitting.residual.cross_validation import HeldOut, held_out_gain
 from fitting.residual.laws import Law
 from fitting.residual.scoring import PARAMETER_PRICE, ColumnCache, Score, catalogue_terms, law_terms, score_terms
 from fitting.residual.terms import Model, Term
@@ -42,6 +46,8 @@ LAW_WINS = 6.0
 LAW_WINS_SHARE = 0.05
 MOST_EFFECTS = 4
 MOST_RIVALS = 2
+#: Standard errors by which the gain on held-out blocks has to be above zero; more where no validation motion is there.
+LEAST_Z, LEAST_Z_ALONE = 1.0, 3.0
 #: What is left of an effect's own gain on its own joint is the difference between its formula and nature's.
 MISFIT_SHARE = 0.1
 #: The same for a spline's limited resolution, in the signal that it is a law of.
@@ -60,11 +66,13 @@ class Accepted:
     ----------
     score : as it was chosen
     rivals : the other members of its set, at most two, best first
+    held_out : its gain on held-out blocks of the fitted recordings
     validate_gain : chi-square that it takes off the whitened residual of `validate`; None without one
     """
 
     score: Score
     rivals: tuple[Score, ...]
+    held_out: HeldOut
     validate_gain: float | None
 
 
@@ -102,6 +110,11 @@ class Attribution:
 
 class Signals(Protocol):
     """What can correct the signals themselves, for effects that a column cannot correct when they are large."""
+
+    @property
+    def prior(self) -> Prior:
+        """What is known before any measurement."""
+        ...
 
     def rebuilt(self, model: Model) -> Model:
         """The model with its last term moved into the signals as far as that term can be."""
@@ -214,19 +227,30 @@ class _Selection:
         trial = self.signals.rebuilt(self.signals.refit(terms))
         choice = replace(choice, term=trial.terms[-1])
         family = choice.term.family
+        held_out = self._held_out(trial)
         gain = validate_gain(self.model, trial, self.validate) if self.validate else None
-        if gain is not None and gain <= 0:
+        reason = _objection(held_out, gain)
+        if reason:
             self.refused.add(family)
-            reason = f"it does not help on the validation motion (chi-square {gain:+.1f})"
             self.table[family] = Candidate(*family, choice.score, "rejected", reason)
             return
         rivals = () if isinstance(choice.term.content, Law) else _rivals(choice, self.named, self.refused)
-        self.accepted.append(Accepted(choice, rivals, gain))
+        self.accepted.append(Accepted(choice, rivals, held_out, gain))
         self.table[family] = Candidate(*family, choice.score, "accepted", _why(choice))
         for rival in rivals:
             reason = f"within {choice.score - rival.score:.1f} of {choice.term.id}: this data cannot tell them apart"
             self.table[rival.term.family] = Candidate(*rival.term.family, rival.score, "indistinguishable", reason)
         self.model = trial
+
+    def _held_out(self, trial: Model) -> HeldOut:
+        """Gain of the trial's last term on held-out blocks of the fitted recordings."""
+        rows = trial.rows(self.signals.prior)
+        part = trial.term_slice(len(trial.terms) - 1)
+        if trial.terms[-1].rebuilt:  # its column holds what is left of it only: judge it on the signals before
+            whole = trial.terms[-1]
+            plain = self.signals.refit([*trial.terms[:-1], replace(whole, rebuilt=())])
+            rows = plain.rows(self.signals.prior)
+        return held_out_gain(rows, part.stop - part.start, trial.design.bank.reduced_rate_hz)
 
     def prune(self) -> None:
         """Backward: drop what no longer earns its place beside the others."""
@@ -266,6 +290,18 @@ class _Selection:
                     )
         ordered = tuple(sorted(self.table.values(), key=lambda c: -c.score))
         return Attribution(self.base, self.model, tuple(self.accepted), ordered, self.limits, tuple(warnings))
+
+
+def _objection(held_out: HeldOut, validate: float | None) -> str:
+    """Why a term is not to be added; empty if there is nothing against it."""
+    if held_out.gain <= 0 or held_out.z < (LEAST_Z if validate is not None else LEAST_Z_ALONE):
+        return (
+            f"it does not hold on blocks that were left out of the fit (chi-square {held_out.gain:+.1f}, "
+            f"{held_out.z:.1f} standard errors)"
+        )
+    if validate is not None and validate <= 0:
+        return f"it does not help on the validation motion (chi-square {validate:+.1f})"
+    return ""
 
 
 def best_by_family(scores: Sequence[Score]) -> dict[Family, Score]:

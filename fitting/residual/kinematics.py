@@ -24,6 +24,7 @@ from fitting.noise import Pairing, autoregression
 from fitting.regression import Design
 from fitting.residual.scoring import PARAMETER_PRICE
 from fitting.residual.views import Views
+from fitting.splines import spline_basis
 
 FloatArray = npt.NDArray[np.float64]
 PositionError = Callable[[FloatArray], FloatArray]
@@ -84,11 +85,26 @@ def gap_rows(design: Design, fitted: Sequence[int], pairs: Sequence[Pairing], jo
         series.append(bank.reduce(first - second) / np.sqrt(2.0))
     indices = tuple(i for i in fitted if design.segments[i].loaded)
     reduced = [bank.reduce(design.segments[i].gap[:, joint]) for i in indices]
-    if not series:  # without a repeat the fast part of the gap itself is the noise
-        series = [np.diff(r) / np.sqrt(2.0) for r in reduced]
+    if not series:
+        series = _without_law_of_position(design, indices, joint, reduced)
     taps, innovation = autoregression(series)
     model = (taps, max(innovation, 1e-12))
     return GapRows(*model, indices, tuple(_whiten(r, *model) for r in reduced))
+
+
+def _without_law_of_position(
+    design: Design, indices: Sequence[int], joint: int, reduced: Sequence[FloatArray]
+) -> list[FloatArray]:
+    """Without a repeat, the gap's noise is what a smooth function of the joint position leaves of it."""
+    bank = design.bank
+    positions = [
+        design.segments[i].q[bank.half : len(design.segments[i]) - bank.half : bank.decimation, joint] for i in indices
+    ]
+    basis = spline_basis(np.concatenate(positions), 8)
+    gap = np.concatenate(reduced)
+    left = gap - basis @ np.linalg.lstsq(basis, gap, rcond=1e-8)[0]
+    left *= np.sqrt(len(left) / max(len(left) - basis.shape[1], 1))
+    return np.split(left, np.cumsum([len(r) for r in reduced])[:-1])
 
 
 def score_gaps(

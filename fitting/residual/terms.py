@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from fitting.effects.base import DriveView, Effect, Shape
 from fitting.prior import Prior, with_prior
-from fitting.regression import Design, Extra, Fit, NoiseModel, solve, whitened
+from fitting.regression import Design, Extra, Fit, NoiseModel, WhiteRows, solve, whitened
 from fitting.residual.laws import Law
 from fitting.residual.views import Views, build_views
 
@@ -108,6 +108,11 @@ class Model:
         joints = self.design.parameters.joints
         start = len(self.design.parameters) + sum(len(t.names(joints)) for t in self.terms[:number])
         return slice(start, start + len(self.terms[number].names(joints)))
+
+    def rows(self, prior: Prior) -> tuple[WhiteRows, ...]:
+        """The whitened rows that this model was fitted on, prior included."""
+        rows = whitened(self.design, self.noise, self.fitted, self.extra)
+        return with_prior(rows, self.design.parameters, prior)
 
     def contribution(self, number: int, joint: int, index: int) -> FloatArray:
         """What term ``number`` adds to a joint's drive effort in a segment, (N,)."""

@@ -360,6 +360,7 @@ def covariance_recursion(A: Array, b: Array) -> Array:
     return theta
 
 
+@pytest.mark.slow
 def test_a_hundred_thousand_updates_at_condition_1e8() -> None:
     rng = np.random.default_rng(17)
     n, condition = 100_000, 1e8

@@ -449,6 +449,7 @@ def test_figures_are_well_formed_and_take_their_colours_from_the_page(pages: dic
         assert len(re.findall(rf"{name}:", style)) >= 3, f"{name} lacks a value for light, dark or print"
 
 
+@pytest.mark.slow
 def test_the_same_input_gives_the_same_bytes(tmp_path: Path) -> None:
     first = [path.read_bytes() for path in write_report(sample_report(), sample_figures(), tmp_path / "a")]
     second = [path.read_bytes() for path in write_report(sample_report(), sample_figures(), tmp_path / "b")]

@@ -67,6 +67,7 @@ def undated(report: Mapping[str, Any]) -> dict[str, Any]:
     return {key: value for key, value in report.items() if key != "created"}
 
 
+@pytest.mark.slow
 def test_one_by_one_is_the_same_as_at_once(
     at_once: tuple[dict[str, Any], Path, list[float]], one_by_one: tuple[Request, dict[str, dict[str, Any]]]
 ) -> None:
@@ -99,6 +100,7 @@ def test_progress_rises_from_nothing_to_done(at_once: tuple[dict[str, Any], Path
     assert fractions[0] == 0.0 and fractions[-1] == 1.0 and len(fractions) >= len(STAGES)
 
 
+@pytest.mark.slow
 def test_a_finished_stage_is_read_not_computed(
     one_by_one: tuple[Request, dict[str, dict[str, Any]]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
