@@ -7,7 +7,7 @@ import pytest
 from synthetic_arm import clean_session, exact_views, make_session, planar_machine, truth
 
 from fitting.effects import effect, effects
-from fitting.loop import final_model, run_attribution, term_from_json, term_to_json
+from fitting.loop import SessionSignals, final_model, run_attribution, term_from_json, term_to_json
 from fitting.residual.attribution import ACCUSE, Attribution, attribute, validate_gain
 from fitting.residual.confirmation import overall_change
 from fitting.residual.kinematics import Corrections
@@ -94,7 +94,7 @@ def test_nothing_is_selected_on_the_validation_motion() -> None:
 def test_without_a_validation_motion_nothing_confirms_and_nothing_is_claimed_to() -> None:
     session = session_with(lambda s, i: 900.0 * (s.x[:, 1] - 0.15) * np.sign(s.v[:, 1]))
     model = session.base_model
-    attribution = attribute(model, effects(), (), session.prior)
+    attribution = attribute(model, effects(), (), SessionSignals(session, Corrections(session.machine)))
     assert [a.score.term.family for a in attribution.accepted] == [("position_dependent_friction", 1)]
     assert attribution.accepted[0].validate_gain is None
 

@@ -1,0 +1,65 @@
+"""Block cross-validation: against explicit refits, and on noise that a candidate can only fit by chance."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from fitting.regression import WhiteRows
+from fitting.residual.cross_validation import BLOCK_SECONDS, FOLDS, GUARD_SECONDS, held_out_gain
+
+RATE = 8.0
+
+
+def rows_of(seed: int, size: float, joints: int = 2, length: int = 700) -> list[WhiteRows]:
+    """Two base columns and one candidate column of ``size`` standard deviations per row."""
+    rng = np.random.default_rng(seed)
+    rows = []
+    for _ in range(joints):
+        A = rng.standard_normal((length, 3))
+        b = A @ np.array([3.0, -2.0, size]) + rng.standard_normal(length)
+        half = length // 2
+        sections = ((0, np.ones(half, dtype=bool)), (1, np.ones(length - half, dtype=bool)))
+        rows.append(WhiteRows(A, b, sections))
+    return rows
+
+
+def test_gain_equals_explicit_refits_without_each_fold() -> None:
+    rows = rows_of(1, 0.3, joints=1)
+    A, b = rows[0].A, rows[0].b
+    length, guard = round(BLOCK_SECONDS * RATE), round(GUARD_SECONDS * RATE)
+    half = len(b) // 2
+    place = np.concatenate([np.arange(half), np.arange(len(b) - half)])
+    segment = np.repeat([0, 1], [half, len(b) - half])
+    # Block numbers run on with one left free between segments, as the module says.
+    block = place // length + segment * (half // length + 2)
+    total = 0.0
+    for fold in range(FOLDS):
+        test = block % FOLDS == fold
+        if not test.any():
+            continue
+        close = np.zeros(len(b), dtype=bool)
+        for row in np.flatnonzero(test):
+            same = segment == segment[row]
+            close |= same & (np.abs(place - place[row]) <= guard)
+        train = ~close
+        errors = [
+            np.sum((b[test] - A[test, :k] @ np.linalg.lstsq(A[train, :k], b[train], rcond=None)[0]) ** 2)
+            for k in (2, 3)
+        ]
+        total += errors[0] - errors[1]
+    assert held_out_gain(rows, 1, RATE).gain == pytest.approx(total, rel=1e-6)
+
+
+def test_a_real_term_holds_and_gains_what_it_is_worth() -> None:
+    found = held_out_gain(rows_of(2, 0.3), 1, RATE)
+    # 1400 rows of 0.3 standard deviations: a chi-square of 126, give or take twice its root.
+    assert found.gain == pytest.approx(126.0, abs=3 * 2 * np.sqrt(126.0))
+    assert found.z > 4
+
+
+def test_what_fits_by_chance_does_not_hold() -> None:
+    gains = [held_out_gain(rows_of(seed, 0.0), 1, RATE).gain for seed in range(40)]
+    # Out of sample one useless parameter costs about as much as it gains in sample: one.
+    assert np.mean(gains) < 0
+    assert max(gains) < 14
