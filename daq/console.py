@@ -43,6 +43,11 @@ def reported(command: Callable[P, R]) -> Callable[P, R]:
         except HilfitError as error:
             print(f"hilfit: {error}", file=sys.stderr)
             raise typer.Exit(exit_code(error)) from None
+        except OSError as error:  # a disk or a directory that refuses: nothing a traceback would explain better
+            if error.filename is None:
+                raise
+            print(f"hilfit: {error.filename}: {error.strerror}; choose another place", file=sys.stderr)
+            raise typer.Exit(1) from None
 
     return run
 

@@ -46,8 +46,6 @@ def identify(
         raise InputError("identify: no training recording; give at least one with --train FILE")
     if not validate and not operation:
         raise InputError("identify: no validation recording; give another motion with --validate FILE")
-    if output.exists() and not output.is_dir():
-        raise InputError(f"{output}: is a file; give a directory with -o")
     request = Request(machine, recordings, output, Options(loop=not no_loop, bandwidth_hz=bandwidth))
     with progress_bar("identify", show=not json) as bar:
         content = run(request, lambda fraction, text: bar(fraction, 1.0, text))

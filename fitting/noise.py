@@ -12,16 +12,16 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from scipy import linalg
 
 from fitting.regression import Design, Extra, NoiseModel, full_residual, solve, white_noise_model, whitened
 from fitting.signals import lag_between
+from fitting.spectrum import unit_whitening, whitening
 from fitting.splines import spline_basis
 
 FloatArray = npt.NDArray[np.float64]
 
-# Beyond four the autoregression models the roll-off of the identification filter instead of the noise.
-_MAX_ORDER = 4
+#: Reduced rows that a repeated stretch needs to say something of the noise.
+_LEAST_ROWS = 20
 _MAX_LAG_SECONDS = 4.0
 
 
@@ -55,7 +55,7 @@ def pair_repeats(design: Design) -> tuple[Pairing, ...]:
             cost = float(np.max(apart))
             if best is None or cost < best[0]:
                 best = (cost, Pairing(train, repeat, start_a, start_b, length))
-        if best is not None and best[0] < 0.02 and design.bank.rows(best[1].length) > 5 * _MAX_ORDER:
+        if best is not None and best[0] < 0.02 and design.bank.rows(best[1].length) > _LEAST_ROWS:
             pairs.append(best[1])
     return tuple(pairs)
 
@@ -63,7 +63,7 @@ def pair_repeats(design: Design) -> tuple[Pairing, ...]:
 def difference_noise(
     design: Design, theta: FloatArray, pairs: Sequence[Pairing], joint: int, extra: Extra | None = None
 ) -> list[FloatArray]:
-    """Reduced noise of one joint, (M,) per pair: difference of the two residuals over the square root of two."""
+    """Noise of one joint at full rate, (N,) per pair: difference of the two residuals over the square root of two."""
     result = []
     for pair in pairs:
         first = full_residual(design, theta, joint, pair.train, extra)
@@ -72,7 +72,7 @@ def difference_noise(
             first[pair.train_start : pair.train_start + pair.length]
             - second[pair.repeat_start : pair.repeat_start + pair.length]
         )
-        result.append(design.bank.reduce(difference) / np.sqrt(2.0))
+        result.append(difference / np.sqrt(2.0))
     return result
 
 
@@ -99,64 +99,30 @@ def noise_model(
     extra: Extra | None = None,
     passes: int = 2,
 ) -> NoiseModel:
-    """Autoregression of each joint's noise, alternating between fit and noise (feasible generalised least squares)."""
+    """Whitening of each joint's noise, alternating between fit and noise (feasible generalised least squares)."""
     joints = len(design.machine.joints)
     model = white_noise_model(joints)
     names = () if extra is None else extra.names
     for _ in range(passes):
         theta = solve(whitened(design, model, fitted, extra), names).theta
-        filters, innovation, std = [], np.zeros(joints), np.zeros(joints)
+        found = []
         for joint in range(joints):
             if pairs:
                 series = difference_noise(design, theta, pairs, joint, extra)
-                freedom = 1.0
             else:
-                series, freedom = _flexible_residual(design, theta, fitted, joint, extra)
-            if not sum(len(s) for s in series):  # a joint that stood still all the time has no rows to weigh
-                filters.append(np.array([1.0]))
-                innovation[joint] = std[joint] = 1.0
-                continue
-            taps, innovation[joint] = autoregression(series)
-            innovation[joint] = max(innovation[joint] * freedom, 1e-12)
-            std[joint] = float(np.std(np.concatenate(series)) * freedom)
-            filters.append(taps)
-        model = NoiseModel(tuple(filters), innovation, std, bool(pairs))
+                series = _flexible_residual(design, theta, fitted, joint, extra)
+            # A joint that stood still all the time has no rows to weigh.
+            found.append(whitening(series, design.bank) if series else unit_whitening())
+        model = NoiseModel(tuple(found), bool(pairs))
     return model
-
-
-def autoregression(series: Sequence[FloatArray]) -> tuple[FloatArray, float]:
-    """Whitening filter ``[1, -phi_1, ..., -phi_p]`` and innovation std of one or more stretches of a noise.
-
-    Yule-Walker equations on the pooled autocovariance; the order, at most 4, is the one with the smallest BIC.
-    """
-    total = sum(len(s) for s in series)
-    covariance = np.zeros(_MAX_ORDER + 1)
-    for s in series:
-        centred = s - s.mean()
-        for lag in range(min(_MAX_ORDER + 1, len(s))):
-            covariance[lag] += centred[lag:] @ centred[: len(s) - lag]
-    covariance /= max(total, 1)
-    if covariance[0] <= 0:
-        return np.array([1.0]), 1e-12
-    covariance[0] *= 1 + 1e-6
-    best = (np.inf, np.array([1.0]), float(np.sqrt(covariance[0])))
-    for order in range(_MAX_ORDER + 1):
-        phi = linalg.solve_toeplitz(covariance[:order], covariance[1 : order + 1]) if order else np.zeros(0)
-        variance = float(covariance[0] - phi @ covariance[1 : order + 1])
-        if variance <= 0:
-            break
-        criterion = total * np.log(variance) + order * np.log(total)
-        if criterion < best[0]:
-            best = (criterion, np.concatenate([[1.0], -phi]), np.sqrt(variance))
-    return best[1], float(best[2])
 
 
 def _flexible_residual(
     design: Design, theta: FloatArray, fitted: Sequence[int], joint: int, extra: Extra | None
-) -> tuple[list[FloatArray], float]:
-    """Residual of a joint after splines in its own position and speed, with and without the sign of speed."""
+) -> list[FloatArray]:
+    """Full-rate residual of a joint after splines in its own position and speed, with and without the speed's sign."""
     segments = [design.segments[i] for i in fitted]
-    rows, targets = [], []
+    rows = []
     for variable in ("x", "v"):
         values = np.concatenate([getattr(s, variable)[:, joint] for s in segments])
         basis = spline_basis(values, 8)
@@ -164,15 +130,18 @@ def _flexible_residual(
         rows.append(np.hstack([basis, basis * sign[:, None]]))
     columns = np.hstack(rows)
     ends = np.cumsum([len(s) for s in segments])
-    reduced = []
-    for index, part in zip(fitted, np.split(columns, ends[:-1]), strict=True):
-        keep = design.blocks[joint][index].keep
-        reduced.append(design.bank.reduce(part)[keep])
-        targets.append(design.bank.reduce(full_residual(design, theta, joint, index, extra))[keep])
-    A, b = np.vstack(reduced), np.concatenate(targets)
+    parts = np.split(columns, ends[:-1])
+    residuals = [full_residual(design, theta, joint, index, extra) for index in fitted]
+    keeps = [design.blocks[joint][index].keep for index in fitted]
+    A = np.vstack([design.bank.reduce(part)[keep] for part, keep in zip(parts, keeps, strict=True)])
+    b = np.concatenate([design.bank.reduce(r)[keep] for r, keep in zip(residuals, keeps, strict=True)])
+    if not len(b):
+        return []
     scale = np.maximum(np.linalg.norm(A, axis=0), 1e-12)
-    coefficients = np.linalg.lstsq(A / scale, b, rcond=1e-8)[0]
-    left = b - (A / scale) @ coefficients
+    coefficients = np.linalg.lstsq(A / scale, b, rcond=1e-8)[0] / scale
     freedom = float(np.sqrt(len(b) / max(len(b) - A.shape[1], 1)))
-    parts = np.split(left, np.cumsum([len(t) for t in targets])[:-1])
-    return [p for p in parts if len(p) > 2 * _MAX_ORDER] or [left], freedom
+    return [
+        freedom * (residual - part @ coefficients)
+        for residual, part, keep in zip(residuals, parts, keeps, strict=True)
+        if keep.any()
+    ]

@@ -20,8 +20,8 @@ from fitting.regression import Parameters, WhiteRows
 
 FloatArray = npt.NDArray[np.float64]
 
-_STEEL = 7850.0  # kg/m^3
-_RELATIVE_STD = 0.5
+_STEEL, _OIL = 7850.0, 870.0  # kg/m^3
+_RELATIVE_STD = 0.4
 
 
 @dataclass(frozen=True)
@@ -32,11 +32,12 @@ class Prior:
     std: FloatArray
 
 
-def steel_mass(cylinder: Cylinder) -> float:
-    """Mass in kg of a steel piston and rod of the cylinder's size."""
+def moving_mass(cylinder: Cylinder) -> float:
+    """Mass in kg of a steel piston and rod of the cylinder's size, and of the oil that moves with them."""
     rod = cylinder.rod**2 * 1.2 * cylinder.stroke
     piston = cylinder.bore**2 * cylinder.bore
-    return float(_STEEL * np.pi / 4 * (rod + piston))
+    oil = cylinder.bore**2 * cylinder.stroke
+    return float(np.pi / 4 * (_STEEL * (rod + piston) + _OIL * oil))
 
 
 def mass_prior(machine: Machine) -> Prior:
@@ -44,7 +45,7 @@ def mass_prior(machine: Machine) -> Prior:
     names = drive_names(machine)
     mass = np.array(
         [
-            steel_mass(joint.cylinder) if joint.cylinder is not None and "m" in own else np.nan
+            moving_mass(joint.cylinder) if joint.cylinder is not None and "m" in own else np.nan
             for joint, own in zip(machine.joints, names, strict=True)
         ]
     )

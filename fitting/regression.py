@@ -8,7 +8,7 @@ then the base parameters, then whatever effects were added::
 so a joint's block only touches its own drive columns, and `unloaded` rows have no base columns. Efforts at the piston
 are used, not joint efforts, because their noise is the same at every lever arm.
 
-Generalised least squares: each joint's rows are whitened by an autoregression of its measurement noise and divided by
+Generalised least squares: each joint's rows are whitened by the spectrum of its measurement noise and divided by
 its innovation's standard deviation, so a residual is a standard normal number, and a sum of squares a chi-square.
 """
 
@@ -19,13 +19,14 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import numpy.typing as npt
-from scipy import linalg, signal
+from scipy import linalg
 
 from daq.machine_file import Machine
 from fitting.base_parameters import BaseParameters, base_regressor
 from fitting.drive import drive_columns, drive_names, known_effort
 from fitting.preparation import PositionNoise, Segment
 from fitting.signals import FilterBank
+from fitting.spectrum import Whitening, unit_whitening
 
 FloatArray = npt.NDArray[np.float64]
 BoolArray = npt.NDArray[np.bool_]
@@ -158,34 +159,30 @@ class NoiseModel:
 
     Attributes
     ----------
-    filters : per joint the autoregression's whitening filter ``[1, -phi_1, ...]``
-    innovation : (n,) standard deviation of the whitened noise, drive effort unit
-    std : (n,) standard deviation of the noise itself after the identification filter, drive effort unit
+    whitenings : per joint the whitening of its noise, in drive effort unit
     measured : True if it comes from a repeated motion, False if it had to be estimated from residuals
     """
 
-    filters: tuple[FloatArray, ...]
-    innovation: FloatArray
-    std: FloatArray
+    whitenings: tuple[Whitening, ...]
     measured: bool
 
+    @property
+    def std(self) -> FloatArray:
+        """Standard deviation of the noise after the identification filter, (n,), drive effort unit."""
+        return np.array([w.std for w in self.whitenings])
+
     def whiten(self, joint: int, rows: FloatArray) -> FloatArray:
-        """Whitened and scaled rows; the first ``order`` rows, which have no full past, are dropped."""
-        taps = self.filters[joint]
-        out = signal.lfilter(taps, [1.0], rows, axis=0)[len(taps) - 1 :]
-        return np.asarray(out / self.innovation[joint])
+        """Whitened and scaled rows of one joint in one segment."""
+        return self.whitenings[joint](rows)
 
     def kept(self, joint: int, keep: BoolArray) -> BoolArray:
         """Which whitened rows have only moving samples in their past."""
-        taps = len(self.filters[joint])
-        if len(keep) < taps:
-            return np.zeros(0, dtype=bool)
-        return np.asarray(np.lib.stride_tricks.sliding_window_view(keep, taps).all(axis=1))
+        return self.whitenings[joint].kept(keep)
 
 
 def white_noise_model(joints: int) -> NoiseModel:
     """Unit white noise for every joint: the start of an iteration, and ordinary least squares."""
-    return NoiseModel(tuple(np.array([1.0]) for _ in range(joints)), np.ones(joints), np.ones(joints), False)
+    return NoiseModel(tuple(unit_whitening() for _ in range(joints)), False)
 
 
 @dataclass(frozen=True)

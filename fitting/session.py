@@ -103,13 +103,13 @@ class Session:
         """
         machine = load_machine(request.machine)
         recordings = [read_recording(path, machine, role) for role, path in request.recordings]
-        files: dict[str, str] = {}
-        for recording in recordings:
-            earlier = files.setdefault(recording.sha256, recording.file)
-            if recording.role == "validate" and earlier != recording.file:
-                raise RecordingError(
-                    f"{recording.file}: is the same recording as {earlier}; validate on another motion"
-                )
+        for number, recording in enumerate(recordings):
+            for earlier in recordings[:number]:
+                if "validate" in (recording.role, earlier.role) and recording.sha256 == earlier.sha256:
+                    raise RecordingError(
+                        f"{recording.file}: is the same recording as {earlier.file} in role {earlier.role}; "
+                        "validate on another motion"
+                    )
         return cls(machine, recordings, request.options)
 
     @cached_property

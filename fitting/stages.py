@@ -292,6 +292,7 @@ def identify(request: Request, progress: Progress = _quiet) -> dict[str, Any]:
     InputError
         One line about the machine file or a recording; nothing is written then.
     """
+    require_writable(request.output)
     session = Session.load(request)
     results: dict[str, dict[str, Any]] = {}
     for number, stage in enumerate(_COMPUTE):
@@ -301,6 +302,25 @@ def identify(request: Request, progress: Progress = _quiet) -> dict[str, Any]:
     write_report(content, figures, request.output)
     progress(1.0, "done")
     return content
+
+
+def require_writable(directory: Path) -> None:
+    """Refuse an output directory that cannot be made or written, before any work is done; nothing is made yet.
+
+    Raises
+    ------
+    InputError
+        One line that says what is in the way.
+    """
+    if directory.exists() and not directory.is_dir():
+        raise InputError(f"{directory}: is a file; give a directory with -o")
+    place = directory.absolute()
+    while not place.exists() and place != place.parent:
+        place = place.parent
+    if not place.is_dir():
+        raise InputError(f"{directory}: {place} is a file, so no directory can be made there; choose another with -o")
+    if not os.access(place, os.W_OK | os.X_OK):
+        raise InputError(f"{directory}: {place} cannot be written; choose another directory with -o")
 
 
 def _part(progress: Progress, number: int) -> Progress:

@@ -17,7 +17,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from daq.console import print_json, progress_bar, reported
-from daq.errors import InputError
 
 if TYPE_CHECKING:
     from daq.acquisition import AcquisitionProcess
@@ -85,7 +84,7 @@ def demo(
     from fitting.summary import print_summary
 
     print(
-        f"acquired {acquired.rows} cycles at {acquired.rate_hz:.1f} Hz in machine time, "
+        f"acquired {acquired.rows} cycles of {1000 / acquired.rate_hz:g} ms machine time ({acquired.rate_hz:.1f} Hz), "
         f"{acquired.missed_cycles} missing, {acquired.not_fresh} values not fresh; "
         f"{time.monotonic() - started:.0f} s in all"
     )
@@ -114,12 +113,11 @@ def run_demo(
     """
     from daq.acquisition import AcquisitionProcess
     from fitting.session import Request
-    from fitting.stages import identify
+    from fitting.stages import identify, require_writable
     from sim_backends.machines import default_machine
     from sim_backends.simulated_machine import SimulatedMachine
 
-    if output.exists() and not output.is_dir():
-        raise InputError(f"{output}: is a file; give a directory with -o")
+    require_writable(output)
     machine, _ = default_machine()
     with ExitStack() as stack:
         progress(0.0, "starting the simulated machine")

@@ -26,7 +26,7 @@ from sim_backends.child import Order, Orders, report
 SYNC_ID = 0x080
 QUIET = 0.1  # s after rawmode in which a client gets no frames, unless it sends: its handshake expects bare answers
 STALLED = 64 << 20  # bytes that wait for a client that does not read
-PLANT_PATIENCE = 10.0  # s
+PLANT_PATIENCE = 10.0  # s for an answer to STEP
 
 
 class _Client:
@@ -54,7 +54,6 @@ class Hub:
     def __init__(self, channel: str, plant: socket.socket, nodes: socket.socket, modbus: socket.socket) -> None:
         self._channel = channel
         self._plant, self._nodes, self._modbus = plant, nodes, modbus
-        self._plant.settimeout(PLANT_PATIENCE)
         for end in (nodes, modbus):
             end.setblocking(False)
         self._backlog: dict[socket.socket, deque[bytes]] = {nodes: deque(), modbus: deque()}
@@ -64,7 +63,8 @@ class Hub:
         self._everything = selectors.DefaultSelector()
         self._arrivals = selectors.DefaultSelector()  # clients only: what a barrier has to work off
         self.counts = {"sync": 0, "frames": 0, "clients": 0, "barriers": 0}
-        self._state = self._from_plant()
+        self._state = self._from_plant()  # at power-on, as long as the parent lets the plant take
+        self._plant.settimeout(PLANT_PATIENCE)
 
     @property
     def port(self) -> int:

@@ -34,7 +34,7 @@ from sim_backends.truth import SensorQuality, Truth
 from sim_backends.undeclared import EffectSpec, check_spec
 from sim_backends.wiring import wire
 
-START_PATIENCE = 30.0  # s for all processes to be ready
+START_PATIENCE = 120.0  # s for all processes to be ready: a first start compiles and loads everything from disk
 ORDER_PATIENCE = 10.0  # s for an answer to an order
 STOP_PATIENCE = 5.0  # s for a process to end by itself
 HIGHEST_SPEED = 4.0

@@ -47,7 +47,7 @@ LAW_WINS_SHARE = 0.05
 MOST_EFFECTS = 4
 MOST_RIVALS = 2
 #: Standard errors by which the gain on held-out blocks has to be above zero; more where no validation motion is there.
-LEAST_Z, LEAST_Z_ALONE = 1.0, 3.0
+LEAST_Z, LEAST_Z_ALONE = 1.5, 3.0
 #: What is left of an effect's own gain on its own joint is the difference between its formula and nature's.
 MISFIT_SHARE = 0.1
 #: The same for a spline's limited resolution, in the signal that it is a law of.

@@ -14,16 +14,16 @@ from dataclasses import dataclass, field
 import numpy as np
 import numpy.typing as npt
 from scipy import linalg
-from scipy.signal import lfilter
 
 from daq.linkages import Linkage
 from daq.machine_file import Machine
 from fitting.effects.base import Effect, Shape, has_both_positions
 from fitting.linkage import parameter_names
-from fitting.noise import Pairing, autoregression
+from fitting.noise import Pairing
 from fitting.regression import Design
 from fitting.residual.scoring import PARAMETER_PRICE
 from fitting.residual.views import Views
+from fitting.spectrum import Whitening, whitening
 from fitting.splines import spline_basis
 
 FloatArray = npt.NDArray[np.float64]
@@ -46,10 +46,9 @@ class GapScore:
 
 @dataclass(frozen=True)
 class GapRows:
-    """Whitened gap of one joint: taps, innovation, and the whitened series of each segment."""
+    """Gap of one joint: the whitening of its noise, and the whitened series of each segment."""
 
-    taps: FloatArray
-    innovation: float
+    whitening: Whitening
     indices: tuple[int, ...]
     values: tuple[FloatArray, ...]
 
@@ -78,33 +77,24 @@ class Corrections:
 def gap_rows(design: Design, fitted: Sequence[int], pairs: Sequence[Pairing], joint: int) -> GapRows:
     """Whitened gap of a joint over the loaded segments; its noise is that of (train less repeat)."""
     bank = design.bank
+    indices = tuple(i for i in fitted if design.segments[i].loaded)
     series = []
     for pair in pairs:
         first = design.segments[pair.train].gap[pair.train_start : pair.train_start + pair.length, joint]
         second = design.segments[pair.repeat].gap[pair.repeat_start : pair.repeat_start + pair.length, joint]
-        series.append(bank.reduce(first - second) / np.sqrt(2.0))
-    indices = tuple(i for i in fitted if design.segments[i].loaded)
-    reduced = [bank.reduce(design.segments[i].gap[:, joint]) for i in indices]
+        series.append((first - second) / np.sqrt(2.0))
     if not series:
-        series = _without_law_of_position(design, indices, joint, reduced)
-    taps, innovation = autoregression(series)
-    model = (taps, max(innovation, 1e-12))
-    return GapRows(*model, indices, tuple(_whiten(r, *model) for r in reduced))
+        series = _without_law_of_position(design, indices, joint)
+    white = whitening(series, bank)
+    return GapRows(white, indices, tuple(white(bank.reduce(design.segments[i].gap[:, joint])) for i in indices))
 
 
-def _without_law_of_position(
-    design: Design, indices: Sequence[int], joint: int, reduced: Sequence[FloatArray]
-) -> list[FloatArray]:
+def _without_law_of_position(design: Design, indices: Sequence[int], joint: int) -> list[FloatArray]:
     """Without a repeat, the gap's noise is what a smooth function of the joint position leaves of it."""
-    bank = design.bank
-    positions = [
-        design.segments[i].q[bank.half : len(design.segments[i]) - bank.half : bank.decimation, joint] for i in indices
-    ]
-    basis = spline_basis(np.concatenate(positions), 8)
-    gap = np.concatenate(reduced)
+    basis = spline_basis(np.concatenate([design.segments[i].q[:, joint] for i in indices]), 8)
+    gap = np.concatenate([design.segments[i].gap[:, joint] for i in indices])
     left = gap - basis @ np.linalg.lstsq(basis, gap, rcond=1e-8)[0]
-    left *= np.sqrt(len(left) / max(len(left) - basis.shape[1], 1))
-    return np.split(left, np.cumsum([len(r) for r in reduced])[:-1])
+    return np.split(left, np.cumsum([len(design.segments[i]) for i in indices])[:-1])
 
 
 def score_gaps(
@@ -125,7 +115,7 @@ def score_gaps(
             full = [effect.gap_columns(views[i][joint], shape) for i in rows.indices]
             if any(column is None for column in full):
                 continue
-            C = np.vstack([_whiten(design.bank.reduce(c), rows.taps, rows.innovation) for c in full if c is not None])
+            C = np.vstack([rows.whitening(design.bank.reduce(c)) for c in full if c is not None])
             scale = np.maximum(np.linalg.norm(C, axis=0), 1e-300)
             eigenvalues, vectors = linalg.eigh((C / scale).T @ (C / scale))
             live = eigenvalues > 1e-8
@@ -192,7 +182,3 @@ def _with_linkage(machine: Machine, joint: int, parameter: int, change: float) -
     joints = list(machine.joints)
     joints[joint] = joints[joint].model_copy(update={"cylinder": cylinder.model_copy(update={"linkage": changed})})
     return machine.model_copy(update={"joints": tuple(joints)})
-
-
-def _whiten(rows: FloatArray, taps: FloatArray, innovation: float) -> FloatArray:
-    return np.asarray(lfilter(taps, [1.0], rows, axis=0)[len(taps) - 1 :] / innovation)

@@ -43,7 +43,7 @@ class Score:
     score : gain less the price of its parameters and of the grid it was picked from
     values, stds : its parameters and their standard deviations
     plausible : False where a parameter is outside what is physically possible
-    surviving : share of the columns' norm that survives projecting the base out
+    surviving : largest share of a column's norm that survives projecting the base out, 0 to 1
     """
 
     term: Term
@@ -160,7 +160,7 @@ def _score(
         values=tuple(values.tolist()),
         stds=tuple(stds.tolist()),
         plausible=plausible,
-        surviving=float(np.sqrt(np.max(eigenvalues.clip(0)))),
+        surviving=float(np.sqrt(np.max(np.diag(gram).clip(0) / np.maximum(norms, 1e-300)))),
     )
 
 

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from synthetic_arm import planar_machine, truth
 
 from fitting.drive import UNITS, drive_columns, drive_names, expected_power, expected_sign, known_effort
-from fitting.prior import mass_prior, steel_mass
+from fitting.prior import mass_prior, moving_mass
 
 DRAWS = np.random.default_rng(1).normal(size=200_000)
 
@@ -85,10 +85,10 @@ def test_directly_driven_joints_have_friction_and_the_inertia_that_can_be_told()
     assert {name for own in names for name in own} <= set(UNITS)
 
 
-def test_a_steel_cylinder_weighs_what_its_volume_says() -> None:
+def test_a_cylinder_weighs_what_its_steel_and_oil_say() -> None:
     cylinder = planar_machine(1).joints[0].cylinder
     assert cylinder is not None
-    by_hand = 7850 * np.pi / 4 * (0.045**2 * 1.2 * 0.3 + 0.08**3)
-    assert steel_mass(cylinder) == pytest.approx(by_hand)
+    by_hand = np.pi / 4 * (7850 * (0.045**2 * 1.2 * 0.3 + 0.08**3) + 870 * 0.08**2 * 0.3)
+    assert moving_mass(cylinder) == pytest.approx(by_hand)
     prior = mass_prior(planar_machine(2))
-    assert np.allclose(prior.mass, by_hand) and np.allclose(prior.std, by_hand / 2)
+    assert np.allclose(prior.mass, by_hand) and np.allclose(prior.std, 0.4 * by_hand)

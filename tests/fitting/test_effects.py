@@ -47,7 +47,9 @@ def test_ids_are_those_of_the_notes() -> None:
     assert {c for e in effects() for c in e.confounders} <= listed | {"cubic"}
 
 
-@pytest.mark.parametrize("name", IDS)
+@pytest.mark.parametrize(
+    "name", [pytest.param(i, marks=pytest.mark.slow if i == "carried_liquid" else ()) for i in IDS]
+)
 def test_every_effect_conforms(name: str) -> None:
     check_effect(effect(name))
 

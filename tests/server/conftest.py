@@ -25,9 +25,14 @@ def csv(tmp_path_factory: pytest.TempPathFactory) -> bytes:
     return recording_bytes(tmp_path_factory.mktemp("made"))
 
 
-@pytest.fixture(scope="session", autouse=True)
-def quiet_logs() -> None:
-    """Logs as the service writes them, kept out of the tests' output."""
+@pytest.fixture(autouse=True)
+def quiet_logs() -> Iterator[None]:
+    """Logs as the service writes them, kept out of the tests' output.
+
+    Set again after every test: a command that was tried has sent them to its captured standard error, which is closed.
+    """
+    logs.configure(stream=io.StringIO())
+    yield
     logs.configure(stream=io.StringIO())
 
 

@@ -40,7 +40,7 @@ def test_an_identification_runs_every_stage_and_stores_the_result(running: Runni
     assert fractions == sorted(fractions)
     assert fractions[-1] == 1.0
     texts = [event["text"] for event in events]
-    assert "Checking the recordings" in texts
+    assert "Checking recordings and equations" in texts
     assert "Half of cylinder_stage" in texts
     identification = running.client.get(f"{IDENTIFICATIONS}/{order.id}").json()
     assert identification["verdict"] == "nothing_missing"

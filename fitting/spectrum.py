@@ -1,0 +1,137 @@
+"""Spectrum of a measurement noise inside the identification band, and the filter that whitens it.
+
+After the identification filter and decimation, most of what an autoregression would fit is the filter's own roll-off.
+So the noise's spectrum is estimated *before* the filter, by a smooth curve of few coefficients fitted to the
+periodogram (Whittle's likelihood, log-spectrum as a cosine series in warped frequency, fine at low frequencies where a
+first-order disturbance bends); the filter's known response is put on afterwards, and the whitening filter follows from
+the autocovariance by the Yule-Walker equations.
+
+Source: P. Whittle, "Estimation and information in stationary time series", 1953; P. Bloomfield, "An exponential model
+for the spectrum of a scalar time series", Biometrika 60, 1973.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from scipy import linalg, signal
+
+from fitting.signals import FilterBank
+
+FloatArray = npt.NDArray[np.float64]
+
+_COEFFICIENTS = 6
+_ORDER = 10
+_EDGE = 1.4  # of the bandwidth: beyond it the identification filter leaves nothing
+_KNEE = 0.1  # of the bandwidth: frequencies below are told apart linearly, above in ratios
+# Frequencies that the filter attenuates by 30 dB and more are not blown up again.
+_FLOOR = 1e-3
+
+
+@dataclass(frozen=True)
+class Whitening:
+    """Whitening of a reduced noise.
+
+    Attributes
+    ----------
+    taps : ``[1, -phi_1, ..., -phi_p]``
+    head : (p, p), whitens the first ``p`` rows of a stretch, which have no full past (inverse Cholesky factor of their
+        covariance), in units of the innovation
+    innovation : standard deviation of the whitened noise per unit of bandwidth: dividing by it makes the spectrum 1
+        inside the band
+    std : standard deviation of the reduced noise
+    """
+
+    taps: FloatArray
+    head: FloatArray
+    innovation: float
+    std: float
+
+    def __call__(self, rows: FloatArray) -> FloatArray:
+        """Whitened and scaled rows of one stretch, (M,) or (M, k); as many as went in."""
+        order = min(len(self.head), len(rows))
+        out = signal.lfilter(self.taps, [1.0], rows, axis=0)
+        out[:order] = self.head[:order, :order] @ rows[:order]
+        return np.asarray(out / self.innovation)
+
+    def kept(self, keep: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
+        """Which whitened rows use only rows that are kept."""
+        padded = np.concatenate([np.ones(len(self.taps) - 1, dtype=bool), keep])
+        return np.asarray(np.lib.stride_tricks.sliding_window_view(padded, len(self.taps)).all(axis=1))
+
+
+def unit_whitening(std: float = 1.0) -> Whitening:
+    """White noise of a given standard deviation: nothing is filtered."""
+    return Whitening(np.array([1.0]), np.zeros((0, 0)), max(std, 1e-12), max(std, 1e-12))
+
+
+def whitening(series: Sequence[FloatArray], bank: FilterBank) -> Whitening:
+    """Whitening filter of the reduced noise, from stretches of the noise at full rate, before any filter.
+
+    Without any variance in the noise, or with less data than coefficients, nothing is whitened.
+    """
+    edge = min(_EDGE * bank.bandwidth_hz, 0.5 * bank.rate_hz)
+    frequencies, powers = [], []
+    for part in series:
+        if len(part) < 4 * bank.rate_hz / bank.bandwidth_hz:
+            continue
+        frequency, power = signal.periodogram(
+            part, bank.rate_hz, window="hann", detrend="constant", return_onesided=False, scaling="density"
+        )
+        # The two lowest lines hold what the window made of the mean.
+        inside = (frequency > 1.5 * bank.rate_hz / len(part)) & (frequency <= edge)
+        frequencies.append(frequency[inside])
+        powers.append(power[inside])
+    total = np.concatenate(powers) if powers else np.zeros(0)
+    spread = float(np.std(np.concatenate([bank.reduce(p) for p in series]))) if len(series) else 0.0
+    if len(total) < 3 * _COEFFICIENTS or not total.sum() > 0:
+        return unit_whitening(spread)
+    coefficients = _whittle(_basis(np.concatenate(frequencies), bank), total)
+    grid = np.linspace(0.0, edge, 2000)
+    density = np.exp(_basis(grid, bank) @ coefficients)
+    _, response = signal.freqz(bank.identification, worN=grid, fs=bank.rate_hz)
+    filtered = density * np.abs(response) ** 2
+    lags = np.arange(_ORDER + 1) / bank.reduced_rate_hz
+    covariance = 2.0 * np.trapezoid(filtered[None, :] * np.cos(2 * np.pi * lags[:, None] * grid[None, :]), grid, axis=1)
+    band = grid <= bank.bandwidth_hz
+    floored = covariance.copy()
+    floored[0] += _FLOOR * float(np.median(filtered[band])) * bank.reduced_rate_hz
+    phi = linalg.solve_toeplitz(floored[:_ORDER], floored[1:])
+    innovation = float(np.sqrt(max(floored[0] - phi @ floored[1:], 1e-300)))
+    factor = linalg.cholesky(linalg.toeplitz(floored[:_ORDER]), lower=True)
+    head = innovation * linalg.solve_triangular(factor, np.eye(_ORDER), lower=True)
+    return Whitening(np.concatenate([[1.0], -phi]), head, innovation, float(np.sqrt(covariance[0])))
+
+
+def _basis(frequency: FloatArray, bank: FilterBank) -> FloatArray:
+    """Cosines in warped frequency, (N, coefficients)."""
+    knee = _KNEE * bank.bandwidth_hz
+    warped = np.log1p(frequency / knee) / np.log1p(_EDGE * bank.bandwidth_hz / knee)
+    return np.asarray(np.cos(np.pi * warped[:, None] * np.arange(_COEFFICIENTS)[None, :]))
+
+
+def _whittle(basis: FloatArray, power: FloatArray) -> FloatArray:
+    """Maximum of Whittle's likelihood for ``log S = basis @ c``, by Fisher scoring (the problem is convex)."""
+    coefficients = np.zeros(basis.shape[1])
+    coefficients[0] = np.log(power.mean())
+    information = basis.T @ basis + 1e-3 * np.eye(basis.shape[1])
+
+    def cost(c: FloatArray) -> float:
+        logarithm = basis @ c
+        return float(np.sum(logarithm + power * np.exp(-logarithm)))
+
+    best = cost(coefficients)
+    for _ in range(60):
+        step = linalg.solve(information, basis.T @ (power * np.exp(-(basis @ coefficients)) - 1.0), assume_a="pos")
+        size = 1.0
+        while size > 1e-4 and cost(coefficients + size * step) > best:
+            size /= 2
+        coefficients = coefficients + size * step
+        now = cost(coefficients)
+        if best - now < 1e-9 * abs(best):
+            break
+        best = now
+    return coefficients
