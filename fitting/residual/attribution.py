@@ -27,12 +27,12 @@ import numpy.typing as npt
 
 from fitting.effects.base import Effect
 from fitting.prior import Prior
-from fitting.regression import full_residual
+from fitting.residual.confirmation import validate_gain
 from fitting.residual.cross_validation import HeldOut, held_out_gain
 from fitting.residual.laws import Law
+from fitting.residual.refinement import finer, refined
 from fitting.residual.scoring import PARAMETER_PRICE, ColumnCache, Score, catalogue_terms, law_terms, score_terms
 from fitting.residual.terms import Model, Term
-from fitting.splines import spline_knots
 
 FloatArray = npt.NDArray[np.float64]
 Progress = Callable[[float, str], None]
@@ -222,7 +222,7 @@ class _Selection:
 
     def _try(self, choice: Score) -> None:
         """Add the choice if it helps on the validation motion."""
-        choice = (_refined if isinstance(choice.term.content, Effect) else _finer)(self.model, choice)
+        choice = (refined if isinstance(choice.term.content, Effect) else finer)(self.model, choice)
         terms = [*(item.score.term for item in self.accepted), choice.term]
         trial = self.signals.rebuilt(self.signals.refit(terms))
         choice = replace(choice, term=trial.terms[-1])
@@ -321,22 +321,6 @@ def best_by_joint(scores: Sequence[Score]) -> dict[int | None, Score]:
         if score.term.joint not in best or score.score > best[score.term.joint].score:
             best[score.term.joint] = score
     return best
-
-
-def validate_gain(before: Model, after: Model, validate: Sequence[int]) -> float:
-    """Chi-square by which the whitened residual of the validation segments falls from one model to another."""
-    return _validate_chi_square(before, validate) - _validate_chi_square(after, validate)
-
-
-def _validate_chi_square(model: Model, validate: Sequence[int]) -> float:
-    total = 0.0
-    for joint in range(len(model.design.machine.joints)):
-        for index in validate:
-            block = model.design.blocks[joint][index]
-            residual = model.design.bank.reduce(full_residual(model.design, model.fit.theta, joint, index, model.extra))
-            white = model.noise.whiten(joint, residual)[model.noise.kept(joint, block.keep)]
-            total += float(white @ white)
-    return total
 
 
 def _choose(names: Sequence[Score], laws: Sequence[Score], accepted: Sequence[Accepted]) -> Score | None:
@@ -441,39 +425,3 @@ def _record(
 
 def _why(score: Score) -> str:
     return f"gains {score.gain:.0f} of chi-square for {score.live} parameter{'s' if score.live > 1 else ''}"
-
-
-def _refined(model: Model, score: Score) -> Score:
-    """The score at the best shape between the grid's neighbours (golden section in each continuous shape parameter)."""
-    best = score
-    for key in score.term.shape:
-        if key in ("other", "side", "n", "odd", "law", "delta", "recording", "parameter", "chamber", "head", "rod"):
-            continue
-        span = 0.02 if key == "pitch" else 0.5
-        for _ in range(3):
-            centre = best.term.shape[key]
-            trials = [
-                replace(best.term, shape={**best.term.shape, key: centre * factor})
-                for factor in (1 - span, 1 - span / 2, 1 + span / 2, 1 + span)
-            ]
-            scores = score_terms(model, trials, [1] * len(trials))
-            better = max(scores, key=lambda s: s.gain, default=best)
-            if better.plausible and better.gain > best.gain:
-                best = replace(better, score=better.gain - (score.gain - score.score))
-            span /= 2
-    return best
-
-
-def _finer(model: Model, score: Score) -> Score:
-    """The law with twice and four times the knots, as long as they earn their price: a bump may be narrow."""
-    law = score.term.content
-    assert isinstance(law, Law)
-    best = score
-    values = np.concatenate([law.values(model.views[index][score.term.joint or 0]) for index in model.fitted])
-    for factor in (2, 4):
-        knots = tuple(spline_knots(values, factor * (len(law.knots) - 4)).tolist())
-        trials = score_terms(model, [replace(score.term, content=replace(law, knots=knots))], [4])
-        if not trials or trials[0].score <= best.score:
-            break
-        best = trials[0]
-    return best

@@ -8,6 +8,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from fitting.regression import full_residual
+from fitting.residual.terms import Model
+
 FloatArray = npt.NDArray[np.float64]
 
 _BLOCK_SECONDS = 3.0
@@ -67,3 +70,19 @@ def overall_change(
 
 def _overall(squares: Sequence[float]) -> float:
     return float(np.sqrt(np.mean(squares)))
+
+
+def validate_gain(before: Model, after: Model, validate: Sequence[int]) -> float:
+    """Chi-square by which the whitened residual of the validation segments falls from one model to another."""
+    return _validate_chi_square(before, validate) - _validate_chi_square(after, validate)
+
+
+def _validate_chi_square(model: Model, validate: Sequence[int]) -> float:
+    total = 0.0
+    for joint in range(len(model.design.machine.joints)):
+        for index in validate:
+            block = model.design.blocks[joint][index]
+            residual = model.design.bank.reduce(full_residual(model.design, model.fit.theta, joint, index, model.extra))
+            white = model.noise.whiten(joint, residual)[model.noise.kept(joint, block.keep)]
+            total += float(white @ white)
+    return total

@@ -8,8 +8,8 @@ from synthetic_arm import clean_session, exact_views, make_session, planar_machi
 
 from fitting.effects import effect, effects
 from fitting.loop import SessionSignals, final_model, run_attribution, term_from_json, term_to_json
-from fitting.residual.attribution import ACCUSE, Attribution, attribute, validate_gain
-from fitting.residual.confirmation import overall_change
+from fitting.residual.attribution import ACCUSE, Attribution, attribute
+from fitting.residual.confirmation import overall_change, validate_gain
 from fitting.residual.kinematics import Corrections
 from fitting.residual.laws import Law
 from fitting.residual.terms import Term, fit_model

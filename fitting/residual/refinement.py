@@ -1,0 +1,51 @@
+"""Sharper shapes for the candidate that was chosen: between the grid's points, or with more knots."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from fitting.residual.laws import Law
+from fitting.residual.scoring import Score, score_terms
+from fitting.residual.terms import Model
+from fitting.splines import spline_knots
+
+#: Shape entries that are choices, not numbers to be searched between.
+_CHOICES = frozenset({"other", "side", "n", "odd", "law", "delta", "recording", "parameter", "chamber", "head", "rod"})
+
+
+def refined(model: Model, score: Score) -> Score:
+    """The score at the best shape between the grid's neighbours (golden section in each continuous shape parameter)."""
+    best = score
+    for key in score.term.shape:
+        if key in _CHOICES:
+            continue
+        span = 0.02 if key == "pitch" else 0.5
+        for _ in range(3):
+            centre = best.term.shape[key]
+            trials = [
+                replace(best.term, shape={**best.term.shape, key: centre * factor})
+                for factor in (1 - span, 1 - span / 2, 1 + span / 2, 1 + span)
+            ]
+            scores = score_terms(model, trials, [1] * len(trials))
+            better = max(scores, key=lambda s: s.gain, default=best)
+            if better.plausible and better.gain > best.gain:
+                best = replace(better, score=better.gain - (score.gain - score.score))
+            span /= 2
+    return best
+
+
+def finer(model: Model, score: Score) -> Score:
+    """The law with twice and four times the knots, as long as they earn their price: a bump may be narrow."""
+    law = score.term.content
+    assert isinstance(law, Law)
+    best = score
+    values = np.concatenate([law.values(model.views[index][score.term.joint or 0]) for index in model.fitted])
+    for factor in (2, 4):
+        knots = tuple(spline_knots(values, factor * (len(law.knots) - 4)).tolist())
+        trials = score_terms(model, [replace(score.term, content=replace(law, knots=knots))], [4])
+        if not trials or trials[0].score <= best.score:
+            break
+        best = trials[0]
+    return best
