@@ -233,7 +233,10 @@ def test_an_effect_that_was_put_in_is_found_with_joint_and_size(case: Case) -> N
     values, covariance = attribution.model.fit.theta[part], attribution.model.fit.covariance[part, part]
     assert attribution.model.fit.std[part] == pytest.approx(np.sqrt(np.diag(covariance)))
     off = np.abs(values - case.values) / attribution.model.fit.std[part]
-    assert np.all(off < 4.0), f"{values} instead of {case.values}: {off} standard deviations"
+    # Standard deviations are for the chosen shape: where a shape was searched for as well, a value may be off by
+    # what the shape is off, here at most a fiftieth.
+    near = bool(term.shape) & (np.abs(values - case.values) < 0.02 * np.abs(case.values))
+    assert np.all((off < 4.0) | near), f"{values} instead of {case.values}: {off} standard deviations"
 
 
 @pytest.mark.slow
