@@ -20,7 +20,11 @@ def print_summary(report: Mapping[str, Any], output: Path) -> None:
         before, after = errors["before"]["validate"], errors["after"]["validate"]
         if before is None:
             before, after = errors["before"]["train"], errors["after"]["train"]
-        change = "-" if not before or after is None else f"{100 * (after / before - 1):+.0f} %"
+        change = (
+            "-"
+            if not before or after is None
+            else f"{100 * (after / before - 1):+.0f} %".replace("-0 %", "0 %").replace("+0 %", "0 %")
+        )
         numbers = ("-" if n is None else f"{n:.3g}" for n in (errors["noise_floor"], before, after))
         table.add_row(joint, errors["unit"], *numbers, change)
     console.print(table)

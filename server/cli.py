@@ -20,6 +20,9 @@ from typing import Annotated, Any, NoReturn
 import typer
 from typer.core import TyperGroup
 
+#: What typer raises for a command line that it does not understand; only its subclasses are public.
+UsageError: Any = typer.BadParameter.__mro__[1]
+
 # All matrices here are small: one BLAS thread is fastest, and has to be asked for before numpy is loaded.
 for _variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(_variable, "1")
@@ -108,7 +111,18 @@ def main(arguments: Sequence[str] | None = None) -> None:
     """Run the command line and exit."""
     try:
         command = typer.main.get_command(build())
-        command.main(None if arguments is None else list(arguments), prog_name="hilfit")
+        code = command.main(None if arguments is None else list(arguments), prog_name="hilfit", standalone_mode=False)
+        sys.exit(code if isinstance(code, int) else 0)
+    except UsageError as error:
+        place = error.ctx.command_path if error.ctx is not None else "hilfit"
+        if type(error).__name__ == "NoArgsIsHelpError":  # nothing was asked: the help is the answer
+            error.show()
+            sys.exit(2)
+        text = " ".join(error.format_message().split()).rstrip(".")
+        command_name = place.removeprefix("hilfit").strip()
+        _fail(f"{command_name + ': ' if command_name else ''}{text}; see '{place} --help'", 2)
+    except typer.Abort:
+        sys.exit(130)
     except ModuleNotFoundError as error:
         extra = EXTRAS.get((error.name or "").partition(".")[0])
         if extra is None:
