@@ -134,6 +134,7 @@ def test_record(bench: tuple[Path, FakeModbus], tmp_path: Path) -> None:
     assert again[0] == 2 and "--force" in again[2]
 
 
+@pytest.mark.slow
 def test_record_fails_in_one_line_when_a_device_is_gone(bench: tuple[Path, FakeModbus], tmp_path: Path) -> None:
     machine_file, server = bench
     server.silent.update({1, 2})

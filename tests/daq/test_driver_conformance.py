@@ -66,6 +66,7 @@ def benches() -> Iterator[Callable[[str], Bench]]:
         function()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", sorted(entry.name for entry in entry_points(group="hilfit.drivers")))
 def test_every_installed_driver_conforms(name: str, benches: Callable[[str], Bench]) -> None:
     text, expected, silence, restore = benches(name)

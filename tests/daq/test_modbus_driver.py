@@ -120,6 +120,7 @@ def test_exception_codes(server: FakeModbus, run: Run) -> None:
     run.until(fresh)
 
 
+@pytest.mark.slow
 def test_a_silent_unit_costs_only_itself(server: FakeModbus, run: Run) -> None:
     run.driver.start()
     run.until(fresh)
@@ -208,6 +209,7 @@ def test_against_pymodbus_own_server() -> None:
         loop.close()
 
 
+@pytest.mark.slow
 def test_a_serial_line_survives_a_silent_unit() -> None:
     line = FakeSerialModbus(registers())
     run = Run(parse_machine(modbus_serial(line.port)), period=0.05)

@@ -199,7 +199,6 @@ ELSEWHERE = {
     "encoder_eccentricity": "found between two position sensors: test_kinematic_check",
 }
 RECORDINGS = (("unloaded", 1), ("train", 2), ("train", 4), ("repeat", 2), ("validate", 3))
-QUICK = ("position_dependent_friction",)
 
 
 def test_every_effect_has_a_case_or_a_reason() -> None:
@@ -213,10 +212,8 @@ def found(case: Case) -> Attribution:
     return run_attribution(session, Corrections(machine))
 
 
-@pytest.mark.parametrize(
-    "case",
-    [pytest.param(c, id=c.id, marks=() if c.id in QUICK else pytest.mark.slow) for c in CASES],
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("case", [pytest.param(c, id=c.id) for c in CASES])
 def test_an_effect_that_was_put_in_is_found_with_joint_and_size(case: Case) -> None:
     attribution = found(case)
     assert attribution.verdict in ("effect_added", "ambiguous")

@@ -27,6 +27,7 @@ def test_stopping_the_service_seals_what_is_being_recorded(tmp_path: Path) -> No
         assert second.service.acquisition.names() == ("lever",)
 
 
+@pytest.mark.slow
 def test_a_cut_recording_is_recovered_at_the_next_start(tmp_path: Path) -> None:
     with running_service(tmp_path, Fakes()) as first:
         first.client.post(f"{API}/machines", content=MACHINE)

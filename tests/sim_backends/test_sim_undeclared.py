@@ -122,6 +122,7 @@ def test_unloaded(effect, unpinned):
         assert names & {f"{JOINT}.head_pressure", f"{JOINT}.rod_pressure"}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("effect", sorted(SIZES))
 def test_size_zero_is_no_effect_at_all(effect):
     machine, truth = slewing_arm(4)
