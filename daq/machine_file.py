@@ -327,8 +327,14 @@ def load_machine(path: str | Path) -> Machine:
         text = path.read_text(encoding="utf-8")
     except FileNotFoundError:
         raise MachineFileError(f"{path}: no such file; give the path of a machine file (YAML)") from None
-    except (OSError, UnicodeDecodeError) as error:
-        raise MachineFileError(f"{path}: cannot be read as text ({error.__class__.__name__})") from None
+    except IsADirectoryError:
+        raise MachineFileError(f"{path}: is a directory; give the machine file itself (YAML)") from None
+    except UnicodeDecodeError:
+        raise MachineFileError(f"{path}: is not a text file; give a machine file (YAML)") from None
+    except OSError as error:
+        raise MachineFileError(f"{path}: cannot be read ({error.strerror}); give a machine file (YAML)") from None
+    if "\0" in text:  # binary content may happen to be valid UTF-8
+        raise MachineFileError(f"{path}: is not a text file; give a machine file (YAML)")
     return parse_machine(text, name=str(path))
 
 

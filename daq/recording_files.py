@@ -97,6 +97,8 @@ def _read_csv(path: Path, head: bytes) -> pa.Table:
         raise RecordingError(f"{path}: {no_table}") from None
     if "\0" in header:
         raise RecordingError(f"{path}: {no_table}")
+    if header.startswith("# hilfit/motion"):
+        raise RecordingError(f"{path}: is a motion file, not a recording; give what was recorded while it moved")
     for separator, called in ((";", "semicolons"), ("\t", "tabs")):
         if "," not in header and separator in header:
             raise RecordingError(f"{path}: columns are separated by {called}; write CSV with commas and points")

@@ -14,6 +14,7 @@ rises; a motion starts and ends at rest. Joints without a column hold still.
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -92,7 +93,8 @@ def write_motion(path: str | Path, motion: Motion) -> None:
         part.write_text("\n".join(lines) + "\n", encoding="utf-8")
         part.replace(path)
     except OSError as error:
-        part.unlink(missing_ok=True)
+        with contextlib.suppress(OSError):  # where nothing could be written, there is nothing to remove
+            part.unlink()
         raise InputError(f"{path}: cannot be written ({error.strerror}); choose another place") from None
 
 
@@ -109,8 +111,10 @@ def read_motion(path: str | Path, machine: Machine | None = None) -> Motion:
         lines = path.read_text(encoding="utf-8").splitlines()
     except FileNotFoundError:
         raise InputError(f"{path}: no such file; 'hilfit excite' makes one") from None
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: cannot be read as text ({error.__class__.__name__})") from None
+    except UnicodeDecodeError:
+        raise InputError(f"{path}: is not a text file; give a motion file (CSV)") from None
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror}); give a motion file (CSV)") from None
     name, rods = _first_line(path, lines[0] if lines else "")
     header = lines[1].split(",") if len(lines) > 1 else []
     if header[:1] != ["time"] or len(header) < 2 or len(set(header)) != len(header):

@@ -18,6 +18,18 @@ def hide_secrets(_logger: Any, _method: str, event: dict[str, Any]) -> dict[str,
     return {key: HIDDEN if key.lower() in SECRET_KEYS else value for key, value in event.items()}
 
 
+class _Lines(logging.StreamHandler[TextIO]):
+    """Writes lines; those that come after the stream was closed are dropped.
+
+    While everything shuts down, a thread may still have something to say.
+    """
+
+    def handleError(self, record: logging.LogRecord) -> None:
+        """Report what went wrong with a record, unless nothing can be written any more."""
+        if not self.stream.closed:
+            super().handleError(record)
+
+
 def configure(level: str = "INFO", stream: TextIO | None = None) -> None:
     """Send every log record of this process to ``stream`` (standard error) as JSON lines.
 
@@ -32,7 +44,7 @@ def configure(level: str = "INFO", stream: TextIO | None = None) -> None:
         structlog.processors.TimeStamper(fmt="iso", utc=True),
         hide_secrets,
     ]
-    handler = logging.StreamHandler(sys.stderr if stream is None else stream)
+    handler = _Lines(sys.stderr if stream is None else stream)
     handler.setFormatter(
         structlog.stdlib.ProcessorFormatter(
             foreign_pre_chain=shared,

@@ -200,6 +200,7 @@ def draw_worst(worst: Worst, prefix: str) -> str:
 def draw_friction(curves: Sequence[FrictionCurve], prefix: str) -> str:
     """Friction over speed, one panel per joint."""
     import matplotlib
+    from matplotlib.ticker import MaxNLocator
 
     columns = min(3, len(curves))
     rows = -(-len(curves) // columns)
@@ -217,7 +218,9 @@ def draw_friction(curves: Sequence[FrictionCurve], prefix: str) -> str:
             ax.set_title(curve.joint)
             ax.set_xlabel(_labelled("speed", curve.unit_x))
             ax.set_ylabel(_labelled("friction", curve.unit_y))
-            ax.locator_params(nbins=5)
+            # Panels are narrow: more labels than that run into each other.
+            ax.xaxis.set_major_locator(MaxNLocator(nbins=3))
+            ax.yaxis.set_major_locator(MaxNLocator(nbins=4))
         for ax in panels[len(curves) :]:
             ax.set_axis_off()
         named = {

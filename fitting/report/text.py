@@ -4,10 +4,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from datetime import datetime
 from typing import Any
 
 _MINUS = "\u2212"
 _SUPERSCRIPT = str.maketrans("-0123456789", "\u207b\u2070\u00b9\u00b2\u00b3\u2074\u2075\u2076\u2077\u2078\u2079")
+# Not from the locale: the same report has to give the same page everywhere.
+_MONTHS = (
+    "January", "February", "March", "April", "May", "June", "July", "August", "September", "October", "November",
+    "December",
+)  # fmt: skip
 #: What is written where a number does not exist.
 NONE = "\u2013"
 
@@ -96,6 +102,24 @@ def ratio(value: float | None, base: float | None) -> float | None:
 def relative_std(value: float | None, std: float | None) -> float | None:
     """Relative standard deviation in percent; None where either is missing or the value is zero."""
     return None if value is None or std is None or not value else abs(100.0 * std / value)
+
+
+def moved(value: float | None) -> str:
+    """A change in percent in words: ``fell by 46 %``, ``rose by 5.3 %``."""
+    if value is None or not math.isfinite(value):
+        return "is not known"
+    return f"{'fell' if value < 0 else 'rose'} by {percent(abs(value)).removeprefix('+')}"
+
+
+def moment(stamp: str) -> str:
+    """``2026-03-02T09:14:05Z`` as ``2 March 2026, 09:14 UTC``; anything else as it is."""
+    try:
+        time = datetime.fromisoformat(stamp)
+    except ValueError:
+        return stamp
+    month = _MONTHS[time.month - 1]
+    zone = f" {time.tzname()}" if time.tzinfo is not None else ""
+    return f"{time.day} {month} {time.year}, {time:%H:%M}{zone}"
 
 
 def words(name: str) -> str:

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from fitting.report.text import change, listed, number, percent, unit, with_std, words
+from fitting.report.text import change, listed, moved, number, percent, unit, with_std, words
 
 LABELS = {
     "nothing_missing": "Nothing is missing",
@@ -31,6 +32,31 @@ STATUSES = {
     "artefact": "artefact of measurement",
 }
 
+ESTIMATORS = {
+    "ols": "ordinary least squares (ols)",
+    "wls": "weighted least squares (wls)",
+    "gls": "generalised least squares (gls)",
+    "robust": "robust least squares (robust)",
+}
+
+EVIDENCE = {
+    "score": "score: chi-square gained, less the price of its parameters",
+    "gain": "chi-square gained",
+    "held_out_gain": "gain on held-out blocks",
+    "held_out_z": "that gain over its standard deviation",
+    "validate_gain": "gain on the validation motion",
+    "surviving": "share that survives projection on the rest of the model",
+    "gap_before": "disagreement of the two position sensors before [m]",
+    "gap_after": "disagreement of the two position sensors after [m]",
+    "blocks_better": "blocks that became better",
+}
+
+# Measured and derived signals as programs write them; joints and files may be called anything else with underscores.
+_SIGNAL = re.compile(
+    r"(?<![A-Za-z0-9_])(?:joint|piston|head|rod|supply|tank|cylinder|oil|base)_"
+    r"(?:position|speed|acceleration|effort|pressure|force|temperature|roll|pitch)(?![A-Za-z0-9_])"
+)
+
 NOISE_FLOOR = {
     "repeat": "measured: the same motion was recorded twice, and what differs between the two is noise "
     "(standard deviation of the difference of both residuals, over \u221a2)",
@@ -47,6 +73,16 @@ def title(effect: Mapping[str, Any]) -> str:
 def lower(text: str) -> str:
     """Text with a small first letter, for the middle of a sentence; ``IDIM`` and ``K x`` stay."""
     return text[:1].lower() + text[1:] if text[1:2].islower() else text
+
+
+def readable(text: str) -> str:
+    """Names of signals in a text with spaces: ``joint2.piston_position`` as ``joint2 piston position``."""
+    return _SIGNAL.sub(lambda found: words(found[0]), re.sub(rf"(?<=\w)\.(?={_SIGNAL.pattern})", " ", text))
+
+
+def evidence(entries: Mapping[str, Any]) -> dict[str, Any]:
+    """What speaks for an effect, by names for people."""
+    return {EVIDENCE.get(key, key): entry for key, entry in entries.items()}
 
 
 def place(joint: str | None) -> str:
@@ -70,7 +106,7 @@ def alternatives(effect: Mapping[str, Any], titles: Mapping[str, str]) -> list[s
     return names
 
 
-def sizes(parameters: Mapping[str, Any] | None, most: int = 2) -> str:
+def sizes(parameters: Mapping[str, Any] | None, most: int = 4) -> str:
     """``k1 = 312 \u00b1 12 N/m``: the first few parameters of an effect."""
     parts = [
         f"{name} = {with_std(entry.get('value'), entry.get('std'))} {unit(entry.get('unit'))}".strip()
@@ -116,7 +152,7 @@ def improvement(report: Mapping[str, Any], joints: Sequence[str | None]) -> str:
     overall = report["overall"]
     if overall.get("change_percent"):
         where = "that of all joints together" if parts else "the error of all joints on the validation motion"
-        parts.append(f"{where} changed by {percent(overall['change_percent'])}{interval(overall.get('ci95_percent'))}")
+        parts.append(f"{where} {moved(overall['change_percent'])}{interval(overall.get('ci95_percent'))}")
     return " and ".join(parts)
 
 

@@ -69,9 +69,12 @@ def test_files_that_cannot_be_read(tmp_path: Path) -> None:
         load_machine(tmp_path / "absent.yaml")
     binary = tmp_path / "binary.yaml"
     binary.write_bytes(b"\xff\xfe\x00")
-    with pytest.raises(MachineFileError, match="cannot be read as text"):
+    with pytest.raises(MachineFileError, match=r"binary\.yaml: is not a text file; give a machine file \(YAML\)$"):
         load_machine(binary)
-    with pytest.raises(MachineFileError, match="cannot be read"):
+    binary.write_bytes(b"PAR1\x00\x00")  # valid UTF-8 all the same
+    with pytest.raises(MachineFileError, match="is not a text file"):
+        load_machine(binary)
+    with pytest.raises(MachineFileError, match="is a directory; give the machine file itself"):
         load_machine(tmp_path)
 
 

@@ -244,6 +244,9 @@ def test_bad_files_are_refused(tmp_path: Path) -> None:
     text = tmp_path / "notes.txt"
     text.write_text("dear diary\ntoday we measured a lot\n")
     refuse(text, "not a table")
+    program = tmp_path / "motion.csv"
+    program.write_text("# hilfit/motion/1 machine=bench rods=pinned\ntime,j1\n0,0\n")
+    refuse(program, "is a motion file, not a recording")
     picture = tmp_path / "picture.csv"
     picture.write_bytes(bytes(range(256)))
     refuse(picture, "not a table")

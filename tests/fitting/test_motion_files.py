@@ -98,6 +98,23 @@ def test_a_missing_file_and_a_place_that_cannot_be_written(tmp_path):
         read_motion(tmp_path / "none.csv")
     with pytest.raises(InputError, match="cannot be written"):
         write_motion(tmp_path / "no" / "folder" / "m.csv", pinned())
+    (tmp_path / "file").write_text("")
+    with pytest.raises(InputError, match=r"m\.csv: cannot be written \(Not a directory\)"):
+        write_motion(tmp_path / "file" / "m.csv", pinned())
+
+
+def test_a_folder_that_may_not_be_touched_is_one_line(tmp_path, monkeypatch):
+    """Also where looking for the unfinished file is refused."""
+    from pathlib import Path
+
+    def refused(self, *arguments, **options):
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr(Path, "write_text", refused)
+    monkeypatch.setattr(Path, "unlink", refused)
+    with pytest.raises(InputError, match=r"m\.csv: cannot be written \(Permission denied\); choose another place$"):
+        write_motion(tmp_path / "m.csv", pinned())
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_nothing_half_is_left_where_writing_fails(tmp_path, monkeypatch):

@@ -8,6 +8,7 @@ import json
 import logging
 import threading
 
+import pytest
 import structlog
 
 from server import logs
@@ -33,6 +34,14 @@ def test_every_record_is_one_json_line_without_secrets() -> None:
     assert all(line["timestamp"].endswith("Z") and line["level"] for line in lines)
     assert "ValueError: cause" in lines[2]["exception"]
     assert "abc" not in stream.getvalue()
+
+
+def test_what_comes_after_the_stream_was_closed_is_dropped(capsys: pytest.CaptureFixture[str]) -> None:
+    stream = io.StringIO()
+    logs.configure(stream=stream)
+    stream.close()
+    structlog.stdlib.get_logger("server.test").info("late")
+    assert capsys.readouterr().err == ""
 
 
 def test_a_waiter_is_woken_from_another_thread() -> None:
