@@ -48,6 +48,9 @@ _MODULES = {
     "modbus": "sim_backends.modbus_devices",
 }
 
+#: Which process is to blame where several have failed: each one takes those after it along.
+_BLAMED = ("plant", "hub", "nodes", "modbus")
+
 
 class SimulationError(HilfitError):
     """A process of the simulated machine did not start, failed, or does not answer."""
@@ -104,6 +107,14 @@ class _Process:
         if "error" in answer:
             raise SimulationError(f"simulated {self.name}: {content['order']}: {answer['error']}")
         return answer["result"]
+
+    def gone(self, patience: float = 0.0) -> bool:
+        """Whether it has ended, or does so within that many seconds."""
+        try:
+            self.popen.wait(timeout=patience)
+        except subprocess.TimeoutExpired:
+            return False
+        return True
 
     def ended(self) -> str:
         """One line about a process that is gone."""
@@ -236,17 +247,35 @@ class SimulatedMachine:
         finally:
             for end in ends:
                 end.close()
-        deadline = time.monotonic() + START_PATIENCE
-        ready = {
-            name: process.answer(max(0.1, deadline - time.monotonic()))["ready"]
-            for name, process in self._processes.items()
-        }
+        ready = self._ready()
         self.can_port = int(ready["hub"]["port"])
         self.modbus_ports = {bus: int(port) for bus, port in ready["modbus"]["ports"].items()}
         text = machine_to_yaml(self._addressed())
         temporary = self.machine_path.with_name(".machine.yaml.part")
         temporary.write_text(text, encoding="utf-8")
         temporary.replace(self.machine_path)
+
+    def _ready(self) -> dict[str, Any]:
+        """What each process says once it is ready, in the order in which they say it."""
+        deadline = time.monotonic() + START_PATIENCE
+        ready: dict[str, Any] = {}
+        with selectors.DefaultSelector() as selector:
+            for process in self._processes.values():
+                assert process.popen.stdout is not None
+                selector.register(process.popen.stdout, selectors.EVENT_READ, process)
+            while selector.get_map():
+                events = selector.select(max(0.0, deadline - time.monotonic()))
+                if not events:
+                    late = next(process for name, process in self._processes.items() if name not in ready)
+                    raise SimulationError(f"simulated {late.name}: not ready in {START_PATIENCE:g} s; see {late.log}")
+                for key, _ in events:
+                    try:
+                        ready[key.data.name] = key.data.answer(ORDER_PATIENCE)["ready"]
+                    except SimulationError:
+                        self.check()
+                        raise
+                    selector.unregister(key.fileobj)
+        return ready
 
     def _addressed(self) -> Machine:
         """The machine file as it holds for this run."""
@@ -269,10 +298,19 @@ class SimulatedMachine:
                 process.stop()
 
     def check(self) -> None:
-        """Raise :class:`SimulationError` if a process has died."""
-        for process in self._processes.values():
-            if process.popen.poll() is not None:
-                raise SimulationError(process.ended())
+        """Raise :class:`SimulationError` if a process has died; it names the one that failed first.
+
+        Without the hub all others end, and without the plant the hub does. Those that follow the hub say 0, so an
+        exit code of 0 means that the hub is the one to look at, although it may take longer to end than they do.
+        """
+        ended = [self._processes[name] for name in _BLAMED if name in self._processes and self._processes[name].gone()]
+        if not ended:
+            return
+        failed = [process for process in ended if process.popen.returncode != 0]
+        hub = self._processes.get("hub")
+        if not failed and hub is not None and hub.gone(STOP_PATIENCE):
+            failed = [hub]
+        raise SimulationError((failed or ended)[0].ended())
 
     @property
     def pids(self) -> dict[str, int]:

@@ -34,6 +34,7 @@ from sim_backends import (
     folding_arm,
     random_motion,
     read_motion,
+    simulated_machine,
     write_motion,
 )
 
@@ -216,6 +217,14 @@ def test_a_process_that_dies_is_noticed_and_the_rest_ends_cleanly(tmp_path):
         with pytest.raises(SimulationError, match=r"plant: its process .* ended"):
             running.check()
     assert not any(alive(pid) for pid in pids.values())
+
+
+@pytest.mark.slow
+def test_a_hub_that_does_not_start_is_blamed_and_not_those_that_follow_it(tmp_path, monkeypatch):
+    monkeypatch.setitem(simulated_machine._MODULES, "hub", "sim_backends.there_is_no_such_module")
+    with pytest.raises(SimulationError, match=r"^simulated hub: its process \d+ ended \(exit code 1\)") as caught:
+        SimulatedMachine(MACHINE, TRUTH, workdir=tmp_path).__enter__()
+    assert str(tmp_path / "log" / "hub.log") in str(caught.value)
 
 
 @pytest.mark.slow
