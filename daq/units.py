@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-import pint
 
 SI_UNITS: dict[str, str] = {
     "joint_position": "rad",  # m for a prismatic joint
@@ -27,6 +26,8 @@ SI_UNITS: dict[str, str] = {
 
 @lru_cache(maxsize=1)
 def _registry() -> Any:
+    import pint
+
     return pint.UnitRegistry(autoconvert_offset_to_baseunit=True)
 
 
@@ -55,6 +56,10 @@ def conversion(unit: str, si_unit: str) -> Conversion:
     ValueError
         If pint does not know the unit, or it measures something else.
     """
+    if unit == si_unit:
+        return Conversion(factor=1.0, offset=0.0)  # most channels; loading pint takes a second
+    import pint
+
     registry = _registry()
     try:
         zero = float(registry.Quantity(0.0, unit).to(si_unit).magnitude)

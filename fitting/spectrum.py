@@ -53,9 +53,12 @@ class Whitening:
     def __call__(self, rows: FloatArray) -> FloatArray:
         """Whitened and scaled rows of one stretch, (M,) or (M, k); as many as went in."""
         order = min(len(self.head), len(rows))
-        out = signal.lfilter(self.taps, [1.0], rows, axis=0)
+        out = self.taps[0] * rows
+        for lag, tap in enumerate(self.taps[1:], start=1):
+            out[lag:] += tap * rows[:-lag]
         out[:order] = self.head[:order, :order] @ rows[:order]
-        return np.asarray(out / self.innovation)
+        out /= self.innovation
+        return out
 
     def kept(self, keep: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
         """Which whitened rows use only rows that are kept."""

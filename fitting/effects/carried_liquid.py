@@ -32,9 +32,9 @@ class CarriedLiquid(Effect):
 
     def columns(self, view: DriveView, shape: Shape) -> FloatArray:
         """Columns (N, k); see :class:`Effect`."""
-        frequency = 2 * np.pi * shape["frequency"]
-        numerator, denominator = signal.bilinear(
-            [frequency**2], [1.0, 2 * shape["zeta"] * frequency, frequency**2], fs=view.bank.rate_hz
-        )
+        w, zeta, rate = 2 * np.pi * shape["frequency"], shape["zeta"], 2 * view.bank.rate_hz
+        # Bilinear transform of H(s), s = rate (1 - z^-1) / (1 + z^-1).
+        numerator = w**2 * np.array([1.0, 2.0, 1.0])
+        denominator = [rate**2 + 2 * zeta * w * rate + w**2, 2 * (w**2 - rate**2), rate**2 - 2 * zeta * w * rate + w**2]
         response = np.asarray(signal.lfilter(numerator, denominator, view.segment.qdd[:, view.joint])) / view.r
         return (response if view.segment.loaded else np.zeros_like(response))[:, None]

@@ -35,6 +35,9 @@ class PositionHarmonic(Effect):
 
     def columns(self, view: DriveView, shape: Shape) -> FloatArray:
         """Columns (N, k); see :class:`Effect`."""
-        phase = 2 * np.pi * (view.x - view.range.middle) / shape["pitch"]
-        waves = np.column_stack([np.sin(phase), np.cos(phase)])
+        key = f"harmonic {shape['pitch']}"  # shared by the even and the odd one
+        if key not in view.cache:
+            phase = 2 * np.pi * (view.x - view.range.middle) / shape["pitch"]
+            view.cache[key] = np.column_stack([np.sin(phase), np.cos(phase)])
+        waves = view.cache[key]
         return waves * view.s[:, None] if shape["odd"] else waves

@@ -31,7 +31,7 @@ from fitting.residual.confirmation import validate_gain
 from fitting.residual.cross_validation import HeldOut, held_out_gain
 from fitting.residual.laws import Law
 from fitting.residual.refinement import finer, refined
-from fitting.residual.scoring import PARAMETER_PRICE, ColumnCache, Score, catalogue_terms, law_terms, score_terms
+from fitting.residual.scoring import PARAMETER_PRICE, Candidates, Score, catalogue_terms, law_terms
 from fitting.residual.terms import Model, Term
 
 FloatArray = npt.NDArray[np.float64]
@@ -162,7 +162,6 @@ class _Selection:
         self.refuted_joints: set[int | None] = set()
         self.table: dict[Family, Candidate] = {}
         self.limits: tuple[Score, ...] = ()
-        self.cache: ColumnCache = {}
         self.scored: Model | None = None
         self.named: dict[Family, Score] = {}
         self.laws: dict[int | None, Score] = {}
@@ -186,10 +185,19 @@ class _Selection:
     def _score(self) -> None:
         if self.scored is self.model:
             return
-        if self.scored is not None and self.scored.design is not self.model.design:
-            self.cache.clear()
-        self.named = best_by_family(score_terms(self.model, *catalogue_terms(self.model, self.effects), self.cache))
-        self.laws = best_by_joint(score_terms(self.model, *law_terms(self.model), self.cache))
+        if self.scored is None or self.scored.design is not self.model.design:
+            terms, grid = catalogue_terms(self.model, self.effects)
+            spline_terms, spline_grid = law_terms(self.model)
+            self.candidates = Candidates(self.model, [*terms, *spline_terms], [*grid, *spline_grid])
+            scores = self.candidates.scores(self.model)
+        else:
+            # Columns with the force of an earlier model show who matters; those are made anew.
+            scores = self.candidates.scores(self.model)
+            near = {n for n, score in scores.items() if score.score > ACCUSE - PARAMETER_PRICE}
+            self.candidates.refresh(self.model, near)
+            scores = self.candidates.scores(self.model)
+        self.named = best_by_family([s for s in scores.values() if isinstance(s.term.content, Effect)])
+        self.laws = best_by_joint([s for s in scores.values() if isinstance(s.term.content, Law)])
         self.scored = self.model
 
     def _open_names(self) -> list[Score]:

@@ -13,21 +13,21 @@ A direction of ``S`` that survives with less than 1e-4 of its norm is rounding o
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from scipy import linalg
 
 from fitting.effects.base import Effect
-from fitting.residual.laws import Law, laws
+from fitting.residual.laws import laws
 from fitting.residual.terms import Model, Term
 
 FloatArray = npt.NDArray[np.float64]
 
 #: Chi-square that one more parameter has to bring to be worth it.
 PARAMETER_PRICE = 6.0
+_BATCH_COLUMNS = 128  # built at once at full rate: fits a processor's cache
 _DEAD = 1e-8  # squared: columns survive with at least 1e-4 of their norm
 
 
@@ -56,136 +56,164 @@ class Score:
     surviving: float
 
 
-ColumnCache = dict[tuple[object, ...], FloatArray]
+class Candidates:
+    """Candidate terms with their whitened columns in the rows of one design.
 
-
-def score_terms(
-    model: Model, terms: Sequence[Term], grid: Sequence[int], cache: ColumnCache | None = None
-) -> list[Score]:
-    """Scores of candidates; ``grid[i]`` is the size of the grid that candidate ``i`` was picked from.
-
-    ``cache`` keeps whitened columns that depend on the measured motion only, between calls with the same design and
-    noise.
+    Columns are made once. Those that hold the model's own force go stale when the model changes; scores from stale
+    columns are good enough to see who matters, and :meth:`refresh` makes the columns of those anew.
     """
-    cache = {} if cache is None else cache
-    result: list[Score | None] = [None] * len(terms)
-    local: dict[int, list[int]] = {}
-    for number, term in enumerate(terms):
-        if term.everywhere:
-            parts = [_white_columns(model, [term], joint) for joint in range(len(model.views[0]))]
-            result[number] = _score(model, term, grid[number], *_gram(model, parts))
-        else:
-            local.setdefault(term.joint or 0, []).append(number)
-    for joint, numbers in local.items():
-        block = _cached_columns(model, [terms[n] for n in numbers], joint, cache)
-        norms = np.einsum("ij,ij->j", block, block)
-        projection = model.fit.orthonormal[joint].T @ block
-        products = block.T @ model.fit.residual[joint]
-        start = 0
-        for number in numbers:
-            width = len(terms[number].names(model.design.parameters.joints))
-            part = slice(start, start + width)
-            own, shadow = block[:, part], projection[:, part]
-            gram = own.T @ own - shadow.T @ shadow
-            result[number] = _score(model, terms[number], grid[number], gram, products[part], norms[part])
-            start += width
-    for views in model.views:
-        for view in views:
-            view.cache.clear()  # what shapes shared is of no use any more
-    return [score for score in result if score is not None]
 
+    def __init__(self, model: Model, terms: Sequence[Term], grid: Sequence[int]) -> None:
+        """Build the columns; ``grid[i]`` is the size of the grid that candidate ``i`` was picked from."""
+        self.terms, self.grid = tuple(terms), tuple(grid)
+        self._widths = [len(term.names(model.design.parameters.joints)) for term in self.terms]
+        everywhere = [n for n, term in enumerate(self.terms) if term.everywhere]
+        self._groups: dict[int | None, list[int]] = {None: everywhere} if everywhere else {}
+        for number, term in enumerate(self.terms):
+            if not term.everywhere:
+                self._groups.setdefault(term.joint or 0, []).append(number)
+        self._columns = {place: self._built(model, place, numbers) for place, numbers in self._groups.items()}
 
-def _cached_columns(model: Model, terms: Sequence[Term], joint: int, cache: ColumnCache) -> FloatArray:
-    """As :func:`_white_columns`, taking from the cache what does not change."""
-    keys = [term.key for term in terms]
-    fresh = [(term, key) for term, key in zip(terms, keys, strict=True) if key is None or key not in cache]
-    made: dict[int, FloatArray] = {}
-    if fresh:
-        widths = [len(term.names(model.design.parameters.joints)) for term, _ in fresh]
-        parts = np.split(_white_columns(model, [term for term, _ in fresh], joint), np.cumsum(widths)[:-1], axis=1)
-        for (term, key), part in zip(fresh, parts, strict=True):
-            if key is None:
-                made[id(term)] = part
+    def refresh(self, model: Model, numbers: Collection[int]) -> None:
+        """Make the columns of these candidates anew, from the model's present forces."""
+        for place, own in self._groups.items():
+            stale = [n for n in own if n in numbers and self.terms[n].uses_model]
+            if not stale:
+                continue
+            fresh = self._built(model, place, stale)
+            starts = dict(zip(own, np.cumsum([0, *(self._widths[n] for n in own[:-1])]).tolist(), strict=True))
+            into = np.concatenate([np.arange(starts[n], starts[n] + self._widths[n]) for n in stale])
+            self._columns[place][:, into] = fresh
+
+    def scores(self, model: Model) -> dict[int, Score]:
+        """Score of every candidate that has a live direction, by its number."""
+        result: dict[int, Score] = {}
+        for place, numbers in self._groups.items():
+            C = self._columns[place]
+            if place is None:
+                Q, residual = np.vstack(model.fit.orthonormal), np.concatenate(model.fit.residual)
             else:
-                cache[key] = np.ascontiguousarray(part)
-    return np.hstack([made[id(t)] if k is None else cache[k] for t, k in zip(terms, keys, strict=True)])
+                Q, residual = model.fit.orthonormal[place], model.fit.residual[place]
+            shadow, products, norms = Q.T @ C, C.T @ residual, np.einsum("ij,ij->j", C, C)
+            widths = np.array([self._widths[n] for n in numbers])
+            starts = np.concatenate([[0], np.cumsum(widths)[:-1]])
+            for width in np.unique(widths).tolist():
+                members = np.flatnonzero(widths == width)
+                where = starts[members][:, None] + np.arange(width)
+                own, shade = (
+                    np.ascontiguousarray(part[:, where.ravel()].reshape(len(part), len(members), width).swapaxes(0, 1))
+                    for part in (C, shadow)
+                )
+                gram = own.swapaxes(1, 2) @ own - shade.swapaxes(1, 2) @ shade
+                chosen = [numbers[m] for m in members]
+                own_terms = [(self.terms[n], self.grid[n]) for n in chosen]
+                for member, score in _scored(own_terms, gram, products[where], norms[where]):
+                    result[chosen[member]] = score
+        return result
+
+    def _built(self, model: Model, place: int | None, numbers: Sequence[int]) -> FloatArray:
+        joints = range(len(model.views[0])) if place is None else range(place, place + 1)
+        ends = np.cumsum([len(model.fit.residual[joint]) for joint in joints])
+        block = np.empty((int(ends[-1]), sum(self._widths[n] for n in numbers)))
+        column = 0
+        for batch in _batches(numbers, self._widths):
+            width = sum(self._widths[n] for n in batch)
+            out = np.split(block[:, column : column + width], ends[:-1])
+            _white_columns(model, [self.terms[n] for n in batch], joints, out)
+            column += width
+        for views in model.views:
+            for view in views:
+                view.cache.clear()  # what shapes shared is of no use any more
+        return block
 
 
-def _white_columns(model: Model, terms: Sequence[Term], joint: int) -> FloatArray:
-    """Whitened columns of terms in one joint's rows, in the order of the fit's rows."""
-    design, parts = model.design, []
+def score_terms(model: Model, terms: Sequence[Term], grid: Sequence[int]) -> list[Score]:
+    """Scores of a few candidates in a row, those without a live direction left out."""
+    scores = Candidates(model, terms, grid).scores(model)
+    return [scores[number] for number in sorted(scores)]
+
+
+def _batches(numbers: Sequence[int], widths: Sequence[int]) -> Iterator[list[int]]:
+    batch: list[int] = []
+    for number in numbers:
+        batch.append(number)
+        if sum(widths[n] for n in batch) >= _BATCH_COLUMNS:
+            yield batch
+            batch = []
+    if batch:
+        yield batch
+
+
+def _white_columns(model: Model, terms: Sequence[Term], joints: range, out: Sequence[FloatArray]) -> None:
+    """Whitened columns of terms in the rows of these joints, in the order of the fit's rows, into ``out`` per joint."""
+    design, ends = model.design, [0] * len(joints)
     for index in model.fitted:
-        views = model.views[index]
-        full = np.hstack([c[:, joint] if t.everywhere else c for t in terms for c in (t.columns(views),)])
-        kept = model.noise.kept(joint, design.blocks[joint][index].keep)
-        parts.append(model.noise.whiten(joint, design.bank.reduce(full))[kept])
-    block = np.vstack(parts)
-    missing = len(model.fit.residual[joint]) - len(block)  # a prior's row knows nothing of candidates
-    return np.vstack([block, np.zeros((missing, block.shape[1]))]) if missing else block
+        columns = [term.columns(model.views[index]) for term in terms]
+        for number, joint in enumerate(joints):
+            full = np.empty((len(design.segments[index]), out[number].shape[1]), order="F")
+            start = 0
+            for term, own in zip(terms, columns, strict=True):
+                full[:, start : start + own.shape[-1]] = own[:, joint] if term.everywhere else own
+                start += own.shape[-1]
+            kept = model.noise.kept(joint, design.blocks[joint][index].keep)
+            white = model.noise.whiten(joint, design.bank.reduce(full))[kept]
+            out[number][ends[number] : ends[number] + len(white)] = white
+            ends[number] += len(white)
+    for own, end in zip(out, ends, strict=True):
+        own[end:] = 0.0  # a prior's row knows nothing of candidates
 
 
-def _gram(model: Model, parts: Sequence[FloatArray]) -> tuple[FloatArray, FloatArray, FloatArray]:
-    together = np.vstack(parts)
-    shadow = np.vstack(model.fit.orthonormal).T @ together
-    gram = together.T @ together - shadow.T @ shadow
-    return gram, together.T @ np.concatenate(model.fit.residual), np.einsum("ij,ij->j", together, together)
-
-
-def _score(
-    model: Model, term: Term, grid: int, gram: FloatArray, products: FloatArray, norms: FloatArray
-) -> Score | None:
-    scale = np.sqrt(np.maximum(norms, 1e-300))
-    if not np.all(np.isfinite(scale)) or np.all(norms <= 1e-20):
-        return None
-    if len(scale) == 1:
-        eigenvalues, vectors = (gram / norms).ravel(), np.ones((1, 1))
-    else:
-        eigenvalues, vectors = linalg.eigh(gram / np.outer(scale, scale), check_finite=False)
+def _scored(
+    terms: Sequence[tuple[Term, int]], gram: FloatArray, products: FloatArray, norms: FloatArray
+) -> Iterator[tuple[int, Score]]:
+    """Scores of terms of one width ``k``: ``gram`` (T, k, k), ``products`` and ``norms`` (T, k)."""
+    there = np.isfinite(norms).all(axis=1) & (norms > 1e-20).any(axis=1)
+    scale = np.sqrt(np.where(there[:, None], np.maximum(norms, 1e-300), 1.0))
+    unit = np.where(there[:, None, None], gram / (scale[:, :, None] * scale[:, None, :]), 0.0)
+    eigenvalues, vectors = np.linalg.eigh(unit)
     live = eigenvalues > _DEAD
-    if not live.any():
-        return None
-    turned = vectors[:, live].T @ (products / scale)
-    gain = float(np.sum(turned**2 / eigenvalues[live]))
-    values = (vectors[:, live] @ (turned / eigenvalues[live])) / scale
-    stds = np.sqrt(np.sum(vectors[:, live] ** 2 / eigenvalues[live], axis=1)) / scale
-    count = int(np.count_nonzero(live))
-    plausible = True
-    if isinstance(term.content, Effect):
-        plausible = term.content.plausible(values.tolist(), stds.tolist())
-    return Score(
-        term=term,
-        gain=gain,
-        live=count,
-        score=gain - PARAMETER_PRICE * count - 2.0 * float(np.log(grid)),
-        values=tuple(values.tolist()),
-        stds=tuple(stds.tolist()),
-        plausible=plausible,
-        surviving=float(np.sqrt(np.max(np.diag(gram).clip(0) / np.maximum(norms, 1e-300)))),
-    )
+    inverse = np.where(live, 1.0 / np.where(live, eigenvalues, 1.0), 0.0)
+    turned = np.einsum("tij,ti->tj", vectors, products / scale)
+    gains = np.sum(turned**2 * inverse, axis=1)
+    values = np.einsum("tij,tj->ti", vectors, turned * inverse) / scale
+    stds = np.sqrt(np.einsum("tij,tj->ti", vectors**2, inverse)) / scale
+    surviving = np.sqrt(np.max(np.einsum("tii->ti", gram).clip(0) / scale**2, axis=1))
+    for number, (term, grid) in enumerate(terms):
+        count = int(np.count_nonzero(live[number]))
+        if not there[number] or not count:
+            continue
+        own, errors = tuple(values[number].tolist()), tuple(stds[number].tolist())
+        gain = float(gains[number])
+        yield (
+            number,
+            Score(
+                term=term,
+                gain=gain,
+                live=count,
+                score=gain - PARAMETER_PRICE * count - 2.0 * float(np.log(grid)),
+                values=own,
+                stds=errors,
+                plausible=not isinstance(term.content, Effect) or term.content.plausible(own, errors),
+                surviving=float(surviving[number]),
+            ),
+        )
 
 
-def catalogue_terms(
-    model: Model, effects: Sequence[Effect], joints: Sequence[int] | None = None
-) -> tuple[list[Term], list[int]]:
-    """Every effect on every joint (default: all) it applies to, in every shape, and each one's grid size."""
+def catalogue_terms(model: Model, effects: Sequence[Effect]) -> tuple[list[Term], list[int]]:
+    """Every effect on every joint it applies to, in every shape, and each one's grid size."""
     terms: list[Term] = []
     grid: list[int] = []
     machine = model.design.machine
+    views = model.views[model.fitted[0]]
     for effect in effects:
-        if effect.machine_wide and not effect.applies(machine, 0):
-            continue
-        if effect.machine_wide:
-            own = [Term(effect, None, shape) for shape in effect.shapes(model.views[model.fitted[0]][0])]
-            terms.extend(own)
-            grid.extend([len(own)] * len(own))
-            continue
-        for joint in range(len(machine.joints)) if joints is None else joints:
-            if not effect.applies(machine, joint):
+        for joint in (None,) if effect.machine_wide else range(len(machine.joints)):
+            if not effect.applies(machine, joint or 0):
                 continue
-            shapes = effect.shapes(model.views[model.fitted[0]][joint])
+            shapes = effect.shapes(views[joint or 0])
+            variants = [()] if joint is None else effect.variants(machine, joint)
             own = [
                 Term(effect, joint, {**shape, **({"other": float(others[0])} if others else {})})
-                for others in effect.variants(machine, joint)
+                for others in variants
                 for shape in shapes
             ]
             terms.extend(own)
@@ -193,14 +221,8 @@ def catalogue_terms(
     return terms, grid
 
 
-def law_terms(model: Model, joints: Sequence[int] | None = None) -> tuple[list[Term], list[int]]:
-    """Every spline law of the given joints (default: all)."""
-    terms = list(_laws(model, range(len(model.design.machine.joints)) if joints is None else joints))
+def law_terms(model: Model) -> tuple[list[Term], list[int]]:
+    """Every spline law of every joint."""
+    joints = range(len(model.design.machine.joints))
+    terms = [Term(law, joint) for joint in joints for law in laws(model.views, joint, model.fitted)]
     return terms, [2] * len(terms)
-
-
-def _laws(model: Model, joints: Sequence[int]) -> Iterator[Term]:
-    for joint in joints:
-        for law in laws(model.views, joint, model.fitted):
-            assert isinstance(law, Law)
-            yield Term(law, joint)

@@ -42,13 +42,9 @@ class Term:
         return self.id, self.joint
 
     @property
-    def key(self) -> tuple[object, ...] | None:
-        """Key of columns that depend on the measured motion only; None where the model's parameters enter."""
-        if isinstance(self.content, Law):
-            return None if self.content.uses_model else ("law", self.joint, self.content)
-        if self.content.uses_model or self.everywhere:
-            return None
-        return (self.content.id, self.joint, tuple(sorted(self.shape.items())))
+    def uses_model(self) -> bool:
+        """True where the columns hold the model's own force, not the measured motion only."""
+        return self.content.uses_model or self.everywhere
 
     def columns(self, views: Sequence[DriveView]) -> FloatArray:
         """Columns in one segment from its views of all joints: (N, k), or (N, n, k) where it acts on all joints."""

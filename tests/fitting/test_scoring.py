@@ -10,7 +10,7 @@ from fitting.effects import effect, effects
 from fitting.prior import with_prior
 from fitting.regression import whitened
 from fitting.residual.laws import Law
-from fitting.residual.scoring import PARAMETER_PRICE, Score, catalogue_terms, law_terms, score_terms
+from fitting.residual.scoring import PARAMETER_PRICE, Candidates, Score, catalogue_terms, law_terms, score_terms
 from fitting.residual.terms import Model, Term, extra_columns, fit_model
 from fitting.session import Session
 from fitting.splines import evaluate, spline_knots
@@ -83,17 +83,27 @@ def test_the_score_pays_for_parameters_and_for_the_grid() -> None:
     assert many.score == pytest.approx(one.score - 2 * np.log(20))
 
 
-def test_the_cache_changes_nothing() -> None:
-    model = clean_session(2).base_model
-    few = [effect(name) for name in ("stribeck", "payload", "load_dependent_friction", "pose_dependent_friction")]
-    terms, grid = catalogue_terms(model, few)
-    cache: dict[tuple[object, ...], np.ndarray] = {}
-    fresh = score_terms(model, terms, grid)
-    first, second = score_terms(model, terms, grid, cache), score_terms(model, terms, grid, cache)
-    assert cache
-    for a, b, c in zip(fresh, first, second, strict=True):
-        assert a.term == b.term == c.term
-        assert a.gain == pytest.approx(b.gain, rel=1e-6, abs=1e-6) == pytest.approx(c.gain, rel=1e-6, abs=1e-6)
+def test_refreshed_columns_are_those_of_the_present_model() -> None:
+    """Columns that hold the model's force go stale with a new model; what is refreshed is as good as built anew."""
+    session = clean_session(2)
+    base = session.base_model
+    few = [effect(name) for name in ("stribeck", "payload", "load_dependent_friction", "sensor_latency")]
+    terms, grid = catalogue_terms(base, few)
+    candidates = Candidates(base, terms, grid)
+    added = Term(effect("position_dependent_friction"), 1)
+    model = fit_model(base.design, base.noise, base.fitted, [added], session.prior)
+    stale = candidates.scores(model)
+    candidates.refresh(model, range(len(terms)))
+    renewed, fresh = candidates.scores(model), Candidates(model, terms, grid).scores(model)
+    assert renewed.keys() == fresh.keys()
+    changed = 0
+    for number, score in fresh.items():
+        assert renewed[number].gain == pytest.approx(score.gain, rel=1e-6, abs=1e-6)
+        if not terms[number].uses_model:
+            assert stale[number].gain == pytest.approx(score.gain, rel=1e-6, abs=1e-6)
+        else:
+            changed += stale[number].gain != pytest.approx(score.gain, rel=1e-6, abs=1e-6)
+    assert changed
 
 
 def test_a_column_that_the_base_explains_is_dead_and_skipped() -> None:
@@ -113,11 +123,11 @@ def test_a_column_that_the_base_explains_is_dead_and_skipped() -> None:
 
 def test_nothing_scores_on_a_joint_that_it_does_not_apply_to() -> None:
     model = clean_session(2).base_model
-    terms, grid = catalogue_terms(model, effects(), joints=[1])
+    terms, grid = catalogue_terms(model, effects())
     assert len(terms) == len(grid)
-    assert {t.joint for t in terms} == {None, 1}
+    assert {t.joint for t in terms} == {None, 0, 1}
     assert not {"backlash", "encoder_offset"} & {t.id for t in terms}  # found between the two position sensors
-    assert {t.joint for t in law_terms(model, [0])[0]} == {0}
+    assert {t.joint for t in law_terms(model)[0]} == {0, 1}
     for term, size in zip(terms, grid, strict=True):
         assert size == sum(t.family == term.family and t.shape.get("other") == term.shape.get("other") for t in terms)
 
