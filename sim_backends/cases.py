@@ -15,12 +15,40 @@ from daq.machine_file import Machine, machine_to_yaml
 from daq.recording import write_recording
 from sim_backends.machines import folding_arm, slewing_arm
 from sim_backends.motion import Motion, random_motion
-from sim_backends.plant import record
+from sim_backends.plant import record_beside_ideal
 from sim_backends.truth import SensorQuality, Truth
 from sim_backends.undeclared import EffectSpec, check_spec
 
 FloatArray = npt.NDArray[np.float64]
 Effects = Sequence[EffectSpec | tuple[str, str | None, float]]
+
+
+#: The recordings of a case, by file stem; the role is what stands before the hyphen.
+STEMS = ("unloaded", "train-1", "train-2", "repeat", "validate")
+
+
+@dataclass(frozen=True)
+class CasePlan:
+    """A machine and its motions; recordings are made one by one, with whatever effects are asked for.
+
+    ``repeat`` is the motion of ``train-1`` again. Noise and tracking errors depend on ``seed`` and the stem alone, so
+    a recording with an effect differs from the same without it by that effect only.
+    """
+
+    machine: Machine
+    truth: Truth
+    seed: int
+    motions: Mapping[str, Motion]
+
+    def record(
+        self, stem: str, undeclared: Sequence[EffectSpec] = (), quality: SensorQuality | None = None
+    ) -> tuple[dict[str, FloatArray], dict[str, FloatArray]]:
+        """One recording, measured and ideal (see :func:`sim_backends.plant.record_beside_ideal`)."""
+        return record_beside_ideal(
+            self.machine, self.truth, self.motions[stem], undeclared=undeclared, quality=quality,
+            rng=np.random.default_rng([self.seed, 12, STEMS.index(stem)]),
+            shapes=np.random.default_rng([self.seed, 13]),
+        )  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -35,6 +63,19 @@ class Case:
     recordings: Mapping[str, Mapping[str, FloatArray]]
 
 
+def plan_case(
+    arm: Literal["folding", "slewing"] | tuple[Machine, Truth] = "folding", seed: int = 0, seconds: float = 60.0
+) -> CasePlan:
+    """The machine and the motions of a case, before anything is recorded."""
+    machine, truth = arm if isinstance(arm, tuple) else (folding_arm if arm == "folding" else slewing_arm)(seed)
+    rng = np.random.default_rng([seed, 11])
+    motions: dict[str, Motion] = {"unloaded": random_motion(machine, rng, seconds, rods="unpinned")}
+    for stem in ("train-1", "train-2", "validate"):
+        motions[stem] = random_motion(machine, rng, seconds)
+    motions["repeat"] = motions["train-1"]
+    return CasePlan(machine, truth, seed, motions)
+
+
 def simulate_case(
     arm: Literal["folding", "slewing"] | tuple[Machine, Truth] = "folding",
     seed: int = 0,
@@ -47,23 +88,10 @@ def simulate_case(
     ``repeat`` is the motion of ``train-1`` again. The hidden shape of an effect is the same in all recordings, noise
     and tracking errors differ. The same arguments give the same numbers.
     """
-    if isinstance(arm, tuple):
-        machine, truth = arm
-    else:
-        machine, truth = (folding_arm if arm == "folding" else slewing_arm)(seed)
-    specs = tuple(check_spec(s if isinstance(s, EffectSpec) else EffectSpec(*s), machine) for s in undeclared)
-    motion_rng = np.random.default_rng([seed, 11])
-    motions: dict[str, Motion] = {"unloaded": random_motion(machine, motion_rng, seconds, rods="unpinned")}
-    for stem in ("train-1", "train-2", "validate"):
-        motions[stem] = random_motion(machine, motion_rng, seconds)
-    motions["repeat"] = motions["train-1"]
-    recordings = {}
-    for k, stem in enumerate(("unloaded", "train-1", "train-2", "repeat", "validate")):
-        recordings[stem] = record(
-            machine, truth, motions[stem], undeclared=specs, quality=quality,
-            rng=np.random.default_rng([seed, 12, k]), shapes=np.random.default_rng([seed, 13]),
-        )  # fmt: skip
-    return Case(machine, truth, specs, motions, recordings)
+    plan = plan_case(arm, seed, seconds)
+    specs = tuple(check_spec(s if isinstance(s, EffectSpec) else EffectSpec(*s), plan.machine) for s in undeclared)
+    recordings = {stem: plan.record(stem, specs, quality)[0] for stem in STEMS}
+    return Case(plan.machine, plan.truth, specs, plan.motions, recordings)
 
 
 def make_case(

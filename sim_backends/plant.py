@@ -126,12 +126,20 @@ class Plant:
 
     def advance(self, periods: int) -> FloatArray:
         """Run ``periods`` acquisition periods; measured values (periods, channels) in SI, taken at their ends."""
+        return self.measured(self.sample(periods))
+
+    def sample(self, periods: int) -> FloatArray:
+        """As :meth:`advance`, but what ideal transducers would say: no noise, no steps, no saturation."""
         rows, left = [], periods * self.steps.per_period
         while left > 0:
             n = min(left, self.controller.remaining or left)
-            rows.append(self._chain(self._ideal(n)[self.steps.per_period - 1 :: self.steps.per_period]))
+            rows.append(self._ideal(n)[self.steps.per_period - 1 :: self.steps.per_period])
             left -= n
         return np.concatenate(rows)
+
+    def measured(self, ideal: FloatArray) -> FloatArray:
+        """What the transducers make of ideal values (periods, channels)."""
+        return self._chain(ideal)
 
     def _ideal(self, n: int) -> FloatArray:
         block, force, effort = self.step(n)
@@ -326,14 +334,40 @@ def record(
     """
     if rods is not None and rods != motion.rods:
         raise InputError(f"the motion is for rods={motion.rods}, not {rods}")
+    return record_beside_ideal(machine, truth, motion, undeclared=undeclared, quality=quality, rng=rng, shapes=shapes)[
+        0
+    ]
+
+
+def record_beside_ideal(
+    machine: Machine,
+    truth: Truth,
+    motion: Motion,
+    *,
+    undeclared: Sequence[EffectSpec | tuple[str, str | None, float]] = (),
+    quality: SensorQuality | None = None,
+    rng: np.random.Generator,
+    shapes: np.random.Generator | None = None,
+) -> tuple[dict[str, FloatArray], dict[str, FloatArray]]:
+    """A recording as :func:`record` makes it, and what ideal transducers would have said of the same run.
+
+    Disturbances, knocks and tracking errors are in both; the transducers' noise, steps and saturation only in the
+    first. The difference of two ideal tables, with an effect and without, is that effect's waveform and nothing else.
+    """
     specs = [spec if isinstance(spec, EffectSpec) else EffectSpec(*spec) for spec in undeclared]
     plant = Plant(machine, truth, undeclared=specs, quality=quality, rng=rng, shapes=shapes)
     plant.controller.place(motion)
     periods = round(motion.duration * machine.rate_hz)
     settling = round(SETTLE_TIME * machine.rate_hz)
     plant.set_clock(-settling)
-    before = plant.advance(settling)[-1:]
+    settled = plant.sample(settling)
     plant.controller.follow(motion, at_once=True)
-    values = np.concatenate([before, plant.advance(periods)])[:periods]
-    table: dict[str, FloatArray] = {"time": np.arange(periods) / machine.rate_hz}
-    return table | {channel.name: values[:, k] for k, channel in enumerate(machine.channels)}
+    ideal = np.concatenate([settled, plant.sample(periods)])
+    measured = plant.measured(ideal)
+    kept = slice(settling - 1, settling - 1 + periods)
+    time = np.arange(periods) / machine.rate_hz
+
+    def table(values: FloatArray) -> dict[str, FloatArray]:
+        return {"time": time} | {channel.name: values[kept, k] for k, channel in enumerate(machine.channels)}
+
+    return table(measured), table(ideal)

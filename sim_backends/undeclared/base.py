@@ -112,6 +112,13 @@ class UndeclaredEffect:
     def sense(self, block: Block, readings: Readings) -> None:
         """Change what the transducers read."""
 
+    def variables(self) -> tuple[str, ...]:
+        """Signals of a recording whose law shows the effect, where it stands in no catalogue; any of them is right.
+
+        Names as in a report: ``piston_position`` of the joint itself, ``joint3.piston_speed`` of another.
+        """
+        return ()
+
     # Helpers for subclasses
 
     @property

@@ -21,6 +21,9 @@ class BentGuide(UndeclaredEffect):
         u = (self.stroke_fraction(block) - self.centre) / self.width
         return self.size * self.sign(block) / np.square(np.cosh(u))
 
+    def variables(self) -> tuple[str, ...]:
+        return ("piston_position",)
+
 
 class ThresholdSpring(UndeclaredEffect):
     """A cable or bracket that is caught from some position on and is stretched beyond it."""
@@ -35,6 +38,9 @@ class ThresholdSpring(UndeclaredEffect):
     def piston_force(self, block: Block) -> FloatArray:
         beyond = (self.stroke_fraction(block) - self.threshold) / (1.0 - self.threshold)
         return self.size * 0.03 * np.logaddexp(0.0, beyond / 0.03)
+
+    def variables(self) -> tuple[str, ...]:
+        return ("piston_position",)
 
 
 class NeighbourProductFriction(UndeclaredEffect):
@@ -57,6 +63,9 @@ class NeighbourProductFriction(UndeclaredEffect):
             product *= (2.0 * block.q[:, k] - low - high) / (high - low)
         return self.size * product * self.sign(block)
 
+    def variables(self) -> tuple[str, ...]:
+        return tuple(f"{self.place.machine.joints[k].name}.joint_position" for k in self.pair)
+
 
 class SaturatingCoupling(UndeclaredEffect):
     """A pilot line from the neighbour: its speed pushes here, up to a saturation."""
@@ -71,6 +80,9 @@ class SaturatingCoupling(UndeclaredEffect):
 
     def piston_force(self, block: Block) -> FloatArray:
         return self.size * np.tanh(block.v[:, self.other] / self.knee)
+
+    def variables(self) -> tuple[str, ...]:
+        return (f"{self.place.machine.joints[self.other].name}.piston_speed",)
 
 
 class DwellStiction(UndeclaredEffect):
@@ -93,3 +105,7 @@ class DwellStiction(UndeclaredEffect):
             ages[k] = age
         self.age, self.heading = age, heading
         return self.size * -np.expm1(-ages / self.settling) * self.sign(block)
+
+    def variables(self) -> tuple[str, ...]:
+        # Within a stroke the time since the reversal goes with speed and acceleration; no channel holds it.
+        return ("time_since_reversal", "piston_speed", "piston_acceleration")

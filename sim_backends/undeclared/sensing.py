@@ -15,7 +15,8 @@ class SupplyRipple(UndeclaredEffect):
     meaning = "amplitude on the head pressure (and on the supply pressure)"
 
     def prepare(self, rng: np.random.Generator) -> None:
-        self.frequency = rng.uniform(1.2, 8.0)
+        # Shaft speed or piston passages: also above half a usual sampling rate, where it is folded.
+        self.frequency = float(np.exp(rng.uniform(np.log(1.2), np.log(45.0))))
         self.phase = rng.uniform(0, 2 * np.pi)
 
     def sense(self, block: Block, readings: Readings) -> None:
