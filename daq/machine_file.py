@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
+import numpy.typing as npt
 import yaml
 from pydantic import BaseModel, Field, ValidationError, field_validator, model_validator
 
@@ -29,7 +30,8 @@ from daq.buses import (
     source_of,
 )
 from daq.errors import MachineFileError
-from daq.linkages import Linkage, ThreePin
+from daq.joints import Coupling, Cylinder, DenavitHartenberg, Drive, Interval, Joint, Limits, ordered, unique
+from daq.linkages import ThreePin
 from daq.machine_file_errors import did_you_mean, one_line
 from daq.units import SI_UNITS, Conversion, conversion
 
@@ -41,8 +43,11 @@ __all__ = [
     "CanSource",
     "CanopenBus",
     "Channel",
+    "Coupling",
     "Cylinder",
     "DenavitHartenberg",
+    "Drive",
+    "Hydraulics",
     "Joint",
     "Limits",
     "Machine",
@@ -68,6 +73,9 @@ Quantity = Literal[
     "rod_pressure",
     "cylinder_force",
     "joint_effort",
+    "motor_position",
+    "motor_effort",
+    "external_force",
     "oil_temperature",
     "supply_pressure",
     "tank_pressure",
@@ -75,112 +83,18 @@ Quantity = Literal[
     "base_pitch",
 ]
 JOINT_QUANTITIES = frozenset(
-    {"joint_position", "piston_position", "head_pressure", "rod_pressure", "cylinder_force", "joint_effort"}
+    {
+        "joint_position",
+        "piston_position",
+        "head_pressure",
+        "rod_pressure",
+        "cylinder_force",
+        "joint_effort",
+        "motor_position",
+        "motor_effort",
+        "external_force",
+    }
 )
-Positive = Annotated[float, Field(gt=0)]
-Interval = tuple[float, float]
-
-
-def _ordered(interval: Interval, what: str) -> Interval:
-    if interval[0] >= interval[1]:
-        raise ValueError(f"{what} must go from low to high, not {interval[0]:g} to {interval[1]:g}")
-    return interval
-
-
-class DenavitHartenberg(FileModel):
-    """Standard (distal) Denavit-Hartenberg row: ``Rz(theta) Tz(d) Tx(a) Rx(alpha)``; the joint variable adds."""
-
-    a: float  # m
-    alpha: float  # rad
-    d: float  # m
-    theta: float  # rad
-
-
-class Limits(FileModel):
-    """What the joint may do: position (rad or m), speed and acceleration."""
-
-    position: Interval
-    velocity: Positive
-    acceleration: Positive
-
-    @field_validator("position")
-    @classmethod
-    def _position(cls, value: Interval) -> Interval:
-        return _ordered(value, "position")
-
-
-class Cylinder(FileModel):
-    """A hydraulic cylinder and the linkage between its rod and the joint."""
-
-    bore: Positive  # m
-    rod: Annotated[float, Field(ge=0)]  # m; 0 never occurs on a real single-rod cylinder but is a plunger
-    stroke: Positive  # m
-    damping: Annotated[float, Field(ge=0)] = 0.0  # N s/m, known; 0: then it is part of f_v
-    moving_mass: Annotated[float, Field(gt=0)] | None = None  # kg if known, else identified
-    linkage: Linkage
-
-    @model_validator(mode="after")
-    def _rod_fits(self) -> Cylinder:
-        if self.rod >= self.bore:
-            raise ValueError(f"rod {self.rod:g} m must be thinner than the bore {self.bore:g} m")
-        return self
-
-    @property
-    def head_area(self) -> float:
-        """A1 in m^2."""
-        return float(np.pi * self.bore**2 / 4)
-
-    @property
-    def rod_area(self) -> float:
-        """A2, the annulus on the rod side, in m^2."""
-        return float(np.pi * (self.bore**2 - self.rod**2) / 4)
-
-
-class Joint(FileModel):
-    """One joint, from base to tip."""
-
-    name: Name
-    type: Literal["revolute", "prismatic"] = "revolute"
-    dh: DenavitHartenberg
-    limits: Limits
-    cylinder: Cylinder | None = None
-
-    @property
-    def effort_unit(self) -> str:
-        """``N m`` for a revolute joint, ``N`` for a prismatic one."""
-        return "N m" if self.type == "revolute" else "N"
-
-    @model_validator(mode="after")
-    def _linkage_closes(self) -> Joint:
-        if self.cylinder is None:
-            return self
-        linkage, stroke = self.cylinder.linkage, self.cylinder.stroke
-        q = np.linspace(*self.limits.position, 201)
-        x = linkage.piston_position(q)
-        if isinstance(linkage, ThreePin):
-            shortest, longest = abs(linkage.a - linkage.b), linkage.a + linkage.b
-            if linkage.retracted >= longest or linkage.retracted + stroke <= shortest:
-                raise ValueError(
-                    f"cylinder.linkage cannot close: the pins are {shortest:.4g} to {longest:.4g} m apart, the "
-                    f"cylinder {linkage.retracted:.4g} to {linkage.retracted + stroke:.4g} m; check a, b, retracted"
-                )
-        if x.max() <= 0 or x.min() >= stroke:
-            raise ValueError(
-                f"cylinder.linkage cannot close: within limits.position the piston would have to be at {x.min():.4g}"
-                f" to {x.max():.4g} m of a stroke of {stroke:g} m; check retracted, offset or zero"
-            )
-        if np.any(np.diff(x) >= 0) and np.any(np.diff(x) <= 0):
-            raise ValueError(
-                "cylinder.linkage passes a dead centre within limits.position (the lever arm becomes zero); "
-                "narrow the limits or correct offset"
-            )
-        tolerance = 1e-6 + 1e-3 * stroke
-        if x.min() < -tolerance or x.max() > stroke + tolerance:
-            raise ValueError(
-                f"cylinder.stroke {stroke:g} m is exceeded: limits.position needs {x.min():.4g} to {x.max():.4g} m; "
-                "narrow limits.position or correct the linkage"
-            )
-        return self
 
 
 class Channel(FileModel):
@@ -198,7 +112,7 @@ class Channel(FileModel):
     @field_validator("range")
     @classmethod
     def _range(cls, value: Interval | None) -> Interval | None:
-        return None if value is None else _ordered(value, "range")
+        return None if value is None else ordered(value, "range")
 
     @field_validator("source", mode="before")
     @classmethod
@@ -213,6 +127,22 @@ class Simulation(FileModel):
     lockstep: bool = True  # machine time advances with SYNC and by nothing else
 
 
+class Hydraulics(FileModel):
+    """What the supply can do, for motions that are planned: pressures in Pa, flow in m^3/s."""
+
+    supply_pressure: Annotated[float, Field(gt=0)] | None = None  # Pa: no chamber gets above it
+    tank_pressure: Annotated[float, Field(ge=0)] = 0.0  # Pa: the chamber that is emptied keeps at least this
+    pump_flow: Annotated[float, Field(gt=0)] | None = None  # m^3/s, all cylinders together
+
+    @model_validator(mode="after")
+    def _supply_above_tank(self) -> Hydraulics:
+        if self.supply_pressure is not None and self.supply_pressure <= self.tank_pressure:
+            raise ValueError(
+                f"supply_pressure {self.supply_pressure:g} Pa must be above tank_pressure {self.tank_pressure:g} Pa"
+            )
+        return self
+
+
 class Machine(FileModel):
     """A validated machine file."""
 
@@ -223,15 +153,16 @@ class Machine(FileModel):
     joints: Annotated[tuple[Joint, ...], Field(min_length=1)]
     channels: Annotated[tuple[Channel, ...], Field(min_length=1)]
     buses: tuple[Bus, ...] = ()
+    hydraulics: Hydraulics | None = None
     simulation: Simulation | None = None
 
     @model_validator(mode="after")
     def _hangs_together(self) -> Machine:
         names = [joint.name for joint in self.joints]
-        _unique(names, "joint")
-        _unique([channel.name for channel in self.channels], "channel")
+        unique(names, "joint")
+        unique([channel.name for channel in self.channels], "channel")
         buses = {bus.name: bus for bus in self.buses}
-        _unique([bus.name for bus in self.buses], "bus")
+        unique([bus.name for bus in self.buses], "bus")
         for index, channel in enumerate(self.channels):
             place = f"channels[{index}] ({channel.name})"
             if channel.quantity in JOINT_QUANTITIES:
@@ -240,11 +171,7 @@ class Machine(FileModel):
                 if channel.joint not in names:
                     hint = did_you_mean(channel.joint, names) or f"; there are {', '.join(names)}"
                     raise ValueError(f"{place}: there is no joint '{channel.joint}'{hint}")
-                if (
-                    channel.quantity not in ("joint_position", "joint_effort")
-                    and self.joint(channel.joint).cylinder is None
-                ):
-                    raise ValueError(f"{place}: {channel.joint} has no cylinder, so no {channel.quantity}")
+                self._has(place, channel.quantity, self.joint(channel.joint))
             elif channel.joint is not None:
                 raise ValueError(f"{place}: a {channel.quantity} belongs to the machine; remove joint:")
             try:
@@ -260,20 +187,83 @@ class Machine(FileModel):
                 fitting = {"canopen": CanSource, "modbus_tcp": ModbusSource, "modbus_rtu": ModbusSource}
                 if not isinstance(channel.source, fitting.get(bus.type, OtherSource)):
                     raise ValueError(f"{place}: its source does not fit bus '{bus.name}' of type {bus.type}")
+        self._couplings_are_joints()
         for name in names:
             self._joint_is_measured(name)
+        if not np.all(np.linalg.svd(self._turned_by_motors(), compute_uv=False) > 1e-9):
+            name = next(joint.name for joint in self.joints if joint.drive is not None and joint.drive.coupled)
+            raise ValueError(
+                f"joints.{name}: drive: all motors together do not tell the joints' positions; correct ratio, coupled"
+            )
         return self
+
+    @staticmethod
+    def _has(place: str, quantity: str, joint: Joint) -> None:
+        """A channel's joint has what the channel measures."""
+        motor = quantity in ("motor_position", "motor_effort")
+        if motor and joint.drive is None:
+            raise ValueError(f"{place}: {joint.name} has no drive, so no {quantity}; add drive: with its ratio")
+        if not motor and quantity not in ("joint_position", "joint_effort"):
+            if joint.cylinder is None:
+                raise ValueError(f"{place}: {joint.name} has no cylinder, so no {quantity}")
+            if joint.cylinder.vented is not None and quantity == f"{joint.cylinder.vented}_pressure":
+                raise ValueError(f"{place}: this chamber of {joint.name} is vented; remove the channel, or vented:")
+
+    def _couplings_are_joints(self) -> None:
+        names = [joint.name for joint in self.joints]
+        for joint in self.joints:
+            for coupling in () if joint.drive is None else joint.drive.coupled:
+                if coupling.joint == joint.name:
+                    raise ValueError(f"joints.{joint.name}: drive.coupled names the joint itself; that is ratio")
+                if coupling.joint not in names:
+                    hint = did_you_mean(coupling.joint, names) or f"; there are {', '.join(names)}"
+                    raise ValueError(f"joints.{joint.name}: drive.coupled: there is no joint '{coupling.joint}'{hint}")
+
+    @property
+    def ratios(self) -> npt.NDArray[np.float64]:
+        """``R`` (n, n) with ``q_motor = R q`` and ``tau = R' tau_motor``; 1 for a joint without a ``drive``."""
+        R = np.eye(len(self.joints))
+        places = {joint.name: number for number, joint in enumerate(self.joints)}
+        for row, joint in enumerate(self.joints):
+            if joint.drive is not None:
+                R[row, row] = joint.drive.ratio
+                for coupling in joint.drive.coupled:
+                    R[row, places[coupling.joint]] = coupling.ratio
+        return R
+
+    @property
+    def at_motors(self) -> tuple[int, ...]:
+        """Numbers of the joints whose position only their motor tells."""
+        return tuple(
+            number
+            for number, joint in enumerate(self.joints)
+            if joint.drive is not None and self.channel("joint_position", joint.name) is None
+        )
+
+    def _turned_by_motors(self) -> npt.NDArray[np.float64]:
+        """Part of ``R`` that has to be inverted to know the joints' positions, each row by its own ratio."""
+        unknown = list(self.at_motors)
+        R = self.ratios[np.ix_(unknown, unknown)]
+        return np.asarray(R / np.diag(R)[:, None])
 
     def _joint_is_measured(self, name: str) -> None:
         present = [c.quantity for c in self.channels if c.joint == name]
         for quantity in sorted(set(present)):
             if present.count(quantity) > 1:
                 raise ValueError(f"joints.{name}: has more than one {quantity} channel; keep one")
-        if not {"joint_position", "piston_position"} & set(present):
-            raise ValueError(
-                f"joints.{name}: has no position; add a channel of quantity joint_position or piston_position"
-            )
+        positions = {"joint_position", "piston_position", "motor_position"}
+        if not positions & set(present):
+            kinds = "joint_position or " + ("motor_position" if self.joint(name).drive else "piston_position")
+            raise ValueError(f"joints.{name}: has no position; add a channel of quantity {kinds}")
         pressures = {"head_pressure", "rod_pressure"} & set(present)
+        cylinder = self.joint(name).cylinder
+        if cylinder is not None and cylinder.vented is not None and pressures:
+            return
+        if "external_force" in present and len(pressures) < 2:
+            raise ValueError(f"joints.{name}: an external_force needs head_pressure and rod_pressure; add them")
+        if self.joint(name).drive is not None and "joint_effort" not in present:
+            self._joint_is_driven(name)
+            return
         if len(pressures) == 1 and not {"cylinder_force", "joint_effort"} & set(present):
             missing = ({"head_pressure", "rod_pressure"} - pressures).pop()
             raise ValueError(f"joints.{name}: has no effort: one pressure is not enough; add a {missing} channel")
@@ -281,6 +271,16 @@ class Machine(FileModel):
             raise ValueError(
                 f"joints.{name}: has no effort; add head_pressure and rod_pressure, cylinder_force, or joint_effort"
             )
+
+    def _joint_is_driven(self, name: str) -> None:
+        """Every motor that acts on the joint is measured."""
+        column = [joint.name for joint in self.joints].index(name)
+        for row in np.flatnonzero(self.ratios[:, column]):
+            motor = self.joints[row].name
+            if self.channel("motor_effort", motor) is None:
+                raise ValueError(
+                    f"joints.{name}: has no effort; add a channel of quantity joint_effort, or motor_effort of {motor}"
+                )
 
     def joint(self, name: str) -> Joint:
         """The joint of that name (KeyError if there is none)."""
@@ -306,12 +306,6 @@ class Machine(FileModel):
     def conversion(self, channel: Channel) -> Conversion:
         """Conversion from the channel's declared unit to SI."""
         return conversion(channel.unit, self.si_unit(channel))
-
-
-def _unique(names: list[str], what: str) -> None:
-    for name in names:
-        if names.count(name) > 1:
-            raise ValueError(f"{what} '{name}' is there {names.count(name)} times; names must differ")
 
 
 def load_machine(path: str | Path) -> Machine:

@@ -236,7 +236,7 @@ def nothing_constant(path: Path, machine: Machine, role: str, values: Mapping[st
         if channel.quantity not in JOINT_QUANTITIES or not _constant(values[channel.name]):
             continue
         quantity = channel.quantity
-        if role == "operation" and quantity in ("joint_position", "piston_position"):
+        if role == "operation" and quantity in ("joint_position", "piston_position", "motor_position"):
             continue
         if role == "unloaded" and quantity in ("joint_position", "joint_effort", "cylinder_force"):
             continue

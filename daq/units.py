@@ -16,6 +16,9 @@ SI_UNITS: dict[str, str] = {
     "rod_pressure": "Pa",
     "cylinder_force": "N",
     "joint_effort": "N m",  # N for a prismatic joint
+    "motor_position": "rad",
+    "motor_effort": "N m",
+    "external_force": "N",
     "oil_temperature": "K",
     "supply_pressure": "Pa",
     "tank_pressure": "Pa",

@@ -30,7 +30,15 @@ import numpy as np
 import numpy.typing as npt
 
 from daq.machine_file import Machine
-from fitting.dynamics import JOINT_PARAMETERS, rigid_body_regressor, stacked, standard_regressor
+from fitting.dynamics import (
+    COUPLED_PARAMETERS,
+    JOINT_PARAMETERS,
+    coupled_regressor,
+    gravity_regressor,
+    rigid_body_regressor,
+    stacked,
+    standard_regressor,
+)
 from fitting.geometry import Geometry, geometry_of
 
 FloatArray = npt.NDArray[np.float64]
@@ -85,9 +93,15 @@ class BaseParameters:
         return len(self.names)
 
     @property
+    def inertial_columns(self) -> int:
+        """How many standard parameters are the links' (``10 n``), 0 where joints' own friction is among them."""
+        inertias = sum(name.startswith("ZZ") for name in self.standard_names)
+        return 0 if "f_c1" in self.standard_names else 10 * inertias
+
+    @property
     def only_rigid_body(self) -> bool:
         """True where friction and drive inertia are not among the standard parameters (``p = 10 n``)."""
-        return "f_c1" not in self.standard_names
+        return len(self.standard_names) == self.inertial_columns
 
     def regressor(self, Y: FloatArray) -> FloatArray:
         """The kept columns of a standard regressor, shape (..., p) to (..., nb).
@@ -123,14 +137,38 @@ def base_regressor(
     qdd: npt.ArrayLike,
     *,
     gravity: npt.ArrayLike | None = None,
+    speed_noise: npt.ArrayLike | None = None,
 ) -> FloatArray:
     """Regressor of the base parameters, shape (N, n, nb); only the kept columns are computed.
 
-    Arguments as in :func:`fitting.dynamics.rigid_body_regressor`.
+    Arguments as in :func:`fitting.dynamics.rigid_body_regressor`; ``speed_noise`` (n,) is that of the joints' speeds,
+    for the sign of a coupled motor's speed.
     """
-    if not base.only_rigid_body:
+    links = base.inertial_columns
+    if not links:
         return base.regressor(standard_regressor(machine, q, qd, qdd, gravity=gravity))
-    return rigid_body_regressor(machine, q, qd, qdd, columns=base.independent, gravity=gravity)
+    inertial = base.independent[base.independent < links]
+    Y = rigid_body_regressor(machine, q, qd, qdd, columns=inertial, gravity=gravity)
+    if len(inertial) == len(base):
+        return Y
+    motors = coupled_regressor(machine, qd, qdd, speed_noise=speed_noise)[
+        ..., base.independent[len(inertial) :] - links
+    ]
+    # Joined where memory runs along the samples, so that stacking stays free.
+    return np.concatenate([Y.transpose(2, 1, 0), motors.transpose(2, 1, 0)]).transpose(2, 1, 0)
+
+
+def base_gravity_regressor(
+    machine: Machine | Geometry, base: BaseParameters, q: npt.ArrayLike, direction: npt.ArrayLike
+) -> FloatArray:
+    """What a unit change of gravity adds to :func:`base_regressor`, shape (N, n, nb); nothing to a motor's columns.
+
+    Arguments as in :func:`fitting.dynamics.gravity_regressor`.
+    """
+    inertial = base.independent[base.independent < base.inertial_columns]
+    Y = gravity_regressor(machine, q, direction, columns=inertial)
+    missing = np.zeros((*Y.shape[:2], len(base) - len(inertial)))
+    return np.concatenate([Y, missing], axis=2) if missing.size else Y
 
 
 def reduce_parameters(
@@ -144,7 +182,7 @@ def reduce_parameters(
         Arm of ``n`` joints.
     friction_by_stage_1
         True: friction and drive inertia are known from the cylinders, and ``p = 10 n`` inertial parameters
-        are reduced. False: all ``p = 13 n``.
+        are reduced. False: all ``p = 13 n``. Three more for every motor that turns with several joints, in both.
     seed
         Of the random states.
     states
@@ -153,13 +191,16 @@ def reduce_parameters(
     geometry = geometry_of(machine).squared_up()
     n = geometry.joints
     kinds = 10 if friction_by_stage_1 else 13
-    names = tuple(f"{symbol}{i + 1}" for i in range(n) for symbol in _SYMBOLS[:kinds])
+    names = (
+        *(f"{symbol}{i + 1}" for i in range(n) for symbol in _SYMBOLS[:kinds]),
+        *(f"{symbol}{i + 1}" for i in geometry.coupled for symbol in COUPLED_PARAMETERS),
+    )
     W = _random_observation(geometry, kinds, np.random.default_rng(seed), states or max(60, 5 * kinds))
     norms = np.linalg.norm(W, axis=0)
     alive = norms > RANK_TOLERANCE * norms.max()
     order = [column for column in _offered(geometry, kinds) if alive[column]]
     kept, gap = _independent(W[:, order] / norms[order])
-    independent = np.array(sorted((order[k] for k in kept), key=lambda column: _reading_key(column, kinds)))
+    independent = np.array(sorted((order[k] for k in kept), key=lambda column: _reading_key(column, kinds, n)))
     regrouping = _regrouping(W, norms, alive, independent)
     expressions = tuple(_expression(row, int(i), names) for row, i in zip(regrouping, independent, strict=True))
     return BaseParameters(
@@ -169,7 +210,7 @@ def reduce_parameters(
         expressions=expressions,
         units=tuple(_unit(int(i), kinds, geometry) for i in independent),
         standard_names=names,
-        standard_count=13 * n,
+        standard_count=13 * n + 3 * len(geometry.coupled),
         vanished=tuple(name for name, there in zip(names, alive, strict=True) if not there),
         gap=gap,
     )
@@ -183,12 +224,13 @@ def _offered(geometry: Geometry, kinds: int) -> list[int]:
             orders.append(_SLIDING)
         else:
             orders.append(_ABOUT_Y if abs(geometry.sin_alpha[i]) > abs(geometry.cos_alpha[i]) else _ABOUT_Z)
-    return [
+    own = [
         i * kinds + _SYMBOLS.index(order[place])
         for place in range(len(_SYMBOLS))
         for i, order in enumerate(orders)
         if _SYMBOLS.index(order[place]) < kinds
     ]
+    return own + [kinds * geometry.joints + k for k in range(3 * len(geometry.coupled))]
 
 
 def _random_observation(geometry: Geometry, kinds: int, rng: np.random.Generator, states: int) -> FloatArray:
@@ -201,8 +243,10 @@ def _random_observation(geometry: Geometry, kinds: int, rng: np.random.Generator
     low, high = geometry.position_limits.T
     q = rng.uniform(low, high, (states, n))
     qd, qdd = rng.uniform(-2.0, 2.0, (2, states, n))
-    make = rigid_body_regressor if kinds == 10 else standard_regressor
-    return stacked(make(geometry, q, qd, qdd))
+    if kinds == 10:
+        own = stacked(rigid_body_regressor(geometry, q, qd, qdd))
+        return np.hstack([own, stacked(coupled_regressor(geometry, qd, qdd))]) if geometry.coupled else own
+    return stacked(standard_regressor(geometry, q, qd, qdd))
 
 
 def _independent(W: FloatArray) -> tuple[list[int], tuple[float, float]]:
@@ -243,7 +287,9 @@ def _regrouping(
     return P
 
 
-def _reading_key(column: int, kinds: int) -> tuple[int, int]:
+def _reading_key(column: int, kinds: int, joints: int) -> tuple[int, int]:
+    if column >= kinds * joints:  # a motor's: last, in order
+        return joints, column
     link, parameter = divmod(column, kinds)
     return link, _READING_ORDER.index(_SYMBOLS[parameter])
 
@@ -265,8 +311,12 @@ def _expression(row: FloatArray, own: int, names: Sequence[str]) -> str:
 
 
 def _unit(column: int, kinds: int, geometry: Geometry) -> str:
-    link, parameter = divmod(column, kinds)
-    symbol = JOINT_PARAMETERS[parameter]
+    if column >= kinds * geometry.joints:
+        motor, parameter = divmod(column - kinds * geometry.joints, 3)
+        link, symbol = geometry.coupled[motor], ("f_c", "f_v", "J")[parameter]
+    else:
+        link, parameter = divmod(column, kinds)
+        symbol = JOINT_PARAMETERS[parameter]
     revolute = bool(geometry.revolute[link])
     if symbol == "m":
         return "kg"

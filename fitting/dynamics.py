@@ -8,7 +8,8 @@ of link ``i``, in its frame ``i`` (distal convention, :mod:`fitting.geometry`), 
 mass (kg), first moments ``m c`` (kg m), and the inertia about the frame's origin (kg m^2; ``Ixy`` is the
 matrix entry, ``-integral of x y dm``). Then ``pi`` is (10 n,), link after link. The *standard* parameters are
 13 per joint: these ten, then ``f_c`` (times sgn q'), ``f_v`` (times q') and the drive inertia ``J`` (times
-q'').
+q''). A motor that turns with several joints (:attr:`fitting.geometry.Geometry.coupled`) adds three: with
+``w = sum c_k q'_k`` its speed referred to its own joint, ``c_k (f_cm sgn w + f_vm w + Jm w')`` on every joint ``k``.
 
 How the regressor is computed. Link ``i`` needs the force ``f = m a + B h`` and, about the frame's origin, the
 moment ``n = h x a + I w' + w x (I w)``, where ``h`` are the first moments, ``a`` the acceleration of the
@@ -38,6 +39,7 @@ import numpy as np
 import numpy.typing as npt
 
 from daq.machine_file import Machine
+from fitting.expected import expected_sign
 from fitting.geometry import Geometry, geometry_of, link_frames
 
 FloatArray = npt.NDArray[np.float64]
@@ -49,6 +51,7 @@ JOINT_PARAMETERS = (*LINK_PARAMETERS, "f_c", "f_v", "J")
 
 # Samples per pass: long enough that the arithmetic outweighs the calls, short enough for the caches.
 _CHUNK = 8192
+COUPLED_PARAMETERS = ("f_cm", "f_vm", "Jm")
 _ZERO: Vector = (0.0, 0.0, 0.0)
 
 
@@ -134,16 +137,44 @@ def standard_regressor(
     *,
     gravity: npt.ArrayLike | None = None,
 ) -> FloatArray:
-    """Regressor of all 13 standard parameters per joint, shape (N, n, 13 n), as :func:`standard_names`."""
-    n = geometry_of(machine).joints
+    """Regressor of all standard parameters, shape (N, n, 13 n + 3 c), in the order of :func:`standard_names`."""
+    geometry = geometry_of(machine)
+    n = geometry.joints
     rigid = rigid_body_regressor(machine, q, qd, qdd, gravity=gravity)
     speed, acceleration = np.asarray(qd, dtype=float), np.asarray(qdd, dtype=float)
-    out = np.zeros((13 * n, n, rigid.shape[0]))
+    out = np.zeros((13 * n + 3 * len(geometry.coupled), n, rigid.shape[0]))
+    out[13 * n :] = coupled_regressor(geometry, speed, acceleration).transpose(2, 1, 0)
     for i in range(n):
         out[13 * i : 13 * i + 10] = rigid[:, :, 10 * i : 10 * i + 10].transpose(2, 1, 0)
         out[13 * i + 10, i] = np.sign(speed[:, i])
         out[13 * i + 11, i] = speed[:, i]
         out[13 * i + 12, i] = acceleration[:, i]
+    return out.transpose(2, 1, 0)
+
+
+def coupled_regressor(
+    machine: Machine | Geometry, qd: npt.ArrayLike, qdd: npt.ArrayLike, *, speed_noise: npt.ArrayLike | None = None
+) -> FloatArray:
+    """Regressor of motors that turn with several joints, shape (N, n, 3 c): ``f_cm, f_vm, Jm`` of each.
+
+    Parameters
+    ----------
+    machine
+        Arm of ``n`` joints, ``c`` of whose motors are coupled to other joints.
+    qd, qdd
+        Joint speeds and accelerations, (N, n).
+    speed_noise
+        Standard deviation of every joint's speed, (n,): the sign is then its expectation.
+    """
+    geometry = geometry_of(machine)
+    speed, acceleration = np.asarray(qd, dtype=float), np.asarray(qdd, dtype=float)
+    out = np.zeros((3 * len(geometry.coupled), geometry.joints, len(speed)))
+    noise = np.zeros(geometry.joints) if speed_noise is None else np.asarray(speed_noise, dtype=float)
+    for place, row in enumerate(geometry.coupling):
+        own = speed @ row
+        columns = (expected_sign(own, float(np.linalg.norm(noise * row))), own, acceleration @ row)
+        for number, column in enumerate(columns):
+            out[3 * place + number] = row[:, None] * column
     return out.transpose(2, 1, 0)
 
 
@@ -162,8 +193,10 @@ def rigid_body_names(machine: Machine | Geometry) -> tuple[str, ...]:
 
 
 def standard_names(machine: Machine | Geometry) -> tuple[str, ...]:
-    """Names of the ``13 n`` standard parameters, per joint: ten inertial, ``f_c``, ``f_v``, ``J``."""
-    return tuple(f"{name}{i + 1}" for i in range(geometry_of(machine).joints) for name in JOINT_PARAMETERS)
+    """Names of the ``13 n + 3 c`` standard parameters, per joint ten inertial, ``f_c f_v J``; then motors."""
+    geometry = geometry_of(machine)
+    own = tuple(f"{name}{i + 1}" for i in range(geometry.joints) for name in JOINT_PARAMETERS)
+    return (*own, *(f"{name}{i + 1}" for i in geometry.coupled for name in COUPLED_PARAMETERS))
 
 
 def inverse_dynamics(

@@ -9,7 +9,7 @@ Sources: Denavit and Hartenberg 1955; Siciliano et al., *Robotics: Modelling, Pl
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -40,6 +40,11 @@ class Geometry:
         Shape (n,), rad/s or m/s, and per second more.
     names
         Joint names.
+    coupled
+        Numbers of the joints whose motor turns with other joints too, ``c`` of them.
+    coupling
+        Shape (c, n), speed of each such motor, referred to its own joint, per unit of every joint's speed: 1 at the
+        own joint.
     """
 
     revolute: npt.NDArray[np.bool_]
@@ -52,6 +57,8 @@ class Geometry:
     velocity_limits: FloatArray
     acceleration_limits: FloatArray
     names: tuple[str, ...]
+    coupled: tuple[int, ...] = ()
+    coupling: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
 
     @property
     def joints(self) -> int:
@@ -67,6 +74,10 @@ class Geometry:
     def cos_alpha(self) -> FloatArray:
         """Cosines of the twist angles, zeros exact."""
         return _clean(np.cos(self.alpha))
+
+    def uncoupled(self) -> Geometry:
+        """The same arm with every motor on its own joint only."""
+        return replace(self, coupled=(), coupling=np.zeros((0, self.joints)))
 
     def squared_up(self, tolerance: float = 5e-4) -> Geometry:
         """The same arm with twist angles within ``tolerance`` (rad) of a multiple of 90 degrees made exact.
@@ -87,6 +98,8 @@ def geometry_of(machine: Machine | Geometry) -> Geometry:
     if isinstance(machine, Geometry):
         return machine
     joints = machine.joints
+    coupled = tuple(i for i, joint in enumerate(joints) if joint.drive is not None and joint.drive.coupled)
+    ratios = machine.ratios
     return Geometry(
         revolute=np.array([joint.type == "revolute" for joint in joints]),
         a=np.array([joint.dh.a for joint in joints]),
@@ -98,6 +111,8 @@ def geometry_of(machine: Machine | Geometry) -> Geometry:
         velocity_limits=np.array([joint.limits.velocity for joint in joints]),
         acceleration_limits=np.array([joint.limits.acceleration for joint in joints]),
         names=tuple(joint.name for joint in joints),
+        coupled=coupled,
+        coupling=np.array([ratios[i] / ratios[i, i] for i in coupled]).reshape(-1, len(joints)),
     )
 
 

@@ -64,6 +64,7 @@ class Segment:
     loaded : False for `unloaded` recordings (F_l = 0)
     temperature : (N,) K, or None
     gap : (N, n) m, smoothed piston position less x(joint position), NaN where one of the two is not measured
+    external : (N, n) N, smoothed measured forces from outside the arm, positive against extension; None without any
     """
 
     recording: int
@@ -84,6 +85,7 @@ class Segment:
     loaded: bool
     temperature: FloatArray | None
     gap: FloatArray
+    external: FloatArray | None = None
 
     def __len__(self) -> int:
         return len(self.t)
@@ -101,6 +103,16 @@ def position_noise(machine: Machine, recordings: Sequence[Recording], bank: Filt
         std = float(np.sqrt(np.median(variances))) if variances else 0.0
         result.append(PositionNoise(std, bank.speed_noise(std), bank.acceleration_noise(std)))
     return tuple(result)
+
+
+def position_channel_noise(machine: Machine, recordings: Sequence[Recording]) -> dict[str, float]:
+    """Standard deviation of every position channel's white noise, SI: median over the recordings, by channel."""
+    result = {}
+    for channel in machine.channels:
+        if channel.quantity in ("joint_position", "piston_position"):
+            stds = [white_noise_std(v[np.isfinite(v)]) for r in recordings for v in (r.values[channel.name],)]
+            result[channel.name] = float(np.median(stds))
+    return result
 
 
 def prepare(
@@ -204,7 +216,18 @@ def _segment(
         loaded=loaded,
         temperature=None if temperature is None else bank.smooth(recording.values[temperature][part])[0],
         gap=stacked["gap"],
+        external=_external(machine, recording, part, bank),
     )
+
+
+def _external(machine: Machine, recording: Recording, part: slice, bank: FilterBank) -> FloatArray | None:
+    """Forces from outside that a load cell measures, (N, n), zero where there is none; None for a machine without."""
+    channels = [machine.channel("external_force", joint.name) for joint in machine.joints]
+    if not any(channels):
+        return None
+    nothing = np.zeros(part.stop - part.start - 2 * bank.margin)
+    forces = [nothing if c is None else bank.smooth(recording.values[c.name][part])[0] for c in channels]
+    return np.stack(forces, axis=1)
 
 
 def _motion(
