@@ -34,6 +34,7 @@ class CylinderEstimate:
     residual_std : of the filtered drive effort, N (or the joint's effort unit)
     in_situ : True if the load was a nuisance instead of zero
     rows : how many rows the recursion took
+    covariance : (k, k) of the parameters, None where only their deviations are known
     """
 
     joint: str
@@ -43,6 +44,7 @@ class CylinderEstimate:
     residual_std: float
     in_situ: bool
     rows: int
+    covariance: FloatArray | None = None
 
 
 def identify_cylinders(
@@ -84,7 +86,8 @@ def _identify(design: Design, noise: NoiseModel, prior: Prior, joint: int, forge
     theta = recursion.theta / scale
     # Whitened rows have unit noise; the recursion's own covariance is scaled by its residual variance.
     spread = recursion.covariance / max(recursion.residual_std**2, 1e-30)
-    std = np.sqrt(np.maximum(np.diag(spread), 0.0)) / scale
+    covariance = spread / np.outer(scale, scale)
+    std = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     full = np.zeros(len(design.parameters))
     full[drive] = theta[: len(names)]
     if in_situ:
@@ -92,8 +95,16 @@ def _identify(design: Design, noise: NoiseModel, prior: Prior, joint: int, forge
     else:
         parts = [design.bank.reduce(full_residual(design, full, joint, i))[design.blocks[joint][i].keep] for i in used]
         residual = float(np.std(np.concatenate(parts)))
+    own_covariance = covariance[: len(names), : len(names)]
     return CylinderEstimate(
-        design.machine.joints[joint].name, names, theta[: len(names)], std[: len(names)], residual, in_situ, len(b)
+        design.machine.joints[joint].name,
+        names,
+        theta[: len(names)],
+        std[: len(names)],
+        residual,
+        in_situ,
+        len(b),
+        own_covariance,
     )
 
 

@@ -1,22 +1,41 @@
-"""Estimators of linear regressions: the seam `hilfit.estimators`, one file each."""
+"""Estimators of linear regressions: the seam `hilfit.estimators`, one file each.
+
+The choice is whatever is registered under the entry-point group ``hilfit.estimators``; a package of its own adds an
+estimator with one file, one line of TOML and one call of :func:`fitting.estimators.conformance.check_estimator`.
+"""
 
 from __future__ import annotations
 
 from fitting.estimators.base import Estimate, Estimator
-from fitting.estimators.covariance import automatic_lags, hac_covariance
+from fitting.estimators.consistent import ConsistentFit
+from fitting.estimators.context import StageTwo, TakesStage, within
+from fitting.estimators.covariance import Colour, automatic_lags, hac_covariance, residual_draws
 from fitting.estimators.huber import HuberRegression
+from fitting.estimators.instrumental import InstrumentalVariables
 from fitting.estimators.ordinary import OrdinaryLeastSquares
 from fitting.estimators.recursive import RecursiveFit, RecursiveLeastSquares
+from fitting.estimators.registry import estimator, estimator_ids
+from fitting.estimators.ridge import RidgeTowardPrior
 from fitting.estimators.weighted import WeightedLeastSquares
 
 __all__ = [
+    "Colour",
+    "ConsistentFit",
     "Estimate",
     "Estimator",
     "HuberRegression",
+    "InstrumentalVariables",
     "OrdinaryLeastSquares",
     "RecursiveFit",
     "RecursiveLeastSquares",
+    "RidgeTowardPrior",
+    "StageTwo",
+    "TakesStage",
     "WeightedLeastSquares",
     "automatic_lags",
+    "estimator",
+    "estimator_ids",
     "hac_covariance",
+    "residual_draws",
+    "within",
 ]

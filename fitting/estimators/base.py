@@ -7,8 +7,9 @@ estimator never guesses: a parameter that the rows cannot tell is marked in :att
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Protocol, runtime_checkable
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 import numpy.typing as npt
@@ -32,6 +33,7 @@ class Estimate:
     groups : (g,) labels of the groups, ascending
     condition_number : of the columns used, scaled to unit norm
     told : (p,) False for every parameter with a part in the null space of ``A``
+    details : what else the estimator has to say of this fit (plain JSON), for the report
     """
 
     theta: FloatArray
@@ -40,6 +42,7 @@ class Estimate:
     groups: IntArray
     condition_number: float
     told: BoolArray
+    details: Mapping[str, Any] = field(default_factory=dict)
 
     @property
     def std(self) -> FloatArray:

@@ -9,6 +9,8 @@ import numpy.typing as npt
 
 from daq.errors import HilfitError
 from fitting.estimators.base import Estimate, FloatArray, Rows, check_rows
+from fitting.estimators.context import StageTwo
+from fitting.estimators.covariance import Colour, scores_covariance
 from fitting.estimators.least_squares import group_std, solve
 from fitting.estimators.weighted import usable_spread
 
@@ -26,6 +28,7 @@ class HuberRegression:
     ----------
     bend : residuals above so many standard deviations count as outliers; 1.345 keeps 95 % efficiency for normal noise
     iterations : most iterations allowed
+    colour : as in :class:`fitting.estimators.ordinary.OrdinaryLeastSquares`, for the bent residual
 
     Source
     ------
@@ -34,11 +37,16 @@ class HuberRegression:
 
     bend: float = 1.345
     iterations: int = 500
+    colour: Colour = "white"
 
     @property
     def name(self) -> str:
         """``huber``."""
         return "huber"
+
+    def within(self, stage: StageTwo) -> HuberRegression:
+        """The same with the covariance that stage 2 asks for."""
+        return replace(self, colour=stage.colour)
 
     def fit(
         self,
@@ -84,9 +92,10 @@ class HuberRegression:
         return usable_spread(spread, replace(rows, b=rows.b * np.sqrt(rows.weights)))[rows.group]
 
     def _finish(self, rows: Rows, theta: FloatArray, scale: FloatArray, counted: npt.NDArray[np.bool_]) -> Estimate:
-        """Covariance ``k^2 [sum psi^2 / (n - p)] / m^2 (A'A)^-1``, ``m`` the share of rows that are no outliers.
+        """Covariance ``k^2 / m^2 root S root'``, ``m`` the share of rows that are no outliers, ``S`` that of ``Q'psi``.
 
-        ``k = 1 + (p / n) (1 - m) / m`` corrects for the parameters fitted.
+        ``k = 1 + (p / n) (1 - m) / m`` corrects for the parameters fitted; for a white residual ``S = sum psi^2 /
+        (n - p)``.
         """
         inner = counted / scale
         solution = solve(rows.A * inner[:, None], rows.b * inner)
@@ -94,18 +103,15 @@ class HuberRegression:
         n, p = int(np.count_nonzero(counted)), solution.rank
         psi = np.clip(u, -self.bend, self.bend)
         share = float(np.mean(np.abs(u[counted]) <= self.bend))
-        free = n - p
-        if free > 0 and share > 0:
-            correction = 1.0 + p / n * (1.0 - share) / share
-            variance = correction**2 * float(psi @ psi) / free / share**2
-        else:
-            variance = float("nan")
+        factor = (1.0 + p / n * (1.0 - share) / share) / share if share > 0 else float("nan")
+        middle = scores_covariance(solution, psi, self.colour, rows.group, counted)
         plain = rows.b - rows.A @ theta
         return Estimate(
             theta=theta,
-            covariance=solution.covariance(variance),
+            covariance=solution.covariance(factor**2 * middle),
             residual_std=group_std(plain[counted], solution.leverage[counted], rows.group[counted], len(rows.labels)),
             groups=rows.labels,
             condition_number=solution.condition_number,
             told=solution.told,
+            details={"outliers_percent": 100.0 * (1.0 - share)},
         )

@@ -11,13 +11,15 @@ state, so the result does not depend on when somebody looked.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
 from scipy.linalg import lapack
 
 from fitting.estimators.base import Estimate, FloatArray, check_rows
+from fitting.estimators.context import StageTwo
+from fitting.estimators.covariance import Colour, scores_covariance
 from fitting.estimators.least_squares import Solution, group_std, solve
 
 # Reciprocal condition above which no column can be near the rank tolerance.
@@ -189,14 +191,20 @@ class RecursiveFit:
     Attributes
     ----------
     forgetting : forgetting factor, 1 for none
+    colour : as in :class:`fitting.estimators.ordinary.OrdinaryLeastSquares`
     """
 
     forgetting: float = 1.0
+    colour: Colour = "white"
 
     @property
     def name(self) -> str:
         """``rls``."""
         return "rls"
+
+    def within(self, stage: StageTwo) -> RecursiveFit:
+        """The same with the covariance that stage 2 asks for."""
+        return replace(self, colour=stage.colour)
 
     def fit(
         self,
@@ -215,11 +223,16 @@ class RecursiveFit:
         recursion.update(used * root[:, None], target * root)
         fade = self.forgetting ** np.arange(len(target) - 1, -1, -1.0)
         theta = recursion.theta
-        leverage = solve(used * (root * np.sqrt(fade))[:, None], target).leverage
+        faded = root * np.sqrt(fade)
+        solution = solve(used * faded[:, None], target * faded)
+        covariance = recursion.covariance
+        if self.colour != "white":
+            scaled = (target - used @ theta) * faded
+            covariance = solution.covariance(scores_covariance(solution, scaled, self.colour, rows.group[counted]))
         return Estimate(
             theta=theta,
-            covariance=recursion.covariance,
-            residual_std=group_std(target - used @ theta, leverage, rows.group[counted], len(rows.labels)),
+            covariance=covariance,
+            residual_std=group_std(target - used @ theta, solution.leverage, rows.group[counted], len(rows.labels)),
             groups=rows.labels,
             condition_number=recursion.condition_number,
             told=recursion.told,

@@ -8,6 +8,8 @@ import numpy as np
 import numpy.typing as npt
 
 from fitting.estimators.base import Estimate, FloatArray, Rows, check_rows
+from fitting.estimators.context import StageTwo
+from fitting.estimators.covariance import Colour
 from fitting.estimators.ordinary import weighted_fit
 
 
@@ -20,19 +22,23 @@ class WeightedLeastSquares:
 
     Attributes
     ----------
-    lags : as in :class:`fitting.estimators.ordinary.OrdinaryLeastSquares`
+    colour : as in :class:`fitting.estimators.ordinary.OrdinaryLeastSquares`
 
     Source
     ------
     Gautier, "Dynamic identification of robots with power model", ICRA 1997.
     """
 
-    lags: int | None = None
+    colour: Colour = "white"
 
     @property
     def name(self) -> str:
         """``wls``."""
         return "wls"
+
+    def within(self, stage: StageTwo) -> WeightedLeastSquares:
+        """The same with the covariance that stage 2 asks for."""
+        return replace(self, colour=stage.colour)
 
     def fit(
         self,
@@ -44,9 +50,13 @@ class WeightedLeastSquares:
     ) -> Estimate:
         """Fit rows; see :class:`fitting.estimators.base.Estimator`."""
         rows = check_rows(A, b, groups, weights)
-        first = weighted_fit(rows, None)
-        spread = usable_spread(first.residual_std, rows)
-        return weighted_fit(replace(rows, weights=rows.weights / spread[rows.group] ** 2), self.lags)
+        return weighted_fit(weighted_by_group(rows), self.colour)
+
+
+def weighted_by_group(rows: Rows) -> Rows:
+    """The rows with each group's weights divided by the variance that ordinary least squares leaves in it."""
+    spread = usable_spread(weighted_fit(rows, "white").residual_std, rows)
+    return replace(rows, weights=rows.weights / spread[rows.group] ** 2)
 
 
 def usable_spread(spread: FloatArray, rows: Rows) -> FloatArray:

@@ -12,12 +12,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from fitting.estimators import (
+    ConsistentFit,
     Estimate,
     Estimator,
     HuberRegression,
+    InstrumentalVariables,
     OrdinaryLeastSquares,
     RecursiveFit,
     RecursiveLeastSquares,
+    RidgeTowardPrior,
     WeightedLeastSquares,
     automatic_lags,
     hac_covariance,
@@ -28,11 +31,18 @@ from fitting.estimators.least_squares import solve
 Array = npt.NDArray[np.float64]
 ESTIMATORS: tuple[Estimator, ...] = (
     OrdinaryLeastSquares(),
-    OrdinaryLeastSquares(lags=5),
+    OrdinaryLeastSquares(colour=5),
+    OrdinaryLeastSquares(colour="bootstrap"),
     WeightedLeastSquares(),
-    WeightedLeastSquares(lags=5),
+    WeightedLeastSquares(colour="hac"),
     HuberRegression(),
+    HuberRegression(colour="hac"),
     RecursiveFit(),
+    RecursiveFit(colour="hac"),
+    InstrumentalVariables(),
+    InstrumentalVariables(colour="hac"),
+    RidgeTowardPrior(colour="hac"),
+    ConsistentFit(colour="hac"),
 )
 
 
@@ -199,7 +209,7 @@ def test_newey_west_knows_coloured_residuals_and_the_textbook_formula_does_not()
         plain = OrdinaryLeastSquares().fit(A, b)
         found.append(plain.theta[0])
         white.append(plain.std[0])
-        promised.append(OrdinaryLeastSquares(lags=automatic_lags(b - A @ plain.theta)).fit(A, b).std[0])
+        promised.append(OrdinaryLeastSquares(colour=automatic_lags(b - A @ plain.theta)).fit(A, b).std[0])
     spread = float(np.std(found))
     # sqrt((1 + rho) / (1 - rho)) = 5.3 for a constant.
     assert spread / np.mean(white) > 4
