@@ -25,6 +25,7 @@ from fitting.excitation import (
     design_motion,
     information_of,
 )
+from fitting.geometry import geometry_of
 from fitting.motion import Motion, read_motion, write_motion
 
 _LITRES_PER_MINUTE = 1e-3 / 60  # m^3/s
@@ -81,7 +82,7 @@ def _whole_arm(
     max_flow: float | None,
     progress: Callable[[float, float], None],
 ) -> tuple[Motion, dict[str, Any]]:
-    base = reduce_parameters(machine)
+    base = reduce_parameters(geometry_of(machine).uncoupled())
     options = replace(ExcitationOptions(), starts=starts)
     options = options if seconds is None else replace(options, seconds=seconds)
     options = options if use is None else replace(options, use=use)

@@ -14,7 +14,7 @@ from fitting.excitation.cylinders import CylinderExcitation, CylinderOptions, de
 from fitting.excitation.design import Excitation, design_motion, design_sequence, information_of
 from fitting.excitation.limits import HydraulicLimits, LimitUse
 from fitting.excitation.objective import condition_of_information, information
-from fitting.excitation.search import ExcitationOptions
+from fitting.excitation.problem import ExcitationOptions
 
 __all__ = [
     "CylinderExcitation",

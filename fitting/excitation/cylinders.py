@@ -16,7 +16,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from itertools import chain, pairwise
 
 import numpy as np
 import numpy.typing as npt
@@ -27,14 +26,13 @@ from fitting.excitation.fourier import fourier_basis
 from fitting.excitation.limits import LimitUse
 from fitting.excitation.objective import condition_of_information, spectral_objective
 from fitting.excitation.search import lbfgs
+from fitting.excitation.staircase import LEVEL_SECONDS, staircase
 from fitting.linkage import lever_arm
 from fitting.motion import Motion
 
 FloatArray = npt.NDArray[np.float64]
 
 _NORM_POWER = 24  # of the p-norm that keeps the limits, as for whole motions
-_SHORTEST_RAMP = 0.2  # s: several samples at 50 Hz, so that a controller can follow
-_LEVEL_SECONDS = 2.5  # what a level of the staircase gets at least
 _SOFT = 0.02  # of the top speed: the width over which sgn is smoothed, while searching only
 
 
@@ -86,7 +84,7 @@ class CylinderOptions:
     @property
     def levels_that_fit(self) -> int:
         """Speeds that the staircase really has."""
-        return min(self.levels, max(1, int(self.seconds * self.staircase / (1.5 * _LEVEL_SECONDS))))
+        return min(self.levels, max(1, int(self.seconds * self.staircase / (1.5 * LEVEL_SECONDS))))
 
 
 @dataclass(frozen=True)
@@ -177,7 +175,7 @@ def design_cylinder_motion(
         x[band], xd[band], xdd[band] = _band_limited(options, time[band], middle, band_limits, rng)
         if options.staircase > 0:
             seconds = options.seconds - options.band_seconds
-            stairs = _staircase(time[~band] - options.band_seconds, seconds, options.levels_that_fit, *band_limits)
+            stairs = staircase(time[~band] - options.band_seconds, seconds, options.levels_that_fit, *band_limits)
             x[~band], xd[~band], xdd[~band] = stairs
         x += middle
         columns[joint.name], speed[joint.name], acceleration[joint.name] = x, xd, xdd
@@ -260,90 +258,6 @@ def _band_value(
     by_v = weight[:, 2] * sign_slope + weight[:, 3] + weight[:, 4] * root_slope
     g = np.concatenate([weight[:, 1], by_v, weight[:, 0]]) / norm
     return value, g @ stack - float(g @ u) / norm * norm_slope
-
-
-def _staircase(
-    time: FloatArray, seconds: float, levels: int, half: float, top_speed: float, top_acceleration: float
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Constant speeds, slow to fast: from mid-stroke out to one side, over to the other, and back.
-
-    Fast levels run the whole stroke, as often as their share of the time allows, or once if it takes no more than 40 %
-    of what is left; slower ones share the rest.
-    Between speeds ``v0`` and ``v1`` the speed follows ``v0 + (v1 - v0) (10 s^3 - 15 s^4 + 6 s^5)``, whose steepest
-    slope is ``1.875 (v1 - v0) / duration``.
-    """
-    parts: list[list[tuple[float, float]]] = []
-    left = seconds
-    for place, speed in enumerate(top_speed * np.geomspace(1.0, 0.03, levels)):
-        speed_held = _speed_with_hold(float(speed), half, top_acceleration)
-        whole_stroke = 4 * half / speed_held + 2.25 * _ramp(speed_held, top_acceleration)
-        budget = max(left / (levels - place), min(1.001 * whole_stroke, 0.4 * left))
-        budget = min(budget, left - (levels - place - 1) * _LEVEL_SECONDS)
-        part = _level(budget, speed_held, half, top_acceleration)
-        left -= sum(duration for duration, _ in part)
-        parts.append(part)
-    now = 0.0
-    knots: list[tuple[float, float]] = [(0.0, 0.0)]  # time, speed; ramps where the speed changes
-    for duration, speed in chain.from_iterable(reversed(parts)):
-        now += duration
-        knots.append((now, speed))
-    return _follow(time, knots)
-
-
-def _ramp(speed: float, top_acceleration: float) -> float:
-    return max(1.875 * speed / top_acceleration, _SHORTEST_RAMP)
-
-
-def _speed_with_hold(speed: float, half: float, top_acceleration: float) -> float:
-    """``speed``, or the highest below it that is held for a while between two ends of the stroke."""
-    while half / speed - 1.1875 * _ramp(speed, top_acceleration) < _ramp(speed, top_acceleration) / 2:
-        speed *= 0.95
-    return speed
-
-
-def _level(seconds: float, speed: float, half: float, top_acceleration: float) -> list[tuple[float, float]]:
-    """One level as (duration, speed at its end): cycles out, over and back, at ``speed`` or the highest that fits.
-
-    A cycle of period ``P``: ramp 0 to v (``t``), hold ``a``, reverse (``2 t``), hold ``b``, reverse (``2 t``), hold
-    ``a``, ramp v to 0 (``t``). Half a reversal covers ``0.6875 v t``, a ramp from rest ``0.5 v t``, so the turn is ``v
-    (a + 1.1875 t)`` from the middle; the cycle closes with ``b = 2 a + t``, hence ``P = 4 a + 7 t``.
-    """
-    while True:
-        ramp = _ramp(speed, top_acceleration)
-        hold = half / speed - 1.1875 * ramp  # all of the stroke, or what there is time for
-        hold = min(hold, (seconds - 7 * ramp) / 4)
-        if hold >= ramp / 2:
-            break
-        speed *= 0.9  # nothing would be constant any more
-        if speed < 1e-3 * half / seconds:
-            raise InputError(f"seconds: a level of {seconds:.3g} s is too short for a staircase; take more seconds")
-    cycles = int(seconds / (4 * hold + 7 * ramp) + 1e-9)
-    cycle = [
-        (ramp, speed),
-        (hold, speed),
-        (2 * ramp, -speed),
-        (2 * hold + ramp, -speed),
-        (2 * ramp, speed),
-        (hold, speed),
-        (ramp, 0.0),
-    ]
-    return cycle * cycles
-
-
-def _follow(time: FloatArray, knots: list[tuple[float, float]]) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Displacement, speed and acceleration of a piston that starts at rest at 0; exact integrals of the ramps."""
-    x, xd, xdd = np.zeros((3, time.size))
-    position = 0.0
-    for (t0, v0), (t1, v1) in pairwise(knots):
-        inside = (time >= t0) & (time <= t1 + 1e-12)
-        duration, step = t1 - t0, v1 - v0
-        s = (time[inside] - t0) / duration
-        x[inside] = position + duration * (v0 * s + step * (2.5 * s**4 - 3 * s**5 + s**6))
-        xd[inside] = v0 + step * (10 * s**3 - 15 * s**4 + 6 * s**5)
-        xdd[inside] = step / duration * 30 * (s**2 - 2 * s**3 + s**4)
-        position += duration * (v0 + step / 2)
-    x[time > knots[-1][0]] = position
-    return x, xd, xdd
 
 
 def _used(joint: Joint, x: FloatArray, xd: FloatArray, xdd: FloatArray) -> list[LimitUse]:

@@ -1,15 +1,16 @@
 """Optimal excitation: the motion of all joints that tells the base parameters best within their limits.
 
 Each joint follows a truncated Fourier series that starts and ends at rest (:mod:`fitting.excitation.fourier`), found by
-L-BFGS from the best of many random series, several times over (:mod:`fitting.excitation.search`); the smooth criterion
-is sharpened towards the condition number itself (:mod:`fitting.excitation.objective`). At the end every joint is scaled
-to its limits by its true extremes on a fine grid, and the whole motion shrunk until supply flow and pressures hold.
+L-BFGS from random series that compete (:mod:`fitting.excitation.search`); the smooth criterion is sharpened towards the
+condition number itself (:mod:`fitting.excitation.objective`). At the end every joint is scaled to its limits by its
+true extremes on a fine grid, and the whole motion shrunk by the last per cent until supply flow and pressures hold.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -23,11 +24,15 @@ from fitting.dynamics import stacked
 from fitting.excitation.fourier import fourier_basis
 from fitting.excitation.limits import HydraulicLimits, LimitUse, hydraulic_limits_used, joint_limits_used
 from fitting.excitation.objective import condition_of_information, information
-from fitting.excitation.search import ExcitationOptions, Problem, pose_problem, search
+from fitting.excitation.problem import ExcitationOptions, Problem, pose_problem
+from fitting.excitation.search import search
 from fitting.motion import Motion
 
 FloatArray = npt.NDArray[np.float64]
 Progress = Callable[[float, float], None]
+
+_FINER = 5  # than the machine's rate: the grid that extremes are looked for on
+_PEAKS = 0.999  # of flow and pressure: what may be missed between samples of slow motions
 
 
 @dataclass(frozen=True)
@@ -103,22 +108,18 @@ def design_motion(
     options = options or ExcitationOptions()
     rng = np.random.default_rng(seed)
     problem = pose_problem(machine, base, options, joints, gathered, hydraulic or HydraulicLimits(), rng)
-    best: Excitation | None = None
-    for start in range(options.starts):
-        reached = best.condition_number if best is not None else float("inf")
+    finish = partial(_finish, problem, gathered=gathered)
 
-        def report(share: float, start: int = start, reached: float = reached) -> None:
-            if progress is not None:
-                progress((start + share) / options.starts, reached)
+    def condition(coefficients: FloatArray) -> float:
+        try:
+            return finish(coefficients).condition_number
+        except InputError:  # that start has found no motion inside the limits
+            return float("inf")
 
-        coefficients = search(problem, rng, report)
-        found = _finish(problem, coefficients, gathered)
-        if best is None or found.condition_number < best.condition_number:
-            best = found
-    assert best is not None
+    found = finish(search(problem, rng, progress or (lambda share, reached: None), condition))
     if progress is not None:
-        progress(1.0, best.condition_number)
-    return best
+        progress(1.0, found.condition_number)
+    return found
 
 
 def design_sequence(
@@ -155,43 +156,40 @@ def design_sequence(
 
 
 def _finish(problem: Problem, coefficients: FloatArray, gathered: FloatArray | None) -> Excitation:
-    """The motion at the machine's rate, its limits kept strictly on a five times finer grid."""
+    """The motion at the machine's rate; kinematic limits hold on a finer grid, flow and pressures with a reserve."""
     machine, options = problem.machine, problem.options
     count = round(options.seconds * machine.rate_hz)
-    fine: FloatArray = np.arange(5 * count + 1, dtype=float) * (options.seconds / (5 * count))
-    m = len(problem.joints)
-    amplitude = 1 / (1 + np.exp(-coefficients[-m:])) if problem.coupled else np.ones(m)
+    fine: FloatArray = np.arange(_FINER * count + 1, dtype=float) * (options.seconds / (_FINER * count))
+    series, amplitude, home = problem.split(coefficients)
     moving = np.zeros((3, fine.size, len(machine.joints)))
-    offset = 0
-    for place, i in enumerate(problem.joints):
+    for place, (i, c) in enumerate(zip(problem.joints, series, strict=True)):
         basis = fourier_basis(problem.harmonics[place], options.seconds, fine)
-        c = coefficients[offset : offset + basis.size]
-        offset += basis.size
         u = np.stack([basis.position @ c, basis.speed @ c, basis.acceleration @ c])
+        aside = home[i] - problem.middle[i]
         shares = [
-            u[0].max() / problem.span[i, 1],
-            -u[0].min() / problem.span[i, 0],
+            u[0].max() / (problem.half[i] - aside),
+            -u[0].min() / (problem.half[i] + aside),
             np.abs(u[1]).max() / problem.top_speed[i],
             np.abs(u[2]).max() / problem.top_acceleration[i],
         ]
         moving[:, :, i] = amplitude[place] * u / max(shares)
-    moving *= _shrink(problem, moving)
-    q, qd, qdd = problem.home + moving[0], moving[1], moving[2]
-    tau = _efforts(problem, q, qd, qdd)
+    moving *= _shrink(problem, home, moving[:, ::_FINER])
+    q, qd, qdd = home + moving[0], moving[1], moving[2]
     limits = joint_limits_used(machine, q, qd, qdd)
-    limits += hydraulic_limits_used(machine, problem.hydraulic, q, qd, tau)
-    q, qd, qdd = q[::5], qd[::5], qdd[::5]
+    q, qd, qdd = q[::_FINER], qd[::_FINER], qdd[::_FINER]
+    limits += hydraulic_limits_used(machine, problem.hydraulic, q, qd, _efforts(problem, q, qd, qdd))
     Y = base_regressor(machine, problem.base, q, qd, qdd)
     own = information(Y) * q.shape[0]
     total = own if gathered is None else own + gathered
     chosen = np.ix_(problem.columns, problem.columns)
-    names = [machine.joints[i].name for i in problem.joints]
+    # Joints that hold elsewhere than mid-range have to be told so.
+    written = np.arange(len(machine.joints)) if problem.seeks_home else problem.joints
     return Excitation(
         motion=Motion(
             machine.name,
             "pinned",
-            fine[::5],
-            {name: q[:, i].copy() for name, i in zip(names, problem.joints, strict=True)},
+            fine[::_FINER],
+            {machine.joints[i].name: q[:, i].copy() for i in written},
         ),
         speed=qd,
         acceleration=qdd,
@@ -240,19 +238,19 @@ def _efforts(problem: Problem, q: FloatArray, qd: FloatArray, qdd: FloatArray) -
     return np.asarray(Y @ guess)
 
 
-def _shrink(problem: Problem, moving: FloatArray) -> float:
-    """Largest factor (in steps of 2 %) for the whole motion that keeps flow and pressures."""
+def _shrink(problem: Problem, home: FloatArray, moving: FloatArray) -> float:
+    """Factor for the whole motion, at most 1, that keeps flow and pressures; within 1 % of the largest."""
     if not problem.coupled:
         return 1.0
     limits, use = problem.hydraulic, problem.options.use
     factor = 1.0
     while factor > 0.02:
-        q, qd, qdd = problem.home + factor * moving[0], factor * moving[1], factor * moving[2]
+        q, qd, qdd = home + factor * moving[0], factor * moving[1], factor * moving[2]
         uses = hydraulic_limits_used(problem.machine, limits, q, qd, _efforts(problem, q, qd, qdd))
-        if all(each.used <= use for each in uses):
+        worst = max(uses, key=lambda each: each.used)
+        if worst.used <= _PEAKS * use:
             return factor
-        factor *= 0.98
-    worst = max(uses, key=lambda each: each.used)
+        factor *= float(np.clip(use / worst.used, 0.8, 0.995))
     where = f"{worst.joint} " if worst.joint else ""
     raise InputError(
         f"excitation: {where}{worst.quantity} stays at {worst.used:.2f} of its limit {worst.limit:.4g} {worst.unit} "

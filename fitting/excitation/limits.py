@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from daq.machine_file import Cylinder, Machine
+from fitting.base_parameters import BaseParameters, base_regressor, reduce_parameters
 from fitting.linkage import lever_arm, lever_arm_slope, piston_motion
 
 FloatArray = npt.NDArray[np.float64]
@@ -113,6 +114,21 @@ def chamber_pressure(
     pull = (-force + friction + back_pressure * cylinder.head_area) / cylinder.rod_area
     per_force = np.where(push >= pull, 1 / cylinder.head_area, -1 / cylinder.rod_area)
     return np.maximum(push, pull), -per_force * force * slope / r, per_force / r
+
+
+def limits_used(
+    machine: Machine,
+    limits: HydraulicLimits,
+    q: FloatArray,
+    qd: FloatArray,
+    qdd: FloatArray,
+    base: BaseParameters | None = None,
+) -> tuple[LimitUse, ...]:
+    """Use of every limit by a motion, arrays (N, n); ``base`` belongs to the guess in ``limits``."""
+    tau = None
+    if limits.pressure is not None and limits.base_parameters is not None:
+        tau = base_regressor(machine, base or reduce_parameters(machine), q, qd, qdd) @ limits.base_parameters
+    return joint_limits_used(machine, q, qd, qdd) + hydraulic_limits_used(machine, limits, q, qd, tau)
 
 
 def joint_limits_used(machine: Machine, q: FloatArray, qd: FloatArray, qdd: FloatArray) -> tuple[LimitUse, ...]:

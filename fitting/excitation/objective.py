@@ -22,6 +22,7 @@ spectral functions).
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
@@ -34,6 +35,7 @@ FloatArray = npt.NDArray[np.float64]
 Criterion = Literal["condition", "determinant"]
 
 _STEP = 1e-4  # rad or m; a central difference of sines and products of sines is good to 1e-8
+_PROBES = ((0, _STEP), (0, -_STEP), (1, 1.0), (1, -1.0), (2, 1.0))  # signal (q, q', q'') and by how much
 
 
 def information(Y: FloatArray) -> FloatArray:
@@ -90,47 +92,70 @@ def spectral_objective(
     return float(value), np.asarray(M)
 
 
-def regressor_gradient(
+@dataclass(frozen=True)
+class Probed:
+    """A regressor, and the same at perturbed states: all that derivatives at every sample need.
+
+    Attributes
+    ----------
+    Y
+        The regressor, shape (N, n, nb).
+    """
+
+    Y: FloatArray
+    _perturbed: FloatArray  # (nb n, m probes, N)
+    _moved: int
+
+    def gradient(self, weight: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Derivatives of ``sum(weight * Y)`` with respect to every sample's state.
+
+        Parameters
+        ----------
+        weight
+            Shape (N, n, nb).
+
+        Returns
+        -------
+        tuple of ndarray
+            Derivatives with respect to ``q``, ``q'``, ``q''`` of the moved joints, each of shape (N, m).
+        """
+        samples = self.Y.shape[0]
+        # The regressor's memory runs (column, joint, sample): contract in that order.
+        against = np.ascontiguousarray(weight.transpose(2, 1, 0)).reshape(-1, samples)
+        here = np.einsum("cs,cs->s", self.Y.transpose(2, 1, 0).reshape(-1, samples), against)
+        values = np.einsum("cbs,cs->bs", self._perturbed, against).reshape(self._moved, len(_PROBES), samples)
+        by_q = (values[:, 0] - values[:, 1]) / (2 * _STEP)
+        by_qd = (values[:, 2] - values[:, 3]) / 2
+        by_qdd = values[:, 4] - here
+        return by_q.T, by_qd.T, by_qdd.T
+
+
+def probed_regressor(
     geometry: Geometry,
     columns: npt.NDArray[np.intp],
     q: FloatArray,
     qd: FloatArray,
     qdd: FloatArray,
     moved: npt.NDArray[np.intp],
-    Y: FloatArray,
-    weight: FloatArray,
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Derivatives of ``sum(weight * Y)`` with respect to every sample's state.
+) -> Probed:
+    """The regressor with what its derivatives need, all in one pass.
 
     Parameters
     ----------
     geometry
         Arm of ``n`` joints.
     columns
-        The ``nb`` columns of ``Y``.
+        The ``nb`` columns that are wanted.
     q, qd, qdd
         Shape (N, n).
     moved
         Joints whose derivatives are wanted, ``m`` of them.
-    Y, weight
-        The regressor at these states, and the weights; shape (N, n, nb).
-
-    Returns
-    -------
-    tuple of ndarray
-        Derivatives with respect to ``q``, ``q'``, ``q''`` of the moved joints, each of shape (N, m).
     """
-    samples, probes = q.shape[0], ((0, _STEP), (0, -_STEP), (1, 1.0), (1, -1.0), (2, 1.0))
-    states = np.tile(np.stack([q, qd, qdd]), (1, len(moved) * len(probes), 1))
-    for place, (j, (signal, step)) in enumerate((j, probe) for j in moved for probe in probes):
-        states[signal, place * samples : (place + 1) * samples, j] += step
-    perturbed = rigid_body_regressor(geometry, *states, columns=columns)
-    # The regressor's memory runs (column, joint, sample): contract in that order.
-    against = np.ascontiguousarray(weight.transpose(2, 1, 0)).reshape(-1, samples)
-    here = np.einsum("cs,cs->s", Y.transpose(2, 1, 0).reshape(-1, samples), against)
-    blocks = perturbed.transpose(2, 1, 0).reshape(len(against), -1, samples)
-    values = np.einsum("cbs,cs->bs", blocks, against).reshape(len(moved), len(probes), samples)
-    by_q = (values[:, 0] - values[:, 1]) / (2 * _STEP)
-    by_qd = (values[:, 2] - values[:, 3]) / 2
-    by_qdd = values[:, 4] - here
-    return by_q.T, by_qd.T, by_qdd.T
+    samples = q.shape[0]
+    states = np.tile(np.stack([q, qd, qdd]), (1, 1 + len(moved) * len(_PROBES), 1))
+    for place, (j, (signal, step)) in enumerate((j, probe) for j in moved for probe in _PROBES):
+        states[signal, (place + 1) * samples : (place + 2) * samples, j] += step
+    together = rigid_body_regressor(geometry, *states, columns=columns).transpose(2, 1, 0)
+    blocks = together.reshape(together.shape[0] * together.shape[1], -1, samples)
+    Y = together[:, :, :samples].transpose(2, 1, 0)
+    return Probed(Y, blocks[:, 1:], len(moved))

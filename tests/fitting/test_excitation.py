@@ -31,8 +31,9 @@ from fitting.excitation import (
 from fitting.excitation.cylinders import _band_value, piston_limits, stage_one_columns
 from fitting.excitation.fourier import fourier_basis, spread_harmonics
 from fitting.excitation.limits import chamber_pressure, supply_flow
-from fitting.excitation.objective import regressor_gradient, spectral_objective
-from fitting.excitation.search import _random_start, _value_and_gradient, pose_problem
+from fitting.excitation.objective import probed_regressor, spectral_objective
+from fitting.excitation.problem import pose_problem, random_start
+from fitting.excitation.search import STAGES, value_and_gradient
 from fitting.linkage import lever_arm, piston_motion
 from fitting.motion import Motion, read_motion
 
@@ -111,9 +112,10 @@ def test_gradient_of_the_regressor_matches_changed_states():
     columns = np.array([0, 9, 11, 25, 39])
     state = rng.uniform(-1, 1, (3, 7, 4))
     weight = rng.normal(size=(7, 4, 5))
-    Y = rigid_body_regressor(arm, *state, columns=columns)
     moved = np.array([0, 1, 3])
-    found = regressor_gradient(arm, columns, *state, moved, Y, weight)
+    probed = probed_regressor(arm, columns, *state, moved)
+    np.testing.assert_allclose(probed.Y, rigid_body_regressor(arm, *state, columns=columns), atol=1e-12)
+    found = probed.gradient(weight)
     for signal in range(3):
         for place, joint in enumerate(moved):
             direction = np.zeros((3, 7, 4))
@@ -138,13 +140,13 @@ def test_gradient_of_the_search_by_order_of_convergence(coupled):
         hydraulic = HydraulicLimits(flow=2e-4, pressure=1e6, back_pressure=1e5, base_parameters=guess)
     rng = np.random.default_rng(4)
     problem = pose_problem(machine, base, QUICK, None, None, hydraulic, rng)
-    at = _random_start(problem, rng)
-    value, gradient = _value_and_gradient(problem, at, 4)
+    at = random_start(problem, rng)
+    value, gradient = value_and_gradient(problem, at, STAGES[0])
     if coupled:
         free = replace(problem, hydraulic=replace(hydraulic, flow=1.0, pressure=1e9))
-        assert value > _value_and_gradient(free, at, 4)[0] + 0.1
+        assert value > value_and_gradient(free, at, STAGES[0])[0] + 0.1
     ratio, last = error_order(
-        lambda c: _value_and_gradient(problem, c, 4, want_gradient=False)[0], gradient, at, rng.normal(size=at.size)
+        lambda c: value_and_gradient(problem, c, STAGES[0], want_gradient=False)[0], gradient, at, rng.normal(size=at.size)
     )
     # Penalties have kinks in their second derivative, so the order is only roughly two there.
     assert (30 if coupled else 80) < ratio < 300
@@ -292,7 +294,7 @@ def test_designing_beats_the_best_of_many_random_series():
     problem = pose_problem(machine, base, QUICK, None, None, HydraulicLimits(), rng)
     from fitting.excitation.design import _finish
 
-    random = [_finish(problem, _random_start(problem, rng), None).condition_number for _ in range(30)]
+    random = [_finish(problem, random_start(problem, rng), None).condition_number for _ in range(30)]
     assert found.condition_number < 0.9 * min(random)
     assert found.condition_number < 0.65 * np.median(random)
 

@@ -1,0 +1,403 @@
+"""Experiments that are motions: what the catalogue of effects asks for, as motion programs within the limits.
+
+=================== ================================================================================
+``staircase``       constant speeds of one cylinder, slow to fast, out and back; the others hold
+``slow_reversals``  one short way there and back at three rates
+``frequencies``     one amplitude at several frequencies
+``two_poses``       the same strokes with the arm beyond the joint folded, and stretched
+``neighbour``       a neighbour moves while the joint creeps
+``free_cylinder``   the joint's rod unpinned: strokes and a staircase without any load
+=================== ================================================================================
+
+A resting joint says nothing of its friction, so the joint under suspicion always moves, if only slowly. Every motion
+starts and ends at rest; parts are joined by fifth-order steps, so acceleration is continuous.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from scipy.interpolate import make_interp_spline
+
+from daq.errors import InputError
+from daq.machine_file import Joint, Machine
+from fitting.excitation.cylinders import CylinderOptions, design_cylinder_motion
+from fitting.excitation.limits import HydraulicLimits, limits_used
+from fitting.excitation.staircase import staircase
+from fitting.linkage import joint_position, lever_arm, stroke_limits
+from fitting.motion import Motion
+
+FloatArray = npt.NDArray[np.float64]
+#: Static drive efforts (N, n) at joint positions (N, n).
+Holding = Callable[[FloatArray], FloatArray]
+
+KINDS = ("staircase", "slow_reversals", "frequencies", "two_poses", "neighbour", "free_cylinder")
+
+_SPEED_OF_STEP, _ACCELERATION_OF_STEP = 1.875, 5.7735  # largest slopes of 10 s^3 - 15 s^4 + 6 s^5
+_HIGHEST = 0.6  # Hz
+_REVERSAL_SHARE = 0.06  # of the way that the joint has
+_SLOWEST = 0.01  # of the top speed: some mm/s, where friction bends
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """One motion of the menu.
+
+    Attributes
+    ----------
+    kind
+        One of :data:`KINDS`, or what a caller adds (``designed``, ``again``).
+    text
+        What is done, in plain words.
+    motion
+        The motion program.
+    """
+
+    kind: str
+    text: str
+    motion: Motion
+
+
+@dataclass(frozen=True)
+class _Way:
+    """Middle, half way (both in joint units), top speed and acceleration of one joint."""
+
+    middle: float
+    half: float
+    speed: float
+    acceleration: float
+
+
+def menu(
+    machine: Machine,
+    joint: str,
+    *,
+    seconds: float = 60.0,
+    use: float = 0.92,
+    holding: Holding | None = None,
+    hydraulic: HydraulicLimits | None = None,
+) -> tuple[Experiment, ...]:
+    """All experiments of one joint that the limits allow.
+
+    Parameters
+    ----------
+    machine
+        The arm.
+    joint
+        Name of the joint under suspicion.
+    seconds
+        Length of each motion.
+    use
+        Share of every limit that may be used.
+    holding
+        Drive efforts that hold the arm, for the choice of two poses; without it they are the ends of the ranges.
+    hydraulic
+        Supply flow and chamber pressure. A motion that asks for too much flow is run slower; one that asks for too
+        much pressure is left out.
+
+    Raises
+    ------
+    InputError
+        If there is no such joint.
+    """
+    found = []
+    for kind in KINDS:
+        try:
+            found.append(
+                experiment(machine, joint, kind, seconds=seconds, use=use, holding=holding, hydraulic=hydraulic)
+            )
+        except NotPossibleError:
+            continue
+    return tuple(found)
+
+
+class NotPossibleError(InputError):
+    """The machine or its limits do not allow an experiment."""
+
+
+def experiment(
+    machine: Machine,
+    joint: str,
+    kind: str,
+    *,
+    seconds: float = 60.0,
+    use: float = 0.92,
+    holding: Holding | None = None,
+    hydraulic: HydraulicLimits | None = None,
+) -> Experiment:
+    """One experiment; arguments as in :func:`menu`.
+
+    Raises
+    ------
+    NotPossibleError
+        If it needs what the machine does not have, or does not fit into its limits.
+    InputError
+        If there is no such joint or experiment.
+    """
+    names = [each.name for each in machine.joints]
+    if joint not in names:
+        raise InputError(f"joint '{joint}': {machine.name} has {', '.join(names)}")
+    if kind not in KINDS:
+        raise InputError(f"experiment '{kind}': there are {', '.join(KINDS)}")
+    number = names.index(joint)
+    if kind == "free_cylinder":
+        return _free_cylinder(machine, number, seconds, use)
+    build = {
+        "staircase": _staircase,
+        "slow_reversals": _slow_reversals,
+        "frequencies": _frequencies,
+        "two_poses": _two_poses,
+        "neighbour": _neighbour,
+    }[kind]
+    text, q = build(_Arm(machine, number, seconds, use, holding))
+    return Experiment(kind, text, _kept(machine, q, use, hydraulic, kind))
+
+
+@dataclass(frozen=True)
+class _Arm:
+    """What the builders need: the machine, the joint's number, how long, what share of the limits, and its loads."""
+
+    machine: Machine
+    joint: int
+    seconds: float
+    use: float
+    holding: Holding | None
+
+    @property
+    def name(self) -> str:
+        return self.machine.joints[self.joint].name
+
+    @property
+    def middle(self) -> FloatArray:
+        """All joints mid-range, (n,)."""
+        return np.array([sum(stroke_limits(each)) / 2 for each in self.machine.joints])
+
+    def way(self, joint: int) -> _Way:
+        each = self.machine.joints[joint]
+        low, high = stroke_limits(each)
+        limits = each.limits
+        return _Way((low + high) / 2, self.use * (high - low) / 2, self.use * limits.velocity,
+                    self.use * limits.acceleration)  # fmt: skip
+
+    def time(self, seconds: float) -> FloatArray:
+        return np.arange(round(seconds * self.machine.rate_hz) + 1) / self.machine.rate_hz
+
+    def held(self, samples: int, pose: FloatArray) -> FloatArray:
+        return np.tile(pose, (samples, 1))
+
+    def stairs(self, seconds: float, levels: int, slowest: float) -> FloatArray:
+        """Joint positions of a staircase about mid-way: constant speeds of what drives the joint."""
+        each, way, time = self.machine.joints[self.joint], self.way(self.joint), self.time(seconds)
+        try:
+            if each.cylinder is None:
+                return way.middle + staircase(time, seconds, levels, way.half, way.speed, way.acceleration, slowest)[0]
+            middle, half, speed, acceleration = _piston_way(each, way)
+            return joint_position(
+                each, middle + staircase(time, seconds, levels, half, speed, acceleration, slowest)[0]
+            )
+        except NotPossibleError:
+            raise
+        except InputError as error:
+            raise NotPossibleError(str(error)) from None
+
+
+def _piston_way(joint: Joint, way: _Way) -> tuple[float, float, float, float]:
+    """Middle, half way, speed and acceleration that the piston may have wherever the joint is."""
+    assert joint.cylinder is not None
+    linkage = joint.cylinder.linkage
+    x = np.sort(linkage.piston_position(np.array([way.middle - way.half, way.middle + way.half])))
+    r = float(np.abs(lever_arm(linkage, np.linspace(way.middle - way.half, way.middle + way.half, 51))).min())
+    # Part of the joint's acceleration goes into the changing lever arm; a fifth is plenty for arms that are used.
+    return float(x.mean()), float(x[1] - x[0]) / 2, r * way.speed, 0.8 * r * way.acceleration
+
+
+def _step(start: FloatArray, end: FloatArray, seconds: float, rate_hz: float) -> FloatArray:
+    """Fifth-order step from one pose to another, (N, n), end included."""
+    s = np.arange(1, round(seconds * rate_hz) + 1) / round(seconds * rate_hz)
+    return start + (end - start) * (10 * s**3 - 15 * s**4 + 6 * s**5)[:, None]
+
+
+def _seconds_of_step(arm: _Arm, start: FloatArray, end: FloatArray) -> float:
+    seconds = 0.5
+    for joint in range(len(start)):
+        way, distance = arm.way(joint), abs(end[joint] - start[joint])
+        seconds = max(
+            seconds,
+            _SPEED_OF_STEP * distance / way.speed,
+            float(np.sqrt(_ACCELERATION_OF_STEP * distance / way.acceleration)),
+        )
+    return 1.05 * seconds
+
+
+def _burst(time: FloatArray, frequency: float, cycles: int) -> FloatArray:
+    """``cycles`` periods of a sine of amplitude 1, faded in and out over one period each; 0 afterwards."""
+    length = cycles / frequency
+    inside = time <= length
+    edge = np.clip(np.minimum(time, length - time) * frequency, 0.0, 1.0)
+    fade = edge**3 * (10 - 15 * edge + 6 * edge**2)
+    return np.where(inside, fade * np.sin(2 * np.pi * frequency * time), 0.0)
+
+
+def _bursts(arm: _Arm, frequencies: tuple[float, ...], amplitude: float) -> FloatArray:
+    """The joint alone, bursts one after the other, as equal in length as whole periods allow."""
+    share = arm.seconds / len(frequencies)
+    parts = []
+    for frequency in frequencies:
+        cycles = max(3, int(share * frequency))
+        parts.append(amplitude * _burst(arm.time(cycles / frequency)[:-1], frequency, cycles))
+    course = np.append(np.concatenate(parts), 0.0)
+    q = arm.held(len(course), arm.middle)
+    q[:, arm.joint] += course
+    return q
+
+
+def _staircase(arm: _Arm) -> tuple[str, FloatArray]:
+    course = arm.stairs(arm.seconds, 8, _SLOWEST)
+    q = arm.held(len(course), arm.middle)
+    q[:, arm.joint] = course
+    return f"a staircase of constant speeds of {arm.name}, out and back at each; the other joints hold", q
+
+
+def _slow_reversals(arm: _Arm) -> tuple[str, FloatArray]:
+    way = arm.way(arm.joint)
+    amplitude = _REVERSAL_SHARE * way.half
+    top = min(0.4, way.speed / amplitude / 9, float(np.sqrt(way.acceleration / amplitude)) / 9)  # fading adds to 2 pi
+    shortest = 9.0 / arm.seconds  # three periods in a third of the time
+    rates = tuple(float(f) for f in np.geomspace(max(shortest, top / 9), top, 3))
+    text = f"slow reversals of {arm.name} over {2 * amplitude:.2g} {_unit(arm)} at three rates"
+    return text, _bursts(arm, rates, amplitude)
+
+
+def _frequencies(arm: _Arm) -> tuple[str, FloatArray]:
+    way, highest = arm.way(arm.joint), _HIGHEST
+    frequencies = tuple(
+        float(f) for f in np.geomspace(min(max(9.0 / arm.seconds, highest / 6), highest / 2), highest, 3)
+    )
+    # A fade of one period adds at most 1.875 f to the speed's 2 pi f, and so on for the acceleration.
+    amplitude = min(way.half, way.speed / (9.0 * highest), way.acceleration / (70.0 * highest**2))
+    text = f"{arm.name} alone, one amplitude of {amplitude:.2g} {_unit(arm)} at " + ", ".join(
+        f"{f:.2g}" for f in frequencies
+    )
+    return text + " Hz", _bursts(arm, frequencies, amplitude)
+
+
+def _two_poses(arm: _Arm) -> tuple[str, FloatArray]:
+    if len(arm.machine.joints) < 2:
+        raise NotPossibleError(f"{arm.machine.name}: has one joint, so no other pose to hold")
+    light, heavy = _poses(arm)
+    rate, there = arm.machine.rate_hz, _seconds_of_step(arm, light, heavy)
+    first = _seconds_of_step(arm, arm.middle, light)
+    strokes = (arm.seconds - first - there) / 2
+    course = arm.stairs(max(strokes, 8.0), 4, 0.05)
+    start = arm.middle
+    start[arm.joint] = light[arm.joint] = heavy[arm.joint] = course[0]
+    parts = [start[None, :], _step(start, light, first, rate)]
+    for pose in (light, heavy):
+        if pose is heavy:
+            parts.append(_step(light, heavy, there, rate))
+        part = arm.held(len(course), pose)
+        part[:, arm.joint] = course
+        parts.append(part)
+    text = f"the same strokes of {arm.name} twice: with the other joints where its load is smallest, then largest"
+    return text, np.concatenate(parts)
+
+
+def _poses(arm: _Arm) -> tuple[FloatArray, FloatArray]:
+    """Poses of the other joints at which the mean size of the joint's load is smallest and largest."""
+    ends = np.array([(way.middle - way.half, way.middle + way.half) for way in map(arm.way, range(len(arm.middle)))])
+    grid = np.array(np.meshgrid(*[(0.0, 0.5, 1.0)] * min(4, len(arm.middle)), indexing="ij"))
+    shares = np.full((grid[0].size, len(arm.middle)), 0.5)
+    # The joints that carry most sit next to the one in question.
+    near = np.argsort(np.abs(np.arange(len(arm.middle)) - arm.joint), kind="stable")[: grid.shape[0]]
+    shares[:, near] = grid.reshape(grid.shape[0], -1).T
+    shares[:, arm.joint] = 0.5
+    poses = np.unique(ends[:, 0] + shares * (ends[:, 1] - ends[:, 0]), axis=0)
+    if arm.holding is None:
+        return poses[0], poses[-1]
+    size = np.zeros(len(poses))
+    for share in (0.1, 0.5, 0.9):
+        moved = poses.copy()
+        moved[:, arm.joint] = ends[arm.joint, 0] + share * (ends[arm.joint, 1] - ends[arm.joint, 0])
+        size += np.abs(arm.holding(moved)[:, arm.joint])
+    return poses[int(np.argmin(size))], poses[int(np.argmax(size))]
+
+
+def _neighbour(arm: _Arm) -> tuple[str, FloatArray]:
+    count = len(arm.machine.joints)
+    others = [k for k in (arm.joint + 1, arm.joint - 1) if 0 <= k < count]
+    if not others:
+        raise NotPossibleError(f"{arm.machine.name}: has one joint, so no neighbour")
+    time = arm.time(arm.seconds)
+    q = arm.held(len(time), arm.middle)
+    way = arm.way(arm.joint)
+    # Creeping over the whole way and back, 1.5 times: slow, and never at rest for long.
+    creep = 1.5 / arm.seconds
+    amplitude = min(way.half, way.speed / (9.0 * creep), way.acceleration / (70.0 * creep**2))
+    q[:, arm.joint] += amplitude * _wave(time, arm.seconds, creep)
+    for place, other in enumerate(others):
+        near = arm.way(other)
+        frequency = (0.3, 0.43)[place]
+        size = min(near.half, near.speed / (9.0 * frequency), near.acceleration / (70.0 * frequency**2))
+        q[:, other] += size * _wave(time, arm.seconds, frequency)
+    names = " and ".join(arm.machine.joints[k].name for k in others)
+    return f"{names} swing while {arm.name} creeps over its stroke; the others hold", q
+
+
+def _wave(time: FloatArray, seconds: float, frequency: float) -> FloatArray:
+    """A sine of amplitude 1 over the whole time, faded in and out within its first and last period or 3 s."""
+    edge = np.clip(np.minimum(time, seconds - time) / max(min(1 / frequency, seconds / 4), 3.0), 0.0, 1.0)
+    return edge**3 * (10 - 15 * edge + 6 * edge**2) * np.sin(2 * np.pi * frequency * time)
+
+
+def _free_cylinder(machine: Machine, joint: int, seconds: float, use: float) -> Experiment:
+    each = machine.joints[joint]
+    if each.cylinder is None:
+        raise NotPossibleError(f"joint '{each.name}': has no cylinder, so nothing to unpin")
+    options = CylinderOptions(seconds=seconds, starts=1, use=use)
+    motion = design_cylinder_motion(machine, options=options, joints=[each.name]).motion
+    return Experiment(
+        "free_cylinder",
+        f"the rod of {each.name} unpinned: free strokes and a staircase of speeds without any load",
+        motion,
+    )
+
+
+def _kept(machine: Machine, q: FloatArray, use: float, hydraulic: HydraulicLimits | None, kind: str) -> Motion:
+    """The motion, run as much slower as its limits ask for."""
+    limits = hydraulic or HydraulicLimits()
+    time = np.arange(len(q)) / machine.rate_hz
+    slower = 1.0
+    for _ in range(4):
+        qd = np.gradient(q, time * slower, axis=0)
+        qdd = np.gradient(qd, time * slower, axis=0)
+        uses = limits_used(machine, limits, q, qd, qdd)
+        ratio = max(
+            (
+                each.used / use if each.quantity in ("velocity", "flow") else np.sqrt(each.used / use)
+                for each in uses
+                if each.quantity in ("velocity", "flow", "acceleration")
+            ),
+            default=1.0,
+        )
+        if ratio <= 1.0:
+            break
+        slower *= 1.02 * float(ratio)
+    over = [each for each in uses if each.used > (1.0 + 1e-9)]
+    if over:
+        worst = max(over, key=lambda each: each.used)
+        raise NotPossibleError(
+            f"{kind}: {worst.joint or 'supply'} {worst.quantity} would reach {worst.used:.2f} of its limit"
+        )
+    if slower > 1.0:
+        count = int(np.ceil(len(q) * slower))
+        q = make_interp_spline(time, q, k=5)(np.linspace(0.0, time[-1], count))
+        time = np.arange(count) / machine.rate_hz
+    columns = {joint.name: q[:, i].copy() for i, joint in enumerate(machine.joints)}
+    return Motion(machine.name, "pinned", time, columns)
+
+
+def _unit(arm: _Arm) -> str:
+    return "rad" if arm.machine.joints[arm.joint].type == "revolute" else "m"
