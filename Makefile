@@ -27,8 +27,8 @@ check: $(VENV)/.dev ## ruff, mypy --strict, import-linter
 	$(BIN)/lint-imports --no-cache
 
 bench: $(VENV)/.dev ## the benchmarks that have a target, see benchmarks/README.md
-	$(BIN)/python benchmarks/samples.py
-	$(BIN)/python benchmarks/demo.py
+	$(BIN)/hilfit bench samples
+	$(BIN)/hilfit bench demo
 
 clean: ## remove the environment and everything that was built
 	rm -rf $(VENV) build *.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache

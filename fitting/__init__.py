@@ -6,7 +6,9 @@
 ``signals preparation``                         recordings to smooth motion and measured effort
 ``drive regression noise prior``                the one linear regression, its noise, what is known before
 ``estimators``                                  estimators that can be plugged in
-``cylinder_stage rigid_body_stage``             stages 1 and 2, and the one-shot regression
+``cylinder_stage rigid_body_stage stage_two``   stages 1 and 2, and the one-shot regression
+``estimator_choice instruments body_prior``     which estimator stage 2 uses, and what it needs
+``comparison flags``                            two stages against one; parameters that are hardly told
 ``effects residual loop``                       the catalogue, and the loop that chooses from it
 ``session stages results report``               one identification, stage by stage, and its report
 =====================  =====================================================================================

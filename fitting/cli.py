@@ -31,8 +31,23 @@ def identify(
     operation: Annotated[Files, typer.Option(help="Whatever the machine did that day.")] = None,
     output: Annotated[Path, typer.Option("--output", "-o", help="Directory of the report.")] = Path("hilfit-report"),
     no_loop: Annotated[bool, typer.Option("--no-loop", help="Both stages only.")] = False,
+    bootstrap: Annotated[
+        int, typer.Option(min=0, max=1000, help="Most replicas that a null distribution is drawn from; 0 for none.")
+    ] = 18,
     bandwidth: Annotated[
         float | None, typer.Option(help="Identification bandwidth in Hz; from the motion if absent.")
+    ] = None,
+    estimator: Annotated[
+        str,
+        typer.Option(
+            help="Estimator of the rigid body: gls (joint refit), ols, wls, huber, iv, rls, consistent, ridge."
+        ),
+    ] = "gls",
+    covariance: Annotated[
+        str, typer.Option(help="Deviations for coloured residuals: hac, bootstrap or white.")
+    ] = "hac",
+    prior: Annotated[
+        Path | None, typer.Option(help="Links from drawings, or an earlier report.json, for ridge and consistent.")
     ] = None,
     json: Annotated[bool, typer.Option("--json", help="Print report.json on standard output.")] = False,
 ) -> None:
@@ -46,7 +61,15 @@ def identify(
         raise InputError("identify: no training recording; give at least one with --train FILE")
     if not validate and not operation:
         raise InputError("identify: no validation recording; give another motion with --validate FILE")
-    request = Request(machine, recordings, output, Options(loop=not no_loop, bandwidth_hz=bandwidth))
+    options = Options(
+        loop=not no_loop,
+        bandwidth_hz=bandwidth,
+        bootstrap=bootstrap,
+        estimator=estimator,
+        covariance=covariance,
+        prior=None if prior is None else str(prior),
+    )
+    request = Request(machine, recordings, output, options)
     with progress_bar("identify", show=not json) as bar:
         content = run(request, lambda fraction, text: bar(fraction, 1.0, text))
     if json:

@@ -11,26 +11,42 @@ import numpy.typing as npt
 
 from fitting.effects import effect, effects
 from fitting.effects.base import Effect
+from fitting.noise import difference_noise
+from fitting.preparation import position_channel_noise
 from fitting.prior import Prior
+from fitting.regression import full_residual
 from fitting.residual.attribution import (
     ACCUSE,
     MISFIT_SHARE,
     MOST_RIVALS,
     SET_SHARE,
     SET_WIDTH,
+    Accepted,
     Attribution,
     attribute,
 )
+from fitting.residual.change_points import ChangePoint, change_points, joint_rows
+from fitting.residual.confirmation import Misfit, misfit, validate_gain
+from fitting.residual.cross_validation import held_out_gain
 from fitting.residual.kinematics import Corrections, GapScore, checkable, corrected, gap_error, score_gaps
 from fitting.residual.laws import Law
+from fitting.residual.levelling import residual_parts
+from fitting.residual.lines import Line, machine_lines
+from fitting.residual.null import Null, Replicas
+from fitting.residual.scoring import Candidates, Score, score_terms
 from fitting.residual.terms import Model, Term, fit_model
-from fitting.session import Prepared, Session
+from fitting.session import Options, Prepared, Session
 
 FloatArray = npt.NDArray[np.float64]
 Progress = Callable[[float, str], None]
 
 _MOST_PER_JOINT = 2
 _REBUILDS = 4
+#: A sensor's steps are not noise: structure of a few hundredths of a step is significant and means nothing. What is
+#: rebuilt has to take a tenth off the filtered gap at least.
+LEAST_GAP_SHARE = 0.9
+#: Chance that a machine on which nothing changes is said to have changed.
+CHANGE_ALARM = 1e-3
 
 
 @dataclass(frozen=True)
@@ -103,7 +119,7 @@ def kinematic_findings(
             after = gap_error(changed.design, shown, joint)
             if best.effect.id == "backlash":  # play stays in the gap: judged by what its column takes away
                 after = float(np.sqrt(max(before**2 - float(values[0]) ** 2 / 4, 0.0)))
-            if after >= before:
+            if after > LEAST_GAP_SHARE * before:
                 break
             width = max(SET_WIDTH, SET_SHARE * best.gain)
             rivals = dict.fromkeys(
@@ -163,6 +179,37 @@ class SessionSignals:
             prepared.design, prepared.noise, prepared.fitted, terms, self._session.prior, passes=3 if terms else 1
         )
 
+    def nulls(self, model: Model, terms: Sequence[Term], draws: int, first: int = 0) -> list[Null | None]:
+        """Values of terms on replicas of the recordings in which ``model`` is the whole truth.
+
+        Replica number ``k`` is the same whenever it is drawn (for one model), so more can be drawn later. None for a
+        term that has no live direction there.
+        """
+        session, design = self._session, model.design
+        prepared = self.prepared(model.terms)
+        joints = range(len(design.machine.joints))
+        if prepared.pairs:
+            noise = [difference_noise(design, model.fit.theta, prepared.pairs, j, model.extra) for j in joints]
+        else:
+            noise = [[full_residual(design, model.fit.theta, j, i, model.extra) for i in model.fitted] for j in joints]
+        replicas = Replicas(model, position_channel_noise(design.machine, session.recordings), noise)
+        options = Options(bandwidth_hz=design.bank.bandwidth_hz)
+        known = [replace(term, rebuilt=()) for term in model.terms]
+        found: list[list[Score]] = [[] for _ in terms]
+        for number in range(draws):
+            again = Session(design.machine, replicas.draw(np.random.default_rng([17, first + number])), options)
+            plain = again.plain
+            fitted = fit_model(plain.design, plain.noise, plain.fitted, known, session.prior, passes=2 if known else 1)
+            for place, score in Candidates(fitted, terms, [1] * len(terms)).scores(fitted).items():
+                found[place].append(score)
+        return [
+            Null(np.array([s.values for s in own]), own[0].information, own[0].live) if own else None for own in found
+        ]
+
+    def misfit(self, model: Model, joint: int) -> Misfit:
+        """What the model leaves of a joint that two runs of one motion share."""
+        return misfit(model, self.prepared(model.terms).pairs, joint)
+
     def rebuilt(self, model: Model) -> Model:
         """Move the effort in time instead of approximating it, once ``sensor_latency`` is the last term."""
         if model.terms[-1].id != "sensor_latency":
@@ -191,8 +238,46 @@ def run_attribution(
 ) -> Attribution:
     """Attribution of what the efforts leave, on signals with the kinematic corrections rebuilt."""
     signals = SessionSignals(session, corrections)
+    lines, ripples = _ripples(signals)
+    base = signals.refit([item.score.term for item in ripples])
     validate = signals.prepared(()).validate
-    return attribute(signals.refit(()), effects(), validate, signals, progress)
+    found = attribute(base, effects(), validate, signals, session.options.bootstrap, ripples, progress)
+    return replace(found, lines=lines, changes=_changes(found.model))
+
+
+def _ripples(signals: SessionSignals) -> tuple[tuple[Line, ...], tuple[Accepted, ...]]:
+    """Spectral lines of the raw residual; those inside the band are terms of the model from the start.
+
+    Above the band a line does the fit no harm: it is named, and nothing is added. A pump's phase is of no recording but
+    its own, so that of `validate` is taken from there.
+    """
+    prepared, model = signals.prepared(()), signals.refit(())
+    design, theta = prepared.design, model.fit.theta
+    lines, _ = machine_lines(design, theta, prepared.fitted, prepared.pairs)
+    accepted: list[Accepted] = []
+    for line in lines:
+        if line.frequency_hz > design.bank.bandwidth_hz:
+            continue
+        parts = residual_parts(design, theta, line.joint, prepared.validate) if prepared.validate else ()
+        term = Term(effect("supply_ripple"), line.joint, (line.on(parts) if parts else line).shape)
+        before = signals.refit([item.score.term for item in accepted])
+        for score in score_terms(before, [term], [1]):
+            trial = signals.refit([*(item.score.term for item in accepted), term])
+            held_out = held_out_gain(trial.rows(signals.prior), score.live, design.bank.reduced_rate_hz)
+            gain = validate_gain(before, trial, prepared.validate) if prepared.validate else None
+            if score.score > 0:
+                accepted.append(Accepted(score, (), held_out, gain))
+    return lines, tuple(accepted)
+
+
+def _changes(model: Model) -> tuple[ChangePoint, ...]:
+    """Moments from which on a joint behaves otherwise, with everything that was found taken into account."""
+    joints = len(model.design.machine.joints)
+    found: list[ChangePoint] = []
+    for joint in range(joints):
+        rows = joint_rows(model.design, model.noise, model.fit, model.fitted, joint)
+        found += [c for c in change_points(rows, looks=joints) if c.p < CHANGE_ALARM / joints][:1]
+    return tuple(found)
 
 
 def final_model(session: Session, corrections: Corrections, terms: Sequence[Term]) -> tuple[Prepared, Model]:

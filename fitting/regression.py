@@ -32,7 +32,7 @@ FloatArray = npt.NDArray[np.float64]
 BoolArray = npt.NDArray[np.bool_]
 
 # A reduced row is dropped when the element rests during more than this share of its filter window.
-_REST_SHARE = 0.5
+REST_SHARE = 0.5
 
 
 @dataclass(frozen=True)
@@ -121,7 +121,11 @@ def build_design(
     """Columns of every joint in every segment."""
     names = drive_names(machine)
     parameters = Parameters(tuple(j.name for j in machine.joints), names, base)
-    bodies = [base_regressor(machine, base, s.q, s.qd, s.qdd) / s.r[:, :, None] if s.loaded else None for s in segments]
+    speeds = np.array([own.speed for own in noise])
+    bodies = [
+        base_regressor(machine, base, s.q, s.qd, s.qdd, speed_noise=speeds) / s.r[:, :, None] if s.loaded else None
+        for s in segments
+    ]
     blocks = []
     for number, joint in enumerate(machine.joints):
         row = []
@@ -131,7 +135,7 @@ def build_design(
             columns[:, parameters.drive_slice(number)] = drive_columns(names[number], x, v, a, noise[number].speed)
             if body is not None:
                 columns[:, parameters.base_slice] = body[:, number]
-            known = known_effort(joint, v, a)
+            known = known_effort(joint, v, a, None if segment.external is None else segment.external[:, number])
             target = segment.effort[:, number] - known
             share = bank.reduce(segment.rest[:, number].astype(float))
             reduced = bank.reduce(np.column_stack([target, columns]))
@@ -142,7 +146,7 @@ def build_design(
                     known=known,
                     reduced_target=reduced[:, 0],
                     reduced=reduced[:, 1:],
-                    keep=_driven(joint.cylinder is not None or segment.loaded, share < _REST_SHARE),
+                    keep=_driven(joint.cylinder is not None or segment.loaded, share < REST_SHARE),
                 )
             )
         blocks.append(tuple(row))

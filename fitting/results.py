@@ -8,8 +8,12 @@ from datetime import UTC, datetime
 from importlib.metadata import version
 from typing import Any
 
-from fitting.drive import UNITS
+import numpy as np
+
+from fitting.drive import UNITS, direct_units
 from fitting.effects import effect
+from fitting.flags import mark
+from fitting.identifiability import Telling, statement, tellings
 from fitting.loop import corrections_from_json, final_model, term_from_json
 from fitting.report.model import Figures
 from fitting.residual.drawing_data import friction_curves, law_curve, scatter, worst_seconds
@@ -20,9 +24,16 @@ from fitting.session import Prepared, Session
 Results = Mapping[str, dict[str, Any]]
 
 SHAPE_UNITS = {"v_s": "m/s", "x_s": "m", "tau": "s", "pitch": "m", "frequency": "Hz", "t_0": "s"}
-_EVIDENCE = ("score", "gain", "held_out_gain", "held_out_z", "validate_gain", "surviving")
 #: Shape entries that only say which variant of an effect it is.
 _CHOICES = ("other", "law", "parameter", "chamber", "odd", "side", "recording", "head", "rod")
+_EVIDENCE = ("score", "gain", "held_out_gain", "held_out_z", "validate_gain", "surviving", "witness")
+_CHANGED = {
+    "1": "the zero of the effort",
+    "f_c": "Coulomb friction",
+    "f_v": "viscous friction",
+    "K": "stiffness",
+    "load": "the load",
+}
 
 
 def build_report(session: Session, results: Results) -> tuple[dict[str, Any], Figures]:
@@ -54,8 +65,10 @@ def build_report(session: Session, results: Results) -> tuple[dict[str, Any], Fi
         "overall": results["refit"]["overall"],
         "loop": _loop(session, results, model, terms),
         "parameter_shifts": _shifts(session, results),
+        "identifiability": _identifiability(session),
         "warnings": _warnings(session, results),
     }
+    mark(content)
     return content, _figures(session, results, prepared, model, terms)
 
 
@@ -76,7 +89,7 @@ def _cylinders(session: Session, results: Results) -> dict[str, Any]:
         unit = "N" if joint.cylinder is not None else joint.effort_unit
         units = {name: UNITS[name] for name in first["names"]}
         if joint.cylinder is None:
-            units = _direct_units(joint.effort_unit)
+            units = direct_units(joint.effort_unit)
         cylinders[joint.name] = {
             "parameters": _values(first["names"], refit["after"]["theta"][part], refit["after"]["std"][part], units),
             "residual_std": refit["drive_residual_std"][number],
@@ -86,15 +99,6 @@ def _cylinders(session: Session, results: Results) -> dict[str, Any]:
             "stage_1_in_situ": first["in_situ"],
         }
     return cylinders
-
-
-def _direct_units(effort: str) -> dict[str, str]:
-    revolute = effort == "N m"
-    return {
-        "J": "kg m^2" if revolute else "kg",
-        "f_c": effort,
-        "f_v": "N m s/rad" if revolute else "N s/m",
-    }
 
 
 def _values(names: Any, theta: Any, std: Any, units: Mapping[str, str]) -> dict[str, Any]:
@@ -108,9 +112,13 @@ def _rigid_body(session: Session, results: Results) -> dict[str, Any]:
     base = session.base
     part = session.plain.design.parameters.base_slice
     refit, two_stage = results["refit"], results["rigid_body_stage"]["two_stage"]
+    chosen = refit.get("chosen")
+    final = chosen or refit["after"]
+    joint_refit = _values_of(refit["after"], part) if chosen else [{}] * len(base)
     return {
-        "estimator": "gls",
-        "condition_number": refit["condition_number"],
+        "estimator": chosen["estimator"] if chosen else "gls",
+        "covariance": session.options.covariance if chosen else "whitened",
+        "condition_number": (chosen or refit)["condition_number"],
         "parameters": [
             {
                 "name": name,
@@ -119,26 +127,55 @@ def _rigid_body(session: Session, results: Results) -> dict[str, Any]:
                 "std": std if told else None,
                 "unit": unit,
                 "stage_2": {"value": first, "std": first_std},
+                **({"joint_refit": joint} if joint else {}),
             }
-            for name, expression, unit, value, std, told, first, first_std in zip(
+            for name, expression, unit, value, std, told, first, first_std, joint in zip(
                 base.names,
                 base.expressions,
                 base.units,
-                refit["after"]["theta"][part],
-                refit["after"]["std"][part],
-                refit["after"]["told"][part],
+                final["theta"][part],
+                final["std"][part],
+                final["told"][part],
                 two_stage["theta"][part],
                 two_stage["std"][part],
+                joint_refit,
                 strict=True,
             )
         ],
-        "stage_2": {"estimator": "ols", "condition_number": two_stage["condition_number"]},
+        "stage_2": {"estimator": two_stage["estimator"], "condition_number": two_stage["condition_number"]},
+        **(_price(session, results, chosen) if chosen else {}),
     }
+
+
+def _values_of(estimate: Mapping[str, Any], part: slice) -> list[dict[str, Any]]:
+    return [{"value": v, "std": s} for v, s in zip(estimate["theta"][part], estimate["std"][part], strict=True)]
+
+
+def _price(session: Session, results: Results, chosen: Mapping[str, Any]) -> dict[str, Any]:
+    """What the estimator asked for costs in error against the joint refit, and what it had to say."""
+    after = results["refit"]["errors"]["after"]
+    errors = {
+        joint.name: {role: chosen["errors"][role][number] for role in ("train", "validate")}
+        for number, joint in enumerate(session.machine.joints)
+    }
+    price = {}
+    for role in ("train", "validate"):
+        pairs = [
+            (a, b, f)
+            for a, b, f in zip(chosen["errors"][role], after[role], results["residual"]["noise_floor"], strict=True)
+            if a is not None and b is not None and f > 0
+        ]
+        if pairs:
+            own, other = (np.mean([(pair[k] / pair[2]) ** 2 for pair in pairs]) for k in (0, 1))
+            price[role] = float(100.0 * (np.sqrt(own / other) - 1.0))
+    return {"errors": errors, "price_percent": price, "details": chosen["details"]}
 
 
 def _one_shot(session: Session, results: Results) -> dict[str, Any]:
     one_shot = results["rigid_body_stage"]["one_shot"]
+    comparison = results["refit"].get("comparison")
     return {
+        **({"comparison": comparison} if comparison else {}),
         "condition_number": one_shot["condition_number"],
         "errors": {
             joint.name: {role: one_shot["errors"][role][number] for role in ("train", "validate")}
@@ -169,9 +206,9 @@ def _loop(session: Session, results: Results, model: Model, terms: list[Term]) -
     for finding in results["residual"]["kinematics"]:
         effects.append(_kinematic_effect(names, finding))
     for number, (term, accepted) in enumerate(zip(terms, found["accepted"], strict=True)):
-        evidence = {
-            key: accepted[key] for key in ("score", "gain", "held_out_gain", "held_out_z", "validate_gain", "surviving")
-        }
+        evidence = {key: accepted[key] for key in _EVIDENCE if accepted[key] not in (None, "")}
+        if accepted["null"] is not None:
+            evidence |= {"replicas": accepted["null"]["draws"], "inflation": accepted["null"]["inflation"]}
         part = model.term_slice(number)
         if isinstance(term.content, Law):
             unexplained.append(
@@ -181,6 +218,7 @@ def _loop(session: Session, results: Results, model: Model, terms: list[Term]) -
                     "times_sign_of_speed": term.content.signed,
                     "law": law_curve(term.content, model, part),
                     "unit": term.content.unit,
+                    "added": True,
                     "evidence": evidence,
                 }
             )
@@ -203,6 +241,11 @@ def _loop(session: Session, results: Results, model: Model, terms: list[Term]) -
                 "evidence": evidence,
             }
         )
+    effects += [_line_effect(names, line) for line in found["lines"] if not line["in_band"]]
+    unexplained += [{**item, "joint": names[item["joint"]], "added": False} for item in found["unconfirmed"]]
+    experiment = found["next_experiment"]
+    if experiment is not None:
+        experiment = {key: value for key, value in experiment.items() if key != "program"}
     return {
         "verdict": _verdict(results),
         "effects": effects,
@@ -225,7 +268,8 @@ def _loop(session: Session, results: Results, model: Model, terms: list[Term]) -
         "detection_limits": [
             {**limit, "joint": None if limit["joint"] is None else names[limit["joint"]]} for limit in found["limits"]
         ],
-        "next_experiment": _next_experiment(effects),
+        "changes": found["changes"],
+        "next_experiment": experiment or _next_experiment(effects),
     }
 
 
@@ -248,6 +292,24 @@ def _kinematic_effect(names: list[str], finding: Mapping[str, Any]) -> dict[str,
             {"id": rival, "title": effect(rival).title, "joint": joint} for rival in finding["rivals"]
         ],
         "evidence": {key: finding[key] for key in ("score", "gain", "gap_before", "gap_after")},
+    }
+
+
+def _line_effect(names: list[str], line: Mapping[str, Any]) -> dict[str, Any]:
+    """A spectral line above the identification band: named, but there is nothing to add."""
+    content = effect("supply_ripple")
+    (frequency, frequency_std), (amplitude, amplitude_std) = line["frequency"], line["amplitude"]
+    return {
+        "id": content.id,
+        "joint": names[line["joint"]],
+        "title": content.title,
+        "equation": content.equation,
+        "parameters": {
+            "amplitude": {"value": amplitude, "std": amplitude_std, "unit": "N"},
+            "frequency": {"value": frequency, "std": frequency_std, "unit": "Hz"},
+        },
+        "indistinguishable_from": [],
+        "evidence": {"p": line["p"], "outside_band": True},
     }
 
 
@@ -319,7 +381,34 @@ def _warnings(session: Session, results: Results) -> list[str]:
     untold = [n for n, told in zip(parameters.names, results["refit"]["after"]["told"], strict=False) if not told]
     if untold:
         warnings.append(f"this motion cannot tell {', '.join(untold)}; they are left at zero")
+    for change in results["attribution"]["changes"]:
+        warnings.append(
+            f"{change['joint']}: {_CHANGED.get(change['of'], change['of'])} changed "
+            + ("at the beginning of" if change["time"] < 1.0 else f"{change['time']:.1f} s into")
+            + (" every recording" if change["recording"] is None else f" recording {change['recording'] + 1}")
+        )
+    if session.plain.design.indices("operation"):
+        warnings.append(statement(_tellings(session)))
     return warnings
+
+
+def _tellings(session: Session) -> tuple[Telling, ...]:
+    plain = session.plain
+    theta = session.base_model.fit.theta
+    return tellings(plain.design, plain.noise, plain.fitted, theta, session.prior)
+
+
+def _identifiability(session: Session) -> list[dict[str, Any]]:
+    """What these recordings tell of every parameter."""
+    return [
+        {
+            "name": t.name,
+            "verdict": t.verdict,
+            "std": t.std if np.isfinite(t.std) else None,
+            "relative": t.relative if np.isfinite(t.relative) else None,
+        }
+        for t in _tellings(session)
+    ]
 
 
 def _figures(session: Session, results: Results, prepared: Prepared, model: Model, terms: list[Term]) -> Figures:

@@ -19,6 +19,7 @@ from daq.errors import InputError, RecordingError
 from daq.machine_file import Machine, load_machine
 from daq.recording import Recording, read_recording
 from fitting.base_parameters import BaseParameters, base_regressor, reduce_parameters, unidentifiable
+from fitting.joint_side import at_joints
 from fitting.noise import Pairing, noise_model, pair_repeats
 from fitting.preparation import PositionNoise, position_noise, prepare
 from fitting.prior import Prior, mass_prior
@@ -44,12 +45,20 @@ class Options:
     loop : False stops after both stages
     bandwidth_hz : identification bandwidth; None takes five times the motion's own, at least 3 Hz, at most an
         eighth of the rate
+    bootstrap : most replicas of the recordings that a candidate's null distribution is drawn from; 0 for none
     forgetting : forgetting factor of stage 1's recursion; 1 forgets nothing
+    estimator : id of stage 2's estimator; ``gls`` is the joint refit of both stages
+    covariance : what its deviations make of coloured residuals: ``hac``, ``bootstrap`` or ``white``
+    prior : file with what is believed of the links beforehand (:mod:`fitting.body_prior`)
     """
 
     loop: bool = True
     bandwidth_hz: float | None = None
+    bootstrap: int = 18
     forgetting: float = 1.0
+    estimator: str = "gls"
+    covariance: str = "hac"
+    prior: str | None = None
 
 
 @dataclass(frozen=True)
@@ -88,8 +97,7 @@ class Session:
         options = options or Options()
         if not any(r.role in ("train", "operation") for r in recordings):
             raise InputError("no training recording; give at least one with --train (or --operation)")
-        self.machine = machine
-        self.recordings = tuple(recordings)
+        self.machine, self.recordings = at_joints(machine, recordings)
         self.options = options
 
     @classmethod

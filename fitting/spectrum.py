@@ -53,7 +53,7 @@ class Whitening:
     def __call__(self, rows: FloatArray) -> FloatArray:
         """Whitened and scaled rows of one stretch, (M,) or (M, k); as many as went in."""
         order = min(len(self.head), len(rows))
-        out = self.taps[0] * rows
+        out = np.asarray(self.taps[0] * rows)
         for lag, tap in enumerate(self.taps[1:], start=1):
             out[lag:] += tap * rows[:-lag]
         out[:order] = self.head[:order, :order] @ rows[:order]

@@ -22,7 +22,8 @@ import numpy as np
 import numpy.typing as npt
 
 from daq.errors import HilfitError, InputError
-from fitting.cylinder_stage import CylinderEstimate, identify_cylinders
+from fitting.cylinder_stage import identify_cylinders
+from fitting.detection import visible_size
 from fitting.dynamics import self_check
 from fitting.loop import (
     corrections_from_json,
@@ -33,21 +34,29 @@ from fitting.loop import (
     term_from_json,
     term_to_json,
 )
+from fitting.motion import Motion, write_motion
 from fitting.noise import effort_floor
 from fitting.regression import Design, effort_errors, full_residual
 from fitting.report import write_report
-from fitting.residual.attribution import Accepted, Attribution
+from fitting.residual.attribution import ACCUSE, Accepted, Attribution, Unconfirmed
+from fitting.residual.change_points import ChangePoint
 from fitting.residual.confirmation import overall_change
+from fitting.residual.drawing_data import spline_curve
 from fitting.residual.kinematics import Corrections
 from fitting.residual.laws import Law
+from fitting.residual.next_experiment import design_next
 from fitting.residual.terms import Model
 from fitting.results import build_report
-from fitting.rigid_body_stage import StackedEstimate, identify_one_shot, identify_rigid_body
 from fitting.session import Options, Request, Session
 from fitting.stage_names import STAGES, WORDS
+from fitting.stage_two import choice, chosen_refit, comparison, rigid_body_stage, std
 
 FloatArray = npt.NDArray[np.float64]
 Progress = Callable[[float, str], None]
+#: Chance with which an effect of the size of its detection limit is found.
+LIMIT_POWER = 0.95
+#: File of the next experiment's motion, beside the report.
+NEXT_MOTION = "next-experiment.csv"
 Results = Mapping[str, dict[str, Any]]
 
 
@@ -57,6 +66,7 @@ def _quiet(fraction: float, text: str) -> None:
 
 def check(session: Session, results: Results, progress: Progress) -> dict[str, Any]:
     """Recordings fit the machine and excite it; the machine's own equations agree with each other."""
+    choice(session)
     session.require_excitation()
     progress(0.5, "checking the equations of motion against themselves")
     return {
@@ -84,48 +94,10 @@ def cylinder_stage(session: Session, results: Results, progress: Progress) -> di
                 "residual_std": e.residual_std,
                 "in_situ": e.in_situ,
                 "rows": e.rows,
+                "covariance": None if e.covariance is None else e.covariance.tolist(),
             }
             for e in estimates
         ]
-    }
-
-
-def rigid_body_stage(session: Session, results: Results, progress: Progress) -> dict[str, Any]:
-    """Stage 2 with friction frozen, and the one-shot regression beside it."""
-    design = session.plain.design
-    cylinders = [
-        CylinderEstimate(
-            c["joint"],
-            tuple(c["names"]),
-            np.array(c["theta"]),
-            np.array(c["std"]),
-            c["residual_std"],
-            c["in_situ"],
-            c["rows"],
-        )
-        for c in results["cylinder_stage"]["cylinders"]
-    ]
-    two_stage = identify_rigid_body(design, cylinders)
-    progress(0.5, "one-shot regression for comparison")
-    return {
-        "two_stage": _stacked(session, two_stage),
-        "one_shot": _stacked(session, identify_one_shot(design)),
-    }
-
-
-def _stacked(session: Session, estimate: StackedEstimate) -> dict[str, Any]:
-    design = session.plain.design
-    errors = {
-        role: [_std(e) for e in effort_errors(design, estimate.theta, design.indices(*roles))]
-        for role, roles in {"train": ("train", "operation"), "validate": ("validate",)}.items()
-    }
-    std = np.where(np.isfinite(estimate.std), estimate.std, 0.0)
-    return {
-        "theta": estimate.theta.tolist(),
-        "std": std.tolist(),
-        "told": estimate.told.tolist(),
-        "condition_number": estimate.condition_number,
-        "errors": errors,
     }
 
 
@@ -166,8 +138,13 @@ def _estimated_floor(session: Session) -> FloatArray:
 def attribution(session: Session, results: Results, progress: Progress) -> dict[str, Any]:
     """What the residual is traced to."""
     if not session.options.loop:
-        return {"accepted": [], "candidates": [], "limits": [], "warnings": [], "verdict": "nothing_missing"}
-    found = run_attribution(session, _corrections(session, results), progress)
+        nothing: dict[str, Any] = {key: [] for key in ("accepted", "candidates", "limits", "warnings")}
+        nothing |= {key: [] for key in ("unconfirmed", "lines", "changes")}
+        return nothing | {"verdict": "nothing_missing", "next_experiment": None}
+    corrections = _corrections(session, results)
+    found = run_attribution(session, corrections, progress)
+    progress(0.92, "designing the experiment that tells rivals apart")
+    names = tuple(joint.name for joint in session.machine.joints)
     return {
         "verdict": found.verdict,
         "accepted": [_accepted(a) for a in found.accepted],
@@ -178,7 +155,73 @@ def attribution(session: Session, results: Results, progress: Progress) -> dict[
         ],
         "limits": _limits(found),
         "warnings": list(found.warnings),
+        "unconfirmed": [_unconfirmed(item, names) for item in found.unconfirmed],
+        "lines": [
+            {
+                "joint": line.joint,
+                "frequency": [line.frequency_hz, line.frequency_std],
+                "amplitude": [line.amplitude, line.amplitude_std],
+                "p": line.p,
+                "in_band": bool(line.frequency_hz <= session.bank.bandwidth_hz),
+            }
+            for line in found.lines
+        ],
+        "changes": [_change(c, names) for c in found.changes],
+        "next_experiment": _next_experiment(session, found),
     }
+
+
+def _unconfirmed(item: Unconfirmed, names: tuple[str, ...]) -> dict[str, Any]:
+    law, score = item.score.term.content, item.score
+    assert isinstance(law, Law)
+    return {
+        "joint": item.score.term.joint,
+        "variable": law.variable(names),
+        "times_sign_of_speed": law.signed,
+        "unit": law.unit,
+        "law": spline_curve(
+            law,
+            np.array(score.values),
+            np.asarray(np.linalg.pinv(score.information, rcond=1e-8, hermitian=True), float),
+        ),
+        "evidence": {
+            "score": score.score,
+            "gain": score.gain,
+            "held_out_gain": item.held_out.gain,
+            "held_out_z": item.held_out.z,
+            "validate_gain": item.validate_gain,
+        },
+    }
+
+
+def _change(found: ChangePoint, names: tuple[str, ...]) -> dict[str, Any]:
+    return {
+        "joint": names[found.joint],
+        "of": found.column,
+        "kind": found.kind,
+        "recording": found.recording,
+        "time": found.time,
+        "interval": list(found.interval),
+        "change": found.change,
+        "std": found.std,
+        "p": found.p,
+    }
+
+
+def _next_experiment(session: Session, found: Attribution) -> dict[str, Any] | None:
+    """The motion that best separates the members of the first set, with the motion itself."""
+    for item in found.accepted:
+        if not item.rivals:
+            continue
+        designed = design_next(found.model, [item.score.term, *(r.term for r in item.rivals)], session.prior)
+        best = designed.best
+        motion = None if best is None else best.motion
+        content = designed.to_json(session.machine, None if motion is None else NEXT_MOTION)
+        if motion is None:
+            return content
+        columns = {name: np.round(column, 7).tolist() for name, column in motion.columns.items()}
+        return content | {"program": {"rods": motion.rods, "time": motion.time.tolist(), "columns": columns}}
+    return None
 
 
 def _accepted(item: Accepted) -> dict[str, Any]:
@@ -190,6 +233,10 @@ def _accepted(item: Accepted) -> dict[str, Any]:
         "held_out_gain": item.held_out.gain,
         "held_out_z": item.held_out.z,
         "validate_gain": item.validate_gain,
+        "witness": item.witness,
+        "null": None
+        if item.score.null is None
+        else {"draws": item.score.null.draws, "inflation": item.score.null.inflation},
         "rivals": [{"id": r.term.id, "joint": r.term.joint, "score": r.score} for r in item.rivals],
     }
 
@@ -201,7 +248,7 @@ def _limits(found: Attribution) -> list[dict[str, Any]]:
         if score.term.family in accused or isinstance(score.term.content, Law):
             continue
         # The chi-square that accuses, for the first parameter that this motion tells at all, with the others free.
-        needed = score.gain - score.score + 14.0
+        needed = score.gain - score.score + ACCUSE
         told = [number for number, std in enumerate(score.stds) if std > 0]
         if not told:
             continue
@@ -210,7 +257,8 @@ def _limits(found: Attribution) -> list[dict[str, Any]]:
             {
                 "id": score.term.id,
                 "joint": score.term.joint,
-                "smallest": float(np.sqrt(needed) * score.stds[told[0]]),
+                "smallest": visible_size(needed, score.live, LIMIT_POWER) * score.stds[told[0]],
+                "power": LIMIT_POWER,
                 "parameter": parameter.name,
                 "unit": parameter.unit,
             }
@@ -229,8 +277,8 @@ def refit(session: Session, results: Results, progress: Progress) -> dict[str, A
     for role, names in roles.items():
         first = effort_errors(design, before.fit.theta, design.indices(*names))
         second = effort_errors(prepared.design, model.fit.theta, prepared.design.indices(*names), model.extra)
-        errors["before"][role] = [_std(e) for e in first]
-        errors["after"][role] = [_std(e) for e in second]
+        errors["before"][role] = [std(e) for e in first]
+        errors["after"][role] = [std(e) for e in second]
         series[role] = (first, second)
     progress(0.6, "interval of the improvement")
     shown = "validate" if design.indices("validate") else "train"
@@ -238,11 +286,13 @@ def refit(session: Session, results: Results, progress: Progress) -> dict[str, A
     change = overall_change(*series[shown], floor, design.bank.reduced_rate_hz, np.random.default_rng(20))
     parameters = len(design.parameters)
     return {
+        "chosen": chosen_refit(session, prepared.design, model),
+        "comparison": comparison(session, results, floor),
         "before": _parameters(before.fit.theta[:parameters], before.fit.std[:parameters], before.fit.told[:parameters]),
         "after": _parameters(model.fit.theta, model.fit.std, model.fit.told),
         "condition_number": model.fit.condition_number,
         "chi_square_per_row": model.fit.chi_square / max(model.fit.rows - len(model.fit.theta), 1),
-        "drive_residual_std": [_std(e) for e in _drive_errors(prepared.design, model)],
+        "drive_residual_std": [std(e) for e in _drive_errors(prepared.design, model)],
         "errors": errors,
         "overall": {**change, "role": shown, "unit": "noise floors"},
     }
@@ -263,10 +313,6 @@ def _drive_errors(design: Design, model: Model) -> list[FloatArray]:
 
 def _parameters(theta: FloatArray, std: FloatArray, told: npt.NDArray[np.bool_]) -> dict[str, Any]:
     return {"theta": theta.tolist(), "std": std.tolist(), "told": told.tolist()}
-
-
-def _std(errors: FloatArray) -> float | None:
-    return float(np.std(errors)) if len(errors) else None
 
 
 def _corrections(session: Session, results: Results) -> Corrections:
@@ -294,14 +340,27 @@ def identify(request: Request, progress: Progress = _quiet) -> dict[str, Any]:
     """
     require_writable(request.output)
     session = Session.load(request)
+    choice(session)  # a wrong option is said before any work
     results: dict[str, dict[str, Any]] = {}
     for number, stage in enumerate(_COMPUTE):
         results[stage] = _COMPUTE[stage](session, results, _part(progress, number))
     progress((len(STAGES) - 1) / len(STAGES), WORDS["report"])
-    content, figures = build_report(session, results)
-    write_report(content, figures, request.output)
+    content, _, _ = _write_results(session, results, request.output)
     progress(1.0, "done")
     return content
+
+
+def _write_results(session: Session, results: Results, output: Path) -> tuple[dict[str, Any], Path, Path]:
+    """The report, its page, and the next experiment's motion if one was designed."""
+    content, figures = build_report(session, results)
+    paths = write_report(content, figures, output)
+    experiment = results["attribution"]["next_experiment"]
+    if experiment is not None and "program" in experiment:
+        program = experiment["program"]
+        columns = {name: np.array(column) for name, column in program["columns"].items()}
+        motion = Motion(session.machine.name, program["rods"], np.array(program["time"]), columns)
+        write_motion(output / NEXT_MOTION, motion)
+    return content, *paths
 
 
 def require_writable(directory: Path) -> None:
@@ -350,8 +409,7 @@ def run_stage(stage: str, request: Request, progress: Progress = _quiet) -> dict
     progress(0.0, WORDS[stage])
     session = Session.load(request)
     if stage == "report":
-        content, figures = build_report(session, results)
-        json_path, html_path = write_report(content, figures, request.output)
+        _, json_path, html_path = _write_results(session, results, request.output)
         result: dict[str, Any] = {"report": json_path.name, "page": html_path.name}
     else:
         result = _COMPUTE[stage](session, results, progress)

@@ -30,6 +30,8 @@ def print_summary(report: Mapping[str, Any], output: Path) -> None:
     console.print(table)
     titles = {entry["id"]: entry["title"] for entry in report["loop"]["effects"]}
     console.print(verdict_sentence(report, titles), soft_wrap=True)
+    if report.get("one_shot", {}).get("comparison"):
+        console.print(report["one_shot"]["comparison"]["said"], soft_wrap=True, markup=False)
     for warning in report["warnings"]:
         console.print(f"note: {warning}", soft_wrap=True, markup=False)
     console.print(f"report: {output / 'report.html'}", soft_wrap=True, markup=False)

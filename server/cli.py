@@ -57,6 +57,7 @@ PARTS = (
         },
     ),
     Part("sim_backends.cli", {"simulate": "Run the simulated buses of a machine."}),
+    Part("server.bench.cli", {"bench": "Benchmarks with targets: how right, how fast."}),
     Part("server.cli", {"serve": "Serve machines, recordings and identifications over HTTP."}),
 )
 #: Modules that come with an extra of the distribution.

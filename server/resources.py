@@ -114,12 +114,17 @@ class IdentificationOptions(_Body):
     """Choices of an identification (:class:`fitting.session.Options`).
 
     ``loop``: look for what the model lacks. ``bandwidth_hz``: identification bandwidth, None: from the motion.
-    ``forgetting``: factor of stage 1's recursion, 1 forgets nothing.
+    ``bootstrap``: most replicas that a null distribution is drawn from. ``forgetting``: factor of stage 1's recursion,
+    1 forgets nothing. ``estimator``, ``covariance``: of stage 2. ``prior`` names a file, so only the command line has it.
     """
 
     loop: bool = True
     bandwidth_hz: Annotated[float, Field(gt=0)] | None = None
+    bootstrap: Annotated[int, Field(ge=0, le=1000)] = 18
     forgetting: Annotated[float, Field(gt=0, le=1)] = 1.0
+    estimator: Annotated[str, Field(max_length=64)] = "gls"
+    covariance: Literal["hac", "bootstrap", "white"] = "hac"
+    prior: None = None
 
 
 class IdentificationOrder(_Body):

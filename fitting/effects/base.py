@@ -227,6 +227,10 @@ class Effect(ABC):
     def columns(self, view: DriveView, shape: Shape) -> FloatArray:
         """Columns, drive effort per unit of each parameter: (N, k), or (N, n, k) where it acts on all joints."""
 
+    def confined(self, shape: Shape) -> bool:
+        """Whether the effect, in this shape, acts in single recordings only: no other can confirm or refuse it."""
+        return False
+
     def gap_columns(self, view: DriveView, shape: Shape) -> FloatArray | None:
         """Columns (N, k) of what one unit adds to (piston position less x(joint position)), m; None if nothing."""
         return None

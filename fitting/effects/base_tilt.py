@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from daq.machine_file import Machine
-from fitting.dynamics import gravity_regressor
+from fitting.base_parameters import base_gravity_regressor
 from fitting.effects.base import DriveView, Effect, FloatArray, Parameter, Shape
 
 
@@ -39,9 +39,7 @@ class BaseTilt(Effect):
         gravity = np.asarray(view.machine.gravity, dtype=float)
         columns = []
         for axis in across(gravity):
-            change = gravity_regressor(
-                view.machine, segment.q, axis * np.linalg.norm(gravity), columns=view.base.independent
-            )
+            change = base_gravity_regressor(view.machine, view.base, segment.q, axis * np.linalg.norm(gravity))
             columns.append((change @ view.base_values) / segment.r)
         return np.stack(columns, axis=2)
 

@@ -109,7 +109,8 @@ def _check_plausibility(effect: Effect) -> None:
     inside, stds = [], [1e-9] * len(effect.parameters)
     for p in effect.parameters:
         low, high = max(p.low, -1e3), min(p.high, 1e3)
-        inside.append(0.5 * (low + high))
+        # A parameter without bounds may have to be there at all for the effect to be what it says.
+        inside.append(0.5 * (low + high) if np.isfinite(p.low) or np.isfinite(p.high) else 1.0)
     _require(effect, effect.plausible(inside, stds), "the middles of its own intervals are not plausible")
     for number, p in enumerate(effect.parameters):
         for bound, beyond in ((p.low, p.low - 1.0), (p.high, p.high + 1.0)):

@@ -19,12 +19,13 @@ class CrossCylinderCoupling(Effect):
     needs_cylinder = True
     variable = "other.piston_speed"
     uses_model = False
-    equation = "b_1 v_k + b_2 |v_k| + b_3 v_k |v_k|"
+    equation = "b_1 v_k + b_2 |v_k| + b_3 v_k |v_k| + b_4 v_k^2"
     parity = "follows a neighbour's speed"
     parameters = (
         Parameter("b_1", "N s/m"),
         Parameter("b_2", "N s/m"),
         Parameter("b_3", "N s^2/m^2"),
+        Parameter("b_4", "N s^2/m^2"),
     )
     confounders = ()
     experiment = "move the neighbour alone"
@@ -37,4 +38,9 @@ class CrossCylinderCoupling(Effect):
     def columns(self, view: DriveView, shape: Shape) -> FloatArray:
         """Columns (N, k); see :class:`Effect`."""
         speed = view.speed_of(int(shape["other"]))
-        return np.column_stack([speed, np.abs(speed), speed * np.abs(speed)])
+        return np.column_stack([speed, np.abs(speed), speed * np.abs(speed), speed**2])
+
+    def plausible(self, values: Sequence[float], stds: Sequence[float]) -> bool:
+        """A line's loss grows at least as fast as the flow: its linear and its quadratic part push the same way."""
+        pairs = ((values[0], values[2], stds[2]), (values[1], values[3], stds[3]))
+        return all(linear * square >= 0.0 or abs(square) < 2.0 * std for linear, square, std in pairs)

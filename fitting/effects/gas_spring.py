@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import numpy as np
+
 from fitting.effects.base import DriveView, Effect, FloatArray, Parameter, Shape
 
 
@@ -16,9 +18,9 @@ class GasSpring(Effect):
     needs_cylinder = True
     variable = "piston_position"
     uses_model = False
-    equation = "f_g (1 - x / x_0)^(-n)"
+    equation = "f_g (1 - x / x_0)^(-n) + f_0, its rest force with a transducer's zero"
     parity = "even in v, monotone in x"
-    parameters = (Parameter("f_g", "N"),)
+    parameters = (Parameter("f_g", "N"), Parameter("f_0", "N"))
     confounders = ("hose_stiffness", "end_cushion")
     experiment = "isolate the accumulator"
     source = "polytropic compression of a gas volume"
@@ -26,11 +28,16 @@ class GasSpring(Effect):
     def shapes(self, view: DriveView) -> Sequence[Shape]:
         """Grid of shapes; see :class:`Effect`."""
         return [
-            {"side": side, "rest": rest, "n": n} for side in (-1.0, 1.0) for rest in (0.1, 0.3, 1.0) for n in (1.0, 1.4)
+            {"side": side, "rest": rest, "n": n} for side in (-1.0, 1.0) for rest in (0.3, 0.6, 1.2) for n in (1.0, 1.4)
         ]
 
     def columns(self, view: DriveView, shape: Shape) -> FloatArray:
         """Columns (N, k); see :class:`Effect`."""
         low, high = view.range.x
         stroke = (view.x - low if shape["side"] > 0 else high - view.x) / view.range.span
-        return (shape["side"] * (1.0 - stroke / (1.0 + shape["rest"])) ** -shape["n"])[:, None]
+        rise = shape["side"] * (1.0 - stroke / (1.0 + shape["rest"])) ** -shape["n"]
+        return np.column_stack([rise, np.ones(len(rise))])
+
+    def plausible(self, values: Sequence[float], stds: Sequence[float]) -> bool:
+        """Without a rise it would be an offset by another name."""
+        return abs(values[0]) > 3.0 * stds[0]

@@ -17,7 +17,7 @@ class Payload(Effect):
     title = "a payload in part of the recordings"
     level = "joint"
     variable = "time"
-    equation = "Y_tip(q, q', q'') m_p from t_0 on"
+    equation = "Y_tip(q, q', q'') m_p from t_0 on, in one recording or in all"
     parity = "all joints upstream at once"
     parameters = (Parameter("m_p", "kg"),)
     confounders = ("thermal_viscosity_drift", "pressure_drift")
@@ -26,19 +26,24 @@ class Payload(Effect):
     machine_wide = True
 
     def shapes(self, view: DriveView) -> Sequence[Shape]:
-        """Every recording, from its start or from one of five moments on."""
+        """One recording, or all of them (-1), from its start or from one of some moments on."""
         start, end = view.range.time
         return [
             {"recording": float(recording), "t_0": start + share * (end - start)}
-            for recording in view.loaded_recordings
-            for share in (0.0, 0.2, 0.35, 0.5, 0.65, 0.8)
+            for recording in (-1, *view.loaded_recordings)
+            for share in (0.0, 0.15, 0.25, 0.35, 0.45, 0.55, 0.65, 0.75, 0.85)
+            if recording >= 0 or share > 0.0  # always there, it is part of the last link
         ]
+
+    def confined(self, shape: Shape) -> bool:
+        """A mass that was there in one recording says nothing of another."""
+        return shape["recording"] >= 0
 
     def columns(self, view: DriveView, shape: Shape) -> FloatArray:
         """Columns (N, n, 1) for all joints."""
         segment = view.segment
         joints = len(view.machine.joints)
-        if not segment.loaded or segment.recording != int(shape["recording"]):
+        if not segment.loaded or int(shape["recording"]) not in (-1, segment.recording):
             return np.zeros((len(segment), joints, 1))
         if "tip" not in view.cache:
             regressor = rigid_body_regressor(

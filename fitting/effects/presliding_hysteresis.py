@@ -27,7 +27,8 @@ class PreslidingHysteresis(Effect):
     def shapes(self, view: DriveView) -> Sequence[Shape]:
         """Grid of shapes; see :class:`Effect`."""
         low = max(4 * view.noise[view.joint].position, 0.0005 * view.range.span)
-        return [{"x_s": distance} for distance in geometric(low, max(0.08 * view.range.span, 2 * low), 7)]
+        # Seals shear by less than their own width; over longer distances it is not elastic.
+        return [{"x_s": distance} for distance in geometric(low, max(0.02 * view.range.span, 2 * low), 6)]
 
     def columns(self, view: DriveView, shape: Shape) -> FloatArray:
         """Columns (N, k); see :class:`Effect`."""

@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
+import numpy as np
+
 from fitting.effects.base import DriveView, Effect, FloatArray, Parameter, Shape
 
 
@@ -13,14 +17,24 @@ class PressureDrift(Effect):
     level = "measurement"
     variable = "time"
     uses_model = False
-    equation = "d t"
+    equation = "d t + d_0, or d tau (1 - exp(-t / tau)) + d_0 where it settles"
     parity = "slow in time, independent of motion"
-    parameters = (Parameter("d", "N/s"),)
+    parameters = (Parameter("d", "N/s"), Parameter("d_0", "N"))
     confounders = ("thermal_viscosity_drift", "payload")
     experiment = "take the first pose again at the end"
     source = "transducer data sheets: thermal zero shift"
 
+    def shapes(self, view: DriveView) -> Sequence[Shape]:
+        """A steady drift (tau 0), or one that settles within the recording."""
+        start, end = view.range.time
+        return [{"tau": 0.0}, *({"tau": share * (end - start)} for share in (0.25, 0.6, 1.5))]
+
     def columns(self, view: DriveView, shape: Shape) -> FloatArray:
         """Columns (N, k); see :class:`Effect`."""
-        middle = 0.5 * (view.range.time[0] + view.range.time[1])
-        return (view.clock - middle)[:, None]
+        tau = shape["tau"]
+        drift = -tau * np.expm1(-view.clock / tau) if tau else view.clock
+        return np.column_stack([drift, np.ones(len(drift))])
+
+    def plausible(self, values: Sequence[float], stds: Sequence[float]) -> bool:
+        """Without a drift it would be an offset by another name."""
+        return abs(values[0]) > 3.0 * stds[0]

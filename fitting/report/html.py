@@ -12,13 +12,12 @@ from typing import Any
 import jinja2
 from markupsafe import Markup
 
+from fitting.flags import FLAG_PERCENT
 from fitting.report import text, wording
 from fitting.report.drawing import draw_errors, draw_friction, draw_scatter, draw_worst
 from fitting.report.model import Figures
 from fitting.report.schema import ReportError, validate_report
 
-#: A parameter whose standard deviation is above this share of its value is flagged.
-FLAG_PERCENT = 30.0
 #: A parameter that moved by more than so many standard deviations is flagged.
 FLAG_SIGMAS = 3.0
 
@@ -96,6 +95,8 @@ def render_html(report: Mapping[str, Any], figures: Figures) -> str:
             statuses=wording.STATUSES,
             noise_floor=wording.NOISE_FLOOR,
             estimators=wording.ESTIMATORS,
+            covariances=wording.COVARIANCES,
+            contenders=wording.CONTENDERS,
             flag_percent=FLAG_PERCENT,
             flag_sigmas=FLAG_SIGMAS,
             change=text.change,

@@ -144,6 +144,7 @@ class Unexplained(_Part):
     joint: str | None
     variable: str
     law: Law
+    added: bool = True
     evidence: dict[str, Any] = {}
 
 

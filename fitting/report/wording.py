@@ -37,6 +37,25 @@ ESTIMATORS = {
     "wls": "weighted least squares (wls)",
     "gls": "generalised least squares (gls)",
     "robust": "robust least squares (robust)",
+    "huber": "Huber's robust regression (huber)",
+    "iv": "instrumental variables (iv)",
+    "rls": "recursive least squares (rls)",
+    "consistent": "weighted least squares of links that can exist (consistent)",
+    "ridge": "weighted least squares drawn toward a prior (ridge)",
+}
+
+COVARIANCES = {
+    "hac": "from the residual's own colour (heteroscedasticity and autocorrelation consistent)",
+    "bootstrap": "from residuals drawn anew in blocks",
+    "white": "as if residuals were white, which they are not: too small",
+    "whitened": "from residuals whitened by the measured noise",
+}
+
+CONTENDERS = {
+    "hierarchical": "two stages",
+    "one_shot": "one-shot",
+    "one_shot_with_unloaded": "one-shot, unloaded recordings too",
+    "joint_refit": "joint refit (generalised least squares)",
 }
 
 EVIDENCE = {

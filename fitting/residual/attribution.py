@@ -27,12 +27,16 @@ import numpy.typing as npt
 
 from fitting.effects.base import Effect
 from fitting.prior import Prior
-from fitting.residual.confirmation import validate_gain
+from fitting.residual.change_points import ChangePoint
+from fitting.residual.confirmation import Misfit, validate_gain
 from fitting.residual.cross_validation import HeldOut, held_out_gain
 from fitting.residual.laws import Law
+from fitting.residual.lines import Line
+from fitting.residual.null import Null
 from fitting.residual.refinement import finer, refined
-from fitting.residual.scoring import PARAMETER_PRICE, Candidates, Score, catalogue_terms, law_terms
+from fitting.residual.scoring import PARAMETER_PRICE, Candidates, Score, catalogue_terms, law_terms, white_columns
 from fitting.residual.terms import Model, Term
+from fitting.residual.witness import Witness, objection, witness
 
 FloatArray = npt.NDArray[np.float64]
 Progress = Callable[[float, str], None]
@@ -46,8 +50,17 @@ LAW_WINS = 6.0
 LAW_WINS_SHARE = 0.05
 MOST_EFFECTS = 4
 MOST_RIVALS = 2
+#: A name that leaves this share of its own gain, significantly, in what two runs of one motion share, was wrong.
+#: What is left of many times its gain is another matter.
+DOUBT_SHARE, UNRELATED_SHARE, MISFIT_Z = 0.33, 3.0, 4.0
+#: Contenders whose null is drawn, and replicas that are drawn before the decision is looked at again.
+MOST_CONTENDERS = 24
+LEAST_DRAWS = 3
 #: Standard errors by which the gain on held-out blocks has to be above zero; more where no validation motion is there.
 LEAST_Z, LEAST_Z_ALONE = 1.5, 3.0
+#: What keeps this share of its gain on held-out blocks holds, even if a few of them brought it all: a resonance rings
+#: where it was hit, a load is overrun in one place.
+HELD_SHARE = 0.5
 #: What is left of an effect's own gain on its own joint is the difference between its formula and nature's.
 MISFIT_SHARE = 0.1
 #: The same for a spline's limited resolution, in the signal that it is a law of.
@@ -68,12 +81,30 @@ class Accepted:
     rivals : the other members of its set, at most two, best first
     held_out : its gain on held-out blocks of the fitted recordings
     validate_gain : chi-square that it takes off the whitened residual of `validate`; None without one
+    witness : what unloaded and loaded recordings say of it, in words; empty where only one kind is there
     """
 
     score: Score
     rivals: tuple[Score, ...]
     held_out: HeldOut
     validate_gain: float | None
+    witness: str = ""
+
+
+@dataclass(frozen=True)
+class Unconfirmed:
+    """A law of what is certainly there in the fitted motions, but does not hold on others: it is not added.
+
+    Attributes
+    ----------
+    score : as it was chosen
+    held_out : its gain on held-out blocks of the fitted recordings
+    validate_gain : what it would have done to the chi-square of `validate`: nothing good
+    """
+
+    score: Score
+    held_out: HeldOut
+    validate_gain: float
 
 
 @dataclass(frozen=True)
@@ -89,7 +120,19 @@ class Candidate:
 
 @dataclass(frozen=True)
 class Attribution:
-    """Result of the loop: the base model, the final model, what was accepted, and all candidates."""
+    """Result of the loop.
+
+    Attributes
+    ----------
+    base, model : the base model and the final one
+    accepted : what was added
+    candidates : every family with what was said of it
+    limits : the first round's scores, for detection limits
+    warnings : lines for people
+    unconfirmed : laws of what is there but does not hold on another motion
+    lines : spectral lines of the residual (those inside the band are in ``accepted`` as well)
+    changes : moments from which on a joint behaves otherwise
+    """
 
     base: Model
     model: Model
@@ -97,12 +140,15 @@ class Attribution:
     candidates: tuple[Candidate, ...]
     limits: tuple[Score, ...]
     warnings: tuple[str, ...]
+    unconfirmed: tuple[Unconfirmed, ...] = ()
+    lines: tuple[Line, ...] = ()
+    changes: tuple[ChangePoint, ...] = ()
 
     @property
     def verdict(self) -> str:
         """Verdict of the report."""
         if not self.accepted:
-            return "nothing_missing"
+            return "unexplained" if self.unconfirmed else "effect_added" if self.lines else "nothing_missing"
         if any(isinstance(a.score.term.content, Law) for a in self.accepted):
             return "unexplained"
         return "ambiguous" if any(a.rivals for a in self.accepted) else "effect_added"
@@ -114,6 +160,14 @@ class Signals(Protocol):
     @property
     def prior(self) -> Prior:
         """What is known before any measurement."""
+        ...
+
+    def nulls(self, model: Model, terms: Sequence[Term], draws: int, first: int = 0) -> list[Null | None]:
+        """What terms gain on replicas of the recordings in which the model is the whole truth."""
+        ...
+
+    def misfit(self, model: Model, joint: int) -> Misfit:
+        """What the model leaves of a joint that two runs of one motion share."""
         ...
 
     def rebuilt(self, model: Model) -> Model:
@@ -130,6 +184,8 @@ def attribute(
     effects: Sequence[Effect],
     validate: Sequence[int],
     signals: Signals,
+    bootstrap: int = 0,
+    known: Sequence[Accepted] = (),
     progress: Progress = lambda fraction, text: None,
 ) -> Attribution:
     """Run the loop on a fitted base model.
@@ -140,9 +196,11 @@ def attribute(
     effects : the catalogue
     validate : segments of the `validate` recordings; nothing is selected on them, they only confirm or refuse
     signals : refits, with delays and the like corrected in the signals themselves
+    known : what was found before, in the order of the base's terms (spectral lines)
+    bootstrap : most replicas that a null distribution is drawn from; 0 trusts the chi-square
     progress : called with a fraction and plain words
     """
-    selection = _Selection(base, effects, validate, signals)
+    selection = _Selection(base, effects, validate, signals, bootstrap, known)
     for number in range(MOST_EFFECTS + 3):
         progress(min(0.9, number / 4), f"looking for what is missing, round {number + 1}")
         if not selection.step():
@@ -154,15 +212,29 @@ def attribute(
 class _Selection:
     """State of the forward selection: the model so far, what was accepted or refused, and the table of candidates."""
 
-    def __init__(self, base: Model, effects: Sequence[Effect], validate: Sequence[int], signals: Signals) -> None:
+    def __init__(
+        self,
+        base: Model,
+        effects: Sequence[Effect],
+        validate: Sequence[int],
+        signals: Signals,
+        bootstrap: int,
+        known: Sequence[Accepted],
+    ) -> None:
         self.base, self.effects, self.validate, self.signals = base, effects, validate, signals
+        self.bootstrap = bootstrap
         self.model = base
-        self.accepted: list[Accepted] = []
+        self.accepted: list[Accepted] = list(known)
         self.refused: set[Family] = set()
         self.refuted_joints: set[int | None] = set()
         self.table: dict[Family, Candidate] = {}
+        for item in known:
+            family = item.score.term.family
+            self.table[family] = Candidate(*family, item.score.score, "accepted", _why(item.score))
         self.limits: tuple[Score, ...] = ()
         self.scored: Model | None = None
+        self.unconfirmed: list[Unconfirmed] = []
+        self.nulls: dict[tuple[object, ...], Null] = {}
         self.named: dict[Family, Score] = {}
         self.laws: dict[int | None, Score] = {}
 
@@ -172,12 +244,13 @@ class _Selection:
         if not self.limits:
             self.limits = tuple(self.named.values())
         _record(self.table, self.named, self.accepted)
+        self._unbias()
         choice = _choose(self._open_names(), self._open_laws(), self.accepted)
         if choice is None or len(self.accepted) >= MOST_EFFECTS:
-            return False
+            return self._doubt()
         wrong = _refutes(choice, self.accepted) if isinstance(choice.term.content, Law) else None
         if wrong is not None:
-            self._take_back(wrong)
+            self._take_back(wrong, "a law of one signal explains much more on this joint")
         else:
             self._try(choice)
         return True
@@ -200,11 +273,53 @@ class _Selection:
         self.laws = best_by_joint([s for s in scores.values() if isinstance(s.term.content, Law)])
         self.scored = self.model
 
+    def _unbias(self) -> None:
+        """Take off the contenders what they would be worth where there is nothing to find.
+
+        Noise in accelerations pushes some candidates to impossible values and hides them where they are real, so all
+        joints of an effect that contends are looked at. A null that was drawn stays: it is noise, not structure.
+        """
+        if not self.bootstrap:
+            return
+        there = {item.score.term.family for item in self.accepted} | self.refused
+        names = [s for s in self.named.values() if s.term.family not in there and not _is_misfit(s, self.accepted)]
+        laws = [s for s in self._open_laws() if not _is_misfit(s, self.accepted)]
+        contending = {s.term.id for s in names if s.score > ACCUSE and s.term.uses_model}
+        chosen = [s for s in (*names, *laws) if s.score > ACCUSE or s.term.id in contending]
+        chosen = sorted(chosen, key=lambda s: -s.score)[:MOST_CONTENDERS]
+        for score in self._with_nulls(chosen):
+            if isinstance(score.term.content, Effect):
+                self.named[score.term.family] = score
+            else:
+                self.laws[score.term.joint] = score
+
+    def _with_nulls(self, scores: Sequence[Score]) -> list[Score]:
+        """The scores with the bias of noisy regressors taken off, by as many replicas as the decision takes."""
+        fresh = [s for s in scores if s.term.label not in self.nulls]
+        drawn = 0
+        while fresh and drawn < self.bootstrap:
+            draws = min(LEAST_DRAWS, self.bootstrap - drawn)
+            more = self.signals.nulls(self.model, [s.term for s in fresh], draws, drawn)
+            for score, null in zip(fresh, more, strict=True):
+                known = self.nulls.get(score.term.label)
+                if null is not None:
+                    self.nulls[score.term.label] = null if known is None else known.joined(null)
+            drawn += draws
+            best = max((self._against(s).calibrated for s in fresh if self._against(s).plausible), default=-np.inf)
+            if not ACCUSE / 2 < best < 3 * ACCUSE:
+                break  # more draws would not change the decision
+        return [self._against(s) for s in scores]
+
+    def _against(self, score: Score) -> Score:
+        null = self.nulls.get(score.term.label)
+        return score if null is None else score.against(null)
+
     def _open_names(self) -> list[Score]:
         return [
             score
             for score in self.named.values()
             if score.plausible
+            and score.term.id != "supply_ripple"  # found as a line, or not at all
             and score.term.family not in self.refused
             and score.term.joint not in self.refuted_joints
             and not _there(self.accepted, score)
@@ -217,38 +332,71 @@ class _Selection:
             if score.term.family not in self.refused and not _law_there(self.accepted, score)
         ]
 
-    def _take_back(self, number: int) -> None:
-        """An accepted name was wrong: a law of one signal explains far more on its joint."""
+    def _take_back(self, number: int, reason: str) -> None:
+        """An accepted name was wrong; its joint gets a law, not another name."""
         family = self.accepted.pop(number).score.term.family
         self.refuted_joints.add(family[1])
         self.table[family] = replace(
             self.table[family],
             status="rejected",
-            reason="a law of one signal explains much more on this joint: it is not this effect",
+            reason=f"{reason}: it is not this effect",
         )
         self.model = self.signals.refit([item.score.term for item in self.accepted])
+
+    def _doubt(self) -> bool:
+        """Take back a lone name on a joint where much is left that no further candidate explains."""
+        for number, item in enumerate(self.accepted):
+            term = item.score.term
+            alone = sum(other.score.term.joint == term.joint for other in self.accepted) == 1
+            if isinstance(term.content, Law) or term.everywhere or term.joint is None or not alone:
+                continue
+            left = self.signals.misfit(self.model, term.joint)
+            if left.z > MISFIT_Z and DOUBT_SHARE < left.excess / item.score.gain < UNRELATED_SHARE:
+                self._take_back(number, f"it leaves too much (chi-square {left.excess:.0f}) of what two runs share")
+                return True
+        return False
 
     def _try(self, choice: Score) -> None:
         """Add the choice if it helps on the validation motion."""
         choice = (refined if isinstance(choice.term.content, Effect) else finer)(self.model, choice)
+        seen = self._witness(choice)
+        if isinstance(choice.term.content, Effect) and seen is not None:
+            against = objection(choice.term.content.level, seen)
+            if against:
+                self.refused.add(choice.term.family)
+                reason = f"an effect of the cylinder itself has to be there without a load: {against}"
+                self.table[choice.term.family] = Candidate(*choice.term.family, choice.score, "rejected", reason)
+                return
         terms = [*(item.score.term for item in self.accepted), choice.term]
         trial = self.signals.rebuilt(self.signals.refit(terms))
         choice = replace(choice, term=trial.terms[-1])
         family = choice.term.family
         held_out = self._held_out(trial)
-        gain = validate_gain(self.model, trial, self.validate) if self.validate else None
-        reason = _objection(held_out, gain)
+        confirming = self.validate and not choice.term.confined
+        gain = validate_gain(self.model, trial, self.validate) if confirming else None
+        reason = _objection(choice.gain, held_out, gain)
         if reason:
+            if isinstance(choice.term.content, Law):
+                self.unconfirmed.append(Unconfirmed(choice, held_out, float(gain or 0.0)))
             self.refused.add(family)
             self.table[family] = Candidate(*family, choice.score, "rejected", reason)
             return
         rivals = () if isinstance(choice.term.content, Law) else _rivals(choice, self.named, self.refused)
-        self.accepted.append(Accepted(choice, rivals, held_out, gain))
+        self.accepted.append(Accepted(choice, rivals, held_out, gain, "" if seen is None else seen.words))
         self.table[family] = Candidate(*family, choice.score, "accepted", _why(choice))
         for rival in rivals:
             reason = f"within {choice.score - rival.score:.1f} of {choice.term.id}: this data cannot tell them apart"
             self.table[rival.term.family] = Candidate(*rival.term.family, rival.score, "indistinguishable", reason)
         self.model = trial
+
+    def _witness(self, choice: Score) -> Witness | None:
+        """What unloaded and loaded recordings say of a candidate; None where one of the two is not there."""
+        joint, design = choice.term.joint, self.model.design
+        loaded = {design.segments[i].loaded for i in self.model.fitted}
+        if joint is None or choice.term.everywhere or len(loaded) < 2:
+            return None
+        columns, unloaded = white_columns(self.model, choice.term)
+        return witness(columns, self.model.fit.residual[joint], self.model.fit.orthonormal[joint], unloaded)
 
     def _held_out(self, trial: Model) -> HeldOut:
         """Gain of the trial's last term on held-out blocks of the fitted recordings."""
@@ -283,6 +431,24 @@ class _Selection:
         wald = float(values @ np.linalg.pinv(covariance) @ values) if told.any() else 0.0
         return wald - PARAMETER_PRICE * int(told.sum())
 
+    def _open_questions(self) -> tuple[Unconfirmed, ...]:
+        """Unconfirmed laws of joints where nothing else was found, and something certainly is.
+
+        It holds on blocks that were left out of the fit, or two runs of one motion leave the same.
+        """
+        found = {item.score.term.joint for item in self.accepted}
+        best: dict[int | None, Unconfirmed] = {}
+        for item in self.unconfirmed:
+            joint = item.score.term.joint
+            if joint is None or joint in found:
+                continue
+            left = self.signals.misfit(self.model, joint)
+            shared = left.z > MISFIT_Z and left.excess > DOUBT_SHARE * item.score.gain
+            certain = shared or _holds(item.score.gain, item.held_out, LEAST_Z_ALONE)
+            if certain and (joint not in best or item.score.score > best[joint].score.score):
+                best[joint] = item
+        return tuple(best.values())
+
     def result(self) -> Attribution:
         """What was found, with a warning for every joint on which a law still gains something."""
         joints = self.base.design.parameters.joints
@@ -297,12 +463,21 @@ class _Selection:
                         f"(chi-square {score.gain:.0f}); the added effect's formula is not exactly nature's"
                     )
         ordered = tuple(sorted(self.table.values(), key=lambda c: -c.score))
-        return Attribution(self.base, self.model, tuple(self.accepted), ordered, self.limits, tuple(warnings))
+        return Attribution(
+            self.base,
+            self.model,
+            tuple(self.accepted),
+            ordered,
+            self.limits,
+            tuple(warnings),
+            self._open_questions(),
+        )
 
 
-def _objection(held_out: HeldOut, validate: float | None) -> str:
+def _objection(gain: float, held_out: HeldOut, validate: float | None) -> str:
     """Why a term is not to be added; empty if there is nothing against it."""
-    if held_out.gain <= 0 or held_out.z < (LEAST_Z if validate is not None else LEAST_Z_ALONE):
+    alone = validate is None
+    if not (held_out.gain > 0 and held_out.z >= LEAST_Z_ALONE if alone else _holds(gain, held_out, LEAST_Z)):
         return (
             f"it does not hold on blocks that were left out of the fit (chi-square {held_out.gain:+.1f}, "
             f"{held_out.z:.1f} standard errors)"
@@ -310,6 +485,10 @@ def _objection(held_out: HeldOut, validate: float | None) -> str:
     if validate is not None and validate <= 0:
         return f"it does not help on the validation motion (chi-square {validate:+.1f})"
     return ""
+
+
+def _holds(gain: float, held_out: HeldOut, least_z: float) -> bool:
+    return held_out.gain > 0 and (held_out.z >= least_z or held_out.gain >= HELD_SHARE * gain)
 
 
 def best_by_family(scores: Sequence[Score]) -> dict[Family, Score]:
@@ -333,8 +512,9 @@ def best_by_joint(scores: Sequence[Score]) -> dict[int | None, Score]:
 
 def _choose(names: Sequence[Score], laws: Sequence[Score], accepted: Sequence[Accepted]) -> Score | None:
     """The next thing to add: the best name, or a law that leaves the best name behind."""
-    names = [s for s in names if s.score > ACCUSE and not _is_misfit(s, accepted)]
-    laws = [s for s in laws if s.score > ACCUSE and (not _is_misfit(s, accepted) or _refutes(s, accepted) is not None)]
+    names = [s for s in names if s.calibrated > ACCUSE and not _is_misfit(s, accepted)]
+    laws = [s for s in laws if s.calibrated > ACCUSE]
+    laws = [s for s in laws if not _is_misfit(s, accepted) or _refutes(s, accepted) is not None]
     name = max(names, key=lambda s: s.score, default=None)
     law = max(laws, key=lambda s: s.score, default=None)
     if law is None or name is None:
@@ -372,21 +552,28 @@ def _refutes(score: Score, accepted: Sequence[Accepted]) -> int | None:
     """Number of an accepted *name* on the same joint that this law shows to be wrong."""
     for number, item in enumerate(accepted):
         term = item.score.term
-        named_here = isinstance(term.content, Effect) and term.joint == score.term.joint
+        # A line in the spectrum was found on its own; no law of a signal can stand for it.
+        named = isinstance(term.content, Effect) and term.id != "supply_ripple"
+        named_here = named and term.joint == score.term.joint
         if named_here and score.gain > REFUTED_SHARE * item.score.gain:
             return number
     return None
 
 
 def _rivals(choice: Score, named: dict[Family, Score], refused: set[Family]) -> tuple[Score, ...]:
-    width = max(SET_WIDTH, SET_SHARE * choice.gain)
+    """Candidates that could be the truth as well; where a bias was taken off, as far as its doubt reaches."""
+
+    def width(rival: Score) -> float:
+        doubts = [s.null.doubt(s.information, s.gain) for s in (choice, rival) if s.null is not None]
+        return max(SET_WIDTH, SET_SHARE * choice.gain) + max(doubts, default=0.0)
+
     near = [
         s
         for s in named.values()
         if s.plausible
         and s.term.family != choice.term.family
         and s.term.family not in refused
-        and choice.score - s.score < width
+        and choice.score - s.score < width(s)
     ]
     return tuple(sorted(near, key=lambda s: -s.score)[:MOST_RIVALS])
 

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from fitting.regression import full_residual
+from fitting.noise import Pairing
+from fitting.regression import REST_SHARE, full_residual
 from fitting.residual.terms import Model
 
 FloatArray = npt.NDArray[np.float64]
@@ -70,6 +72,49 @@ def overall_change(
 
 def _overall(squares: Sequence[float]) -> float:
     return float(np.sqrt(np.mean(squares)))
+
+
+@dataclass(frozen=True)
+class Misfit:
+    """What a model leaves of one joint beyond its noise.
+
+    Attributes
+    ----------
+    excess : chi-square over all fitted rows that repeats of one motion share, so that it is structure and not noise
+    z : the same over its standard error
+    """
+
+    excess: float
+    z: float
+
+
+def misfit(model: Model, pairs: Sequence[Pairing], joint: int) -> Misfit:
+    """Pure-error test: half the sum of two runs' residuals holds structure and noise, half their difference noise only.
+
+    Without a repeated motion nothing is said (zero). Source: N. R. Draper and H. Smith, Applied Regression Analysis,
+    1998, ch. 2 (lack of fit and pure error).
+    """
+    together, apart, rows = 0.0, 0.0, 0
+    design, bank = model.design, model.design.bank
+    for pair in pairs:
+        left = slice(pair.train_start, pair.train_start + pair.length)
+        right = slice(pair.repeat_start, pair.repeat_start + pair.length)
+        first, second = (
+            full_residual(design, model.fit.theta, joint, index, model.extra)[part]
+            for index, part in ((pair.train, left), (pair.repeat, right))
+        )
+        rest = design.segments[pair.train].rest[left, joint] | design.segments[pair.repeat].rest[right, joint]
+        kept = model.noise.kept(joint, bank.reduce(rest.astype(float)) < REST_SHARE)
+        halves = np.column_stack([first + second, first - second]) / np.sqrt(2.0)
+        white = model.noise.whiten(joint, bank.reduce(halves))[kept]
+        together += float(white[:, 0] @ white[:, 0])
+        apart += float(white[:, 1] @ white[:, 1])
+        rows += len(white)
+    if not rows:
+        return Misfit(0.0, 0.0)
+    # The sum counts structure twice; the pair's two segments stand for all loaded ones.
+    scale = 0.5 * len(model.fit.residual[joint]) / rows
+    return Misfit(scale * (together - apart), (together - apart) / float(2.0 * np.sqrt(rows)))
 
 
 def validate_gain(before: Model, after: Model, validate: Sequence[int]) -> float:

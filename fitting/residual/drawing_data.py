@@ -21,12 +21,17 @@ _FRICTION = ("f_c", "f_v", "f_s")
 
 
 def law_curve(law: Law, model: Model, part: slice) -> dict[str, list[float]]:
-    """A law on a grid of its variable: value and standard deviation, in drive effort."""
+    """A law of the model on a grid of its variable: value and standard deviation, in drive effort."""
+    return spline_curve(law, model.fit.theta[part], model.fit.covariance[part, part])
+
+
+def spline_curve(law: Law, values: FloatArray, covariance: FloatArray) -> dict[str, list[float]]:
+    """A law with these coefficients (k,) and their covariance (k, k), on a grid of its variable."""
     knots = np.asarray(law.knots)
     grid = np.linspace(knots[0], knots[-1], _GRID)
     basis = evaluate(knots, grid)
-    value = basis @ model.fit.theta[part]
-    std = np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", basis, model.fit.covariance[part, part], basis), 0.0))
+    value = basis @ values
+    std = np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", basis, covariance, basis), 0.0))
     return {"grid": grid.tolist(), "value": value.tolist(), "std": std.tolist()}
 
 

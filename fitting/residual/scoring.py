@@ -14,13 +14,14 @@ A direction of ``S`` that survives with less than 1e-4 of its norm is rounding o
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import numpy.typing as npt
 
 from fitting.effects.base import Effect
 from fitting.residual.laws import laws
+from fitting.residual.null import Null
 from fitting.residual.terms import Model, Term
 
 FloatArray = npt.NDArray[np.float64]
@@ -44,6 +45,8 @@ class Score:
     values, stds : its parameters and their standard deviations
     plausible : False where a parameter is outside what is physically possible
     surviving : largest share of a column's norm that survives projecting the base out, 0 to 1
+    information : (k, k) inverse covariance of its parameters
+    null : its values on replicas without any effect, once they were drawn; gain, score and values are then unbiased
     """
 
     term: Term
@@ -54,6 +57,30 @@ class Score:
     stds: tuple[float, ...]
     plausible: bool
     surviving: float
+    information: FloatArray = field(repr=False, compare=False)
+    null: Null | None = None
+
+    def against(self, null: Null) -> Score:
+        """The score with the bias taken off that noise in the regressors makes."""
+        price = self.gain - self.score
+        moved = np.asarray(self.values) - null.bias
+        gain = float(moved @ self.information @ moved)
+        unbiased = tuple(moved.tolist())
+        return replace(
+            self,
+            null=null,
+            gain=gain,
+            score=gain - price,
+            values=unbiased,
+            plausible=not isinstance(self.term.content, Effect) or self.term.content.plausible(unbiased, self.stds),
+        )
+
+    @property
+    def calibrated(self) -> float:
+        """The score with its gain as far as the null lets it be trusted: what a threshold may be put on."""
+        if self.null is None:
+            return self.score
+        return self.null.weight(np.asarray(self.values), self.information) - (self.gain - self.score)
 
 
 class Candidates:
@@ -133,6 +160,21 @@ def score_terms(model: Model, terms: Sequence[Term], grid: Sequence[int]) -> lis
     return [scores[number] for number in sorted(scores)]
 
 
+def white_columns(model: Model, term: Term) -> tuple[FloatArray, npt.NDArray[np.bool_]]:
+    """Whitened columns of one joint's term in the order of its joint's rows, and which rows are unloaded."""
+    joint, design = term.joint or 0, model.design
+    rows = len(model.fit.residual[joint])
+    out = np.zeros((rows, len(term.names(design.parameters.joints))))
+    _white_columns(model, [term], range(joint, joint + 1), [out])
+    unloaded = np.zeros(rows, dtype=bool)
+    start = 0
+    for index in model.fitted:
+        count = int(np.count_nonzero(model.noise.kept(joint, design.blocks[joint][index].keep)))
+        unloaded[start : start + count] = not design.segments[index].loaded
+        start += count
+    return out, unloaded
+
+
 def _batches(numbers: Sequence[int], widths: Sequence[int]) -> Iterator[list[int]]:
     batch: list[int] = []
     for number in numbers:
@@ -167,11 +209,11 @@ def _scored(
     terms: Sequence[tuple[Term, int]], gram: FloatArray, products: FloatArray, norms: FloatArray
 ) -> Iterator[tuple[int, Score]]:
     """Scores of terms of one width ``k``: ``gram`` (T, k, k), ``products`` and ``norms`` (T, k)."""
-    there = np.isfinite(norms).all(axis=1) & (norms > 1e-20).any(axis=1)
+    there = np.asarray(np.isfinite(norms).all(axis=1) & (norms > 1e-20).any(axis=1))
     scale = np.sqrt(np.where(there[:, None], np.maximum(norms, 1e-300), 1.0))
     unit = np.where(there[:, None, None], gram / (scale[:, :, None] * scale[:, None, :]), 0.0)
     eigenvalues, vectors = np.linalg.eigh(unit)
-    live = eigenvalues > _DEAD
+    live = np.asarray(eigenvalues > _DEAD)
     inverse = np.where(live, 1.0 / np.where(live, eigenvalues, 1.0), 0.0)
     turned = np.einsum("tij,ti->tj", vectors, products / scale)
     gains = np.sum(turned**2 * inverse, axis=1)
@@ -195,6 +237,7 @@ def _scored(
                 stds=errors,
                 plausible=not isinstance(term.content, Effect) or term.content.plausible(own, errors),
                 surviving=float(surviving[number]),
+                information=gram[number],
             ),
         )
 

@@ -42,6 +42,17 @@ class Term:
         return self.id, self.joint
 
     @property
+    def label(self) -> tuple[object, ...]:
+        """Tells candidates apart, whatever was rebuilt."""
+        content = self.content if isinstance(self.content, Law) else self.id
+        return (content, self.joint, tuple(sorted(self.shape.items())))
+
+    @property
+    def confined(self) -> bool:
+        """True where it acts in single recordings, so that another recording says nothing of it."""
+        return isinstance(self.content, Effect) and self.content.confined(self.shape)
+
+    @property
     def uses_model(self) -> bool:
         """True where the columns hold the model's own force, not the measured motion only."""
         return self.content.uses_model or self.everywhere

@@ -1,0 +1,355 @@
+r"""Changes in time: a coefficient that is not what it was (a payload picked up, a zero that stepped, a seal that went).
+
+A column ``c`` whose coefficient steps by ``delta`` at ``t_0`` adds ``delta c(t) [t >= t_0]`` to the whitened rows. With
+``e`` the residual of a fit whose column space has the orthonormal basis ``Q`` (``Q^T e = 0``), the chi-square that a
+joint refit with that step would gain is::
+
+    gain(t_0) = S^2 / V,   S = sum_{t >= t_0} c e,   V = sum_{t >= t_0} c^2 - |sum_{t >= t_0} c Q|^2
+
+so cumulative sums give it exactly for all ``t_0`` at once. Without a change ``S / sqrt(V)`` is a Gaussian process of
+unit variance, and neighbouring moments are correlated by
+
+    rho_k = (V_k + V_{k+1} - c_k^2 (1 - |Q_k|^2)) / (2 sqrt(V_k V_{k+1}))
+
+With ``L = -2 sum log rho_k`` (the length of the stationary process that it is in transformed time; for a plain mean,
+``log((1 - a)(1 - b) / (a b))`` of Andrews' trimming) the chance of a supremum of ``z`` or more is (Vostrikova 1981)::
+
+    p = z exp(-z^2/2) / sqrt(2 pi) * (L (1 - 1/z^2) + 4/z^2)
+
+Knocks are clipped before the chance is computed (the gain is the plain one). What a residual keeps of colour makes
+sums grow faster than they should; the gain is divided by the long-run variance of ``c e`` over its short-run one
+(Newey and West), measured after the step is taken out.
+
+Sources: D. W. K. Andrews, "Tests for parameter instability and structural change with unknown change point",
+Econometrica 61, 1993; M. Csorgo and L. Horvath, "Limit theorems in change-point analysis", 1997, section 1.3.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from fitting.regression import Design, Fit, NoiseModel
+
+FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int64]
+BoolArray = npt.NDArray[np.bool_]
+#: ``once``: from a moment to the end of its recording; ``lasting``: in all later recordings too; ``every``: from the
+#: same moment on in every recording, as a program that picks something up does.
+Kind = Literal["once", "lasting", "every"]
+
+#: Share of a column's information that has to lie on either side of a change.
+TRIM = 0.05
+#: Below this share of its norm a column is rounding once the base is projected out.
+_DEAD = 1e-4
+_HAC_SECONDS = 1.5
+_CLIP = 4.0  # standard deviations of the whitened noise
+#: A gain within this of the best one belongs to the interval of the time (chi-square, 99 %).
+_WITHIN = 6.63
+
+
+@dataclass(frozen=True)
+class JointRows:
+    """Whitened rows of one joint, in the order of the fit.
+
+    Attributes
+    ----------
+    joint : its number
+    residual : (R,) whitened residual of the fit
+    orthonormal : (R, rank) its rows of the fit's orthonormal basis
+    time : (R,) s since the row's recording began
+    recording : (R,) number of the row's recording
+    unloaded : (R,) True for rows of `unloaded` recordings
+    columns : whitened columns (R,) whose coefficients may have changed, by name
+    """
+
+    joint: int
+    residual: FloatArray
+    orthonormal: FloatArray
+    time: FloatArray
+    recording: IntArray
+    unloaded: BoolArray
+    columns: Mapping[str, FloatArray]
+
+
+@dataclass(frozen=True)
+class ChangePoint:
+    """A moment from which on a column's coefficient is another.
+
+    Attributes
+    ----------
+    joint, column : where, and whose coefficient
+    kind : how far it reaches
+    recording : the recording in which it happens; None for kind ``every``
+    time, interval : s since that recording began, and the interval (99 %) of that time; the first row's time means the
+        whole recording differs from the others
+    change, std : change of the coefficient and its standard deviation
+    gain : chi-square that the step gains in a joint refit
+    p : chance of such a gain anywhere in time, any column and recording that was looked at, without a change
+    """
+
+    joint: int
+    column: str
+    kind: Kind
+    recording: int | None
+    time: float
+    interval: tuple[float, float]
+    change: float
+    std: float
+    gain: float
+    p: float
+
+    def active(self, recording: int, clock: FloatArray) -> BoolArray:
+        """Where the change is at work, (N,): ``clock`` in s since the beginning of this recording."""
+        if self.recording is None or recording == self.recording:
+            return np.asarray(clock >= self.time)
+        return np.full(len(clock), self.kind == "lasting" and recording > self.recording)
+
+
+@dataclass(frozen=True)
+class CommonMoment:
+    """A moment at which several joints change: something that the whole machine feels, such as a payload.
+
+    Attributes
+    ----------
+    kind, recording, time, interval : as of a :class:`ChangePoint`
+    joints : which joints change
+    gain : sum of their chi-squares
+    """
+
+    kind: Kind
+    recording: int | None
+    time: float
+    interval: tuple[float, float]
+    joints: tuple[int, ...]
+    gain: float
+
+
+def change_points(rows: JointRows, *, looks: int = 1, alarm: float = 1e-3) -> tuple[ChangePoint, ...]:
+    """Changes in time on one joint: the best moment of every column and kind of change, most likely first.
+
+    One change shows in several columns and kinds; the first of the list is the one to try. A column that
+    was not fitted is fitted here, with one coefficient in unloaded and another in loaded recordings: neither its
+    presence nor a difference between the two is a change in time (see `fitting.residual.witness` for that).
+
+    Parameters
+    ----------
+    rows : whitened rows and columns; later recordings have higher numbers
+    looks : how many joints are looked at; the alarm rate is shared among them
+    alarm : chance that all joints of a machine without changes get one
+    """
+    numbers = sorted(set(rows.recording.tolist()))
+    spans: list[tuple[IntArray, Kind]] = [(np.flatnonzero(rows.recording == r), "once") for r in numbers]
+    if len(numbers) > 1:
+        spans.append((np.argsort(rows.recording, kind="stable"), "lasting"))
+        spans.append((np.argsort(rows.time, kind="stable"), "every"))
+    tests = max(1, looks * len(spans) * len(rows.columns))
+    found = []
+    for name, column in rows.columns.items():
+        constant = _fitted(rows, column)
+        for span, kind in spans:
+            point = _best(constant, name, column, span, kind, tests, alarm, len(numbers) > 1)
+            if point is not None:
+                found.append(point)
+    return tuple(sorted(found, key=lambda c: (c.p, -c.gain)))
+
+
+def common_moments(points: Sequence[ChangePoint], least: int = 2) -> tuple[CommonMoment, ...]:
+    """Moments that the intervals of at least ``least`` joints share, largest gain first; ``points`` of all joints.
+
+    Each joint counts once, with its best column.
+    """
+    found: list[CommonMoment] = []
+    for lead in sorted(points, key=lambda c: -c.gain):
+        own: dict[int, ChangePoint] = {}
+        for point in sorted(points, key=lambda c: -c.gain):
+            same = (point.kind, point.recording) == (lead.kind, lead.recording)
+            if same and point.interval[0] <= lead.time <= point.interval[1]:
+                own.setdefault(point.joint, point)
+        if len(own) < least or any(set(own) <= set(c.joints) and c.kind == lead.kind for c in found):
+            continue
+        low, high = max(c.interval[0] for c in own.values()), min(c.interval[1] for c in own.values())
+        gain = sum(c.gain for c in own.values())
+        found.append(CommonMoment(lead.kind, lead.recording, lead.time, (low, high), tuple(sorted(own)), gain))
+    return tuple(sorted(found, key=lambda c: -c.gain))
+
+
+def _fitted(rows: JointRows, column: FloatArray) -> JointRows:
+    """The rows with the column itself added to what was fitted, one coefficient unloaded and one loaded."""
+    for part in (np.where(rows.unloaded, column, 0.0), np.where(rows.unloaded, 0.0, column)):
+        inside = rows.orthonormal.T @ part
+        # Its norm in the whole basis: what the projection leaves on other joints' rows counts as well.
+        square = float(part @ part) - float(inside @ inside)
+        if square > _DEAD**2 * float(part @ part):
+            direction = (part - rows.orthonormal @ inside) / np.sqrt(square)
+            residual = rows.residual - direction * float(part @ rows.residual) / np.sqrt(square)
+            rows = replace(rows, residual=residual, orthonormal=np.column_stack([rows.orthonormal, direction]))
+    return rows
+
+
+def supremum_chance(z: float, length: float) -> float:
+    """Chance that a unit Gaussian process with correlation ``exp(-|lag|/2)`` reaches ``|z|`` within ``length``."""
+    if z < 1.5:
+        return 1.0
+    density = np.exp(-0.5 * z * z) / np.sqrt(2 * np.pi)
+    return float(min(1.0, z * density * (length * (1 - 1 / z**2) + 4 / z**2)))
+
+
+def _best(
+    rows: JointRows, name: str, column: FloatArray, span: IntArray, kind: Kind, tests: int, alarm: float, several: bool
+) -> ChangePoint | None:
+    c, e, Q = column[span], rows.residual[span], rows.orthonormal[span]
+    score, norm = _sums(c, e, Q)
+    total = float(c @ c)
+    if not total > 0 or len(c) < 20:
+        return None
+    # A step at the first row is the whole recording against the others; over all recordings it is the column itself.
+    share = np.cumsum(c[::-1] ** 2)[::-1] / total
+    inside = (share >= TRIM) & (share <= 1 - TRIM) & (norm > _DEAD**2 * share * total)
+    inside[0] = kind == "once" and several and bool(norm[0] > _DEAD**2 * total)
+    if kind == "every":  # recordings share their moments: a change is in all of them or in none
+        inside[1:] &= np.diff(rows.time[span]) > 1e-6
+    where = np.flatnonzero(inside)
+    if not len(where):
+        return None
+    gain = score[where] ** 2 / norm[where]
+    best = int(np.argmax(gain))
+    at = int(where[best])
+    length = _length(c, Q, norm, where)
+    if tests * supremum_chance(float(np.sqrt(gain[best])), length) >= alarm:
+        return None  # colour could only raise it
+    # A few knocks must not carry it: what counts is the smaller of the plain and the clipped score.
+    bound = _CLIP * max(1.0, 1.4826 * float(np.median(np.abs(e))))
+    steady = min(abs(float(score[at])), abs(float(c[at:] @ np.clip(e[at:], -bound, bound))))
+    excess = _long_run(rows.time, span, c, e, Q, at, score[at] / norm[at])
+    p = min(1.0, tests * supremum_chance(steady / float(np.sqrt(norm[at] * excess)), length))
+    if p >= alarm:
+        return None
+    near = where[gain >= gain[best] - _WITHIN * excess]
+    if kind == "lasting":  # a time is one of its own recording
+        near = near[rows.recording[span[near]] == rows.recording[span[at]]]
+    times = rows.time[span]
+    return ChangePoint(
+        joint=rows.joint,
+        column=name,
+        kind=kind,
+        recording=None if kind == "every" else int(rows.recording[span[at]]),
+        time=float(times[at]),
+        interval=(float(times[near].min()), float(times[near].max())),
+        change=float(score[at] / norm[at]),
+        std=float(np.sqrt(excess / norm[at])),
+        gain=float(gain[best]),
+        p=p,
+    )
+
+
+def _sums(c: FloatArray, e: FloatArray, Q: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Score and projected squared norm of the column from every row on, each (R,)."""
+    score = np.cumsum((c * e)[::-1])[::-1]
+    inside = np.cumsum((c[:, None] * Q)[::-1], axis=0)[::-1]
+    norm = np.cumsum((c**2)[::-1])[::-1] - np.einsum("ij,ij->i", inside, inside)
+    return score, norm
+
+
+def _length(c: FloatArray, Q: FloatArray, norm: FloatArray, where: IntArray) -> float:
+    """Length of the process over the rows that were searched, in units of its correlation time."""
+    first, second = where[:-1], where[1:]
+    if not len(first):
+        return 0.0
+    step = np.cumsum(np.concatenate([[0.0], c**2 * (1 - np.einsum("ij,ij->i", Q, Q))]))
+    # Rows in between (trimmed away) add to the distance; cross terms of theirs are neglected.
+    apart = step[second] - step[first]
+    rho = (norm[first] + norm[second] - apart) / (2 * np.sqrt(norm[first] * norm[second]))
+    return float(-2 * np.sum(np.log(np.clip(rho, 0.1, 1.0))))
+
+
+def _long_run(
+    time: FloatArray, span: IntArray, c: FloatArray, e: FloatArray, Q: FloatArray, at: int, change: float
+) -> float:
+    """Long-run over short-run variance of the score's terms, at least 1, the step itself taken out.
+
+    Newey-West on the terms whitened by an autoregression of first order, and coloured again (Andrews and Monahan,
+    "An improved heteroskedasticity and autocorrelation consistent covariance matrix estimator", Econometrica 60, 1992).
+    """
+    stepped = np.where(np.arange(len(c)) >= at, c, 0.0)
+    order = np.argsort(span)  # as they were measured, whatever order the moments were searched in
+    terms = (c * (e - change * (stepped - Q @ (Q.T @ stepped))))[order]
+    power = float(terms @ terms)
+    steps = np.diff(time[span[order]])
+    steps = steps[steps > 0]
+    if not power > 0 or not len(steps):
+        return 1.0
+    phi = float(np.clip(terms[1:] @ terms[:-1] / power, 0.0, 0.95))
+    innovations = terms[1:] - phi * terms[:-1]
+    total = own = float(innovations @ innovations)
+    lags = min(len(innovations) // 4, round(_HAC_SECONDS / float(np.median(steps))))
+    for lag in range(1, lags + 1):
+        total += 2 * (1 - lag / (lags + 1)) * float(innovations[lag:] @ innovations[:-lag])
+    return max(1.0, max(total, own) / (1 - phi) ** 2 / power)
+
+
+def joint_rows(
+    design: Design,
+    noise: NoiseModel,
+    fit: Fit,
+    fitted: Sequence[int],
+    joint: int,
+    columns: Mapping[str, Sequence[FloatArray]] | None = None,
+) -> JointRows:
+    """Rows of one joint for :func:`change_points`.
+
+    Parameters
+    ----------
+    design, noise, fit, fitted : a fit and the segments it was made on
+    joint : number of the joint
+    columns : per name the full-rate column (N,) of every fitted segment; :func:`usual_columns` if not given
+    """
+    columns = usual_columns(design, fit.theta, fitted, joint) if columns is None else columns
+    times, recordings, unloaded = [], [], []
+    parts: dict[str, list[FloatArray]] = {name: [] for name in columns}
+    bank = design.bank
+    for number, index in enumerate(fitted):
+        segment, block = design.segments[index], design.blocks[joint][index]
+        kept = noise.kept(joint, block.keep)
+        begin = min(float(s.t[0]) for s in design.segments if s.recording == segment.recording)
+        # Row k of the reduced signals stands in the middle of its filter window.
+        at = bank.half + bank.decimation * np.arange(len(block.reduced_target))
+        times.append(segment.t[at][kept] - begin)
+        recordings.append(np.full(int(kept.sum()), segment.recording))
+        unloaded.append(np.full(int(kept.sum()), not segment.loaded))
+        reduced = bank.reduce(np.column_stack([per_segment[number] for per_segment in columns.values()]))
+        white = noise.whiten(joint, reduced)[kept]
+        for name, values in zip(columns, white.T, strict=True):
+            parts[name].append(values)
+    rows = sum(len(t) for t in times)
+    # Rows of a prior stand behind the measured ones.
+    return JointRows(
+        joint=joint,
+        residual=fit.residual[joint][:rows],
+        orthonormal=fit.orthonormal[joint][:rows],
+        time=np.concatenate(times),
+        recording=np.concatenate(recordings),
+        unloaded=np.concatenate(unloaded),
+        columns={name: np.concatenate(values) for name, values in parts.items()},
+    )
+
+
+def usual_columns(design: Design, theta: FloatArray, fitted: Sequence[int], joint: int) -> dict[str, list[FloatArray]]:
+    """Columns whose coefficients may change: the effort's zero, friction, stiffness, and the load as a whole.
+
+    ``load`` is the rigid body's force as fitted: its coefficient is a relative change of what the arm carries.
+    """
+    names = design.parameters.drive[joint]
+    start = design.parameters.drive_slice(joint).start
+    result: dict[str, list[FloatArray]] = {"1": [np.ones(len(design.segments[i])) for i in fitted]}
+    for name in ("f_c", "f_v", "K"):
+        if name in names:
+            column = start + names.index(name)
+            result[name] = [design.blocks[joint][i].columns[:, column] for i in fitted]
+    body = design.parameters.base_slice
+    result["load"] = [design.blocks[joint][i].columns[:, body] @ theta[body] for i in fitted]
+    return result

@@ -1,0 +1,196 @@
+"""What a candidate gains where there is nothing to find: a parametric bootstrap through the measurement chain.
+
+Scores are chi-squares only as long as the regressors are exact. They are not: positions are noisy, accelerations more
+so, and a column may look like what that noise leaves. So the fitted model is taken for the whole truth and the
+recordings are made again: the model's own efforts along the smoothed motion get block-resampled measurement noise, the
+positions get their sensors' noise once more, and everything from the filters on is done as for the real recordings.
+What the candidate is worth on such a replica is a draw from its null distribution: its mean is a bias, to be taken off
+the real value, and its spread beyond the theory's takes from the gain's weight.
+
+Source: B. Efron and R. Tibshirani, An Introduction to the Bootstrap, 1993; moving blocks: H. R. Kuensch, Annals of
+Statistics 17, 1989.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from daq.machine_file import Joint, Machine
+from daq.recording import Recording
+from fitting.preparation import Segment
+from fitting.regression import predicted_effort
+from fitting.residual.terms import Model
+
+FloatArray = npt.NDArray[np.float64]
+#: Standard deviation of each position channel's noise, by channel name, SI.
+PositionStd = Mapping[str, float]
+
+BLOCK_SECONDS = 3.0
+_FADE_SECONDS = 0.3
+PRIOR_DRAWS = 6
+BIAS_TRUST = 0.5
+
+
+@dataclass(frozen=True)
+class Null:
+    """Values of one candidate's parameters on replicas, where the present model is the whole truth.
+
+    Attributes
+    ----------
+    values : (B, k), one row per replica
+    information : (k, k) information of the candidate's parameters, the model's own projected out
+    live : directions that the candidate has
+    """
+
+    values: FloatArray
+    information: FloatArray
+    live: int
+
+    def joined(self, more: Null) -> Null:
+        """Both sets of draws."""
+        return Null(np.vstack([self.values, more.values]), self.information, max(self.live, more.live))
+
+    @property
+    def draws(self) -> int:
+        """Number of replicas."""
+        return len(self.values)
+
+    @property
+    def bias(self) -> FloatArray:
+        """What noise in the regressors makes of parameters that are zero, (k,).
+
+        The mean of the draws, shrunk by what their own scatter makes of a mean (James and Stein): nothing is taken off
+        where the draws show no bias.
+        """
+        mean = self.values.mean(axis=0)
+        length = float(mean @ self.information @ mean)
+        scatter = self.live * self.inflation / self.draws
+        return np.asarray(mean * max(0.0, 1.0 - scatter / max(length, 1e-300)))
+
+    @property
+    def inflation(self) -> float:
+        """Variance of the values over the theory's, at least 1; joined with :data:`PRIOR_DRAWS` draws of the theory."""
+        spread = self.values - self.values.mean(axis=0)
+        total = float(np.einsum("bi,ij,bj->", spread, self.information, spread))
+        freedom = (self.draws - 1 + PRIOR_DRAWS) * self.live
+        return max(1.0, (total + PRIOR_DRAWS * self.live) / freedom)
+
+    def doubt(self, information: FloatArray, gain: float) -> float:
+        """Chi-square by which a gain is uncertain because of the bias that was taken off; 0 where there was none."""
+        length = float(self.bias @ information @ self.bias)
+        return BIAS_TRUST**2 * length + 2.0 * float(np.sqrt(gain * self.inflation / self.draws)) if length else 0.0
+
+    def weight(self, unbiased: FloatArray, information: FloatArray) -> float:
+        """Chi-square of values whose bias was taken off, as far as that bias and the theory's variance can be trusted.
+
+        :data:`BIAS_TRUST` of the bias counts as one more standard deviation along it (how the replicas' motion differs
+        from the machine's is not known better), and everything is divided by the inflation.
+        """
+        along, length = float(unbiased @ information @ self.bias), float(self.bias @ information @ self.bias)
+        doubt = BIAS_TRUST**2
+        gain = float(unbiased @ information @ unbiased) - doubt * along**2 / (1.0 + doubt * length)
+        return max(0.0, gain) / self.inflation
+
+
+class Replicas:
+    """Recordings as they would be if a fitted model were the whole truth.
+
+    Parameters
+    ----------
+    model : the fitted model
+    position_std : noise of the position channels
+    noise : per joint stretches (N,) of measurement noise of the drive effort at full rate, alike in length
+    """
+
+    def __init__(self, model: Model, position_std: PositionStd, noise: Sequence[Sequence[FloatArray]]) -> None:
+        self._machine, self._bank = model.design.machine, model.design.bank
+        self._position_std = position_std
+        self._noise = [np.stack(stretch, axis=1) for stretch in zip(*noise, strict=True)]
+        self._segments = [model.design.segments[i] for i in model.fitted]
+        joints = range(len(self._machine.joints))
+        theta, extra = model.fit.theta, model.extra
+        self._efforts = [
+            np.stack([predicted_effort(model.design, theta, joint, index, extra) for joint in joints], axis=1)
+            for index in model.fitted
+        ]
+
+    def draw(self, rng: np.random.Generator) -> list[Recording]:
+        """One replica of the fitted recordings, in the order of their numbers."""
+        parts: dict[int, list[tuple[Segment, dict[str, FloatArray]]]] = {}
+        for segment, effort in zip(self._segments, self._efforts, strict=True):
+            noisy = effort + resampled(self._noise, len(segment), self._bank.rate_hz, rng)
+            parts.setdefault(segment.recording, []).append((segment, self._channels(segment, noisy, rng)))
+        return [_recording(self._machine, parts[number]) for number in sorted(parts)]
+
+    def _channels(self, segment: Segment, effort: FloatArray, rng: np.random.Generator) -> dict[str, FloatArray]:
+        values: dict[str, FloatArray] = {}
+        for number, joint in enumerate(self._machine.joints):
+            for quantity, ideal in _ideal(joint, segment, number, effort[:, number]).items():
+                channel = self._machine.channel(quantity, joint.name)
+                if channel is not None:
+                    std = self._position_std.get(channel.name, 0.0)
+                    values[channel.name] = ideal + std * rng.standard_normal(len(ideal))
+        if segment.temperature is not None:
+            name = next(c.name for c in self._machine.channels if c.quantity == "oil_temperature")
+            values[name] = segment.temperature
+        return values
+
+
+def resampled(noise: Sequence[FloatArray], length: int, rate_hz: float, rng: np.random.Generator) -> FloatArray:
+    """Noise (length, n) from random blocks of stretches (N, n), with random signs, faded into each other.
+
+    All joints take the same blocks, so what they share stays shared. Fades keep the variance.
+    """
+    block, fade = max(2, round(BLOCK_SECONDS * rate_hz)), max(1, round(_FADE_SECONDS * rate_hz))
+    usable = [stretch for stretch in noise if len(stretch) >= block + fade] or [max(noise, key=len)]
+    weights = np.array([len(stretch) for stretch in usable], dtype=float)
+    out = np.zeros((length + block + fade, usable[0].shape[1]))
+    ramp = np.sin(0.5 * np.pi * (np.arange(fade) + 0.5) / fade)
+    for start in range(0, length, block):
+        stretch = usable[int(rng.choice(len(usable), p=weights / weights.sum()))]
+        size = min(block + fade, len(stretch))
+        first = int(rng.integers(0, len(stretch) - size + 1))
+        piece = stretch[first : first + size] * rng.choice([-1.0, 1.0])
+        edge = min(fade, size)
+        window = np.ones(size)
+        if start:
+            window[:edge] = ramp[:edge]
+        window[-edge:] *= ramp[:edge][::-1]
+        out[start : start + size] += piece * window[:, None]
+    return out[:length]
+
+
+def _ideal(joint: Joint, segment: Segment, number: int, effort: FloatArray) -> dict[str, FloatArray]:
+    """What the joint's channels would read without sensor noise, by quantity."""
+    q, x, r = segment.q[:, number], segment.x[:, number], segment.r[:, number]
+    if joint.cylinder is None:
+        return {"joint_position": q, "joint_effort": effort}
+    rod = segment.p2[:, number]
+    external = np.zeros_like(x) if segment.external is None else segment.external[:, number]
+    return {
+        "external_force": external,
+        "joint_position": q,
+        "piston_position": x,
+        "cylinder_force": effort,
+        "joint_effort": effort * r,
+        "rod_pressure": rod,
+        "head_pressure": (effort + rod * joint.cylinder.rod_area) / joint.cylinder.head_area,
+        **({} if segment.external is None else {"external_force": segment.external[:, number]}),
+    }
+
+
+def _recording(machine: Machine, parts: Sequence[tuple[Segment, Mapping[str, FloatArray]]]) -> Recording:
+    first = parts[0][0]
+    return Recording(
+        machine=machine.name,
+        role=first.role,
+        file=f"replica of recording {first.recording}",
+        sha256="",
+        rate_hz=machine.rate_hz,
+        time=np.concatenate([segment.t for segment, _ in parts]),
+        values={name: np.concatenate([values[name] for _, values in parts]) for name in parts[0][1]},
+    )

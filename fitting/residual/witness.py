@@ -1,0 +1,215 @@
+r"""Unloaded and loaded recordings as two witnesses of one effect.
+
+The rod is off its pin (or the arm hangs free) in an `unloaded` recording: what rubs, leaks or reads wrong in the
+cylinder is still there, what the joint or the arm does is not. So an effect is fitted with one coefficient for the
+unloaded rows and another for the loaded ones, beside a base model that both share::
+
+    b = A beta + [C_u; 0] eta_u + [0; C_l] eta_l + e
+
+With ``Q`` an orthonormal basis of ``A`` (all joints' rows; ``Q_u``, ``Q_l`` its rows of this joint) and ``e`` the base
+model's residual, everything needed is the Gram matrix of the projected columns and their scores::
+
+    G = diag(C_u^T C_u, C_l^T C_l) - [Q_u^T C_u, Q_l^T C_l]^T [Q_u^T C_u, Q_l^T C_l],   s = (C_u^T e_u, C_l^T e_l)
+
+    (eta_u, eta_l) = G^-1 s,   covariance G^-1   (whitened rows: unit variance)
+
+What one witness says is weighed against what it would have said: ``expected`` is the significance that the *other*
+witness's value would have had here. A witness that could not have seen it is silent, and excludes nothing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from fitting.effects.base import Level
+
+FloatArray = npt.NDArray[np.float64]
+
+Verdict = Literal["both", "different", "gone_unloaded", "only_unloaded", "silent", "neither"]
+
+#: A witness that would have shown an effect with this significance (and one that shows it) is heard.
+HEARD = 4.0
+#: What is below this significance is not there.
+ABSENT = 2.5
+#: Two values that differ by so many standard errors are not one value.
+APART = 4.0
+#: Share of a column's norm below which what the base leaves of it is rounding.
+_DEAD = 1e-4
+#: Effects of the cylinder that are gone without a load by their own formula.
+NEED_LOAD = frozenset(("load_dependent_friction", "pressure_dependent_friction", "counterbalance_valve"))
+
+
+@dataclass(frozen=True)
+class Witness:
+    """What the unloaded and the loaded rows say about one candidate with ``k`` coefficients.
+
+    Significances are roots of chi-squares, turned into those of one coefficient with the same chance.
+
+    Attributes
+    ----------
+    verdict : ``both`` (one value explains both), ``different`` (in both, with different values), ``gone_unloaded``
+        (loaded only, although the unloaded rows would have shown it), ``only_unloaded`` (the other way round),
+        ``silent`` (one of the two could not have seen it), ``neither`` (not significant in either)
+    unloaded, loaded : (k,) estimates; zero where the rows say nothing
+    unloaded_z, loaded_z : significance of each
+    expected_unloaded, expected_loaded : significance that the other witness's value would have had in these rows
+    difference_z : significance of the difference of the two
+    """
+
+    verdict: Verdict
+    unloaded: FloatArray
+    loaded: FloatArray
+    unloaded_z: float
+    loaded_z: float
+    expected_unloaded: float
+    expected_loaded: float
+    difference_z: float
+
+    @property
+    def words(self) -> str:
+        """One line for the report."""
+        z = f"unloaded {self.unloaded_z:.1f}, loaded {self.loaded_z:.1f} standard errors"
+        return {
+            "both": f"the unloaded recording shows it as well ({z})",
+            "different": f"in both, but {self.difference_z:.1f} standard errors apart ({z})",
+            "gone_unloaded": f"gone when unloaded, where it would have shown at {self.expected_unloaded:.1f} "
+            f"standard errors ({z})",
+            "only_unloaded": f"only there when unloaded ({z})",
+            "silent": "the unloaded and the loaded recordings cannot be compared for it "
+            f"(it would show at {min(self.expected_unloaded, self.expected_loaded):.1f} standard errors)",
+            "neither": f"significant in neither ({z})",
+        }[self.verdict]
+
+
+def witness(
+    columns: FloatArray, residual: FloatArray, orthonormal: FloatArray, unloaded: npt.NDArray[np.bool_]
+) -> Witness:
+    """Compare the two witnesses on a joint's whitened rows.
+
+    Parameters
+    ----------
+    columns : (R, k) whitened columns of the candidate
+    residual : (R,) whitened residual of the base model (or of the model so far)
+    orthonormal : (R, rank) this joint's rows of the orthonormal basis of what was fitted
+    unloaded : (R,) True for rows of `unloaded` recordings
+    """
+    halves = [np.where(mask[:, None], columns, 0.0) for mask in (unloaded, ~unloaded)]
+    split = np.hstack(halves)
+    inside = orthonormal.T @ split
+    return witness_of_gram(split.T @ split - inside.T @ inside, split.T @ residual, np.einsum("ij,ij->j", split, split))
+
+
+def witness_of_gram(gram: FloatArray, score: FloatArray, squares: FloatArray) -> Witness:
+    """The same from Gram quantities.
+
+    Parameters
+    ----------
+    gram : (2k, 2k) of the projected columns, the unloaded half first
+    score : (2k,) products of the columns with the residual
+    squares : (2k,) squared norms before the projection: what is left of a column is compared with them
+    """
+    k = len(score) // 2
+    left = np.diag(gram)
+    alive = left > np.maximum(_DEAD**2 * squares, 1e-300)
+    scale = np.where(alive, 1.0 / np.sqrt(np.where(alive, left, 1.0)), 0.0)
+    # Directions that the data does not tell are left out of the inverse instead of being blown up.
+    covariance = np.linalg.pinv(gram * np.outer(scale, scale), rcond=_DEAD**2, hermitian=True) * np.outer(scale, scale)
+    values = covariance @ score
+    u, v = slice(0, k), slice(k, 2 * k)
+    cov_u, cov_l = covariance[u, u], covariance[v, v]
+    apart = cov_u + cov_l - covariance[u, v] - covariance[v, u]
+    seen = np.array([bool(alive[u].any()), bool(alive[v].any())])
+    z_u = _significance(values[u], cov_u) if seen[0] else 0.0
+    z_l = _significance(values[v], cov_l) if seen[1] else 0.0
+    expected_u = _significance(values[v], cov_u) if seen[0] else 0.0
+    expected_l = _significance(values[u], cov_l) if seen[1] else 0.0
+    difference = _significance(values[u] - values[v], apart) if seen.all() else 0.0
+    return Witness(
+        verdict=_verdict(z_u, z_l, expected_u, expected_l, difference),
+        unloaded=values[u],
+        loaded=values[v],
+        unloaded_z=z_u,
+        loaded_z=z_l,
+        expected_unloaded=expected_u,
+        expected_loaded=expected_l,
+        difference_z=difference,
+    )
+
+
+def _significance(values: FloatArray, covariance: FloatArray) -> float:
+    """Significance of values under a covariance: the normal deviate with the chance of their chi-square.
+
+    For one coefficient it is the estimate over its standard deviation; for more by Wilson and Hilferty's cube root
+    (Proc. Nat. Acad. Sci. 17, 1931). Directions without variance are not told and do not count.
+    """
+    scale = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    told = scale > 0
+    if not told.any():
+        return 0.0
+    unit = values[told] / scale[told]
+    correlation = covariance[np.ix_(told, told)] / np.outer(scale[told], scale[told])
+    chi = max(float(unit @ np.linalg.pinv(correlation, rcond=_DEAD**2, hermitian=True) @ unit), 0.0)
+    k = int(np.linalg.matrix_rank(correlation, tol=_DEAD**2 * len(unit), hermitian=True))
+    if k == 1:
+        return float(np.sqrt(chi))
+    ninth = 2.0 / (9.0 * k)
+    return float(max((np.cbrt(chi / k) - (1 - ninth)) / np.sqrt(ninth), 0.0))
+
+
+def _verdict(z_u: float, z_l: float, expected_u: float, expected_l: float, difference: float) -> Verdict:
+    there_u, there_l = z_u >= HEARD, z_l >= HEARD
+    if there_u and there_l:
+        return "different" if difference >= APART else "both"
+    if there_l and expected_u >= HEARD and z_u < ABSENT and difference >= APART:
+        return "gone_unloaded"
+    if there_u and expected_l >= HEARD and z_l < ABSENT and difference >= APART:
+        return "only_unloaded"
+    if not there_u and not there_l:
+        return "neither"
+    # One shows it; the other, which would have shown it, half does (both), or could not have.
+    heard = expected_u >= HEARD if there_l else expected_l >= HEARD
+    return "both" if heard and difference < APART else "different" if heard else "silent"
+
+
+def objection(level: Level, own: Witness, twin: Witness | None = None) -> str:
+    """Why an effect of this level cannot be what is seen; empty if there is nothing against it.
+
+    Parameters
+    ----------
+    level : of the effect. What sits in the cylinder or in the pressure sensors is there with and without a load
+    own : witness of the effect's own columns
+    twin : for an effect of the joint, whose columns are zero when unloaded: witness of a law of the corresponding
+        signal of the cylinder (a spline of the piston's position for a hose's spring), which can be seen in both
+    """
+    if level != "joint":
+        return own.words if own.verdict == "gone_unloaded" else ""
+    if twin is not None and twin.verdict in ("both", "different", "only_unloaded"):
+        return f"it would be gone when unloaded, and is not: {twin.words}"
+    return ""
+
+
+def excluded_levels(law: Witness) -> frozenset[Level]:
+    """Levels that cannot have made a law of the cylinder's own motion, from that law's witness.
+
+    Effects of the measurement chain are never excluded by a law: a joint's encoder says nothing when unloaded.
+    """
+    if law.verdict == "gone_unloaded":
+        return frozenset(("cylinder",))
+    if law.verdict in ("both", "only_unloaded"):
+        return frozenset(("joint",))
+    return frozenset()
+
+
+def excluded(levels: Mapping[str, Level], law: Witness) -> tuple[str, ...]:
+    """Ids that the witness of a law of the cylinder's own motion excludes, sorted; ``levels`` are theirs by id.
+
+    Effects that need a load by their own formula (:data:`NEED_LOAD`) are judged by their own columns
+    (:func:`objection`), not by a law's.
+    """
+    out = excluded_levels(law)
+    return tuple(sorted(i for i, level in levels.items() if level in out and i not in NEED_LOAD))

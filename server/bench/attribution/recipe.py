@@ -1,0 +1,177 @@
+"""What a case is made of: everything is drawn from the case's class, number and seed, and from nothing else."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from sim_backends.cases import CasePlan
+from sim_backends.truth import CylinderTruth, SensorQuality
+from sim_backends.undeclared import UNDECLARED, outside
+
+#: Classes of cases, and the interval their sizes are drawn from (log-uniform): lambda, or, for effects that bend an
+#: encoder, the root mean square of the mismatch in noise widths of one sample.
+TARGETS: dict[str, tuple[float, float]] = {
+    "null": (0.0, 0.0),
+    "large": (10.0, 60.0),
+    "medium": (6.0, 10.0),
+    "small": (4.0, 6.0),
+    "kinematic": (2.0, 100.0),
+    "outside": (10.0, 60.0),
+    "pairs": (10.0, 60.0),
+}
+KINDS = tuple(TARGETS)
+KINEMATIC = ("encoder_offset", "encoder_eccentricity", "linkage_geometry", "backlash")
+OUTSIDE = tuple(effect for effect, kind in UNDECLARED.items() if kind.__module__ == outside.__name__)
+#: Effects of the catalogue that show in the efforts.
+INSIDE = tuple(e for e in UNDECLARED if e not in KINEMATIC and e not in OUTSIDE)
+#: Effects whose size may have either sign: errors of transducers and mountings.
+SIGNED = (
+    "pressure_offset",
+    "pressure_gain",
+    "pressure_drift",
+    "encoder_offset",
+    "encoder_eccentricity",
+    "linkage_geometry",
+    "base_tilt",
+)
+
+
+@dataclass(frozen=True)
+class CaseKey:
+    """Which case: its class, its number in the class, and the seed of the run."""
+
+    kind: str
+    number: int
+    seed: int = 0
+
+    @property
+    def text(self) -> str:
+        """As ``--case`` takes it."""
+        return f"{self.kind}:{self.number}"
+
+
+@dataclass(frozen=True)
+class Selection:
+    """What a run is restricted to: one effect, one arm; ``seconds`` is the length of each recording."""
+
+    only: str | None = None
+    arm: str | None = None
+    seconds: float = 60.0
+
+    @property
+    def text(self) -> str:
+        """Part of a file name; empty for an unrestricted run."""
+        parts = [self.only, self.arm, None if self.seconds == 60.0 else f"{self.seconds:g}s"]
+        return "".join(f"-{part}" for part in parts if part)
+
+
+def generator(key: CaseKey) -> np.random.Generator:
+    """The random numbers of a case."""
+    return np.random.default_rng([77, key.seed, KINDS.index(key.kind), key.number])
+
+
+def draw_quality(rng: np.random.Generator) -> SensorQuality:
+    """A measurement chain and a restlessness, each property log-uniform over what machines have.
+
+    The disturbance is 3 to 30 % of Coulomb friction with 0.05 to 0.6 s of memory; a knock comes every 50 to 2000 s;
+    pressures have 14 to 16 bits and 0.5 to 5 kPa of noise, joint encoders 17 to 20 bits, piston encoders steps of 1 to
+    10 micrometres.
+    """
+
+    def between(low: float, high: float) -> float:
+        return float(np.exp(rng.uniform(np.log(low), np.log(high))))
+
+    return SensorQuality(
+        encoder_std=between(5e-6, 3e-5),
+        encoder_resolution=2 * float(np.pi) / 2 ** int(rng.integers(17, 21)),
+        piston_std=between(1.5e-6, 8e-6),
+        piston_resolution=float(rng.choice([1e-6, 2e-6, 5e-6, 1e-5])),
+        pressure_std=between(500.0, 5000.0),
+        pressure_resolution=25.0e6 / 2 ** int(rng.integers(14, 17)),
+        disturbance=between(0.03, 0.3),
+        disturbance_time=between(0.05, 0.6),
+        knock_rate=between(0.0005, 0.02),
+        knock_size=between(0.3, 1.5),
+        tracking=between(1e-5, 2e-4),
+    )
+
+
+def largest(effect: str, plan: CasePlan, joint: str | None) -> float:
+    """The largest size that is still this defect and not a broken machine, in the effect's unit.
+
+    Engineering estimates: forces relative to the cylinder's Coulomb friction (0.2 bar over its head area) or to its
+    load, inertias and masses relative to the arm's.
+    """
+    if effect in _OF_THE_MACHINE:
+        return _OF_THE_MACHINE[effect]
+    if effect == "payload":
+        return 0.25 * sum(link.mass for link in plan.truth.links)
+    assert joint is not None
+    number = [j.name for j in plan.machine.joints].index(joint)
+    law, cylinder = plan.truth.cylinders[joint], plan.machine.joints[number].cylinder
+    assert cylinder is not None
+    if effect in _OF_THE_LAW:
+        return _OF_THE_LAW[effect](law)
+    if effect == "load_dependent_friction":
+        return 0.15 * 2.0e6 * cylinder.head_area
+    if effect == "pressure_dependent_friction":
+        return 0.10 * 2.0e6 * cylinder.head_area
+    arm = _lever(plan, number)
+    if effect in ("hose_stiffness", "pose_dependent_friction"):
+        return (10.0 if effect == "hose_stiffness" else 3.0) * law.f_c * arm
+    outer = sum(link.mass for link in plan.truth.links[number:])
+    if effect in ("actuator_inertia", "carried_liquid"):
+        return 0.5 * outer
+    if effect == "structural_flexibility":
+        return 0.02 / (9.81 * outer)  # 20 mrad of sag under the weight of what it carries at one metre
+    raise KeyError(effect)
+
+
+def _lever(plan: CasePlan, joint: int) -> float:
+    described = plan.machine.joints[joint]
+    assert described.cylinder is not None
+    q = np.linspace(*described.limits.position, 201)
+    return float(np.mean(np.abs(np.gradient(described.cylinder.linkage.piston_position(q), q))))
+
+
+_OF_THE_MACHINE = {
+    "supply_ripple": 3.0e5,
+    "pressure_offset": 5.0e5,
+    "pressure_gain": 0.1,
+    "pressure_drift": 3.0e5,
+    "sensor_latency": 0.1,
+    "encoder_offset": 0.1,
+    "encoder_eccentricity": 0.03,
+    "linkage_geometry": 0.01,
+    "backlash": 5.0e-3,
+    "base_tilt": 0.15,
+}
+
+
+def _friction(share: float) -> Callable[[CylinderTruth], float]:
+    return lambda law: share * law.f_c
+
+
+_OF_THE_LAW: dict[str, Callable[[CylinderTruth], float]] = {
+    "asymmetric_friction": _friction(2.0),
+    "stribeck": _friction(4.0),
+    "presliding_hysteresis": _friction(1.0),  # what builds up over distance is part of the Coulomb friction
+    "lubricant_film_lag": _friction(4.0),
+    "position_dependent_friction": _friction(3.0),
+    "velocity_root_friction": _friction(6.0),
+    "thermal_viscosity_drift": lambda law: 2.0 * law.f_v,
+    "quadratic_loss": _friction(10.0),
+    "end_cushion": _friction(15.0),
+    "gas_spring": _friction(30.0),
+    "counterbalance_valve": _friction(10.0),
+    "cross_cylinder_coupling": _friction(5.0),
+    "position_harmonic": _friction(2.0),
+    "bent_guide": _friction(5.0),
+    "threshold_spring": _friction(15.0),
+    "neighbour_product_friction": _friction(3.0),
+    "saturating_coupling": _friction(5.0),
+    "dwell_stiction": _friction(3.0),
+}

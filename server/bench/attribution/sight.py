@@ -1,0 +1,244 @@
+"""Lambda: how far a true effect stands out of the noise once the base model has taken what it can.
+
+``lambda^2 = |P W d|^2`` with ``d`` the effect's waveform in the efforts (ideal transducers, the same disturbance with
+the effect and without; none at all for a delay or a gain, which would move the disturbance, too), through an
+identification filter of 3 Hz; ``W`` the whitening by the *true* covariance of the noise; ``P`` the projection off the
+columns of the base model (drives and rigid body, all joints, all fitted recordings) on the true motion. It is the root
+of the noncentrality of the chi-square that the true effect adds.
+
+The noise's covariance is known in closed form: a first-order disturbance, Poisson knocks (half sines with uniform
+amplitudes; Campbell's theorem), and white noise and steps of both pressure transducers. Nothing here uses the fit's
+filters, noise estimates or decisions; the rigid body's columns come from its regressor.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+import numpy.typing as npt
+from scipy import linalg, signal
+from scipy.interpolate import make_interp_spline
+
+from daq.machine_file import Machine
+from fitting.base_parameters import base_regressor, reduce_parameters
+from fitting.linkage import lever_arm
+from sim_backends.hydraulics import direction
+from sim_backends.plant import KNOCK_TIME
+from sim_backends.truth import SensorQuality, Truth
+
+FloatArray = npt.NDArray[np.float64]
+Table = Mapping[str, FloatArray]
+
+BANDWIDTH = 3.0  # Hz
+FITTED = ("unloaded", "train-1", "train-2", "repeat")
+# Frequencies that the filter attenuates by 30 dB and more are not blown up again by the whitening.
+_FLOOR = 1e-3
+_TRIM = 50  # samples at each end: the fit's trajectory filter cannot use them either
+_REST = 1e-9
+
+
+class Sight:
+    """What can be seen on one machine with one motion and one measurement chain.
+
+    Parameters
+    ----------
+    machine, truth, quality
+        Of the case.
+    bare : mapping
+        Ideal tables of the fitted recordings without any effect, by stem.
+    """
+
+    def __init__(self, machine: Machine, truth: Truth, quality: SensorQuality, bare: Mapping[str, Table]) -> None:
+        self._machine = machine
+        self._bare = bare
+        rate = machine.rate_hz
+        half = round(3.0 * rate / BANDWIDTH)
+        self._filter = signal.firwin(2 * half + 1, BANDWIDTH, window=("kaiser", 8.0), fs=rate)
+        self._step = max(1, int(rate / (2.75 * BANDWIDTH)))
+        self._covariances = [
+            noise_covariance(machine, truth, quality, joint, round(8.0 * rate)) for joint in range(len(machine.joints))
+        ]
+        self._whitening = [self._whitener(covariance) for covariance in self._covariances]
+        self._basis = self._base_columns(bare)
+        self._position_std = [self._gap_noise(quality, joint) for joint in range(len(machine.joints))]
+
+    def force(self, tables: Mapping[str, Table], bare: Mapping[str, Table] | None = None) -> float:
+        """Lambda of what differs in the efforts between these ideal tables and those without the effect (``bare``;
+        if absent, the ones that this sight was made from)."""
+        projected, total = np.zeros(self._basis[0].shape[1]), 0.0
+        for joint in range(len(self._machine.joints)):
+            white = np.concatenate(
+                [self._white(joint, self._difference(tables, bare or self._bare, stem, joint)) for stem in FITTED]
+            )
+            total += float(white @ white)
+            projected += self._basis[joint].T @ white
+        return float(np.sqrt(max(total - float(projected @ projected), 0.0)))
+
+    def broadband(self, tables: Mapping[str, Table]) -> float:
+        """The same without filter and without projection, for spectral lines: they may lie above the filter's band."""
+        total = 0.0
+        for joint, covariance in enumerate(self._covariances):
+            for stem in FITTED:
+                difference = self._difference(tables, self._bare, stem, joint)
+                difference = difference - difference.mean()
+                density = _density(covariance, np.asarray(np.fft.rfftfreq(len(difference)), dtype=np.float64))
+                power = np.abs(np.fft.rfft(difference)) ** 2
+                weight = np.full(len(power), 2.0)
+                weight[0] = 1.0
+                total += float(np.sum(weight * power / density)) / len(difference)
+        return float(np.sqrt(total))
+
+    def mismatch(self, tables: Mapping[str, Table], *, without_mean: bool = False) -> float:
+        """Largest root mean square over the joints of what the gap between both position sensors changed by, in
+        noise widths of one sample of that gap."""
+        worst = 0.0
+        for number in range(len(self._machine.joints)):
+            parts = [
+                self._gap(tables, stem, number) - self._gap(self._bare, stem, number)
+                for stem in FITTED
+                if stem != "unloaded"
+            ]
+            change = np.concatenate(parts)
+            if without_mean:
+                change = change - change.mean()
+            worst = max(worst, float(np.sqrt(np.mean(change**2))) / self._position_std[number])
+        return worst
+
+    # Waveforms
+
+    def _difference(self, tables: Mapping[str, Table], bare: Mapping[str, Table], stem: str, joint: int) -> FloatArray:
+        return _effort(self._machine, tables[stem], joint) - _effort(self._machine, bare[stem], joint)
+
+    def _gap(self, tables: Mapping[str, Table], stem: str, joint: int) -> FloatArray:
+        described = self._machine.joints[joint]
+        assert described.cylinder is not None
+        angle = tables[stem][f"{described.name}.angle"]
+        return np.asarray(
+            tables[stem][f"{described.name}.piston_position"] - described.cylinder.linkage.piston_position(angle)
+        )
+
+    def _gap_noise(self, quality: SensorQuality, joint: int) -> float:
+        described = self._machine.joints[joint]
+        assert described.cylinder is not None
+        r = lever_arm(described.cylinder.linkage, np.linspace(*described.limits.position, 101))
+        angle = (quality.encoder_std**2 + quality.encoder_resolution**2 / 12) * float(np.mean(r**2))
+        return float(np.sqrt(quality.piston_std**2 + quality.piston_resolution**2 / 12 + angle))
+
+    # Filter, whitening, projection
+
+    def _reduce(self, values: FloatArray) -> FloatArray:
+        trimmed = values[_TRIM : len(values) - _TRIM]
+        taps = self._filter if values.ndim == 1 else self._filter[:, None]
+        return np.asarray(signal.oaconvolve(trimmed, taps, mode="valid", axes=0)[:: self._step])
+
+    def _white(self, joint: int, values: FloatArray) -> FloatArray:
+        reduced = self._reduce(values)
+        factor = self._whitening[joint](len(reduced))
+        return np.asarray(linalg.solve_triangular(factor, reduced, lower=True))
+
+    def _whitener(self, covariance: FloatArray) -> _Cholesky:
+        """Cholesky factor of the reduced noise's covariance, from the full-rate autocovariance."""
+        kernel = np.correlate(self._filter, self._filter, mode="full")  # lags -(L-1) .. L-1
+        symmetric = np.concatenate([covariance[:0:-1], covariance])
+        reduced = signal.fftconvolve(symmetric, kernel, mode="same")[len(covariance) - 1 :: self._step]
+        rate = self._machine.rate_hz
+        frequency = np.linspace(0.0, BANDWIDTH, 200) / rate
+        response = np.abs(signal.freqz(self._filter, worN=2 * np.pi * frequency)[1]) ** 2
+        floor = _FLOOR * float(np.median(_density(covariance, frequency) * response)) / self._step
+        reduced[0] += floor
+        return _Cholesky(reduced)
+
+    def _base_columns(self, bare: Mapping[str, Table]) -> list[FloatArray]:
+        """Per joint an orthonormal basis of the whitened base columns over all fitted recordings."""
+        machine = self._machine
+        base = reduce_parameters(machine)
+        count = len(machine.joints)
+        rows: list[list[FloatArray]] = [[] for _ in range(count)]
+        for stem in FITTED:
+            loaded = stem != "unloaded"
+            q = np.stack([bare[stem][f"{j.name}.angle"] for j in machine.joints], axis=1)
+            q, qd, qdd = _derivatives(q, machine.rate_hz)
+            x = np.stack([bare[stem][f"{j.name}.piston_position"] for j in machine.joints], axis=1)
+            x, v, a = _derivatives(x, machine.rate_hz)
+            body = base_regressor(machine, base, q, qd, qdd) if loaded else None
+            for number, joint in enumerate(machine.joints):
+                assert joint.cylinder is not None
+                columns = np.zeros((len(q), 5 * count + len(base)))
+                own = (a[:, number], x[:, number], direction(v[:, number]), v[:, number], np.cbrt(v[:, number]))
+                columns[:, 5 * number : 5 * number + 5] = np.stack(own, axis=1)
+                if body is not None:
+                    r = lever_arm(joint.cylinder.linkage, q[:, number])
+                    columns[:, 5 * count :] = body[:, number] / r[:, None]
+                rows[number].append(self._white(number, columns))
+        stacked = [np.vstack(parts) for parts in rows]
+        whole = np.vstack(stacked)
+        norms = np.linalg.norm(whole, axis=0)
+        used = norms > _REST * norms.max()
+        basis, triangle, _ = linalg.qr(whole[:, used] / norms[used], mode="economic", pivoting=True)
+        pivots = np.abs(np.diag(triangle))
+        basis = basis[:, pivots > 1e-9 * pivots[0]]
+        ends = np.cumsum([len(part) for part in stacked])[:-1]
+        return list(np.split(basis, ends))
+
+
+class _Cholesky:
+    """Cholesky factors of a stationary covariance, by length of the series."""
+
+    def __init__(self, autocovariance: FloatArray) -> None:
+        self._autocovariance = autocovariance
+        self._factors: dict[int, FloatArray] = {}
+
+    def __call__(self, length: int) -> FloatArray:
+        if length not in self._factors:
+            column = np.zeros(length)
+            known = min(length, len(self._autocovariance))
+            column[:known] = self._autocovariance[:known]
+            self._factors[length] = linalg.cholesky(linalg.toeplitz(column), lower=True)
+        return self._factors[length]
+
+
+def noise_covariance(machine: Machine, truth: Truth, quality: SensorQuality, joint: int, lags: int) -> FloatArray:
+    """Autocovariance (lags,) in N^2 of the noise in ``p1 A1 - p2 A2``, one lag per recorded sample.
+
+    ``(d f_c)^2 exp(-t / tau)`` of the disturbance; ``rate size^2 / 3 int s(u) s(u + t) du`` of the knocks; at lag 0
+    also ``(A1^2 + A2^2)(std^2 + step^2 / 12)`` of the transducers.
+    """
+    described = machine.joints[joint]
+    cylinder = described.cylinder
+    assert cylinder is not None
+    coulomb = truth.cylinders[described.name].f_c
+    time = np.arange(lags) / machine.rate_hz
+    covariance = (quality.disturbance * coulomb) ** 2 * np.exp(-time / max(quality.disturbance_time, 1e-9))
+    fine = KNOCK_TIME / 400
+    shape = np.sin(np.pi * (np.arange(400) + 0.5) / 400)
+    overlap = np.correlate(shape, shape, mode="full")[399:] * fine
+    knocks = np.interp(time, fine * np.arange(400), overlap, right=0.0)
+    covariance += quality.knock_rate * (quality.knock_size * coulomb) ** 2 / 3.0 * knocks
+    transducer = quality.pressure_std**2 + quality.pressure_resolution**2 / 12
+    covariance[0] += (cylinder.head_area**2 + cylinder.rod_area**2) * transducer
+    return np.asarray(covariance)
+
+
+def _density(covariance: FloatArray, frequency: FloatArray) -> FloatArray:
+    """Two-sided spectral density per sample at frequencies in cycles per sample, from the autocovariance."""
+    lags = np.arange(1, len(covariance))
+    near = np.unique(np.concatenate([frequency[:: max(1, len(frequency) // 400)], frequency[-1:]]))
+    values = covariance[0] + 2.0 * np.cos(2 * np.pi * near[:, None] * lags[None, :]) @ covariance[1:]
+    return np.asarray(np.interp(frequency, near, values))
+
+
+def _effort(machine: Machine, table: Table, joint: int) -> FloatArray:
+    described = machine.joints[joint]
+    assert described.cylinder is not None
+    return np.asarray(
+        table[f"{described.name}.head_pressure"] * described.cylinder.head_area
+        - table[f"{described.name}.rod_pressure"] * described.cylinder.rod_area
+    )
+
+
+def _derivatives(values: FloatArray, rate: float) -> Sequence[FloatArray]:
+    """Values and both derivatives of noise-free columns sampled at ``rate``, by a quintic spline."""
+    time = np.arange(len(values)) / rate
+    spline = make_interp_spline(time, values, k=5)
+    return [np.asarray(spline(time)), np.asarray(spline.derivative(1)(time)), np.asarray(spline.derivative(2)(time))]

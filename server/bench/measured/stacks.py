@@ -1,0 +1,155 @@
+"""What all measured machines share: the loop through its stages, and the relative error that publications print."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from fitting.loop import corrections_from_json, final_model, term_from_json
+from fitting.residual.terms import Model, Term
+from fitting.session import Options, Request, Session
+from fitting.stages import run_stage
+
+FloatArray = npt.NDArray[np.float64]
+BoolArray = npt.NDArray[np.bool_]
+Low = Callable[[FloatArray], FloatArray]
+
+_LOOP = ("check", "cylinder_stage", "rigid_body_stage", "residual", "attribution")
+
+
+@dataclass(frozen=True)
+class Found:
+    """What the loop said of a machine's recordings, with no help.
+
+    Attributes
+    ----------
+    verdict : the report's
+    bandwidth_hz : that it worked in
+    terms : what was added, ready for a refit
+    lines : per added effect ``(name, joint, evidence, rivals)``
+    candidates : every candidate with status and reason
+    results : of the stages, as they are stored
+    """
+
+    verdict: str
+    bandwidth_hz: float
+    terms: tuple[Term, ...]
+    lines: tuple[tuple[str, str, Mapping[str, Any], tuple[str, ...]], ...]
+    candidates: tuple[Mapping[str, Any], ...]
+    results: Mapping[str, dict[str, Any]]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Ids of the effects that were added."""
+        return tuple(name for name, *_ in self.lines)
+
+    def in_a_set(self, effect: str) -> bool:
+        """Whether an effect was added, or stands beside an added one as one that the data cannot tell from it."""
+        return any(effect == name or effect in rivals for name, _, _, rivals in self.lines)
+
+
+def loop(machine: Path, recordings: Sequence[tuple[str, Path]], output: Path, options: Options | None = None) -> Found:
+    """Run every stage up to the attribution, as ``hilfit identify`` does."""
+    request = Request(machine, tuple(recordings), output, options or Options())
+    results = {stage: run_stage(stage, request) for stage in _LOOP}
+    accepted = results["attribution"]["accepted"]
+    names = [joint.name for joint in Session.load(request).machine.joints]
+    lines = tuple(
+        (
+            _called(item["term"]),
+            "machine" if item["term"]["joint"] is None else names[item["term"]["joint"]],
+            item,
+            tuple(rival["id"] for rival in item["rivals"]),
+        )
+        for item in accepted
+    )
+    return Found(
+        str(results["attribution"]["verdict"]),
+        float(results["check"]["bandwidth_hz"]),
+        tuple(term_from_json(item["term"]) for item in accepted),
+        lines,
+        tuple(results["attribution"]["candidates"]),
+        json.loads(json.dumps(results)),
+    )
+
+
+def _called(term: Mapping[str, Any]) -> str:
+    return str(term["effect"]) if term["law"] is None else f"law of {term['law']['signal']}"
+
+
+def refitted(session: Session, terms: Sequence[Term], found: Found | None = None) -> Model:
+    """Base and terms refitted jointly on a session; kinematic corrections as the loop found them."""
+    steps = [] if found is None else [s for f in found.results["residual"]["kinematics"] for s in f["steps"]]
+    return final_model(session, corrections_from_json(session, steps), terms)[1]
+
+
+@dataclass(frozen=True)
+class Stack:
+    """Columns and targets of all joints in some segments, in joint effort.
+
+    Attributes
+    ----------
+    columns, target : per joint (N, p) and (N,), rows at the recording's rate, before any filter
+    reduced, reduced_target : the same through the identification filter, (M, p) and (M,)
+    keep : per joint (M,) False where the joint stands still
+    """
+
+    columns: tuple[FloatArray, ...]
+    target: tuple[FloatArray, ...]
+    reduced: tuple[FloatArray, ...]
+    reduced_target: tuple[FloatArray, ...]
+    keep: tuple[BoolArray, ...]
+
+    def fit(self, inside: BoolArray | None = None) -> FloatArray:
+        """Ordinary least squares over the moving rows (of those ``inside``, (M,)); what is not told is zero."""
+        chosen = [keep if inside is None else keep & inside for keep in self.keep]
+        A = np.vstack([rows[own] for rows, own in zip(self.reduced, chosen, strict=True)])
+        b = np.concatenate([rows[own] for rows, own in zip(self.reduced_target, chosen, strict=True)])
+        scale = np.maximum(np.linalg.norm(A, axis=0), 1e-300)
+        return np.asarray(np.linalg.lstsq(A / scale, b, rcond=1e-9)[0] / scale)
+
+    def moving_error(self, theta: FloatArray, inside: BoolArray | None = None) -> tuple[FloatArray, FloatArray]:
+        """Error and effort of the moving rows in the identification band, all joints."""
+        chosen = [keep if inside is None else keep & inside for keep in self.keep]
+        effort = [y[own] for y, own in zip(self.reduced_target, chosen, strict=True)]
+        parts = zip(self.reduced_target, self.reduced, chosen, strict=True)
+        error = [(y - A @ theta)[own] for y, A, own in parts]
+        return np.concatenate(error), np.concatenate(effort)
+
+    def every_row(self, low: Low) -> tuple[tuple[FloatArray, ...], tuple[FloatArray, ...]]:
+        """Columns and targets of all rows, standstill included, through a low-pass ``low`` that also decimates."""
+        columns = tuple(np.column_stack([low(column) for column in rows.T]) for rows in self.columns)
+        return columns, tuple(low(y) for y in self.target)
+
+
+def stack_of(model: Model, index: int) -> Stack:
+    """The stack of one segment of a model's design, drive and base columns first, then those of its terms."""
+    design = model.design
+    segment = design.segments[index]
+    columns, target, keep = [], [], []
+    for joint in range(len(design.machine.joints)):
+        block = design.blocks[joint][index]
+        own = model.extra.columns[joint][index]
+        more = np.zeros((len(segment), len(model.extra.names))) if own is None else own
+        r = segment.r[:, joint]
+        columns.append(np.hstack([block.columns, more]) * r[:, None])
+        target.append(block.target * r)
+        keep.append(block.keep)
+    return Stack(
+        tuple(columns),
+        tuple(target),
+        tuple(design.bank.reduce(rows) for rows in columns),
+        tuple(design.bank.reduce(rows) for rows in target),
+        tuple(keep),
+    )
+
+
+def relative(error: npt.ArrayLike, effort: npt.ArrayLike) -> float:
+    """``100 |error| / |effort|``, in percent: the relative error of the identification literature."""
+    return 100.0 * float(np.linalg.norm(np.asarray(error)) / np.linalg.norm(np.asarray(effort)))

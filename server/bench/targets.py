@@ -1,0 +1,103 @@
+"""Targets beside what was measured: the common form of every benchmark's result."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Literal
+
+from scipy.stats import beta
+
+Bound = Literal["at least", "at most"]
+_HOLDS = "holds"
+
+
+def clopper_pearson(count: int, of: int, level: float = 0.95) -> tuple[float, float]:
+    """Exact confidence interval of a proportion (Clopper and Pearson, Biometrika 26, 1934)."""
+    tail = (1.0 - level) / 2.0
+    low = 0.0 if count == 0 else float(beta.ppf(tail, count, of - count + 1))
+    high = 1.0 if count == of else float(beta.ppf(1.0 - tail, count + 1, of - count))
+    return low, high
+
+
+@dataclass(frozen=True)
+class Check:
+    """One number, and what it should be.
+
+    Attributes
+    ----------
+    name : what was measured
+    measured : the number; None if it could not be
+    shown : the number as it is printed, with counts and interval
+    bound, target : what it should be; None where there is no target
+    """
+
+    name: str
+    measured: float | None
+    shown: str
+    bound: Bound | None = None
+    target: float | None = None
+    target_shown: str = ""
+
+    @property
+    def met(self) -> bool | None:
+        """Whether the target is met; None without a target or a measurement."""
+        if self.bound is None or self.target is None or self.measured is None:
+            return None
+        return self.measured >= self.target if self.bound == "at least" else self.measured <= self.target
+
+    def as_json(self) -> dict[str, Any]:
+        """For ``--json``."""
+        return {
+            "name": self.name,
+            "measured": self.measured,
+            "shown": self.shown,
+            "bound": self.bound,
+            "target": self.target,
+            "met": self.met,
+        }
+
+
+def rate(name: str, count: int, of: int, bound: Bound | None = None, target: float | None = None) -> Check:
+    """A proportion with its counts and 95 % interval."""
+    if of == 0:
+        return Check(name, None, "no cases", bound, target, "" if target is None else f"{100 * target:g} %")
+    low, high = clopper_pearson(count, of)
+    shown = f"{100 * count / of:.1f} % ({count} of {of}; {100 * low:.1f} to {100 * high:.1f} %)"
+    return Check(name, count / of, shown, bound, target, "" if target is None else f"{100 * target:g} %")
+
+
+def lines_of(checks: Sequence[Check]) -> list[str]:
+    """One line each: met or missed, name, number, target."""
+    width = max((len(check.name) for check in checks), default=0)
+    marks = {True: "ok    ", False: "MISSED", None: "      "}
+    lines = []
+    for check in checks:
+        target = f", {check.bound} {check.target_shown or check.target}" if check.bound else ""
+        target = "" if check.target_shown == _HOLDS else target
+        lines.append(f"{marks[check.met]} {check.name:{width}s}  {check.shown}{target}")
+    return lines
+
+
+def missed(checks: Sequence[Check]) -> int:
+    """How many targets are missed."""
+    return sum(check.met is False for check in checks)
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What a benchmark gives.
+
+    Attributes
+    ----------
+    checks : numbers and their targets
+    notes : lines for people, printed before them
+    """
+
+    checks: tuple[Check, ...]
+    notes: tuple[str, ...] = ()
+
+
+def fact(name: str, holds: bool, shown: str) -> Check:
+    """Something that has to be so."""
+    return Check(name, float(holds), shown, "at least", 1.0, _HOLDS)
