@@ -45,6 +45,9 @@ _REBUILDS = 4
 #: A sensor's steps are not noise: structure of a few hundredths of a step is significant and means nothing. What is
 #: rebuilt has to take a tenth off the filtered gap at least.
 LEAST_GAP_SHARE = 0.9
+#: Factors of the filter's cut-off at which a named effect has to stand as well, and how far it may move.
+SCREEN = (0.7, 1.3)
+SCREEN_RATIO, SCREEN_Z = 3.0, 4.0
 #: Chance that a machine on which nothing changes is said to have changed.
 CHANGE_ALARM = 1e-3
 
@@ -242,7 +245,71 @@ def run_attribution(
     base = signals.refit([item.score.term for item in ripples])
     validate = signals.prepared(()).validate
     found = attribute(base, effects(), validate, signals, session.options.bootstrap, ripples, progress)
+    found = _screened(session, corrections, signals, found)
     return replace(found, lines=lines, changes=_changes(found.model))
+
+
+def _screened(session: Session, corrections: Corrections, signals: SessionSignals, found: Attribution) -> Attribution:
+    """Refit at other cut-offs of the identification filter: a real coefficient stays, an artefact moves.
+
+    A named effect is dropped if a refit turns its sign, or makes it several times larger or smaller, significantly.
+    """
+    named = [n for n, item in enumerate(found.accepted) if isinstance(item.score.term.content, Effect)]
+    if not named:
+        return found
+    bandwidth = session.bank.bandwidth_hz
+    leading = {n: _leading(found.model, n) for n in named}
+    values = {n: [(bandwidth, *_value(found.model, n, leading[n]))] for n in named}
+    for factor in SCREEN:
+        cutoff = min(factor * bandwidth, session.machine.rate_hz / 5)
+        other = Session(session.machine, session.recordings, replace(session.options, bandwidth_hz=cutoff))
+        model = SessionSignals(other, corrections).refit(found.model.terms)
+        for n in named:
+            values[n].append((cutoff, *_value(model, n, leading[n])))
+    accepted, table, changed = [], list(found.candidates), False
+    for n, item in enumerate(found.accepted):
+        if n in values and moves(values[n]):
+            changed = True
+            family = item.score.term.family
+            shown = ", ".join(f"{value:.3g} at {cutoff:.2g} Hz" for cutoff, value, _ in values[n])
+            table = [
+                replace(c, status="artefact", reason=f"it changes with the filter: {shown}")
+                if (c.id, c.joint) == family
+                else c
+                for c in table
+            ]
+            continue
+        accepted.append(replace(item, cutoffs=tuple(values.get(n, ()))))
+    model = signals.refit([item.score.term for item in accepted]) if changed else found.model
+    return replace(found, accepted=tuple(accepted), candidates=tuple(table), model=model)
+
+
+def _leading(model: Model, number: int) -> int:
+    """Place of a term's most significant parameter."""
+    part = model.term_slice(number)
+    return int(np.argmax(np.abs(_total(model, number)) / np.maximum(model.fit.std[part], 1e-300)))
+
+
+def _value(model: Model, number: int, place: int) -> tuple[float, float]:
+    """Value and standard deviation of one parameter of a term."""
+    return float(_total(model, number)[place]), float(model.fit.std[model.term_slice(number)][place])
+
+
+def _total(model: Model, number: int) -> FloatArray:
+    """Parameters of a term, with what was moved into the signals."""
+    values = model.fit.theta[model.term_slice(number)]
+    return np.asarray(values + np.asarray(model.terms[number].rebuilt or np.zeros(len(values))))
+
+
+def moves(values: Sequence[tuple[float, float, float]]) -> bool:
+    """Whether a coefficient depends on the filter beyond its own uncertainty and a factor of :data:`SCREEN_RATIO`."""
+    _, first, first_std = values[0]
+    for _, value, std in values[1:]:
+        apart = abs(value - first) > SCREEN_Z * float(np.hypot(std, first_std))
+        ratio = abs(value) / max(abs(first), 1e-300)
+        if apart and (value * first < 0 or not 1 / SCREEN_RATIO < ratio < SCREEN_RATIO):
+            return True
+    return False
 
 
 def _ripples(signals: SessionSignals) -> tuple[tuple[Line, ...], tuple[Accepted, ...]]:

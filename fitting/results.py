@@ -26,7 +26,7 @@ Results = Mapping[str, dict[str, Any]]
 SHAPE_UNITS = {"v_s": "m/s", "x_s": "m", "tau": "s", "pitch": "m", "frequency": "Hz", "t_0": "s"}
 #: Shape entries that only say which variant of an effect it is.
 _CHOICES = ("other", "law", "parameter", "chamber", "odd", "side", "recording", "head", "rod")
-_EVIDENCE = ("score", "gain", "held_out_gain", "held_out_z", "validate_gain", "surviving", "witness")
+_EVIDENCE = ("score", "gain", "held_out_gain", "held_out_z", "validate_gain", "surviving", "witness", "cutoffs")
 _CHANGED = {
     "1": "the zero of the effort",
     "f_c": "Coulomb friction",
@@ -206,7 +206,7 @@ def _loop(session: Session, results: Results, model: Model, terms: list[Term]) -
     for finding in results["residual"]["kinematics"]:
         effects.append(_kinematic_effect(names, finding))
     for number, (term, accepted) in enumerate(zip(terms, found["accepted"], strict=True)):
-        evidence = {key: accepted[key] for key in _EVIDENCE if accepted[key] not in (None, "")}
+        evidence = {key: accepted[key] for key in _EVIDENCE if accepted[key] not in (None, "", [])}
         if accepted["null"] is not None:
             evidence |= {"replicas": accepted["null"]["draws"], "inflation": accepted["null"]["inflation"]}
         part = model.term_slice(number)

@@ -234,6 +234,7 @@ def _accepted(item: Accepted) -> dict[str, Any]:
         "held_out_z": item.held_out.z,
         "validate_gain": item.validate_gain,
         "witness": item.witness,
+        "cutoffs": [{"hz": hz, "value": value, "std": std} for hz, value, std in item.cutoffs],
         "null": None
         if item.score.null is None
         else {"draws": item.score.null.draws, "inflation": item.score.null.inflation},

@@ -115,7 +115,7 @@ class IdentificationOptions(_Body):
 
     ``loop``: look for what the model lacks. ``bandwidth_hz``: identification bandwidth, None: from the motion.
     ``bootstrap``: most replicas that a null distribution is drawn from. ``forgetting``: factor of stage 1's recursion,
-    1 forgets nothing. ``estimator``, ``covariance``: of stage 2. ``prior`` names a file, so only the command line has it.
+    1 forgets nothing. ``estimator``, ``covariance``: of stage 2. ``prior`` names a file: only the command line has it.
     """
 
     loop: bool = True

@@ -28,7 +28,7 @@ import numpy.typing as npt
 from fitting.effects.base import Effect
 from fitting.prior import Prior
 from fitting.residual.change_points import ChangePoint
-from fitting.residual.confirmation import Misfit, validate_gain
+from fitting.residual.confirmation import Misfit, validate_gain, worse_joint
 from fitting.residual.cross_validation import HeldOut, held_out_gain
 from fitting.residual.laws import Law
 from fitting.residual.lines import Line
@@ -82,6 +82,7 @@ class Accepted:
     held_out : its gain on held-out blocks of the fitted recordings
     validate_gain : chi-square that it takes off the whitened residual of `validate`; None without one
     witness : what unloaded and loaded recordings say of it, in words; empty where only one kind is there
+    cutoffs : its leading parameter at several cut-offs of the filter: (Hz, value, standard deviation)
     """
 
     score: Score
@@ -89,6 +90,7 @@ class Accepted:
     held_out: HeldOut
     validate_gain: float | None
     witness: str = ""
+    cutoffs: tuple[tuple[float, float, float], ...] = ()
 
 
 @dataclass(frozen=True)
@@ -375,6 +377,10 @@ class _Selection:
         confirming = self.validate and not choice.term.confined
         gain = validate_gain(self.model, trial, self.validate) if confirming else None
         reason = _objection(choice.gain, held_out, gain)
+        worse = worse_joint(self.model, trial, self.validate) if confirming else None
+        if worse is not None and not reason:
+            name = self.base.design.parameters.joints[worse[0]]
+            reason = f"it makes {name} worse on the validation motion (error {100 * worse[1]:+.1f} %)"
         if reason:
             if isinstance(choice.term.content, Law):
                 self.unconfirmed.append(Unconfirmed(choice, held_out, float(gain or 0.0)))

@@ -10,13 +10,15 @@ import numpy as np
 import numpy.typing as npt
 
 from fitting.noise import Pairing
-from fitting.regression import REST_SHARE, full_residual
+from fitting.regression import REST_SHARE, effort_errors, full_residual
 from fitting.residual.terms import Model
 
 FloatArray = npt.NDArray[np.float64]
 
 _BLOCK_SECONDS = 3.0
 _DRAWS = 1000
+#: Share by which no joint may get worse on `validate`, and the chi-square from which on it is no accident.
+MOST_WORSE, SIGNIFICANT = 0.01, 9.0
 
 
 def overall_change(
@@ -117,17 +119,37 @@ def misfit(model: Model, pairs: Sequence[Pairing], joint: int) -> Misfit:
     return Misfit(scale * (together - apart), (together - apart) / float(2.0 * np.sqrt(rows)))
 
 
+def worse_joint(before: Model, after: Model, validate: Sequence[int]) -> tuple[int, float] | None:
+    """The joint whose error on the validation segments rises most, if by more than :data:`MOST_WORSE`, and by how much.
+
+    The rise has to be significant as well: a refit moves every joint's error a little.
+    """
+    worst: tuple[int, float] | None = None
+    errors = [effort_errors(m.design, m.fit.theta, validate, m.extra) for m in (before, after)]
+    for joint, (first, second) in enumerate(zip(*errors, strict=True)):
+        if not len(first) or not len(second) or not np.std(first) > 0:
+            continue
+        rise = float(np.std(second) / np.std(first)) - 1.0
+        lost = _joint_chi_square(after, validate, joint) - _joint_chi_square(before, validate, joint)
+        if rise > MOST_WORSE and lost > SIGNIFICANT and (worst is None or rise > worst[1]):
+            worst = joint, rise
+    return worst
+
+
 def validate_gain(before: Model, after: Model, validate: Sequence[int]) -> float:
     """Chi-square by which the whitened residual of the validation segments falls from one model to another."""
     return _validate_chi_square(before, validate) - _validate_chi_square(after, validate)
 
 
 def _validate_chi_square(model: Model, validate: Sequence[int]) -> float:
+    return sum(_joint_chi_square(model, validate, joint) for joint in range(len(model.design.machine.joints)))
+
+
+def _joint_chi_square(model: Model, validate: Sequence[int], joint: int) -> float:
     total = 0.0
-    for joint in range(len(model.design.machine.joints)):
-        for index in validate:
-            block = model.design.blocks[joint][index]
-            residual = model.design.bank.reduce(full_residual(model.design, model.fit.theta, joint, index, model.extra))
-            white = model.noise.whiten(joint, residual)[model.noise.kept(joint, block.keep)]
-            total += float(white @ white)
+    for index in validate:
+        block = model.design.blocks[joint][index]
+        residual = model.design.bank.reduce(full_residual(model.design, model.fit.theta, joint, index, model.extra))
+        white = model.noise.whiten(joint, residual)[model.noise.kept(joint, block.keep)]
+        total += float(white @ white)
     return total

@@ -7,9 +7,9 @@ import pytest
 from synthetic_arm import clean_session, exact_views, make_session, planar_machine, truth
 
 from fitting.effects import effect, effects
-from fitting.loop import SessionSignals, final_model, run_attribution, term_from_json, term_to_json
+from fitting.loop import SessionSignals, final_model, moves, run_attribution, term_from_json, term_to_json
 from fitting.residual.attribution import ACCUSE, Attribution, attribute
-from fitting.residual.confirmation import overall_change, validate_gain
+from fitting.residual.confirmation import overall_change, validate_gain, worse_joint
 from fitting.residual.kinematics import Corrections
 from fitting.residual.laws import Law
 from fitting.residual.terms import Term, fit_model
@@ -150,6 +150,23 @@ def test_validate_gain_is_the_fall_of_the_whitened_chi_square() -> None:
     assert validate_gain(after, before, session.plain.validate) == pytest.approx(-gain)
 
 
+def test_no_joint_may_get_worse_on_the_validation_motion() -> None:
+    """The law's own joint is spoiled by its wrong sign on `validate`; backwards it is an improvement."""
+
+    def law(segment: object, index: int) -> np.ndarray:
+        offset = segment.x[:, 1] - 0.15  # type: ignore[attr-defined]
+        sign = -1.0 if RECORDINGS[index][0] == "validate" else 1.0
+        return sign * 900.0 * offset * np.sign(segment.v[:, 1])  # type: ignore[attr-defined]
+
+    session = session_with(law)
+    base, validate = session.base_model, session.plain.validate
+    term = Term(effect("position_dependent_friction"), 1)
+    trial = fit_model(base.design, base.noise, base.fitted, [term], session.prior)
+    found = worse_joint(base, trial, validate)
+    assert found is not None and found[0] == 1 and found[1] > 0.01
+    assert worse_joint(trial, base, validate) is None
+
+
 def test_overall_change_is_the_ratio_of_root_mean_squares_with_a_block_interval() -> None:
     rng = np.random.default_rng(1)
     before = [3.0 * rng.normal(size=600), 2.0 * rng.normal(size=600)]
@@ -173,3 +190,47 @@ def test_no_change_is_an_interval_around_zero() -> None:
     assert change["change_percent"] == 0.0 and change["ci95_percent"] == [0.0, 0.0]
     nothing = overall_change([np.zeros(0)], [np.zeros(0)], np.array([1.0]), 10.0, np.random.default_rng(4))
     assert nothing["change_percent"] is None and nothing["ci95_percent"] is None
+
+
+@pytest.mark.slow
+def test_a_law_that_another_motion_contradicts_is_told_but_not_added() -> None:
+    """A force of the position with another sign in `validate`: structure is certain, its law is not."""
+
+    def law(segment: object, index: int) -> np.ndarray:
+        lump = 60.0 * np.exp(-(((segment.x[:, 1] - 0.13) / 0.012) ** 2))  # type: ignore[attr-defined]
+        return (-1.0 if RECORDINGS[index][0] == "validate" else 1.0) * lump
+
+    attribution = run(session_with(law))
+    assert attribution.verdict == "unexplained"
+    assert not [a for a in attribution.accepted if isinstance(a.score.term.content, Law)]
+    (question,) = attribution.unconfirmed
+    assert question.score.term.joint == 1
+    assert question.validate_gain < 0
+
+
+@pytest.mark.slow
+def test_a_ripple_above_the_band_is_named_and_nothing_is_added() -> None:
+    attribution = run(session_with(lambda s, i: 15.0 * np.sin(2 * np.pi * 7.3 * s.t + i)))
+    assert attribution.verdict == "effect_added"
+    assert not attribution.accepted
+    (line,) = attribution.lines
+    assert line.joint == 1
+    assert line.frequency_hz == pytest.approx(7.3, abs=3 * line.frequency_std + 1e-3)
+    assert line.amplitude == pytest.approx(15.0, rel=0.1)
+
+
+@pytest.mark.slow
+def test_an_accepted_effect_stands_at_every_cut_off_and_both_witnesses_are_heard() -> None:
+    attribution = run(session_with(lambda s, i: 900.0 * (s.x[:, 1] - 0.15) * np.sign(s.v[:, 1])))
+    (accepted,) = attribution.accepted
+    assert len(accepted.cutoffs) == 3
+    first = accepted.cutoffs[0][1]
+    assert all(0.5 < value / first < 2.0 for _, value, _ in accepted.cutoffs)
+    assert "unloaded" in accepted.witness
+
+
+def test_a_coefficient_that_moves_with_the_filter_is_an_artefact() -> None:
+    assert not moves([(3.0, 10.0, 1.0), (2.1, 11.0, 1.0), (3.9, 8.0, 1.0)])
+    assert not moves([(3.0, 1.0, 1.0), (2.1, -2.0, 1.0)])  # within its own uncertainty
+    assert moves([(3.0, 10.0, 0.1), (2.1, -2.0, 0.1)])
+    assert moves([(3.0, 10.0, 0.1), (3.9, 200.0, 0.1)])

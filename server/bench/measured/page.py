@@ -84,7 +84,24 @@ def _found(found: Found) -> str:
         "gain on `validate`",
         "cannot be told from",
     ]
-    return text + _table(head, rows)
+    return text + _table(head, rows) + _left(found)
+
+
+def _left(found: Found) -> str:
+    """The strongest candidates that were not taken, with the reason."""
+    taken = {(item["term"]["effect"], item["term"]["joint"]) for _, _, item, _ in found.lines}
+    others = [c for c in found.candidates if (c["id"], c["joint"]) not in taken]
+    strongest = sorted(others, key=lambda c: -float(c["score"]))[:3]
+    rows = [
+        [
+            _code(c["id"]),
+            "machine" if c["joint"] is None else str(c["joint"] + 1),
+            f"{c['score']:.0f}",
+            str(c["reason"]),
+        ]
+        for c in strongest
+    ]
+    return "\nThe strongest that were not taken:\n\n" + _table(["effect", "joint", "score", "why not"], rows)
 
 
 def _emps(result: Emps) -> str:

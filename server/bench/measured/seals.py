@@ -2,8 +2,8 @@
 
 Data: Zillen, TU Delft (CC0). A tester moves the rod slowly to and fro; head side at a regulated pressure, rod side
 open. With the load cell's force as a measured external force, ``p A - F`` is what friction and mass take, so an
-ordinary machine file and the ordinary loop serve. A recording is one pressure; every pressure between the lowest and the
-highest is kept for `validate` once, and the loop is run each time.
+ordinary machine file and the ordinary loop serve. A recording is one pressure; every pressure between the lowest and
+the highest is kept for `validate` once, and the loop is run each time.
 
 Beside the loop stands the elementary reading: half the width of the force loop at mid-stroke, less what the pressure
 regulator's own hysteresis contributes, cycle by cycle; a straight line over the pressures, weighted by the spread

@@ -1,0 +1,84 @@
+"""Replicas of the recordings: what a candidate is worth where there is nothing to find."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from synthetic_arm import clean_session
+
+from fitting.effects import effect
+from fitting.loop import SessionSignals
+from fitting.residual.confirmation import misfit
+from fitting.residual.kinematics import Corrections
+from fitting.residual.null import PRIOR_DRAWS, Null, resampled
+from fitting.residual.scoring import score_terms
+from fitting.residual.terms import Term
+
+
+@settings(max_examples=25, deadline=None)
+@given(seed=st.integers(0, 2**32 - 1), length=st.integers(50, 4000))
+def test_resampled_noise_keeps_its_variance_and_what_joints_share(seed: int, length: int) -> None:
+    rng = np.random.default_rng(seed)
+    stretch = rng.standard_normal((3000, 1)) * np.array([[1.0, -2.0]])
+    noise = resampled([stretch], length, 50.0, rng)
+    assert noise.shape == (length, 2)
+    assert np.allclose(noise[:, 1], -2.0 * noise[:, 0])
+    if length > 1000:
+        assert np.std(noise[:, 0]) == pytest.approx(1.0, abs=0.15)
+
+
+def test_a_bias_that_draws_agree_on_is_taken_off_and_scatter_is_not() -> None:
+    rng = np.random.default_rng(0)
+    information = np.array([[4.0]])  # a standard deviation of one half
+    scatter = Null(0.5 * rng.standard_normal((6, 1)), information, 1)
+    assert abs(scatter.bias[0]) < 0.2  # shrunk towards nothing
+    biased = Null(-5.0 + 0.5 * rng.standard_normal((6, 1)), information, 1)
+    assert biased.bias[0] == pytest.approx(-5.0, abs=0.5)
+    # Half of a bias of ten standard deviations is not known: what is left of it after correction weighs little.
+    assert biased.weight(np.array([2.0]), information) < 2.0**2 * 4.0 / 20
+    assert scatter.weight(np.array([2.0]), information) > 2.0**2 * 4.0 / 2
+
+
+def test_inflation_is_that_of_the_draws_joined_with_the_theory() -> None:
+    values = np.array([[3.0], [-3.0], [3.0], [-3.0]])
+    null = Null(values, np.array([[1.0]]), 1)
+    assert null.inflation == pytest.approx((36.0 + PRIOR_DRAWS) / (3 + PRIOR_DRAWS))
+    assert Null(0.1 * values, np.array([[1.0]]), 1).inflation == 1.0
+    assert null.joined(null).draws == 8
+
+
+def test_a_score_against_its_null_has_the_bias_taken_off() -> None:
+    model = clean_session(2).base_model
+    (score,) = score_terms(model, [Term(effect("load_dependent_friction"), 1)], [1])
+    off = 3.0 * score.stds[0]
+    null = Null(np.full((5, 1), score.values[0] - off), score.information, 1)
+    unbiased = score.against(null)
+    assert unbiased.values[0] == pytest.approx(score.values[0] - null.bias[0])
+    assert unbiased.gain == pytest.approx((unbiased.values[0] / score.stds[0]) ** 2, rel=1e-6)
+    assert unbiased.gain - unbiased.score == pytest.approx(score.gain - score.score)
+    assert unbiased.calibrated <= unbiased.score
+
+
+def test_replicas_of_a_clean_arm_scatter_as_the_theory_says() -> None:
+    """Values of a friction term on replicas: mean near zero, spread near its standard deviation; repeatable."""
+    session = clean_session(2)
+    signals = SessionSignals(session, Corrections(session.machine))
+    model = session.base_model
+    term = Term(effect("position_dependent_friction"), 1)
+    (score,) = score_terms(model, [term], [1])
+    (null,) = signals.nulls(model, [term], 5)
+    assert null is not None and null.values.shape == (5, 3)
+    assert null.inflation < 3.0
+    assert np.all(np.abs(null.values.mean(axis=0)) < 3.0 * np.asarray(score.stds))
+    (again,) = signals.nulls(model, [term], 2, first=3)
+    assert again is not None
+    assert np.allclose(again.values, null.values[3:], rtol=1e-9)
+
+
+def test_two_runs_share_nothing_where_nothing_is_missing() -> None:
+    session = clean_session(2)
+    for joint in range(2):
+        assert abs(misfit(session.base_model, session.plain.pairs, joint).z) < 4.0
+        assert misfit(session.base_model, (), joint).z == 0.0
