@@ -1,7 +1,8 @@
 """The search for an excitation: value and gradient of the criterion, and its minimisation from several starts.
 
 Supply flow and chamber pressure are penalties, whose weight grows from stage to stage until they hold to a fraction of
-a per cent. Starts compete: all run the first, smooth stage; the best half of them the second; the best quarter the last.
+a per cent. Starts compete: all run the first, smooth stage; the best half of them the second; the best quarter the
+last.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """``hilfit bench excitation``: six joints with all limits, how long the default search takes and how near it gets.
 
 Both kinds of arm that the simulator draws, with limits on position, speed, acceleration and stroke, and with supply
-flow and chamber pressure tight enough to bind: the flow at 70 % and the pressure at 85 % of what the best motion without
-them would take (above what the arm needs to hold itself). The yardstick is the best of twenty single runs that are
+flow and chamber pressure tight enough to bind: the flow at 70 % and the pressure at 85 % of what the best motion
+without them would take (above what the arm needs to hold itself). The yardstick is the best of twenty single runs that are
 three times as long.
 """
 

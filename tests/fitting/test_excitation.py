@@ -146,7 +146,10 @@ def test_gradient_of_the_search_by_order_of_convergence(coupled):
         free = replace(problem, hydraulic=replace(hydraulic, flow=1.0, pressure=1e9))
         assert value > value_and_gradient(free, at, STAGES[0])[0] + 0.1
     ratio, last = error_order(
-        lambda c: value_and_gradient(problem, c, STAGES[0], want_gradient=False)[0], gradient, at, rng.normal(size=at.size)
+        lambda c: value_and_gradient(problem, c, STAGES[0], want_gradient=False)[0],
+        gradient,
+        at,
+        rng.normal(size=at.size),
     )
     # Penalties have kinks in their second derivative, so the order is only roughly two there.
     assert (30 if coupled else 80) < ratio < 300
