@@ -208,7 +208,8 @@ def verdict_sentence(report: Mapping[str, Any], titles: Mapping[str, str]) -> st
             f"{listed(names, 'or')}"
         )
         return f"{sentence}; with the first of them added, {gain}." if gain else f"{sentence}."
-    found = listed([f"the error {place(law.get('joint'))} follows the {words(str(law['variable']))}" for law in laws])
+    lines = [f"the error {place(law.get('joint'))} follows the {words(str(law['variable']))}" for law in laws]
+    found = listed(list(dict.fromkeys(lines)))
     sentence = (
         f"{found[:1].upper()}{found[1:]}, and no known effect explains it"
         if found

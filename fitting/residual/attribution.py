@@ -376,7 +376,7 @@ class _Selection:
         held_out = self._held_out(trial)
         confirming = self.validate and not choice.term.confined
         gain = validate_gain(self.model, trial, self.validate) if confirming else None
-        reason = _objection(choice.gain, held_out, gain)
+        reason = _objection(choice, held_out, gain)
         worse = worse_joint(self.model, trial, self.validate) if confirming else None
         if worse is not None and not reason:
             name = self.base.design.parameters.joints[worse[0]]
@@ -450,7 +450,7 @@ class _Selection:
                 continue
             left = self.signals.misfit(self.model, joint)
             shared = left.z > MISFIT_Z and left.excess > DOUBT_SHARE * item.score.gain
-            certain = shared or _holds(item.score.gain, item.held_out, LEAST_Z_ALONE)
+            certain = shared or item.held_out.z >= LEAST_Z_ALONE
             if certain and (joint not in best or item.score.score > best[joint].score.score):
                 best[joint] = item
         return tuple(best.values())
@@ -480,10 +480,14 @@ class _Selection:
         )
 
 
-def _objection(gain: float, held_out: HeldOut, validate: float | None) -> str:
+def _objection(choice: Score, held_out: HeldOut, validate: float | None) -> str:
     """Why a term is not to be added; empty if there is nothing against it."""
+    if choice.term.confined:  # most blocks know nothing of it, and no other recording does: it has to be plain
+        if held_out.gain >= HELD_SHARE * choice.gain and choice.score > 2 * ACCUSE:
+            return ""
+        return "it acts in one recording only, and is not significant enough to be believed without another"
     alone = validate is None
-    if not (held_out.gain > 0 and held_out.z >= LEAST_Z_ALONE if alone else _holds(gain, held_out, LEAST_Z)):
+    if not (held_out.gain > 0 and held_out.z >= LEAST_Z_ALONE if alone else _holds(choice.gain, held_out, LEAST_Z)):
         return (
             f"it does not hold on blocks that were left out of the fit (chi-square {held_out.gain:+.1f}, "
             f"{held_out.z:.1f} standard errors)"

@@ -33,6 +33,8 @@ BLOCK_SECONDS = 3.0
 _FADE_SECONDS = 0.3
 PRIOR_DRAWS = 6
 BIAS_TRUST = 0.5
+FAR_BEYOND = 2.0
+_WELL_TOLD = 1e-3
 
 
 @dataclass(frozen=True)
@@ -66,7 +68,7 @@ class Null:
         The mean of the draws, shrunk by what their own scatter makes of a mean (James and Stein): nothing is taken off
         where the draws show no bias.
         """
-        mean = self.values.mean(axis=0)
+        mean = self._told(self.values.mean(axis=0)[None, :])[0]
         length = float(mean @ self.information @ mean)
         scatter = self.live * self.inflation / self.draws
         return np.asarray(mean * max(0.0, 1.0 - scatter / max(length, 1e-300)))
@@ -74,10 +76,17 @@ class Null:
     @property
     def inflation(self) -> float:
         """Variance of the values over the theory's, at least 1; joined with :data:`PRIOR_DRAWS` draws of the theory."""
-        spread = self.values - self.values.mean(axis=0)
+        spread = self._told(self.values - self.values.mean(axis=0))
         total = float(np.einsum("bi,ij,bj->", spread, self.information, spread))
         freedom = (self.draws - 1 + PRIOR_DRAWS) * self.live
         return max(1.0, (total + PRIOR_DRAWS * self.live) / freedom)
+
+    def _told(self, values: FloatArray) -> FloatArray:
+        """Rows of values with only those directions that the data tells well: the others differ between replicas."""
+        scale = np.sqrt(np.maximum(np.diag(self.information), 1e-300))
+        strength, directions = np.linalg.eigh(self.information / np.outer(scale, scale))
+        well = directions[:, strength > _WELL_TOLD * strength[-1]]
+        return np.asarray((values * scale) @ well @ well.T / scale)
 
     def doubt(self, information: FloatArray, gain: float) -> float:
         """Chi-square by which a gain is uncertain because of the bias that was taken off; 0 where there was none."""
@@ -91,8 +100,10 @@ class Null:
         from the machine's is not known better), and everything is divided by the inflation.
         """
         along, length = float(unbiased @ information @ self.bias), float(self.bias @ information @ self.bias)
-        doubt = BIAS_TRUST**2
-        gain = float(unbiased @ information @ unbiased) - doubt * along**2 / (1.0 + doubt * length)
+        whole = float(unbiased @ information @ unbiased)
+        # Far beyond the bias, how well that is known does not matter.
+        doubt = BIAS_TRUST**2 if whole < FAR_BEYOND**2 * length else 0.0
+        gain = whole - doubt * along**2 / (1.0 + doubt * length)
         return max(0.0, gain) / self.inflation
 
 

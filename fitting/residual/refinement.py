@@ -17,7 +17,7 @@ _CHOICES = frozenset({"other", "side", "n", "odd", "law", "delta", "recording", 
 
 def refined(model: Model, score: Score) -> Score:
     """The score at the best shape between the grid's neighbours (golden section in each continuous shape parameter)."""
-    best = score
+    best = _plain(model, score)
     for key in score.term.shape:
         if key in _CHOICES:
             continue
@@ -33,14 +33,22 @@ def refined(model: Model, score: Score) -> Score:
             if better.plausible and better.gain > best.gain:
                 best = replace(better, score=better.gain - (score.gain - score.score))
             span /= 2
-    return best
+    return score if best.term == score.term else best
+
+
+def _plain(model: Model, score: Score) -> Score:
+    """The score as shapes are compared: no bias taken off, which is known for the grid's shapes only."""
+    if score.null is None:
+        return score
+    plain = score_terms(model, [score.term], [1])
+    return replace(plain[0], score=plain[0].gain - (score.gain - score.score)) if plain else score
 
 
 def finer(model: Model, score: Score) -> Score:
     """The law with twice and four times the knots, as long as they earn their price: a bump may be narrow."""
     law = score.term.content
     assert isinstance(law, Law)
-    best = score
+    best = _plain(model, score)
     values = np.concatenate([law.values(model.views[index][score.term.joint or 0]) for index in model.fitted])
     for factor in (2, 4):
         knots = tuple(spline_knots(values, factor * (len(law.knots) - 4)).tolist())
@@ -48,4 +56,4 @@ def finer(model: Model, score: Score) -> Score:
         if not trials or trials[0].score <= best.score:
             break
         best = trials[0]
-    return best
+    return score if best.term == score.term else best

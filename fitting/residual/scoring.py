@@ -61,7 +61,13 @@ class Score:
     null: Null | None = None
 
     def against(self, null: Null) -> Score:
-        """The score with the bias taken off that noise in the regressors makes."""
+        """The score with the bias taken off that noise in the regressors makes.
+
+        A law keeps its gain: a spline has no value that noise would push to one side, and few draws know little of
+        its many coefficients.
+        """
+        if not isinstance(self.term.content, Effect):
+            return replace(self, null=null)
         price = self.gain - self.score
         moved = np.asarray(self.values) - null.bias
         gain = float(moved @ self.information @ moved)
@@ -72,7 +78,7 @@ class Score:
             gain=gain,
             score=gain - price,
             values=unbiased,
-            plausible=not isinstance(self.term.content, Effect) or self.term.content.plausible(unbiased, self.stds),
+            plausible=self.term.content.plausible(unbiased, self.stds),
         )
 
     @property
@@ -80,6 +86,8 @@ class Score:
         """The score with its gain as far as the null lets it be trusted: what a threshold may be put on."""
         if self.null is None:
             return self.score
+        if not isinstance(self.term.content, Effect):
+            return self.gain / self.null.inflation - (self.gain - self.score)
         return self.null.weight(np.asarray(self.values), self.information) - (self.gain - self.score)
 
 
