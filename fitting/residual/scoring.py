@@ -21,7 +21,7 @@ import numpy.typing as npt
 
 from fitting.effects.base import Effect
 from fitting.residual.laws import laws
-from fitting.residual.null import Null
+from fitting.residual.null import FAR_BEYOND, Null
 from fitting.residual.terms import Model, Term
 
 FloatArray = npt.NDArray[np.float64]
@@ -71,6 +71,8 @@ class Score:
         price = self.gain - self.score
         moved = np.asarray(self.values) - null.bias
         gain = float(moved @ self.information @ moved)
+        if gain > FAR_BEYOND**2 * float(null.bias @ self.information @ null.bias):
+            return replace(self, null=null)  # no bias makes this: candidates are compared as they are
         unbiased = tuple(moved.tolist())
         return replace(
             self,

@@ -53,7 +53,8 @@ def test_a_score_against_its_null_has_the_bias_taken_off() -> None:
     model = clean_session(2).base_model
     (score,) = score_terms(model, [Term(effect("load_dependent_friction"), 1)], [1])
     off = 3.0 * score.stds[0]
-    null = Null(np.full((5, 1), score.values[0] - off), score.information, 1)
+    bias = score.values[0] - off if abs(score.values[0] - off) > off else score.values[0] + off
+    null = Null(np.full((5, 1), bias), score.information, 1)
     unbiased = score.against(null)
     assert unbiased.values[0] == pytest.approx(score.values[0] - null.bias[0])
     assert unbiased.gain == pytest.approx((unbiased.values[0] / score.stds[0]) ** 2, rel=1e-6)
