@@ -247,7 +247,11 @@ class _Selection:
             self.limits = tuple(self.named.values())
         _record(self.table, self.named, self.accepted)
         self._unbias()
-        choice = _choose(self._open_names(), self._open_laws(), self.accepted)
+        names, laws = (
+            [s for s in scores if not _is_fragment(s, self.unconfirmed, self.accepted)]
+            for scores in (self._open_names(), self._open_laws())
+        )
+        choice = _choose(names, laws, self.accepted)
         if choice is None or len(self.accepted) >= MOST_EFFECTS:
             return self._doubt()
         wrong = _refutes(choice, self.accepted) if isinstance(choice.term.content, Law) else None
@@ -544,6 +548,17 @@ def _is_misfit(score: Score, accepted: Sequence[Accepted]) -> bool:
             other_part = isinstance(content, Law) and content.signed != term.content.signed
             share = SPILL_SHARE if other_part else LAW_MISFIT_SHARE
         if score.gain < share * item.score.gain:
+            return True
+    return False
+
+
+def _is_fragment(score: Score, unconfirmed: Sequence[Unconfirmed], accepted: Sequence[Accepted]) -> bool:
+    """Whether a gain is a small part only of what is certainly there, on its joint or another, and yet unexplained."""
+    explained = {item.score.term.joint for item in accepted}
+    for item in unconfirmed:
+        joint = item.score.term.joint
+        share = REFUTED_SHARE if score.term.joint == joint else SPILL_SHARE
+        if joint not in explained and score.gain < share * item.score.gain:
             return True
     return False
 
