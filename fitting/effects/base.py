@@ -210,6 +210,9 @@ class Effect(ABC):
     machine_wide: ClassVar[bool] = False
     #: True where an effect of one joint changes the efforts of all (``columns`` gives all joints at once).
     spreads: ClassVar[bool] = False
+    #: True where the formula is a short series for any smooth law of its variables, not a law of physics: nature may
+    #: then differ from it by more.
+    series: ClassVar[bool] = False
 
     def applies(self, machine: Machine, joint: int) -> bool:
         """Whether the joint can have this effect, and its channels can show it."""

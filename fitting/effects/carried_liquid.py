@@ -18,9 +18,10 @@ class CarriedLiquid(Effect):
     level = "joint"
     variable = "piston_acceleration"
     uses_model = False
-    equation = "J_s H(s) q'' / r, H(s) = w^2 / (s^2 + 2 zeta w s + w^2)"
+    equation = "(J_s H(s) q'' + J_f q'') / r, H(s) = w^2 / (s^2 + 2 zeta w s + w^2)"
     parity = "ring-down at 0.5 to 1.5 Hz"
-    parameters = (Parameter("J_s", "kg m^2"),)
+    # J_f is what the rigid body holds of the liquid as if it were frozen: it is taken out again at this joint.
+    parameters = (Parameter("J_s", "kg m^2"), Parameter("J_f", "kg m^2"))
     confounders = ("structural_flexibility",)
     experiment = "record the ring-down after a stop"
     source = "Ibrahim, Liquid Sloshing Dynamics, 2005 (equivalent pendulum)"
@@ -36,5 +37,7 @@ class CarriedLiquid(Effect):
         # Bilinear transform of H(s), s = rate (1 - z^-1) / (1 + z^-1).
         numerator = w**2 * np.array([1.0, 2.0, 1.0])
         denominator = [rate**2 + 2 * zeta * w * rate + w**2, 2 * (w**2 - rate**2), rate**2 - 2 * zeta * w * rate + w**2]
-        response = np.asarray(signal.lfilter(numerator, denominator, view.segment.qdd[:, view.joint])) / view.r
-        return (response if view.segment.loaded else np.zeros_like(response))[:, None]
+        acceleration = view.segment.qdd[:, view.joint]
+        response = np.asarray(signal.lfilter(numerator, denominator, acceleration))
+        pull = np.column_stack([response, acceleration]) / view.r[:, None]
+        return pull if view.segment.loaded else np.zeros_like(pull)

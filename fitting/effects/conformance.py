@@ -232,6 +232,7 @@ def _stronger(view: DriveView) -> DriveView:
         view,
         forces=2 * view.forces,
         loads=2 * view.loads,
+        ranges=tuple(replace(r, force=2 * r.force) for r in view.ranges),
         rod_pressures=lambda: 2 * view.rod_pressures(),
         base_values=2 * view.base_values,
         cache={},

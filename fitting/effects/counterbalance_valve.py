@@ -17,7 +17,7 @@ class CounterbalanceValve(Effect):
     level = "cylinder"
     needs_cylinder = True
     variable = "cylinder_force"
-    equation = "(b_0 + b_1 |v|) [v < 0][F^ > 0], or mirrored"
+    equation = "(b_0 + b_1 |v|) [v < 0] tanh(max(F_l, 0) / F_0), or mirrored; F_0 = 0: [F_l > 0]"
     parity = "only while an overrunning load is lowered"
     parameters = (
         Parameter("b_0", "N"),
@@ -29,10 +29,13 @@ class CounterbalanceValve(Effect):
 
     def shapes(self, view: DriveView) -> Sequence[Shape]:
         """Grid of shapes; see :class:`Effect`."""
-        return ({"side": 1.0}, {"side": -1.0})
+        # A valve opens over a band of load; were it as wide as the largest load, it would be friction under load.
+        return [{"side": side, "band": band} for side in (1.0, -1.0) for band in (0.0, 0.1, 0.4)]
 
     def columns(self, view: DriveView, shape: Shape) -> FloatArray:
         """Columns (N, k); see :class:`Effect`."""
-        side = shape["side"]
-        lowering = 0.5 * (1.0 - side * view.s) * (side * view.load > 0)
+        side, band = shape["side"], shape.get("band", 0.0) * max(view.range.force, 1e-12)
+        load = np.maximum(side * view.load, 0.0)
+        open_share = np.tanh(load / band) if band else (load > 0).astype(float)
+        lowering = 0.5 * (1.0 - side * view.s) * open_share
         return np.column_stack([lowering, lowering * np.abs(view.v)])

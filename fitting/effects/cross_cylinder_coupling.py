@@ -18,6 +18,7 @@ class CrossCylinderCoupling(Effect):
     level = "cylinder"
     needs_cylinder = True
     variable = "other.piston_speed"
+    series = True
     uses_model = False
     equation = "b_1 v_k + b_2 |v_k| + b_3 v_k |v_k| + b_4 v_k^2"
     parity = "follows a neighbour's speed"

@@ -14,6 +14,7 @@ class HoseStiffness(Effect):
     title = "hoses or harness that act as a spring"
     level = "joint"
     variable = "joint_position"
+    series = True
     uses_model = False
     equation = "(k_1 u + k_2 u^2 + k_3 u^3) / r, u = q - q_m"
     parity = "even in v, function of the own angle"

@@ -18,6 +18,7 @@ class LinkageGeometry(Effect):
     title = "a linkage pin that is not where the machine file says"
     level = "joint"
     variable = "joint_position"
+    series = True
     equation = "-F_l d ln r / d p"
     parity = "multiplies the load by a function of q"
     parameters = (Parameter("shift", "m or rad", low=-0.1, high=0.1),)

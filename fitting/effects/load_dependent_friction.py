@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from fitting.effects.base import DriveView, Effect, FloatArray, Parameter, Shape
@@ -14,13 +16,21 @@ class LoadDependentFriction(Effect):
     title = "friction that grows with the load"
     level = "cylinder"
     variable = "cylinder_force"
-    equation = "mu |F^| sgn v"
+    equation = "mu g(F^) sgn v, g = (hypot(F^, F_0) - F_0) F_m / (hypot(F_m, F_0) - F_0), F_m the largest |F^|"
     parity = "odd in v; gone when unloaded"
     parameters = (Parameter("mu", "1", low=0.0, high=0.5),)
     confounders = ("position_dependent_friction", "pressure_dependent_friction", "linkage_geometry")
     experiment = "the same stroke with two loads"
     source = "Bittencourt and Axelsson, IEEE Trans. Robotics 30, 2014 (load-dependent joint friction)"
 
+    def shapes(self, view: DriveView) -> Sequence[Shape]:
+        """Grid of shapes; see :class:`Effect`."""
+        # From friction in proportion to the load to one that starts with its square: a guide has play.
+        return [{"knee": share} for share in (0.0, 0.1, 0.4, 1.6)]
+
     def columns(self, view: DriveView, shape: Shape) -> FloatArray:
         """Columns (N, k); see :class:`Effect`."""
-        return (np.abs(view.force) * view.s)[:, None]
+        largest = max(view.ranges[view.joint].force, 1e-12)
+        load, knee = np.abs(view.force) / largest, shape.get("knee", 0.0)
+        pressed = (np.hypot(load, knee) - knee) / (np.hypot(1.0, knee) - knee)
+        return np.asarray(largest * pressed * view.s)[:, None]

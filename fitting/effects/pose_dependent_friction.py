@@ -17,6 +17,7 @@ class PoseDependentFriction(Effect):
     title = "friction that follows another joint's pose"
     level = "joint"
     variable = "other.joint_position"
+    series = True
     uses_model = False
     equation = "b (q_k - q_m) sgn v"
     parity = "odd in v; follows a neighbour's pose"

@@ -14,6 +14,7 @@ class PositionDependentFriction(Effect):
     title = "friction that depends on the piston position"
     level = "cylinder"
     variable = "piston_position"
+    series = True
     uses_model = False
     equation = "(f_1 u + f_2 u^2 + f_3 u^3) sgn v, u = x - x_m"
     parity = "odd in v, smooth in x"

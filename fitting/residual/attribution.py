@@ -34,7 +34,15 @@ from fitting.residual.laws import Law
 from fitting.residual.lines import Line
 from fitting.residual.null import Null
 from fitting.residual.refinement import finer, refined
-from fitting.residual.scoring import PARAMETER_PRICE, Candidates, Score, catalogue_terms, law_terms, white_columns
+from fitting.residual.scoring import (
+    PARAMETER_PRICE,
+    Candidates,
+    Score,
+    catalogue_terms,
+    law_terms,
+    score_terms,
+    white_columns,
+)
 from fitting.residual.terms import Model, Term
 from fitting.residual.witness import Witness, objection, witness
 
@@ -67,8 +75,13 @@ MISFIT_SHARE = 0.1
 LAW_MISFIT_SHARE = 0.25
 #: The same on other joints, where only the coupling through the rigid body shows.
 SPILL_SHARE = 0.01
+#: The same of what nothing explains: a model that is known to be wrong spills more.
+UNEXPLAINED_SPILL = 0.05
 #: A law that still gains this share of a named effect's gain on the same joint says that the name was wrong.
 REFUTED_SHARE = 0.25
+#: The same where the law, alone, takes :data:`OVERLAP` of the name's gain: both explain one thing, and one of them is
+#: not its formula. Right formulas leave less than a hundredth as a rule; those that are short series, some more.
+OUTDONE_SHARE, SERIES_SHARE, OVERLAP = 0.02, 0.06, 1 / 3
 
 
 @dataclass(frozen=True)
@@ -251,6 +264,8 @@ class _Selection:
             [s for s in scores if not _is_fragment(s, self.unconfirmed, self.accepted)]
             for scores in (self._open_names(), self._open_laws())
         )
+        if self._outdone(names, laws):
+            return True
         choice = _choose(names, laws, self.accepted)
         if choice is None or len(self.accepted) >= MOST_EFFECTS:
             return self._doubt()
@@ -260,6 +275,44 @@ class _Selection:
         else:
             self._try(choice)
         return True
+
+    def _outdone(self, names: Sequence[Score], laws: Sequence[Score]) -> bool:
+        """Take back a lone name whose formula is not nature's: a law of one signal explains the same, and more.
+
+        So it is where a law takes what no right formula leaves, whatever its signal. What is left must be no other
+        name's as well: then it may be a second effect.
+        """
+        for law in sorted(laws, key=lambda s: -s.score):
+            joint = law.term.joint
+            others = [s for s in names if s.term.joint == joint and s.calibrated > ACCUSE]
+            best = max((s.score for s in others), default=-np.inf)
+            if law.calibrated <= LAW_WINS or law.score - best < LAW_WINS:
+                continue
+            number = self._alone(joint)
+            if number is None:
+                continue
+            item = self.accepted[number]
+            content = item.score.term.content
+            share = SERIES_SHARE if isinstance(content, Effect) and content.series else OUTDONE_SHARE
+            if law.gain < share * item.score.gain:
+                continue
+            rest = [a.score.term for n, a in enumerate(self.accepted) if n != number]
+            again = score_terms(self.signals.refit([*rest, law.term]), [item.score.term], [1])
+            outdone = (again[0].gain if again else 0.0) < (1 - OVERLAP) * item.score.gain
+            if outdone or law.gain >= MISFIT_SHARE * item.score.gain:
+                self._take_back(number, "a law of one signal explains the same and more")
+                return True
+        return False
+
+    def _alone(self, joint: int | None) -> int | None:
+        """Number of the accepted name that stands alone on a joint; None where there is none, or something else too."""
+        there = [n for n, item in enumerate(self.accepted) if item.score.term.joint == joint]
+        if joint is None or len(there) != 1:
+            return None
+        term = self.accepted[there[0]].score.term
+        # A line in the spectrum was found on its own; what acts everywhere is no matter of one joint.
+        named = isinstance(term.content, Effect) and term.id != "supply_ripple" and not term.everywhere
+        return there[0] if named else None
 
     def _score(self) -> None:
         if self.scored is self.model:
@@ -289,7 +342,9 @@ class _Selection:
             return
         there = {item.score.term.family for item in self.accepted} | self.refused
         names = [s for s in self.named.values() if s.term.family not in there and not _is_misfit(s, self.accepted)]
-        laws = [s for s in self._open_laws() if not _is_misfit(s, self.accepted)]
+        laws = [
+            s for s in self._open_laws() if not _is_misfit(s, self.accepted) or self._alone(s.term.joint) is not None
+        ]
         contending = {s.term.id for s in names if s.score > ACCUSE and s.term.uses_model}
         chosen = [s for s in (*names, *laws) if s.score > ACCUSE or s.term.id in contending]
         chosen = sorted(chosen, key=lambda s: -s.score)[:MOST_CONTENDERS]
@@ -557,7 +612,8 @@ def _is_fragment(score: Score, unconfirmed: Sequence[Unconfirmed], accepted: Seq
     explained = {item.score.term.joint for item in accepted}
     for item in unconfirmed:
         joint = item.score.term.joint
-        share = REFUTED_SHARE if score.term.joint == joint else SPILL_SHARE
+        here = score.term.everywhere or score.term.joint == joint
+        share = REFUTED_SHARE if here else UNEXPLAINED_SPILL
         if joint not in explained and score.gain < share * item.score.gain:
             return True
     return False
@@ -598,7 +654,7 @@ def _rivals(choice: Score, named: dict[Family, Score], refused: set[Family]) -> 
         if s.plausible
         and s.term.family != choice.term.family
         and s.term.family not in refused
-        and choice.score - s.score < width(s)
+        and abs(choice.score - s.score) < width(s)
     ]
     return tuple(sorted(near, key=lambda s: -s.score)[:MOST_RIVALS])
 

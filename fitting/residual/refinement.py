@@ -15,25 +15,37 @@ from fitting.splines import spline_knots
 _CHOICES = frozenset({"other", "side", "n", "odd", "law", "delta", "recording", "parameter", "chamber", "head", "rod"})
 
 
+#: Relative step at which the search of a shape ends.
+_FINEST = 0.004
+
+
 def refined(model: Model, score: Score) -> Score:
-    """The score at the best shape between the grid's neighbours (golden section in each continuous shape parameter)."""
+    """The score at the best shape between the grid's neighbours, one continuous shape parameter after the other.
+
+    Steps are halved from half a value down to :data:`_FINEST` of it: a lightly damped resonance is that narrow. A
+    second round, of small steps, follows where parameters pull at each other.
+    """
     best = _plain(model, score)
-    for key in score.term.shape:
-        if key in _CHOICES:
-            continue
-        span = 0.02 if key == "pitch" else 0.5
-        for _ in range(3):
-            centre = best.term.shape[key]
-            trials = [
-                replace(best.term, shape={**best.term.shape, key: centre * factor})
-                for factor in (1 - span, 1 - span / 2, 1 + span / 2, 1 + span)
-            ]
-            scores = score_terms(model, trials, [1] * len(trials))
-            better = max(scores, key=lambda s: s.gain, default=best)
-            if better.plausible and better.gain > best.gain:
-                best = replace(better, score=better.gain - (score.gain - score.score))
-            span /= 2
-    return score if best.term == score.term else best
+    keys = [key for key in score.term.shape if key not in _CHOICES]
+    for first in (0.5, 0.05) if len(keys) > 1 else (0.5,):
+        for key in keys:
+            best = _searched(model, best, key, min(first, 0.02) if key == "pitch" else first)
+    if best.term == score.term:
+        return score
+    return replace(best, score=best.gain - (score.gain - score.score))
+
+
+def _searched(model: Model, best: Score, key: str, span: float) -> Score:
+    while span > _FINEST:
+        centre = best.term.shape[key]
+        trials = [
+            replace(best.term, shape={**best.term.shape, key: centre * factor})
+            for factor in (1 - span, 1 - span / 2, 1 + span / 2, 1 + span)
+        ]
+        scores = [s for s in score_terms(model, trials, [1] * len(trials)) if s.plausible]
+        best = max([best, *scores], key=lambda s: s.gain)
+        span /= 2
+    return best
 
 
 def _plain(model: Model, score: Score) -> Score:

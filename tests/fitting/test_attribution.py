@@ -209,6 +209,18 @@ def test_a_law_that_another_motion_contradicts_is_told_but_not_added() -> None:
 
 
 @pytest.mark.slow
+def test_a_name_that_nearly_fits_is_no_name_where_a_law_of_its_variable_fits_better() -> None:
+    """A cable that is caught half way: a gas spring takes all but a twentieth of it, far more than noise leaves."""
+    attribution = run(session_with(lambda s, i: 12.0 * np.logaddexp(0.0, (s.x[:, 1] - 0.14) / 0.01)))
+    assert attribution.verdict == "unexplained"
+    (law,) = (a.score.term for a in attribution.accepted)
+    assert isinstance(law.content, Law) and law.joint == 1
+    assert law.content.variable(("joint1", "joint2")) == "piston_position"
+    line = next(c for c in attribution.candidates if (c.id, c.joint) == ("gas_spring", 1))
+    assert line.status == "rejected" and "the same and more" in line.reason
+
+
+@pytest.mark.slow
 def test_a_ripple_above_the_band_is_named_and_nothing_is_added() -> None:
     attribution = run(session_with(lambda s, i: 15.0 * np.sin(2 * np.pi * 7.3 * s.t + i)))
     assert attribution.verdict == "effect_added"

@@ -11,7 +11,7 @@ from typing import ClassVar
 import numpy as np
 import pytest
 from arm_examples import SHARED
-from synthetic_arm import injected, make_session, planar_machine, truth
+from synthetic_arm import exact_views, injected, make_session, planar_machine, truth
 
 from daq.machine_file import Machine
 from fitting.effects import effect, effects
@@ -160,6 +160,7 @@ class Case:
 #: Small enough to be first order, large enough to be seen: some tens of newtons at loads of one or two kilonewtons.
 CASES = [
     Case("load_dependent_friction", 1, (0.05,)),
+    Case("load_dependent_friction", 1, (0.05,), {"knee": 0.6}),
     Case("pressure_dependent_friction", 1, (2.5e-5,), {"head": 1.0, "rod": 1.0}),
     Case("asymmetric_friction", 1, (40.0, 250.0)),
     Case("stribeck", 1, (60.0,), {"v_s": 0.008, "delta": 2.0}),
@@ -172,6 +173,7 @@ CASES = [
     Case("position_dependent_friction", 1, (800.0, 0.0, 0.0)),
     Case("gas_spring", 1, (120.0, -100.0), {"side": 1.0, "rest": 0.3, "n": 1.4}),
     Case("counterbalance_valve", 1, (40.0, 400.0), {"side": 1.0}),
+    Case("counterbalance_valve", 1, (40.0, 400.0), {"side": 1.0, "band": 0.4}),
     Case("cross_cylinder_coupling", 1, (500.0, 0.0, 0.0, 0.0), {"other": 0.0}),
     # Equivalence classes of the notes: a constant force is also a Coulomb asymmetry, a gain of one chamber as well.
     Case("pressure_offset", 1, (50.0,), or_set=("asymmetric_friction", "gas_spring", "pressure_gain")),
@@ -183,7 +185,7 @@ CASES = [
     Case("pose_dependent_friction", 1, (120.0,), {"other": 0.0}),
     # A liquid that follows at frequencies far above the motion's is nothing but an inertia.
     Case("actuator_inertia", 2, (10.0,), or_set=("carried_liquid",)),
-    Case("carried_liquid", 1, (15.0,), {"frequency": 0.7, "zeta": 0.03}),
+    Case("carried_liquid", 1, (15.0, -4.0), {"frequency": 0.7, "zeta": 0.03}),
     # Large, because |v|^(1/3) and v together nearly make it up: 0.7 % of the column survives.
     Case("velocity_root_friction", 1, (1200.0,), {"n": 0.5}, or_set=("stribeck", "quadratic_loss")),
     Case("position_harmonic", 1, (20.0, 10.0), {"pitch": 0.02, "odd": 0.0}),
@@ -203,7 +205,24 @@ RECORDINGS = (("unloaded", 1), ("train", 2), ("train", 4), ("repeat", 2), ("vali
 
 
 def test_every_effect_has_a_case_or_a_reason() -> None:
-    assert sorted([c.id for c in CASES] + list(ELSEWHERE)) == IDS
+    assert sorted({c.id for c in CASES} | set(ELSEWHERE)) == IDS
+    assert not {c.id for c in CASES} & set(ELSEWHERE)
+
+
+def test_friction_under_load_may_start_with_the_square_of_the_load() -> None:
+    """Without a knee it is Coulomb's law; whatever the knee, ``mu`` is the share at the largest load."""
+    _, views = exact_views(planar_machine(2), truth(2))
+    view, load = views[2][1], effect("load_dependent_friction")
+    plain = load.columns(view, {"knee": 0.0})[:, 0]
+    assert plain == pytest.approx(np.abs(view.force) * view.s, abs=1e-9)
+    largest, at = view.ranges[1].force, np.abs(view.force)
+    for knee in (0.1, 1.0):
+        ratio = np.abs(load.columns(view, {"knee": knee})[:, 0])[at > 0] / at[at > 0]
+        order = np.argsort(at[at > 0])
+        moving = np.abs(view.s)[at > 0][order] == 1
+        assert np.all(np.diff(ratio[order][moving]) > -1e-12)  # the share grows with the load
+        assert ratio.max() <= 1 + 1e-12
+    assert largest >= at.max() - 1e-9
 
 
 def found(case: Case) -> Attribution:
