@@ -8,9 +8,10 @@ A recording that our recorder made also has the cycle counter, UTC, and per chan
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Mapping, MutableMapping
+from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -21,6 +22,7 @@ from daq.errors import RecordingError
 from daq.machine_file import Channel, Machine
 from daq.quality import MEASURED
 from daq.recording_files import Table, read_table, write_table
+from daq.scratch import ScratchColumns
 from daq.units import Conversion, conversion
 
 SCHEMA = "hilfit/recording/1"
@@ -32,11 +34,14 @@ MINIMUM_SECONDS = 8.0
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 QualityArray = npt.NDArray[np.uint8]
+_Kind = TypeVar("_Kind", bound=np.generic)
 
 
 @dataclass(frozen=True)
 class Recording:
     """A recording that passed every check; ``N`` rows, SI units.
+
+    Columns of a long one are read from a scratch file at each look (:mod:`daq.scratch`); :meth:`cut` gives rows of all.
 
     Attributes
     ----------
@@ -72,6 +77,18 @@ class Recording:
     def duration(self) -> float:
         """Seconds of machine time from the first row to the end of the last one."""
         return float(self.time[-1] - self.time[0]) + 1.0 / self.rate_hz
+
+    def cut(self, part: slice) -> Recording:
+        """Some rows as a recording of their own, in memory."""
+        return replace(
+            self,
+            time=self.time[part],
+            values=_cut(self.values, part),
+            age=_cut(self.age, part),
+            quality=_cut(self.quality, part),
+            cycle=None if self.cycle is None else self.cycle[part],
+            utc_ns=None if self.utc_ns is None else self.utc_ns[part],
+        )
 
     def segments(self, channels: tuple[str, ...] | list[str] | None = None) -> tuple[slice, ...]:
         """Maximal runs of rows without a missing value in ``channels`` (default: all) and without a missing cycle.
@@ -114,9 +131,9 @@ def read_recording(
     time = np.asarray(table.columns["time"], dtype=np.float64)
     checks.time_runs(path, time, machine.rate_hz)
     units = _units_on_disk(path, table, machine)
-    values: dict[str, FloatArray] = {}
-    quality: dict[str, QualityArray] = {}
-    age: dict[str, FloatArray] = {}
+    values: MutableMapping[str, FloatArray] = _shelf(table)
+    quality: MutableMapping[str, QualityArray] = _shelf(table)
+    age: MutableMapping[str, FloatArray] = _shelf(table)
     for channel in machine.channels:
         name = channel.name
         raw = np.asarray(table.columns[name], dtype=np.float64)
@@ -233,6 +250,18 @@ def recording_metadata(machine: Machine, role: str) -> dict[str, str]:
         "hilfit.rate_hz": repr(machine.rate_hz),
         "hilfit.units": json.dumps({channel.name: channel.unit for channel in machine.channels}),
     }
+
+
+def _shelf(table: Table) -> MutableMapping[str, npt.NDArray[Any]]:
+    """Where columns are kept: where the table has its own."""
+    return ScratchColumns(table.columns.scratch) if isinstance(table.columns, ScratchColumns) else {}
+
+
+def _cut(columns: Mapping[str, npt.NDArray[_Kind]], part: slice) -> Mapping[str, npt.NDArray[_Kind]]:
+    """Some rows of every column."""
+    if isinstance(columns, ScratchColumns):
+        return columns.cut(part)
+    return {name: column[part] for name, column in columns.items()}
 
 
 def _known_role(role: str) -> None:

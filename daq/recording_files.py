@@ -20,10 +20,15 @@ import pyarrow.csv
 import pyarrow.parquet
 
 from daq.errors import RecordingError
+from daq.scratch import Scratch, ScratchColumns
 
 PARQUET_MAGIC = b"PAR1"
 ARROW_STREAM_MAGIC = b"\xff\xff\xff\xff"
 SUFFIXES = (".parquet", ".csv")
+#: Values of a Parquet file above which its columns are not kept in memory (32 MB; half an hour of six joints at 50 Hz).
+LONG_VALUES = 4_000_000
+_BATCH_ROWS = 1 << 13
+_BUFFER = 1 << 20
 
 
 @dataclass(frozen=True)
@@ -64,28 +69,74 @@ def read_table(path: Path) -> Table:
     if head.startswith(ARROW_STREAM_MAGIC):
         raise RecordingError(f"{path}: is the journal of an unfinished recording; seal it with 'hilfit recover'")
     if head.startswith(PARQUET_MAGIC):
-        table = _read_parquet(path)
+        file = _parquet(path)
+        if file.metadata.num_rows * file.metadata.num_columns > LONG_VALUES:
+            return _read_long(path, file, digest)
+        table = _whole(path, file)
     elif path.suffix.lower() == ".parquet":
         raise RecordingError(f"{path}: is not a Parquet file although its name says so; export it again")
     else:
         table = _read_csv(path, head)
-    names = table.column_names
+    _names_differ(path, table.column_names)
+    columns = {name: _numeric(path, name, table.column(name)) for name in table.column_names}
+    return Table(columns, _metadata(table.schema), digest)
+
+
+def _names_differ(path: Path, names: list[str]) -> None:
     for name in names:
         if names.count(name) > 1:
             raise RecordingError(f"{path}: column '{name}' is there {names.count(name)} times; names must differ")
-    columns = {name: _numeric(path, name, table.column(name)) for name in names}
-    raw = table.schema.metadata or {}
-    metadata = {key.decode(errors="replace"): value.decode(errors="replace") for key, value in raw.items()}
-    return Table(columns, metadata, digest)
 
 
-def _read_parquet(path: Path) -> pa.Table:
+def _metadata(schema: pa.Schema) -> dict[str, str]:
+    raw = schema.metadata or {}
+    return {key.decode(errors="replace"): value.decode(errors="replace") for key, value in raw.items()}
+
+
+@contextmanager
+def _whole_parquet(path: Path) -> Iterator[None]:
+    """What goes wrong while a Parquet file is read, said as people need it."""
     try:
-        return pa.parquet.ParquetFile(path).read()  # one file: read_table would merge a directory's partitions
+        yield
     except (pa.ArrowException, OSError):
         raise RecordingError(
             f"{path}: is a Parquet file that is cut short or damaged; copy it again from where it was recorded"
         ) from None
+
+
+def _parquet(path: Path) -> pa.parquet.ParquetFile:
+    with _whole_parquet(path):
+        return pa.parquet.ParquetFile(path, buffer_size=_BUFFER)
+
+
+def _whole(path: Path, file: pa.parquet.ParquetFile) -> pa.Table:
+    with _whole_parquet(path):
+        return file.read()  # one file: read_table would merge a directory's partitions
+
+
+def _read_long(path: Path, file: pa.parquet.ParquetFile, digest: str) -> Table:
+    """Columns by row groups into a scratch file: no more than some thousand rows are in memory."""
+    schema, rows = file.schema_arrow, file.metadata.num_rows
+    _names_differ(path, schema.names)
+    columns = ScratchColumns(Scratch())
+    places = {}
+    for number, name in enumerate(schema.names):
+        whole = _is_numeric(path, name, schema.field(name).type) and not _nulls(file.metadata, number)
+        places[name] = columns.reserve(name, rows, np.int64 if whole else np.float64)
+    start = 0
+    with _whole_parquet(path):
+        for batch in file.iter_batches(_BATCH_ROWS, use_threads=False):
+            for name, place in places.items():
+                values = batch.column(name).cast(pa.float64() if place.dtype == np.float64 else pa.int64())
+                columns.scratch.write(place, values.to_numpy(zero_copy_only=False), start)
+            start += len(batch)
+    return Table(columns, _metadata(schema), digest)
+
+
+def _nulls(metadata: pa.parquet.FileMetaData, column: int) -> bool:
+    """Whether a column may have rows without a value."""
+    found = [metadata.row_group(group).column(column).statistics for group in range(metadata.num_row_groups)]
+    return any(entry is None or not entry.has_null_count or entry.null_count for entry in found)
 
 
 def _read_csv(path: Path, head: bytes) -> pa.Table:
@@ -135,11 +186,15 @@ def _is_number(text: str) -> bool:
     return True
 
 
-def _numeric(path: Path, name: str, column: pa.ChunkedArray) -> npt.NDArray[np.float64] | npt.NDArray[np.int64]:
-    kind = column.type
+def _is_numeric(path: Path, name: str, kind: pa.DataType) -> bool:
+    """True for whole numbers, False for others; what holds no numbers is refused."""
     if not (pa.types.is_integer(kind) or pa.types.is_floating(kind) or pa.types.is_null(kind)):
         raise RecordingError(f"{path}: {name}: holds {kind}, not numbers; remove the column or export numbers")
-    if pa.types.is_integer(kind) and column.null_count == 0:
+    return bool(pa.types.is_integer(kind))
+
+
+def _numeric(path: Path, name: str, column: pa.ChunkedArray) -> npt.NDArray[np.float64] | npt.NDArray[np.int64]:
+    if _is_numeric(path, name, column.type) and column.null_count == 0:
         values = column.to_numpy()
         if values.dtype == np.uint64 and values.size and values.max() > np.iinfo(np.int64).max:
             return np.asarray(values, dtype=np.float64)

@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from fitting.estimators.recursive import RecursiveLeastSquares
 from fitting.prior import Prior
-from fitting.regression import Design, NoiseModel, full_residual
+from fitting.regression import Design, NoiseModel, reduced_residual
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -93,7 +93,7 @@ def _identify(design: Design, noise: NoiseModel, prior: Prior, joint: int, forge
     if in_situ:
         residual = float(np.std(b - own @ theta)) * noise.std[joint]
     else:
-        parts = [design.bank.reduce(full_residual(design, full, joint, i))[design.blocks[joint][i].keep] for i in used]
+        parts = [reduced_residual(design, full, joint, i)[design.blocks[joint][i].keep] for i in used]
         residual = float(np.std(np.concatenate(parts)))
     own_covariance = covariance[: len(names), : len(names)]
     return CylinderEstimate(

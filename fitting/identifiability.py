@@ -24,7 +24,7 @@ import numpy.typing as npt
 from scipy import linalg
 
 from fitting.prior import Prior, with_prior
-from fitting.regression import Design, NoiseModel, whitened
+from fitting.regression import Design, NoiseModel, WhiteRows, whitened
 
 FloatArray = npt.NDArray[np.float64]
 Verdict = Literal["told", "poorly told", "not told", "assumed"]
@@ -79,11 +79,14 @@ def tellings(
     ``cov = (A'A)^-1`` over the directions that the rows tell; a parameter with a part in a direction that they do not
     has no finite deviation.
     """
-    rows = whitened(design, noise, indices)
-    measured = np.sum([own.A.T @ own.A for own in rows], axis=0)
+    size = len(design.parameters)
+    measured = np.zeros((size, size))
+    for index in indices:
+        measured += sum(own.A.T @ own.A for own in whitened(design, noise, (index,)))
     both = measured
     if prior is not None:
-        both = np.sum([own.A.T @ own.A for own in with_prior(rows, design.parameters, prior)], axis=0)
+        nothing = [WhiteRows(np.zeros((0, size)), np.zeros(0), ())] * len(design.blocks)
+        both = measured + sum(own.A.T @ own.A for own in with_prior(nothing, design.parameters, prior))
     alone, together = inflation * np.sqrt(_variances(measured)), inflation * np.sqrt(_variances(both))
     sizes = parameter_sizes(design, indices, theta)
     shares = _effort_shares(design, indices, together, theta)
@@ -142,11 +145,16 @@ def _effort_shares(design: Design, indices: Sequence[int], std: FloatArray, thet
     """Effort that one standard deviation makes, over the effort that is there, at the joint where that is most."""
     shares = np.zeros(len(std))
     for row in design.blocks:
-        table = np.vstack([row[i].reduced[row[i].keep] for i in indices])
-        if not len(table):
+        count, squares, efforts = 0, np.zeros(len(std)), 0.0
+        for i in indices:
+            table = row[i].reduced[row[i].keep]
+            count += len(table)
+            squares += np.sum(table**2, axis=0)
+            efforts += float(np.sum((table @ theta[: len(std)]) ** 2))
+        if not count:
             continue
-        effort = max(float(np.sqrt(np.mean((table @ theta[: len(std)]) ** 2))), 1e-12)
-        size = np.sqrt(np.mean(table**2, axis=0))
+        effort = max(float(np.sqrt(efforts / count)), 1e-12)
+        size = np.sqrt(squares / count)
         with np.errstate(invalid="ignore"):  # an infinite deviation of a column that is zero here
             shares = np.maximum(shares, np.where(size > 0, std * size / effort, 0.0))
     return shares

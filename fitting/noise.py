@@ -9,20 +9,26 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 import numpy.typing as npt
 
-from fitting.regression import Design, Extra, NoiseModel, full_residual, solve, white_noise_model, whitened
+from fitting.regression import Design, Extra, NoiseModel, full_residual, white_noise_model
 from fitting.signals import lag_between
 from fitting.spectrum import unit_whitening, whitening
 from fitting.splines import spline_basis
+from fitting.streamed import fit_rows
 
 FloatArray = npt.NDArray[np.float64]
+_T = TypeVar("_T")
 
 #: Reduced rows that a repeated stretch needs to say something of the noise.
 _LEAST_ROWS = 20
 _MAX_LAG_SECONDS = 4.0
+#: Training segments that a repeated one is laid upon at most, and segments that a noise is heard on at most, of hours
+#: cut into pieces of minutes: its spectrum has six coefficients, which an hour tells. Fitted are all samples.
+_MOST_LAID, _MOST_SEGMENTS = 20, 12
 
 
 @dataclass(frozen=True)
@@ -45,7 +51,9 @@ def pair_repeats(design: Design) -> tuple[Pairing, ...]:
     pairs = []
     for repeat in design.indices("repeat"):
         best: tuple[float, Pairing] | None = None
-        for train in design.indices("train"):
+        place = design.segments[repeat].start
+        near = sorted(design.indices("train"), key=lambda train: abs(design.segments[train].start - place))
+        for train in sorted(near[:_MOST_LAID]):
             a, b = design.segments[train], design.segments[repeat]
             lag = lag_between(a.q, b.q, int(_MAX_LAG_SECONDS * design.bank.rate_hz))
             start_a, start_b = max(0, -lag), max(0, lag)
@@ -102,19 +110,28 @@ def noise_model(
     """Whitening of each joint's noise, alternating between fit and noise (feasible generalised least squares)."""
     joints = len(design.machine.joints)
     model = white_noise_model(joints)
-    names = () if extra is None else extra.names
+    heard = fitted
+    if design.stored:
+        pairs, heard = _spread(pairs), _spread(fitted)
     for _ in range(passes):
-        theta = solve(whitened(design, model, fitted, extra), names).theta
+        theta = fit_rows(design, model, fitted, extra).theta
         found = []
         for joint in range(joints):
             if pairs:
                 series = difference_noise(design, theta, pairs, joint, extra)
             else:
-                series = _flexible_residual(design, theta, fitted, joint, extra)
+                series = _flexible_residual(design, theta, heard, joint, extra)
             # A joint that stood still all the time has no rows to weigh.
             found.append(whitening(series, design.bank) if series else unit_whitening())
         model = NoiseModel(tuple(found), bool(pairs))
     return model
+
+
+def _spread(items: Sequence[_T]) -> Sequence[_T]:
+    """At most :data:`_MOST_SEGMENTS` of them, evenly spread; all where there are not more."""
+    if len(items) <= _MOST_SEGMENTS:
+        return items
+    return [items[round(k)] for k in np.linspace(0, len(items) - 1, _MOST_SEGMENTS)]
 
 
 def _flexible_residual(

@@ -7,8 +7,8 @@ weighted by the inverse variance of its own white noise. The drive effort of a j
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 import numpy.typing as npt
@@ -27,6 +27,8 @@ PositionError = Callable[[FloatArray], FloatArray]
 REST_SPEED = 5.0
 # Rest shorter than this is a reversal; the expected sign (see `expected_sign`) handles it.
 REST_SECONDS = 0.3
+# Samples of all joints together in one piece of a long recording: three minutes of six joints at 50 Hz, some 60 MB.
+PIECE_SAMPLES = 60_000
 
 
 @dataclass(frozen=True)
@@ -85,7 +87,8 @@ class Segment:
     loaded: bool
     temperature: FloatArray | None
     gap: FloatArray
-    external: FloatArray | None = None
+    # Made by a function: a default of the class would be found before what a stored segment reads.
+    external: FloatArray | None = field(default_factory=lambda: None)
 
     def __len__(self) -> int:
         return len(self.t)
@@ -142,38 +145,76 @@ def prepare(
     RecordingError
         If no segment of a recording is longer than the filters.
     """
-    noise = position_noise(machine, recordings, bank) if noise is None else noise
-    result: list[Segment] = []
-    for index, recording in enumerate(recordings):
-        used = [c.name for c in machine.channels if c.joint is not None]
-        parts = [
-            s
-            for s in recording.segments(used)
-            if s.stop - s.start > 2 * (bank.margin + bank.half) + 4 * bank.decimation
-        ]
-        if not parts:
-            need = (2 * (bank.margin + bank.half) + 4 * bank.decimation) / bank.rate_hz
-            raise RecordingError(
-                f"{recording.file}: no stretch of {need:.1f} s without a gap; record again or raise the bandwidth"
-            )
-        result.extend(
-            _segment(machine, recording, index, part, bank, noise, latency or {}, position_error or {}, separate)
-            for part in parts
+    return tuple(
+        segments_of(
+            machine,
+            recordings,
+            bank,
+            noise=noise,
+            latency=latency,
+            position_error=position_error,
+            separate=separate,
         )
-    return tuple(result)
+    )
+
+
+def segments_of(
+    machine: Machine,
+    recordings: Sequence[Recording],
+    bank: FilterBank,
+    *,
+    noise: Sequence[PositionNoise] | None = None,
+    latency: Mapping[str, float] | None = None,
+    position_error: Mapping[str, PositionError] | None = None,
+    separate: Collection[str] = (),
+    long: bool = False,
+) -> Iterator[Segment]:
+    """The segments of :func:`prepare` one after another; those of ``long`` recordings in pieces (:func:`pieces`)."""
+    noise = position_noise(machine, recordings, bank) if noise is None else noise
+    used = [c.name for c in machine.channels if c.joint is not None]
+    least = 2 * (bank.margin + bank.half) + 4 * bank.decimation
+    for index, recording in enumerate(recordings):
+        parts = [part for part in recording.segments(used) if part.stop - part.start > least]
+        if not parts:
+            raise RecordingError(
+                f"{recording.file}: no stretch of {least / bank.rate_hz:.1f} s without a gap; record again or raise "
+                "the bandwidth"
+            )
+        weights = tuple(_piston_weight(machine, joint, recording) for joint in machine.joints)
+        if long:
+            most = PIECE_SAMPLES // len(machine.joints)
+            parts = [piece for whole in parts for piece in pieces(whole, bank, most)]
+        for part in parts:
+            cut, errors = recording.cut(part), position_error or {}
+            yield _segment(machine, cut, index, part.start, bank, noise, weights, latency or {}, errors, separate)
+
+
+def pieces(whole: slice, bank: FilterBank, most: int) -> list[slice]:
+    """A stretch in pieces of at most about ``most`` samples that overlap by what both filters lose.
+
+    They start on the decimated grid: together they give the very reduced rows of the whole stretch, each once.
+    """
+    lost = 2 * (bank.margin + bank.half)
+    count = -(-(whole.stop - whole.start - lost) // most)
+    step = -(-(whole.stop - whole.start - lost) // count)
+    step += -step % bank.decimation
+    return [slice(start, min(start + step + lost, whole.stop)) for start in range(whole.start, whole.stop - lost, step)]
 
 
 def _segment(
     machine: Machine,
     recording: Recording,
     index: int,
-    part: slice,
+    start: int,
     bank: FilterBank,
     noise: Sequence[PositionNoise],
+    weights: Sequence[float],
     latency: Mapping[str, float],
     position_error: Mapping[str, PositionError],
     separate: Collection[str],
 ) -> Segment:
+    """The segment of a whole recording that is free of gaps; it starts at row ``start`` of what it was cut from."""
+    part = slice(0, len(recording))
     loaded = recording.role != "unloaded"
     columns: dict[str, list[FloatArray]] = {
         key: [] for key in ("q", "qd", "qdd", "x", "v", "a", "r", "y", "p1", "p2", "gap")
@@ -181,7 +222,14 @@ def _segment(
     rest = []
     for number, joint in enumerate(machine.joints):
         motion, gap = _motion(
-            machine, joint, recording, part, bank, position_error.get(joint.name), joint.name in separate
+            machine,
+            joint,
+            recording,
+            part,
+            bank,
+            weights[number],
+            position_error.get(joint.name),
+            joint.name in separate,
         )
         for key, value in zip(("q", "qd", "qdd", "x", "v", "a"), motion, strict=True):
             columns[key].append(value)
@@ -200,7 +248,7 @@ def _segment(
     return Segment(
         recording=index,
         role=recording.role,
-        start=part.start + bank.margin,
+        start=start + bank.margin,
         t=bank.trimmed(recording.time[part]),
         q=stacked["q"],
         qd=stacked["qd"],
@@ -214,7 +262,7 @@ def _segment(
         p2=stacked["p2"],
         rest=np.stack(rest, axis=1),
         loaded=loaded,
-        temperature=None if temperature is None else bank.smooth(recording.values[temperature][part])[0],
+        temperature=None if temperature is None else bank.smoothed(recording.values[temperature][part]),
         gap=stacked["gap"],
         external=_external(machine, recording, part, bank),
     )
@@ -226,7 +274,7 @@ def _external(machine: Machine, recording: Recording, part: slice, bank: FilterB
     if not any(channels):
         return None
     nothing = np.zeros(part.stop - part.start - 2 * bank.margin)
-    forces = [nothing if c is None else bank.smooth(recording.values[c.name][part])[0] for c in channels]
+    forces = [nothing if c is None else bank.smoothed(recording.values[c.name][part]) for c in channels]
     return np.stack(forces, axis=1)
 
 
@@ -236,6 +284,7 @@ def _motion(
     recording: Recording,
     part: slice,
     bank: FilterBank,
+    weight: float,
     position_error: PositionError | None,
     separate: bool,
 ) -> tuple[tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray, FloatArray], FloatArray]:
@@ -264,13 +313,19 @@ def _motion(
     if q_raw is None:
         return (*joint_motion(joint, *smooth_x), *smooth_x), nothing
     if separate:
-        return (*bank.smooth(q_raw), *smooth_x), smooth_x[0] - bank.smooth(linkage.piston_position(q_raw))[0]
-    variances = _position_variances(machine, joint, recording)
-    weight = variances["joint"] / (variances["joint"] + variances["piston"])  # of the piston sensor
+        return (*bank.smooth(q_raw), *smooth_x), smooth_x[0] - bank.smoothed(linkage.piston_position(q_raw))
     q_fused = (1 - weight) * q_raw + weight * joint_position(joint, x_raw)
     motion = bank.smooth(q_fused)
-    gap = smooth_x[0] - bank.smooth(linkage.piston_position(q_raw))[0]
+    gap = smooth_x[0] - bank.smoothed(linkage.piston_position(q_raw))
     return (*motion, *piston_motion(linkage, *motion)), gap
+
+
+def _piston_weight(machine: Machine, joint: Joint, recording: Recording) -> float:
+    """Weight of the piston's sensor where the joint has one too; NaN where there is nothing to fuse."""
+    variances = _position_variances(machine, joint, recording)
+    if len(variances) < 2:
+        return np.nan
+    return variances["joint"] / (variances["joint"] + variances["piston"])
 
 
 def _position_variances(machine: Machine, joint: Joint, recording: Recording) -> dict[str, float]:
@@ -304,7 +359,7 @@ def _effort(
     nothing = np.full(part.stop - part.start - 2 * bank.margin, np.nan)
     if joint.cylinder is not None and head is not None and rod is not None:
         force = head * joint.cylinder.head_area - rod * joint.cylinder.rod_area
-        return bank.trimmed(force), bank.smooth(head)[0], bank.smooth(rod)[0]
+        return bank.trimmed(force), bank.smoothed(head), bank.smoothed(rod)
     for quantity in ("cylinder_force", "joint_effort"):
         measured = channel(quantity)
         if measured is not None:

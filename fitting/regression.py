@@ -14,7 +14,7 @@ its innovation's standard deviation, so a residual is a standard normal number, 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -94,10 +94,19 @@ class JointBlock:
     reduced: FloatArray
     keep: BoolArray
 
+    def effort(self, bank: FilterBank, r: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Target (M,) and columns (M, p) as joint efforts, with the lever arm ``r`` (N,), through the filter."""
+        both = bank.reduce(np.column_stack([self.target, self.columns]) * r[:, None])
+        return both[:, 0], both[:, 1:]
+
 
 @dataclass(frozen=True)
 class Design:
-    """All blocks of a set of segments; ``blocks[joint][segment]``."""
+    """All blocks of a set of segments; ``blocks[joint][segment]``.
+
+    ``stored`` says that recordings are long, and segments and blocks read their arrays from a file when asked
+    (:mod:`fitting.stored`): whatever has a row for every sample is then to be worked on segment by segment.
+    """
 
     machine: Machine
     parameters: Parameters
@@ -105,10 +114,15 @@ class Design:
     noise: tuple[PositionNoise, ...]
     segments: tuple[Segment, ...]
     blocks: tuple[tuple[JointBlock, ...], ...]
+    stored: bool = False
 
     def indices(self, *roles: str) -> tuple[int, ...]:
         """Indices of the segments with one of these roles."""
         return tuple(i for i, segment in enumerate(self.segments) if segment.role in roles)
+
+
+#: Puts a segment and its blocks of all joints where they are to stay.
+Store = Callable[[Segment, list[JointBlock]], tuple[Segment, list[JointBlock]]]
 
 
 def build_design(
@@ -116,41 +130,55 @@ def build_design(
     base: BaseParameters,
     bank: FilterBank,
     noise: Sequence[PositionNoise],
-    segments: Sequence[Segment],
+    segments: Iterable[Segment],
+    store: Store | None = None,
 ) -> Design:
-    """Columns of every joint in every segment."""
+    """Columns of every joint in every segment; what ``store`` gives back for a segment and its blocks is kept."""
     names = drive_names(machine)
     parameters = Parameters(tuple(j.name for j in machine.joints), names, base)
-    speeds = np.array([own.speed for own in noise])
-    bodies = [
-        base_regressor(machine, base, s.q, s.qd, s.qdd, speed_noise=speeds) / s.r[:, :, None] if s.loaded else None
-        for s in segments
-    ]
+    kept, rows = [], []
+    for segment in segments:
+        row = _blocks(machine, parameters, bank, noise, segment)
+        if store is not None:
+            segment, row = store(segment, row)
+        kept.append(segment)
+        rows.append(row)
+    return Design(
+        machine,
+        parameters,
+        bank,
+        tuple(noise),
+        tuple(kept),
+        tuple(tuple(row[joint] for row in rows) for joint in range(len(machine.joints))),
+        store is not None,
+    )
+
+
+def _blocks(
+    machine: Machine, parameters: Parameters, bank: FilterBank, noise: Sequence[PositionNoise], segment: Segment
+) -> list[JointBlock]:
+    """The blocks of all joints in one segment."""
+    body = None
+    if segment.loaded:
+        speeds = np.array([own.speed for own in noise])
+        body = base_regressor(machine, parameters.base, segment.q, segment.qd, segment.qdd, speed_noise=speeds)
+        body /= segment.r[:, :, None]
     blocks = []
     for number, joint in enumerate(machine.joints):
-        row = []
-        for segment, body in zip(segments, bodies, strict=True):
-            x, v, a = segment.x[:, number], segment.v[:, number], segment.a[:, number]
-            columns = np.zeros((len(segment), len(parameters)))
-            columns[:, parameters.drive_slice(number)] = drive_columns(names[number], x, v, a, noise[number].speed)
-            if body is not None:
-                columns[:, parameters.base_slice] = body[:, number]
-            known = known_effort(joint, v, a, None if segment.external is None else segment.external[:, number])
-            target = segment.effort[:, number] - known
-            share = bank.reduce(segment.rest[:, number].astype(float))
-            reduced = bank.reduce(np.column_stack([target, columns]))
-            row.append(
-                JointBlock(
-                    target=target,
-                    columns=columns,
-                    known=known,
-                    reduced_target=reduced[:, 0],
-                    reduced=reduced[:, 1:],
-                    keep=_driven(joint.cylinder is not None or segment.loaded, share < REST_SHARE),
-                )
-            )
-        blocks.append(tuple(row))
-    return Design(machine, parameters, bank, tuple(noise), tuple(segments), tuple(blocks))
+        x, v, a = segment.x[:, number], segment.v[:, number], segment.a[:, number]
+        columns = np.zeros((len(segment), len(parameters)))
+        columns[:, parameters.drive_slice(number)] = drive_columns(
+            parameters.drive[number], x, v, a, noise[number].speed
+        )
+        if body is not None:
+            columns[:, parameters.base_slice] = body[:, number]
+        known = known_effort(joint, v, a, None if segment.external is None else segment.external[:, number])
+        target = segment.effort[:, number] - known
+        share = bank.reduce(segment.rest[:, number].astype(float))
+        keep = _driven(joint.cylinder is not None or segment.loaded, share < REST_SHARE)
+        reduced = bank.reduce(np.column_stack([target, columns]))
+        blocks.append(JointBlock(target, columns, known, reduced[:, 0], reduced[:, 1:], keep))
+    return blocks
 
 
 def _driven(says_something: bool, keep: BoolArray) -> BoolArray:
@@ -322,6 +350,31 @@ def full_residual(design: Design, theta: FloatArray, joint: int, index: int, ext
     return residual
 
 
+def reduced_residual(
+    design: Design, theta: FloatArray, joint: int, index: int, extra: Extra | None = None
+) -> FloatArray:
+    """:func:`full_residual` through the identification filter, (M,)."""
+    block = design.blocks[joint][index]
+    p = len(design.parameters)
+    residual = block.reduced_target - block.reduced @ theta[:p]
+    own = None if extra is None else extra.columns[joint][index]
+    return residual if own is None else residual - design.bank.reduce(own @ theta[p:])
+
+
+def effort_residual(
+    design: Design, theta: FloatArray, joint: int, index: int, extra: Extra | None = None
+) -> FloatArray:
+    """Measured less predicted joint effort (N m or N) through the identification filter, (M,)."""
+    r = design.segments[index].r[:, joint]
+    if not design.stored:
+        return design.bank.reduce(r * full_residual(design, theta, joint, index, extra))
+    p = len(design.parameters)
+    target, columns = design.blocks[joint][index].effort(design.bank, r)
+    residual = target - columns @ theta[:p]
+    own = None if extra is None else extra.columns[joint][index]
+    return residual if own is None else residual - design.bank.reduce(r * (own @ theta[p:]))
+
+
 def predicted_effort(
     design: Design, theta: FloatArray, joint: int, index: int, extra: Extra | None = None
 ) -> FloatArray:
@@ -338,10 +391,8 @@ def effort_errors(
     for joint in range(len(design.machine.joints)):
         parts = []
         for index in indices:
-            segment, block = design.segments[index], design.blocks[joint][index]
-            if not segment.loaded:
-                continue
-            error = segment.r[:, joint] * full_residual(design, theta, joint, index, extra)
-            parts.append(design.bank.reduce(error)[block.keep])
+            if design.segments[index].loaded:
+                keep = design.blocks[joint][index].keep
+                parts.append(effort_residual(design, theta, joint, index, extra)[keep])
         result.append(np.concatenate(parts) if parts else np.zeros(0))
     return tuple(result)

@@ -15,6 +15,7 @@ from fitting.estimators import Colour, Estimate, Estimator, OrdinaryLeastSquares
 from fitting.estimators.least_squares import solve
 from fitting.geometry import geometry_of
 from fitting.instruments import instrument_columns
+from fitting.long_rows import LongRows
 from fitting.regression import Design, Extra
 
 FloatArray = npt.NDArray[np.float64]
@@ -63,20 +64,19 @@ class EffortRows:
 
 def effort_rows(design: Design, roles: Sequence[str] = ROLES, extra: Extra | None = None) -> EffortRows:
     """Rows of the recordings with these roles; columns of ``extra`` come last."""
-    rows, groups = [], []
+    rows, targets, groups = [], [], []
     for joint in range(len(design.machine.joints)):
         for index in design.indices(*roles):
-            segment, block = design.segments[index], design.blocks[joint][index]
-            parts = [block.target[:, None], block.columns]
+            r, block = design.segments[index].r[:, joint], design.blocks[joint][index]
+            target, columns = block.effort(design.bank, r)
             if extra is not None and extra.names:
                 own = extra.columns[joint][index]
-                parts.append(np.zeros((len(segment), len(extra.names))) if own is None else own)
-            r = segment.r[:, joint, None]
-            reduced = design.bank.reduce(np.hstack(parts) * r)[block.keep]
-            rows.append(reduced)
-            groups.append(np.full(len(reduced), joint))
-    stacked = np.vstack(rows)
-    return EffortRows(stacked[:, 1:], stacked[:, 0], np.concatenate(groups))
+                more = np.zeros((len(target), len(extra.names)))
+                columns = np.hstack([columns, more if own is None else design.bank.reduce(own * r[:, None])])
+            rows.append(columns[block.keep])
+            targets.append(target[block.keep])
+            groups.append(np.full(len(targets[-1]), joint))
+    return EffortRows(np.vstack(rows), np.concatenate(targets), np.concatenate(groups))
 
 
 def identify_rigid_body(
@@ -108,7 +108,10 @@ def identify_rigid_body(
     for joint, cylinder in enumerate(cylinders):
         part = parameters.drive_slice(joint)
         frozen[part], covariance[part, part] = cylinder.theta, _known(cylinder)
-    found = _with_frozen(design, effort_rows(design), frozen, covariance, estimator, colour, prior)
+    if design.stored and (estimator is None or isinstance(estimator, OrdinaryLeastSquares)):
+        found = _long_with_frozen(design, frozen, covariance, colour)
+    else:
+        found = _with_frozen(design, effort_rows(design), frozen, covariance, estimator, colour, prior)
     std = found.std.copy()
     std[:count] = np.concatenate([cylinder.std for cylinder in cylinders])
     return StackedEstimate(found.theta, std, found.condition_number, found.told, found.estimator, found.details)
@@ -187,6 +190,20 @@ def _with_frozen(
     return StackedEstimate(theta, std, float(estimate.condition_number), told, chosen.name, estimate.details)
 
 
+def _long_with_frozen(design: Design, frozen: FloatArray, covariance: FloatArray, colour: Colour) -> StackedEstimate:
+    """As :func:`_with_frozen` by ordinary least squares, over more rows than fit in memory."""
+    rows = LongRows(design, ROLES)
+    base = design.parameters.base_slice
+    count, wanted = design.parameters.drive_count, np.arange(base.start, base.stop)
+    theta = np.concatenate([frozen, np.zeros(len(wanted))])
+    estimate = rows.fit(wanted, theta, colour)
+    theta[wanted] = estimate.theta
+    inherited = _inherited(rows.columns[:, wanted], rows.columns[:, :count], covariance, estimate, rows.groups)
+    std = np.sqrt(np.concatenate([np.diag(covariance), np.diag(estimate.covariance) + inherited]))
+    told = np.concatenate([np.ones(count, dtype=bool), estimate.told])
+    return StackedEstimate(theta, std, estimate.condition_number, told)
+
+
 def _inherited(
     A: FloatArray, D: FloatArray, covariance: FloatArray, estimate: Estimate, groups: npt.NDArray[np.intp]
 ) -> FloatArray:
@@ -219,6 +236,11 @@ def identify_one_shot(design: Design, *, unloaded: bool = False, colour: Colour 
     ``unloaded`` takes the recordings with the rods unpinned too, which stage 1 has: what then still differs from the
     two stages is the order of work and not the data.
     """
-    rows = effort_rows(design, (*ROLES, "unloaded") if unloaded else ROLES)
+    roles = (*ROLES, "unloaded") if unloaded else ROLES
+    if design.stored:
+        everything = np.arange(len(design.parameters))
+        estimate = LongRows(design, roles).fit(everything, np.zeros(len(everything)), colour)
+        return StackedEstimate(estimate.theta, estimate.std, estimate.condition_number, estimate.told)
+    rows = effort_rows(design, roles)
     estimate = OrdinaryLeastSquares(colour=colour).fit(rows.columns, rows.target, groups=rows.groups)
     return StackedEstimate(estimate.theta, estimate.std, float(estimate.condition_number), estimate.told)

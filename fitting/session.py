@@ -13,20 +13,22 @@ from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
-from scipy import signal
 
 from daq.errors import InputError, RecordingError
 from daq.machine_file import Machine, load_machine
 from daq.recording import Recording, read_recording
+from daq.scratch import Scratch
 from fitting.base_parameters import BaseParameters, base_regressor, reduce_parameters, unidentifiable
 from fitting.joint_side import at_joints
 from fitting.noise import Pairing, noise_model, pair_repeats
-from fitting.preparation import PositionNoise, position_noise, prepare
+from fitting.preparation import PIECE_SAMPLES, PositionNoise, pieces, position_noise, segments_of
 from fitting.prior import Prior, mass_prior
 from fitting.regression import Design, NoiseModel, build_design
 from fitting.residual.kinematics import Corrections
 from fitting.residual.terms import Model, fit_model
-from fitting.signals import FilterBank, filter_bank
+from fitting.signals import FilterBank, edge_frequency, filter_bank, white_noise_std
+from fitting.stored import storing
+from fitting.streamed import triangle
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -34,6 +36,9 @@ FloatArray = npt.NDArray[np.float64]
 FITTED_ROLES = ("unloaded", "train", "repeat", "operation")
 _BANDWIDTH_FACTOR = 5.0
 _LEAST_BANDWIDTH = 3.0
+#: Samples of all joints together above which signals and columns are kept in a file (eight minutes of six joints at
+#: 50 Hz, some 200 MB): each takes up to 1.5 kB in memory.
+LONG_SAMPLES = 150_000
 
 
 @dataclass(frozen=True)
@@ -136,7 +141,7 @@ class Session:
 
     @cached_property
     def motion_frequency(self) -> float:
-        """Frequency in Hz below which 99 % of the fastest joint's speed is (power of the smoothed speed)."""
+        """Frequency in Hz below which 99 % of the fastest joint's speed is, its sensor's noise taken off."""
         rate = self.machine.rate_hz
         smooth = filter_bank(rate, min(8.0, rate / 8))
         highest = 0.0
@@ -148,15 +153,24 @@ class Session:
                     "piston_position", joint.name
                 )
                 assert channel is not None
+                values = recording.values[channel.name]
                 for part in recording.segments([channel.name]):
                     if part.stop - part.start < 4 * smooth.margin:
                         continue
-                    _, speed, _ = smooth.smooth(recording.values[channel.name][part])
-                    frequency, power = signal.periodogram(speed, rate, detrend="constant", window="hann")
-                    if power.sum() > 0:
-                        share = np.cumsum(power) / power.sum()
-                        highest = max(highest, float(frequency[np.searchsorted(share, 0.99)]))
+                    parts = pieces(part, smooth, PIECE_SAMPLES) if self.long else [part]
+                    speeds = [smooth.smooth(values[piece])[1] for piece in parts]
+                    noise = white_noise_std(values[part])
+                    highest = max(highest, edge_frequency(speeds, rate, 0.99, noise, smooth.first))
         return highest
+
+    @property
+    def long(self) -> bool:
+        """True where the recordings' signals and columns are too many to be kept in memory.
+
+        The loop reads them again and again, so with it twice as many are kept.
+        """
+        samples = sum(len(r) for r in self.recordings) * len(self.machine.joints)
+        return samples > LONG_SAMPLES * (2 if self.options.loop else 1)
 
     @cached_property
     def base(self) -> BaseParameters:
@@ -181,7 +195,7 @@ class Session:
     def prepared(self, corrections: Corrections, latency: Mapping[str, float] | None = None) -> Prepared:
         """Design with corrections of positions, linkages and delays rebuilt into the signals."""
         machine = corrections.machine
-        segments = prepare(
+        segments = segments_of(
             machine,
             self.recordings,
             self.bank,
@@ -189,8 +203,10 @@ class Session:
             latency=latency,
             position_error=corrections.position_error,
             separate=corrections.separate,
+            long=self.long,
         )
-        design = build_design(machine, self.base, self.bank, self.position_noise, segments)
+        store = storing(self.bank, Scratch()) if self.long else None
+        design = build_design(machine, self.base, self.bank, self.position_noise, segments, store)
         pairs = pair_repeats(design)
         fitted = design.indices(*FITTED_ROLES)
         noise = noise_model(design, fitted, pairs)
@@ -217,15 +233,15 @@ class Session:
         indices = design.indices("train", "repeat")
         if not indices or design.indices("operation"):
             return
-        rows = []
+        triangles = []
         for i in indices:
             segment = design.segments[i]
             # A joint that stands still has noise for an acceleration, and that would pass for excitation.
             qd, qdd = (np.where(segment.rest, 0.0, motion) for motion in (segment.qd, segment.qdd))
             body = base_regressor(self.machine, self.base, segment.q, qd, qdd) / segment.r[:, :, None]
-            rows += [self.bank.reduce(body[:, joint]) for joint in range(len(self.machine.joints))]
-        W = np.vstack(rows)
-        missing = unidentifiable(W, self.base, rtol=1e-4)
+            rows = [self.bank.reduce(body[:, joint]) for joint in range(len(self.machine.joints))]
+            triangles.append(triangle([np.vstack(rows)]))
+        missing = unidentifiable(np.vstack(triangles), self.base, rtol=1e-4)
         if missing:
             files = ", ".join(r.file for r in self.recordings if r.role == "train")
             names = ", ".join(missing[:6]) + (f" and {len(missing) - 6} more" if len(missing) > 6 else "")

@@ -13,6 +13,7 @@ Only the part of a convolution where the kernel fits wholly inside the data is k
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -71,10 +72,14 @@ class FilterBank:
         values = np.asarray(values, dtype=float)
         # Derivatives of (values - start) are the same and keep more digits.
         centred = values - values[0]
-        zeroth, first, second = (
-            signal.oaconvolve(centred, kernel, mode="valid") for kernel in (self.value, self.first, self.second)
-        )
+        kernels = np.stack([self.value, self.first, self.second])
+        zeroth, first, second = signal.oaconvolve(centred[None, :], kernels, mode="valid", axes=1)
         return zeroth + values[0], first, second
+
+    def smoothed(self, values: npt.ArrayLike) -> FloatArray:
+        """The smoothed values of :meth:`smooth` alone."""
+        values = np.asarray(values, dtype=float)
+        return np.asarray(signal.oaconvolve(values - values[0], self.value, mode="valid") + values[0])
 
     def trimmed(self, values: npt.ArrayLike) -> FloatArray:
         """The unfiltered samples that stand beside the output of :meth:`smooth`."""
@@ -169,6 +174,33 @@ def white_noise_std(values: npt.ArrayLike) -> float:
     """
     differences = np.diff(np.asarray(values, dtype=float), 4)
     return float(np.sqrt(np.mean(differences**2) / 70.0)) if len(differences) else 0.0
+
+
+def edge_frequency(
+    series: Sequence[FloatArray],
+    rate_hz: float,
+    share: float,
+    white_std: float = 0.0,
+    kernel: npt.ArrayLike = (1.0,),
+) -> float:
+    """Frequency in Hz below which ``share`` of the power of some stretches of a signal lies; 0 of nothing.
+
+    White noise of ``white_std`` that went through ``kernel`` has the density ``2 white_std^2 |K|^2 / rate``, which is
+    taken off: a noisy encoder would else pass for a fast motion. What only trembles has no such frequency (0).
+    """
+    found = [signal.periodogram(part, rate_hz, detrend="constant", window="hann") for part in series]
+    frequency = np.concatenate([own for own, _ in found])
+    # A density times the width of a line; a longer stretch counts for more.
+    power = np.concatenate(
+        [density * (len(part) / len(density)) for part, (_, density) in zip(series, found, strict=True)]
+    )
+    _, response = signal.freqz(np.asarray(kernel), worN=frequency, fs=rate_hz)
+    lengths = np.concatenate([np.full(len(d), len(p) / len(d)) for p, (_, d) in zip(series, found, strict=True)])
+    noise = 2.0 * white_std**2 * np.abs(response) ** 2 / rate_hz * lengths
+    order = np.argsort(frequency, kind="stable")
+    total = np.cumsum((power - noise)[order])
+    largest = float(total.max(initial=0.0))
+    return float(frequency[order][np.argmax(total >= share * largest)]) if largest > noise.sum() else 0.0
 
 
 def lag_between(first: npt.ArrayLike, second: npt.ArrayLike, most: int) -> int:

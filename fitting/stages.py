@@ -36,8 +36,8 @@ from fitting.loop import (
 )
 from fitting.motion import Motion, write_motion
 from fitting.noise import effort_floor
-from fitting.regression import Design, effort_errors, full_residual
-from fitting.report import write_report
+from fitting.regression import Design, effort_errors, reduced_residual
+from fitting.report import presented, write_report
 from fitting.residual.attribution import ACCUSE, Accepted, Attribution, Unconfirmed
 from fitting.residual.change_points import ChangePoint
 from fitting.residual.confirmation import overall_change
@@ -131,7 +131,8 @@ def _estimated_floor(session: Session) -> FloatArray:
     """Noise floor in joint effort from the noise model, at each joint's mean lever arm."""
     design = session.plain.design
     loaded = [s for s in design.segments if s.loaded]
-    lever = np.sqrt(np.mean(np.concatenate([s.r for s in loaded]) ** 2, axis=0))
+    squares = np.sum([np.sum(s.r**2, axis=0) for s in loaded], axis=0)
+    lever = np.sqrt(squares / sum(len(s) for s in loaded))
     return np.asarray(session.plain.noise.std * lever)
 
 
@@ -303,9 +304,7 @@ def _drive_errors(design: Design, model: Model) -> list[FloatArray]:
     result = []
     for joint in range(len(design.machine.joints)):
         parts = [
-            design.bank.reduce(full_residual(design, model.fit.theta, joint, i, model.extra))[
-                design.blocks[joint][i].keep
-            ]
+            reduced_residual(design, model.fit.theta, joint, i, model.extra)[design.blocks[joint][i].keep]
             for i in model.fitted
         ]
         result.append(np.concatenate(parts))
@@ -354,6 +353,7 @@ def identify(request: Request, progress: Progress = _quiet) -> dict[str, Any]:
 def _write_results(session: Session, results: Results, output: Path) -> tuple[dict[str, Any], Path, Path]:
     """The report, its page, and the next experiment's motion if one was designed."""
     content, figures = build_report(session, results)
+    content = presented(content, figures)
     paths = write_report(content, figures, output)
     experiment = results["attribution"]["next_experiment"]
     if experiment is not None and "program" in experiment:

@@ -85,14 +85,20 @@ def scores_covariance(
     rng = np.random.default_rng(20)  # the same residual gives the same deviation
     for label in np.unique(group):
         own = group == label
-        if colour == "bootstrap":
-            own = own if counted is None else own & counted
-            draws = residual_draws(residual[own], _DRAWS, rng) @ solution.Q[own]
-            S += draws.T @ draws / _DRAWS
-        else:
-            Q, e = solution.Q[own], residual[own]
-            S += _whitened_sum(Q, e) if colour == "hac" else _bartlett(Q * e[:, None], int(colour))
+        if colour == "bootstrap" and counted is not None:
+            own = own & counted
+        S += series_scores(solution.Q[own], residual[own], colour, rng)
     return np.asarray(S * (count / free))
+
+
+def series_scores(Q: FloatArray, e: FloatArray, colour: Colour, rng: np.random.Generator) -> FloatArray:
+    """Covariance of ``Q'e`` (rank, rank) of one series in time order, without any factor for parameters fitted."""
+    if colour == "bootstrap":
+        draws = residual_draws(e, _DRAWS, rng) @ Q
+        return np.asarray(draws.T @ draws / _DRAWS)
+    if colour == "hac":
+        return _whitened_sum(Q, e)
+    return _bartlett(Q * e[:, None], 0 if colour == "white" else int(colour))
 
 
 def check_colour(colour: Colour) -> None:

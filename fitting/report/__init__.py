@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from fitting.report.html import write_report
 from fitting.report.model import Figures, FrictionCurve, Scatter, Worst
+from fitting.report.presented import presented
 from fitting.report.schema import SCHEMA, Report, ReportError, clean, json_schema, validate_report
 
 __all__ = [
@@ -16,6 +17,7 @@ __all__ = [
     "Worst",
     "clean",
     "json_schema",
+    "presented",
     "validate_report",
     "write_report",
 ]

@@ -6,6 +6,7 @@ import json
 import os
 import tempfile
 from collections.abc import Mapping
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -106,7 +107,9 @@ def render_html(report: Mapping[str, Any], figures: Figures) -> str:
     )
 
 
+@cache
 def _environment() -> jinja2.Environment:
+    """The template's surroundings; kept, because compiling the page's template takes longer than filling it in."""
     environment = jinja2.Environment(
         loader=jinja2.PackageLoader("fitting.report", ""),
         autoescape=True,

@@ -47,7 +47,12 @@ def number(value: float | None, digits: int = 3) -> str:
     rounded, exponent = _rounded(value, digits)
     if -4 <= exponent <= 5:
         return _fixed(rounded, digits - 1 - exponent)
-    return f"{_fixed(rounded / 10.0**exponent, digits - 1)}\u202f\u00d7\u202f10{str(exponent).translate(_SUPERSCRIPT)}"
+    return f"{_fixed(rounded / 10.0**exponent, digits - 1)}\u202f{scientific(exponent)}"
+
+
+def scientific(exponent: int) -> str:
+    """``x 10^7`` with the signs that people write."""
+    return f"\u00d7\u202f10{str(exponent).translate(_SUPERSCRIPT)}"
 
 
 def count(value: int) -> str:
@@ -71,10 +76,7 @@ def with_std(value: float | None, std: float | None) -> str:
         shown = round(value, decimals)
         return f"{_fixed(shown, decimals)} \u00b1 {_fixed(rounded, decimals)}"
     scale, decimals = 10.0**top, 1 - place + top
-    return (
-        f"({_fixed(value / scale, decimals)} \u00b1 {_fixed(rounded / scale, decimals)})"
-        f"\u202f\u00d7\u202f10{str(top).translate(_SUPERSCRIPT)}"
-    )
+    return f"({_fixed(value / scale, decimals)} \u00b1 {_fixed(rounded / scale, decimals)})\u202f{scientific(top)}"
 
 
 def percent(value: float | None) -> str:

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from fitting.drive import UNITS, drive_columns
-from fitting.regression import full_residual
+from fitting.regression import effort_residual, full_residual
 from fitting.report.model import FrictionCurve, Scatter, Worst
 from fitting.residual.laws import NEIGHBOUR, OWN, Law
 from fitting.residual.terms import Model
@@ -143,8 +143,7 @@ def worst_seconds(before: Model, after: Model, shown: Sequence[int], floor: Sequ
     window = max(2, round(10.0 * design.bank.reduced_rate_hz))
     for joint in range(len(design.machine.joints)):
         for index in shown:
-            r = design.segments[index].r[:, joint]
-            error = design.bank.reduce(r * full_residual(design, before.fit.theta, joint, index, before.extra))
+            error = effort_residual(design, before.fit.theta, joint, index, before.extra)
             power = (
                 np.convolve(error**2, np.ones(window), mode="valid")
                 if len(error) > window
@@ -162,9 +161,7 @@ def worst_seconds(before: Model, after: Model, shown: Sequence[int], floor: Sequ
     measured = design.bank.reduce(r * segment.effort[:, joint])[pick]
 
     def predicted(model: Model) -> FloatArray:
-        lever = model.design.segments[index].r[:, joint]
-        residual = full_residual(model.design, model.fit.theta, joint, index, model.extra)
-        return measured - model.design.bank.reduce(lever * residual)[pick]
+        return measured - effort_residual(model.design, model.fit.theta, joint, index, model.extra)[pick]
 
     machine_joint = design.machine.joints[joint]
     return Worst(machine_joint.name, machine_joint.effort_unit, time, measured, predicted(before), predicted(after))

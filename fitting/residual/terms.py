@@ -10,9 +10,10 @@ import numpy.typing as npt
 
 from fitting.effects.base import DriveView, Effect, Shape
 from fitting.prior import Prior, with_prior
-from fitting.regression import Design, Extra, Fit, NoiseModel, WhiteRows, solve, whitened
+from fitting.regression import Design, Extra, Fit, NoiseModel, WhiteRows, whitened
 from fitting.residual.laws import Law
-from fitting.residual.views import Views, build_views
+from fitting.residual.views import LaterViews, Views, build_views
+from fitting.streamed import fit_rows
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -146,15 +147,20 @@ def fit_model(
     """
     fitted = tuple(fitted)
     empty = extra_columns(design, (), ())
-    if start is None:
-        rows = with_prior(whitened(design, noise, fitted), design.parameters, prior)
-        fit, extra = solve(rows), empty
+
+    def fit_with(extra: Extra) -> Fit:
+        return fit_rows(design, noise, fitted, extra, lambda rows: with_prior(rows, design.parameters, prior))
+
+    def views_of(fit: Fit, extra: Extra) -> Views:
+        return LaterViews(lambda: build_views(design, fit.theta, fitted, extra))
+
+    if start is None or not terms:
+        fit, extra = fit_with(empty), empty
     else:
         fit, extra = start.fit, start.extra
-    views = build_views(design, fit.theta, fitted, extra)
-    for _ in range(passes if terms else 1):
+    views = views_of(fit, extra)
+    for _ in range(passes if terms else 0):
         extra = extra_columns(design, views, terms)
-        rows = with_prior(whitened(design, noise, fitted, extra), design.parameters, prior)
-        fit = solve(rows, extra.names)
-        views = build_views(design, fit.theta, fitted, extra)
+        fit = fit_with(extra)
+        views = views_of(fit, extra)
     return Model(design, noise, fitted, tuple(terms), extra, fit, views)

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from functools import partial
+from collections.abc import Callable, Sequence
+from functools import cached_property, partial
+from typing import overload
 
 import numpy as np
 import numpy.typing as npt
@@ -15,7 +16,30 @@ from fitting.splines import evaluate, spline_knots
 
 FloatArray = npt.NDArray[np.float64]
 #: ``views[segment][joint]``
-Views = tuple[tuple[DriveView, ...], ...]
+Views = Sequence[tuple[DriveView, ...]]
+
+
+class LaterViews(Sequence[tuple[DriveView, ...]]):
+    """Views that are built when the first of them is looked at: most fits never do."""
+
+    def __init__(self, build: Callable[[], Views]) -> None:
+        self._build = build
+
+    @cached_property
+    def _views(self) -> Views:
+        return self._build()
+
+    @overload
+    def __getitem__(self, index: int) -> tuple[DriveView, ...]: ...
+
+    @overload
+    def __getitem__(self, index: slice) -> Views: ...
+
+    def __getitem__(self, index: int | slice) -> tuple[DriveView, ...] | Views:
+        return self._views[index]
+
+    def __len__(self) -> int:
+        return len(self._views)
 
 
 def signal_ranges(design: Design, fitted: Sequence[int], forces: Sequence[FloatArray]) -> tuple[Ranges, ...]:

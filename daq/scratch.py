@@ -1,0 +1,127 @@
+"""Arrays that are too large to keep in memory, in an unnamed file of the directory for temporary files.
+
+Arrays are put in once and read whenever they are asked for; what was read belongs to the reader. The file has no name,
+so nothing is left behind, whatever ends the process. ``TMPDIR`` says which directory.
+"""
+
+from __future__ import annotations
+
+import os
+import tempfile
+import weakref
+from collections.abc import Iterator, MutableMapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from daq.errors import InputError
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where an array lies in a :class:`Scratch`."""
+
+    offset: int
+    shape: tuple[int, ...]
+    dtype: np.dtype[Any]
+
+    @property
+    def row_bytes(self) -> int:
+        """Bytes of one row."""
+        return self.dtype.itemsize * int(np.prod(self.shape[1:], dtype=np.int64))
+
+
+class Scratch:
+    """A file of arrays, gone with the object."""
+
+    def __init__(self) -> None:
+        handle, name = tempfile.mkstemp(prefix="hilfit-")
+        Path(name).unlink()
+        self._handle, self._end = handle, 0
+        weakref.finalize(self, os.close, handle)
+
+    def room(self, shape: tuple[int, ...], dtype: npt.DTypeLike) -> Place:
+        """Room for an array; what is not written there reads as zero."""
+        place = Place(self._end, shape, np.dtype(dtype))
+        self._end += place.row_bytes * shape[0]
+        return place
+
+    def put(self, array: npt.NDArray[Any]) -> Place:
+        """Keep an array."""
+        place = self.room(array.shape, array.dtype)
+        self.write(place, array)
+        return place
+
+    def write(self, place: Place, values: npt.NDArray[Any], start: int = 0) -> None:
+        """Write rows from ``start`` on of what lies at a place.
+
+        Raises
+        ------
+        InputError
+            If the disk is full.
+        """
+        array = np.ascontiguousarray(values, dtype=place.dtype)
+        rest = array.reshape(-1).view(np.uint8).data
+        offset = place.offset + start * place.row_bytes
+        try:
+            while len(rest):
+                done = os.pwrite(self._handle, rest, offset)
+                rest, offset = rest[done:], offset + done
+        except OSError as error:
+            raise InputError(
+                f"{tempfile.gettempdir()}: cannot hold the signals of long recordings ({error.strerror}); set TMPDIR "
+                "to a directory with 0.5 GB for every hour of recordings"
+            ) from None
+
+    def read(self, place: Place, rows: slice = slice(None)) -> npt.NDArray[Any]:
+        """A copy of the rows of an array (without a step)."""
+        start, stop, _ = rows.indices(place.shape[0])
+        out = np.zeros((max(0, stop - start), *place.shape[1:]), dtype=place.dtype)
+        rest = out.reshape(-1).view(np.uint8).data
+        offset = place.offset + start * place.row_bytes
+        while len(rest):
+            done = os.preadv(self._handle, [rest], offset)
+            if not done:  # room that nothing was written to
+                break
+            rest, offset = rest[done:], offset + done
+        return out
+
+
+class ScratchColumns(MutableMapping[str, npt.NDArray[Any]]):
+    """Named columns in a scratch file; each look reads one of them."""
+
+    def __init__(self, scratch: Scratch) -> None:
+        self.scratch = scratch
+        self._places: dict[str, Place] = {}
+
+    def __getitem__(self, name: str) -> npt.NDArray[Any]:
+        values = self.scratch.read(self._places[name])
+        values.flags.writeable = False
+        return values
+
+    def __setitem__(self, name: str, values: npt.NDArray[Any]) -> None:
+        self._places[name] = self.scratch.put(values)
+
+    def __delitem__(self, name: str) -> None:
+        del self._places[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._places)
+
+    def __len__(self) -> int:
+        return len(self._places)
+
+    def __contains__(self, name: object) -> bool:
+        return name in self._places
+
+    def reserve(self, name: str, rows: int, dtype: npt.DTypeLike) -> Place:
+        """Room for a column that is written bit by bit."""
+        self._places[name] = self.scratch.room((rows,), dtype)
+        return self._places[name]
+
+    def cut(self, part: slice) -> dict[str, npt.NDArray[Any]]:
+        """Some rows of all columns, in memory."""
+        return {name: self.scratch.read(place, part) for name, place in self._places.items()}

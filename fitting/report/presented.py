@@ -1,0 +1,84 @@
+"""What a page needs beyond the numbers of `report.json`: the verdict as a sentence, and the figures as values.
+
+Both are added keys of `hilfit/report/1`: ``summary`` and ``figures``. A program that draws for people (the service's
+page) says and shows the same as `report.html` without knowing the wording or the signals.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from fitting.report import wording
+from fitting.report.model import Figures, FloatArray, FrictionCurve, Scatter
+
+#: Points of a cloud at most: a structure that a person can see is there with fewer.
+POINTS = 400
+#: Significant digits of drawn values: a pixel is a thousandth of a figure.
+DIGITS = 4
+
+
+def presented(report: Mapping[str, Any], figures: Figures) -> dict[str, Any]:
+    """``report`` with ``summary`` (``label``, ``sentence``) and ``figures`` (``scatter``, ``friction``).
+
+    Parameters
+    ----------
+    report : report of schema `hilfit/report/1`; left as it is
+    figures : what `report.html` draws
+
+    Returns
+    -------
+    A new report. ``figures.scatter`` has at most :data:`POINTS` points of each cloud, in the order of the samples;
+    ``direction`` and ``law_back`` are null where :class:`fitting.report.model.Scatter` has None. Values have
+    :data:`DIGITS` significant digits, those that do not exist are null.
+    """
+    loop = report["loop"]
+    titles = {str(e["id"]): str(e["title"]) for e in (*loop["candidates"], *loop["effects"]) if e.get("title")}
+    return {
+        **report,
+        "summary": {
+            "label": wording.LABELS[loop["verdict"]],
+            "sentence": wording.verdict_sentence(report, titles),
+        },
+        "figures": {
+            "scatter": [_scatter(item) for item in figures.scatter],
+            "friction": [_friction(item) for item in figures.friction],
+        },
+    }
+
+
+def _scatter(item: Scatter) -> dict[str, Any]:
+    step = max(1, -(-len(item.x) // POINTS))
+    return {
+        "joint": item.joint,
+        "variable": item.variable,
+        "unit": item.unit,
+        "effort_unit": item.effort_unit,
+        "x": _short(item.x[::step]),
+        "before": _short(item.before[::step]),
+        "after": _short(item.after[::step]),
+        "direction": None if item.direction is None else [int(way) for way in item.direction[::step]],
+        "law_x": _short(item.law_x),
+        "law_y": _short(item.law_y),
+        "law_std": _short(item.law_std),
+        "law_back": None if item.law_back is None else _short(item.law_back),
+    }
+
+
+def _friction(curve: FrictionCurve) -> dict[str, Any]:
+    return {
+        "joint": curve.joint,
+        "unit_x": curve.unit_x,
+        "unit_y": curve.unit_y,
+        "speed": _short(curve.speed),
+        "force": _short(curve.force),
+        "std": _short(curve.std),
+        "after": None if curve.after is None else _short(curve.after),
+    }
+
+
+def _short(values: FloatArray) -> list[float | None]:
+    return [float(f"{v:.{DIGITS - 1}e}") if math.isfinite(v) else None for v in np.asarray(values, dtype=float)]
