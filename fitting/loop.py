@@ -15,24 +15,17 @@ from fitting.noise import difference_noise
 from fitting.preparation import position_channel_noise
 from fitting.prior import Prior
 from fitting.regression import full_residual
-from fitting.residual.attribution import (
-    ACCUSE,
-    MISFIT_SHARE,
-    MOST_RIVALS,
-    SET_SHARE,
-    SET_WIDTH,
-    Accepted,
-    Attribution,
-    attribute,
-)
+from fitting.residual.attribution import attribute
 from fitting.residual.change_points import ChangePoint, change_points, joint_rows
 from fitting.residual.confirmation import Misfit, misfit, validate_gain
 from fitting.residual.cross_validation import held_out_gain
+from fitting.residual.findings import Accepted, Attribution
 from fitting.residual.kinematics import Corrections, GapScore, checkable, corrected, gap_error, score_gaps
 from fitting.residual.laws import Law
 from fitting.residual.levelling import residual_parts
 from fitting.residual.lines import Line, machine_lines
 from fitting.residual.null import Null, Replicas
+from fitting.residual.rules import ACCUSE, MISFIT_SHARE, MOST_RIVALS, SET_SHARE, SET_WIDTH
 from fitting.residual.scoring import Candidates, Score, score_terms
 from fitting.residual.terms import Model, Term, fit_model
 from fitting.session import Options, Prepared, Session

@@ -38,13 +38,14 @@ from fitting.motion import Motion, write_motion
 from fitting.noise import effort_floor
 from fitting.regression import Design, effort_errors, reduced_residual
 from fitting.report import presented, write_report
-from fitting.residual.attribution import ACCUSE, Accepted, Attribution, Unconfirmed
 from fitting.residual.change_points import ChangePoint
 from fitting.residual.confirmation import overall_change
 from fitting.residual.drawing_data import spline_curve
+from fitting.residual.findings import Accepted, Attribution, Unconfirmed
 from fitting.residual.kinematics import Corrections
 from fitting.residual.laws import Law
 from fitting.residual.next_experiment import design_next
+from fitting.residual.rules import ACCUSE
 from fitting.residual.terms import Model
 from fitting.results import build_report
 from fitting.session import Options, Request, Session

@@ -8,10 +8,12 @@ from synthetic_arm import clean_session, exact_views, make_session, planar_machi
 
 from fitting.effects import effect, effects
 from fitting.loop import SessionSignals, final_model, moves, run_attribution, term_from_json, term_to_json
-from fitting.residual.attribution import ACCUSE, Attribution, attribute
+from fitting.residual.attribution import attribute
 from fitting.residual.confirmation import overall_change, validate_gain, worse_joint
+from fitting.residual.findings import Attribution
 from fitting.residual.kinematics import Corrections
 from fitting.residual.laws import Law
+from fitting.residual.rules import ACCUSE
 from fitting.residual.terms import Term, fit_model
 from fitting.session import Session
 

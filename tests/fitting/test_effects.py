@@ -18,7 +18,7 @@ from fitting.effects import effect, effects
 from fitting.effects.base import DriveView, Effect, FloatArray, Parameter, Shape
 from fitting.effects.conformance import check_effect
 from fitting.loop import run_attribution
-from fitting.residual.attribution import Attribution
+from fitting.residual.findings import Attribution
 from fitting.residual.kinematics import Corrections
 
 IDS = [e.id for e in effects()]

@@ -1,0 +1,100 @@
+"""What the loop says: what was added, what was refused and why, what is there and could not be explained."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from fitting.residual.change_points import ChangePoint
+from fitting.residual.cross_validation import HeldOut
+from fitting.residual.laws import Law
+from fitting.residual.lines import Line
+from fitting.residual.scoring import Score
+from fitting.residual.terms import Model
+
+#: Effect id (``law``) and joint.
+Family = tuple[str, int | None]
+
+
+@dataclass(frozen=True)
+class Accepted:
+    """One effect or law that was added.
+
+    Attributes
+    ----------
+    score : as it was chosen
+    rivals : the other members of its set, at most two, best first
+    held_out : its gain on held-out blocks of the fitted recordings
+    validate_gain : chi-square that it takes off the whitened residual of `validate`; None without one
+    witness : what unloaded and loaded recordings say of it, in words; empty where only one kind is there
+    cutoffs : its leading parameter at several cut-offs of the filter: (Hz, value, standard deviation)
+    """
+
+    score: Score
+    rivals: tuple[Score, ...]
+    held_out: HeldOut
+    validate_gain: float | None
+    witness: str = ""
+    cutoffs: tuple[tuple[float, float, float], ...] = ()
+
+
+@dataclass(frozen=True)
+class Unconfirmed:
+    """A law of what is certainly there in the fitted motions, but does not hold on others: it is not added.
+
+    Attributes
+    ----------
+    score : as it was chosen
+    held_out : its gain on held-out blocks of the fitted recordings
+    validate_gain : what it would have done to the chi-square of `validate`: nothing good
+    """
+
+    score: Score
+    held_out: HeldOut
+    validate_gain: float
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """One line of the report's table of candidates."""
+
+    id: str
+    joint: int | None
+    score: float
+    status: str
+    reason: str
+
+
+@dataclass(frozen=True)
+class Attribution:
+    """Result of the loop.
+
+    Attributes
+    ----------
+    base, model : the base model and the final one
+    accepted : what was added
+    candidates : every family with what was said of it
+    limits : the first round's scores, for detection limits
+    warnings : lines for people
+    unconfirmed : laws of what is there but does not hold on another motion
+    lines : spectral lines of the residual (those inside the band are in ``accepted`` as well)
+    changes : moments from which on a joint behaves otherwise
+    """
+
+    base: Model
+    model: Model
+    accepted: tuple[Accepted, ...]
+    candidates: tuple[Candidate, ...]
+    limits: tuple[Score, ...]
+    warnings: tuple[str, ...]
+    unconfirmed: tuple[Unconfirmed, ...] = ()
+    lines: tuple[Line, ...] = ()
+    changes: tuple[ChangePoint, ...] = ()
+
+    @property
+    def verdict(self) -> str:
+        """Verdict of the report."""
+        if not self.accepted:
+            return "unexplained" if self.unconfirmed else "effect_added" if self.lines else "nothing_missing"
+        if any(isinstance(a.score.term.content, Law) for a in self.accepted):
+            return "unexplained"
+        return "ambiguous" if any(a.rivals for a in self.accepted) else "effect_added"
