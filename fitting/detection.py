@@ -32,6 +32,7 @@ FloatArray = npt.NDArray[np.float64]
 
 _RANK = 1e-10  # of unit columns' products: directions below are not told
 _DEAD = 1e-8  # of a column's own square: what is left of it is rounding
+_NOTHING = 1e-20  # square of a lambda per SI unit: a column of rounding errors, as of a neighbour that holds mid-range
 
 
 def visible_size(needed: float, parameters: int, power: float) -> float:
@@ -79,7 +80,7 @@ class Visibility:
 
 
 def typical_terms(machine: Machine, effects: Sequence[Effect], views: Sequence[DriveView]) -> list[tuple[Term, int]]:
-    """Every effect on every joint it applies to (of neighbours the next one) in the middle of its grid of shapes.
+    """Every effect on every joint it applies to (of neighbours the next one) in one shape of its grid.
 
     Returns
     -------
@@ -98,7 +99,7 @@ def typical_terms(machine: Machine, effects: Sequence[Effect], views: Sequence[D
             if not shapes or not variants:
                 continue
             other = {"other": float(variants[0][0])} if variants[0] else {}
-            found.append((Term(effect, place, {**shapes[len(shapes) // 2], **other}), len(shapes) * len(variants)))
+            found.append((Term(effect, place, {**shapes[len(shapes) // 3], **other}), len(shapes) * len(variants)))
     return found
 
 
@@ -160,10 +161,12 @@ def _white(
     design: Design, noise: NoiseModel, views: Views, indices: Sequence[int], terms: Sequence[Term], joint: int
 ) -> FloatArray:
     """Whitened columns of terms in one joint's rows, in the order of the base's rows."""
-    parts = []
+    parts = [np.zeros((0, sum(_width(term) for term in terms)))]
     for index in indices:
-        full = np.hstack([c[:, joint] if t.everywhere else c for t in terms for c in (t.columns(views[index]),)])
         kept = noise.kept(joint, design.blocks[joint][index].keep)
+        if not kept.any():  # a joint that rests shows nothing, and has no scales that shapes could be measured by
+            continue
+        full = np.hstack([c[:, joint] if t.everywhere else c for t in terms for c in (t.columns(views[index]),)])
         parts.append(noise.whiten(joint, design.bank.reduce(full))[kept])
     return np.vstack(parts)
 
@@ -175,7 +178,7 @@ def _width(term: Term) -> int:
 
 def _visibility(term: Term, squares: FloatArray, shadow: FloatArray) -> Visibility:
     left = np.clip(squares - np.einsum("ij,ij->j", shadow, shadow), 0.0, None)
-    shows = left > _DEAD * np.maximum(squares, 1e-300)
+    shows = (left > _DEAD * squares) & (squares > _NOTHING)
     first = int(np.argmax(shows))
     content = term.content
     name, unit = (

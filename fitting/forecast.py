@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -20,7 +21,7 @@ from fitting.base_parameters import BaseParameters
 from fitting.detection import Visibility, typical_terms, visibilities
 from fitting.effects.base import Effect
 from fitting.guess import Guess
-from fitting.identifiability import Telling, tellings
+from fitting.identifiability import Telling, statement, tellings
 from fitting.joint_side import at_joints
 from fitting.motion import Motion
 from fitting.planned import planned_segment
@@ -28,6 +29,8 @@ from fitting.preparation import PositionNoise, Segment, position_noise, prepare
 from fitting.prior import mass_prior, with_prior
 from fitting.regression import NoiseModel, build_design, whitened
 from fitting.residual.planned_views import planned_views, usual_chambers
+from fitting.residual.rules import ACCUSE
+from fitting.residual.scoring import PARAMETER_PRICE
 from fitting.signals import FilterBank, filter_bank
 from fitting.spectrum import whitening
 
@@ -47,16 +50,19 @@ class Forecast:
     Attributes
     ----------
     visibilities
-        Of every effect on every joint, in the middle of its grid of shapes.
+        Of every effect on every joint, in one shape of its grid.
     choices
         For each, the number of shapes and neighbours that a search will choose from.
     tellings
         Of every parameter.
+    joints
+        Names of the joints.
     """
 
     visibilities: tuple[Visibility, ...]
     choices: tuple[int, ...]
     tellings: tuple[Telling, ...]
+    joints: tuple[str, ...]
 
 
 def forecast(
@@ -103,6 +109,7 @@ def forecast(
         found,
         tuple(choices for _, choices in terms),
         tellings(design, model, every, guess.theta, prior),
+        tuple(joint.name for joint in machine.joints),
     )
 
 
@@ -122,3 +129,39 @@ def _position_noise(machine: Machine, recordings: Sequence[Recording], bank: Fil
         std = _SPEED_NOISE * top / bank.speed_noise(1.0)
         result.append(PositionNoise(std, bank.speed_noise(std), bank.acceleration_noise(std)))
     return tuple(result)
+
+
+def forecast_to_json(found: Forecast, guess: Guess, power: float = 0.95) -> dict[str, Any]:
+    """The forecast as plain JSON; ``smallest`` is None where nothing of an effect survives."""
+    names = [t.name for t in found.tellings]
+    effects = []
+    for visibility, choices in zip(found.visibilities, found.choices, strict=True):
+        needed = ACCUSE + PARAMETER_PRICE * max(visibility.parameters, 1) + 2.0 * float(np.log(choices))
+        smallest = visibility.smallest(needed, power)
+        joint = visibility.term.joint
+        effects.append(
+            {
+                "id": visibility.term.id,
+                "joint": None if joint is None else found.joints[joint],
+                "surviving": visibility.surviving,
+                "smallest": smallest if np.isfinite(smallest) else None,
+                "parameter": visibility.parameter,
+                "unit": visibility.unit,
+            }
+        )
+    return {
+        "basis": guess.statement,
+        "measured": guess.measured,
+        "power": power,
+        "effects": effects,
+        "parameters": [
+            {
+                "name": name,
+                "verdict": t.verdict,
+                "std": t.std if np.isfinite(t.std) else None,
+                "relative": t.relative if np.isfinite(t.relative) else None,
+            }
+            for name, t in zip(names, found.tellings, strict=True)
+        ],
+        "parameters_statement": statement(found.tellings),
+    }

@@ -96,7 +96,7 @@ def guess_from_file(path: Path, machine: Machine, base: BaseParameters) -> Guess
     rough = default_guess(machine, base)
     drive, noise = list(rough.drive), rough.noise.copy()
     if body.standard is not None:
-        statement = f"links as in {path}; friction and noise are guessed from the cylinders' sizes"
+        statement = f"links as in {path}, friction and noise guessed from the drives' sizes"
         return Guess(body.mean, tuple(drive), noise, statement, measured=False)
     cylinders = json.loads(path.read_text(encoding="utf-8")).get("cylinders") or {}
     for j, (joint, names) in enumerate(zip(machine.joints, drive_names(machine), strict=True)):
@@ -131,8 +131,8 @@ def default_guess(machine: Machine, base: BaseParameters, supply: float = USUAL_
         drive.append(np.array([values[name] for name in names]))
         noise[j] = _NOISE_SHARE * values["f_c"]
     statement = (
-        f"no parameters were given: links guessed as rods of {density:.0f} kg/m, friction and noise from the sizes of "
-        "the cylinders; give --parameters report.json of an earlier identification"
+        f"a guess: links as rods of {density:.0f} kg/m, friction and noise from the drives' sizes (give --parameters "
+        "with the report.json of an earlier identification)"
     )
     return Guess(density * per_density, tuple(drive), noise, statement, measured=False)
 
@@ -158,4 +158,5 @@ def _drive(joint: Joint, supply: float, effort: float) -> dict[str, float]:
     coulomb = _SEAL_SHARE * supply * joint.cylinder.head_area
     r = float(np.abs(lever_arm(joint.cylinder.linkage, np.linspace(*stroke_limits(joint), 101))).max())
     viscous = coulomb / (r * joint.limits.velocity)
-    return {"m": moving_mass(joint.cylinder), "K": 0.0, "f_c": coulomb, "f_v": viscous, "f_s": 0.0}
+    stiffness = coulomb / joint.cylinder.stroke  # as much over the stroke as friction: seals, hoses
+    return {"m": moving_mass(joint.cylinder), "K": stiffness, "f_c": coulomb, "f_v": viscous, "f_s": 0.0}

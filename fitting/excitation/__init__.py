@@ -4,29 +4,44 @@
 ``fourier``         series that start and end at rest
 ``objective``       information of a motion, its condition number, and the gradient
 ``limits``          limits and how much of them is used; supply flow and chamber pressure
-``search``          the criterion as a function of free coefficients, and its minimisation
+``problem``         an unconstrained problem: free coefficients in, a motion inside its limits out
+``search``          criterion, penalties, and the minimisation from competing starts
 ``design``          one motion, or a sequence of motions that complement each other
+``gathered``        what motions and recordings have told already
 ``cylinders``       signals for free cylinders (stage 1): band-limited, and a staircase
+``staircase``       constant speeds, slow to fast
+``experiments``     motions that tell effects apart: staircases, reversals, two poses, a neighbour
+``shapes``          steps, bursts and waves that experiments are joined from
+``series``          random Fourier motions, for searches without gradients
 =================== =====================================================================
 """
 
 from fitting.excitation.cylinders import CylinderExcitation, CylinderOptions, design_cylinder_motion
-from fitting.excitation.design import Excitation, design_motion, design_sequence, information_of
-from fitting.excitation.limits import HydraulicLimits, LimitUse
+from fitting.excitation.design import Excitation, design_motion, design_sequence
+from fitting.excitation.experiments import KINDS, Experiment, experiment, menu
+from fitting.excitation.gathered import information_of, information_of_recording
+from fitting.excitation.limits import HydraulicLimits, LimitUse, limits_of_machine, limits_used
 from fitting.excitation.objective import condition_of_information, information
 from fitting.excitation.problem import ExcitationOptions
 
 __all__ = [
+    "KINDS",
     "CylinderExcitation",
     "CylinderOptions",
     "Excitation",
     "ExcitationOptions",
+    "Experiment",
     "HydraulicLimits",
     "LimitUse",
     "condition_of_information",
     "design_cylinder_motion",
     "design_motion",
     "design_sequence",
+    "experiment",
     "information",
     "information_of",
+    "information_of_recording",
+    "limits_of_machine",
+    "limits_used",
+    "menu",
 ]

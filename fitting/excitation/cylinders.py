@@ -15,7 +15,7 @@ A free piston may move as fast as the joint's limits would let it at the longest
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -33,6 +33,7 @@ from fitting.motion import Motion
 FloatArray = npt.NDArray[np.float64]
 
 _NORM_POWER = 24  # of the p-norm that keeps the limits, as for whole motions
+_FLOW_TRIALS = 4  # speeds come down in proportion to the flow that is asked for: two are enough as a rule
 _SOFT = 0.02  # of the top speed: the width over which sgn is smoothed, while searching only
 
 
@@ -133,6 +134,7 @@ def design_cylinder_motion(
     seed: int = 0,
     options: CylinderOptions | None = None,
     joints: Sequence[str] | None = None,
+    flow: float | None = None,
     progress: Callable[[float, float], None] | None = None,
 ) -> CylinderExcitation:
     """Design the stage-1 motion of all cylinders (or of those of ``joints``).
@@ -147,6 +149,8 @@ def design_cylinder_motion(
         Shape of the signals.
     joints
         Names of the joints whose cylinders move; all that have one if None.
+    flow
+        Supply flow for all of them together, m^3/s: they move as much slower as it takes.
     progress
         Called with the share done and the worst condition number so far.
 
@@ -157,6 +161,34 @@ def design_cylinder_motion(
     """
     options = options or CylinderOptions()
     chosen = _chosen(machine, joints)
+    slower = 1.0
+    for _ in range(_FLOW_TRIALS):
+        found = _all_cylinders(machine, chosen, options, seed, slower, progress)
+        if flow is None:
+            return found
+        peak = float(np.sum([_flow(joint, found.speed[joint.name]) for joint in chosen], axis=0).max())
+        used = LimitUse(None, "flow", peak / flow, peak, flow, "m^3/s")
+        if used.used <= options.use:
+            return replace(found, limits=(*found.limits, used))
+        slower *= 0.98 * options.use / used.used
+    raise InputError(f"the supply's {flow:.3g} m^3/s are too little for these cylinders at once; move fewer (--joint)")
+
+
+def _flow(joint: Joint, speed: FloatArray) -> FloatArray:
+    """Flow (N,) into a free cylinder, m^3/s."""
+    assert joint.cylinder is not None
+    return np.where(speed > 0, joint.cylinder.head_area, -joint.cylinder.rod_area) * speed
+
+
+def _all_cylinders(
+    machine: Machine,
+    chosen: Sequence[Joint],
+    options: CylinderOptions,
+    seed: int,
+    slower: float,
+    progress: Callable[[float, float], None] | None,
+) -> CylinderExcitation:
+    """One course per cylinder, at ``slower`` times the top speed."""
     rng = np.random.default_rng(seed)
     count = round(options.seconds * machine.rate_hz)
     time = np.arange(count + 1) / machine.rate_hz
@@ -168,7 +200,7 @@ def design_cylinder_motion(
     for done, joint in enumerate(chosen):
         (low, high), top_speed, top_acceleration = piston_limits(joint)
         middle, half = (low + high) / 2, options.use * (high - low) / 2
-        top_speed, top_acceleration = options.use * top_speed, options.use * top_acceleration
+        top_speed, top_acceleration = slower * options.use * top_speed, options.use * top_acceleration
         x, xd, xdd = np.zeros((3, time.size))
         band = time <= options.band_seconds
         band_limits = (half, top_speed, top_acceleration)

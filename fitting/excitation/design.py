@@ -11,11 +11,9 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from scipy.interpolate import make_interp_spline
 
 from daq.errors import InputError
 from daq.machine_file import Machine
@@ -130,6 +128,7 @@ def design_sequence(
     seed: int = 0,
     options: ExcitationOptions | None = None,
     gathered: FloatArray | None = None,
+    joints: Sequence[str] | None = None,
     hydraulic: HydraulicLimits | None = None,
     progress: Progress | None = None,
 ) -> tuple[Excitation, ...]:
@@ -146,6 +145,7 @@ def design_sequence(
             base,
             seed=seed + k,
             options=options,
+            joints=joints,
             gathered=gathered,
             hydraulic=hydraulic,
             progress=report,
@@ -199,27 +199,6 @@ def _finish(problem: Problem, coefficients: FloatArray, gathered: FloatArray | N
         limits=limits,
         not_told=_not_told(problem, Y, gathered),
     )
-
-
-def information_of(machine: Machine, base: BaseParameters, motion: Motion) -> FloatArray:
-    """Information ``W'W`` (nb, nb) of a motion file: what it has gathered once it is recorded.
-
-    Speeds and accelerations are those of a quintic spline through the positions, at rest at both ends, sampled at
-    the machine's rate.
-
-    Raises
-    ------
-    InputError
-        If it is a motion of free cylinders.
-    """
-    if motion.rods != "pinned":
-        raise InputError(f"a motion with rods=unpinned tells nothing about the links of {machine.name}; leave it out")
-    rest: Any = [(order, np.zeros(len(machine.joints))) for order in (1, 2)]
-    law = make_interp_spline(motion.time, motion.joint_positions(machine), k=5, bc_type=(rest, rest))
-    count = round(motion.seconds * machine.rate_hz)
-    time = np.linspace(0.0, motion.seconds, count + 1)
-    Y = base_regressor(machine, base, law(time), law.derivative(1)(time), law.derivative(2)(time))
-    return information(Y) * len(time)
 
 
 def _not_told(problem: Problem, Y: FloatArray, gathered: FloatArray | None) -> tuple[str, ...]:

@@ -24,8 +24,10 @@ from scipy.interpolate import make_interp_spline
 
 from daq.errors import InputError
 from daq.machine_file import Joint, Machine
+from fitting.base_parameters import BaseParameters
 from fitting.excitation.cylinders import CylinderOptions, design_cylinder_motion
 from fitting.excitation.limits import HydraulicLimits, limits_used
+from fitting.excitation.shapes import ACCELERATION_OF_STEP, SPEED_OF_STEP, burst, step, wave
 from fitting.excitation.staircase import staircase
 from fitting.linkage import joint_position, lever_arm, stroke_limits
 from fitting.motion import Motion
@@ -36,10 +38,9 @@ Holding = Callable[[FloatArray], FloatArray]
 
 KINDS = ("staircase", "slow_reversals", "frequencies", "two_poses", "neighbour", "free_cylinder")
 
-_SPEED_OF_STEP, _ACCELERATION_OF_STEP = 1.875, 5.7735  # largest slopes of 10 s^3 - 15 s^4 + 6 s^5
 _HIGHEST = 0.6  # Hz
 _REVERSAL_SHARE = 0.06  # of the way that the joint has
-_SLOWEST = 0.01  # of the top speed: some mm/s, where friction bends
+_SLOWEST = 0.03  # of the top speed: some mm/s, where friction bends; slower ones reverse too slowly to be timed
 
 
 @dataclass(frozen=True)
@@ -79,6 +80,7 @@ def menu(
     use: float = 0.92,
     holding: Holding | None = None,
     hydraulic: HydraulicLimits | None = None,
+    base: BaseParameters | None = None,
 ) -> tuple[Experiment, ...]:
     """All experiments of one joint that the limits allow.
 
@@ -97,6 +99,8 @@ def menu(
     hydraulic
         Supply flow and chamber pressure. A motion that asks for too much flow is run slower; one that asks for too
         much pressure is left out.
+    base
+        The base parameters that ``hydraulic`` has values of; those of the machine if None.
 
     Raises
     ------
@@ -107,7 +111,9 @@ def menu(
     for kind in KINDS:
         try:
             found.append(
-                experiment(machine, joint, kind, seconds=seconds, use=use, holding=holding, hydraulic=hydraulic)
+                experiment(
+                    machine, joint, kind, seconds=seconds, use=use, holding=holding, hydraulic=hydraulic, base=base
+                )
             )
         except NotPossibleError:
             continue
@@ -127,6 +133,7 @@ def experiment(
     use: float = 0.92,
     holding: Holding | None = None,
     hydraulic: HydraulicLimits | None = None,
+    base: BaseParameters | None = None,
 ) -> Experiment:
     """One experiment; arguments as in :func:`menu`.
 
@@ -144,7 +151,7 @@ def experiment(
         raise InputError(f"experiment '{kind}': there are {', '.join(KINDS)}")
     number = names.index(joint)
     if kind == "free_cylinder":
-        return _free_cylinder(machine, number, seconds, use)
+        return _free_cylinder(machine, number, seconds, use, hydraulic)
     build = {
         "staircase": _staircase,
         "slow_reversals": _slow_reversals,
@@ -153,7 +160,7 @@ def experiment(
         "neighbour": _neighbour,
     }[kind]
     text, q = build(_Arm(machine, number, seconds, use, holding))
-    return Experiment(kind, text, _kept(machine, q, use, hydraulic, kind))
+    return Experiment(kind, text, _kept(machine, q, use, hydraulic, base, kind))
 
 
 @dataclass(frozen=True)
@@ -214,44 +221,37 @@ def _piston_way(joint: Joint, way: _Way) -> tuple[float, float, float, float]:
     return float(x.mean()), float(x[1] - x[0]) / 2, r * way.speed, 0.8 * r * way.acceleration
 
 
-def _step(start: FloatArray, end: FloatArray, seconds: float, rate_hz: float) -> FloatArray:
-    """Fifth-order step from one pose to another, (N, n), end included."""
-    s = np.arange(1, round(seconds * rate_hz) + 1) / round(seconds * rate_hz)
-    return start + (end - start) * (10 * s**3 - 15 * s**4 + 6 * s**5)[:, None]
-
-
 def _seconds_of_step(arm: _Arm, start: FloatArray, end: FloatArray) -> float:
     seconds = 0.5
     for joint in range(len(start)):
         way, distance = arm.way(joint), abs(end[joint] - start[joint])
         seconds = max(
             seconds,
-            _SPEED_OF_STEP * distance / way.speed,
-            float(np.sqrt(_ACCELERATION_OF_STEP * distance / way.acceleration)),
+            SPEED_OF_STEP * distance / way.speed,
+            float(np.sqrt(ACCELERATION_OF_STEP * distance / way.acceleration)),
         )
     return 1.05 * seconds
 
 
-def _burst(time: FloatArray, frequency: float, cycles: int) -> FloatArray:
-    """``cycles`` periods of a sine of amplitude 1, faded in and out over one period each; 0 afterwards."""
-    length = cycles / frequency
-    inside = time <= length
-    edge = np.clip(np.minimum(time, length - time) * frequency, 0.0, 1.0)
-    fade = edge**3 * (10 - 15 * edge + 6 * edge**2)
-    return np.where(inside, fade * np.sin(2 * np.pi * frequency * time), 0.0)
+def _largest_burst(way: _Way, frequency: float) -> float:
+    """Amplitude of a burst that keeps the limits: half a period of fading adds to ``2 pi f`` and its square."""
+    return min(way.half, way.speed / (10.1 * frequency), way.acceleration / (110.0 * frequency**2))
 
 
-def _bursts(arm: _Arm, frequencies: tuple[float, ...], amplitude: float) -> FloatArray:
-    """The joint alone, bursts one after the other, as equal in length as whole periods allow."""
-    share = arm.seconds / len(frequencies)
-    parts = []
-    for frequency in frequencies:
-        cycles = max(3, int(share * frequency))
-        parts.append(amplitude * _burst(arm.time(cycles / frequency)[:-1], frequency, cycles))
+def _bursts(arm: _Arm, highest: float, ratio: float, amplitude: float) -> tuple[str, FloatArray]:
+    """The joint alone at three rates, the slowest ``ratio**2`` times slower than the highest, as often at each.
+
+    The rates move together where the time does not hold two periods of each. Returns what is done and the motion.
+    """
+    most = arm.seconds * highest / 2  # n (1 + r + r^2) / highest = seconds, n = 2
+    ratio = max(1.2, min(ratio, (np.sqrt(max(4 * most - 3, 0.0)) - 1) / 2))
+    frequencies = tuple(float(highest / ratio**k) for k in (2, 1, 0))
+    cycles = max(2, int(arm.seconds / sum(1 / f for f in frequencies)))
+    parts = [amplitude * burst(arm.time(cycles / f)[:-1], f, cycles) for f in frequencies]
     course = np.append(np.concatenate(parts), 0.0)
     q = arm.held(len(course), arm.middle)
     q[:, arm.joint] += course
-    return q
+    return f"{', '.join(f'{f:.2g}' for f in frequencies)} Hz", q
 
 
 def _staircase(arm: _Arm) -> tuple[str, FloatArray]:
@@ -263,25 +263,15 @@ def _staircase(arm: _Arm) -> tuple[str, FloatArray]:
 
 def _slow_reversals(arm: _Arm) -> tuple[str, FloatArray]:
     way = arm.way(arm.joint)
-    amplitude = _REVERSAL_SHARE * way.half
-    top = min(0.4, way.speed / amplitude / 9, float(np.sqrt(way.acceleration / amplitude)) / 9)  # fading adds to 2 pi
-    shortest = 9.0 / arm.seconds  # three periods in a third of the time
-    rates = tuple(float(f) for f in np.geomspace(max(shortest, top / 9), top, 3))
-    text = f"slow reversals of {arm.name} over {2 * amplitude:.2g} {_unit(arm)} at three rates"
-    return text, _bursts(arm, rates, amplitude)
+    amplitude = min(_REVERSAL_SHARE * way.half, _largest_burst(way, _HIGHEST))
+    rates, q = _bursts(arm, _HIGHEST, 3.0, amplitude)
+    return f"reversals of {arm.name} over {2 * amplitude:.2g} {_unit(arm)} at three rates: {rates}", q
 
 
 def _frequencies(arm: _Arm) -> tuple[str, FloatArray]:
-    way, highest = arm.way(arm.joint), _HIGHEST
-    frequencies = tuple(
-        float(f) for f in np.geomspace(min(max(9.0 / arm.seconds, highest / 6), highest / 2), highest, 3)
-    )
-    # A fade of one period adds at most 1.875 f to the speed's 2 pi f, and so on for the acceleration.
-    amplitude = min(way.half, way.speed / (9.0 * highest), way.acceleration / (70.0 * highest**2))
-    text = f"{arm.name} alone, one amplitude of {amplitude:.2g} {_unit(arm)} at " + ", ".join(
-        f"{f:.2g}" for f in frequencies
-    )
-    return text + " Hz", _bursts(arm, frequencies, amplitude)
+    amplitude = _largest_burst(arm.way(arm.joint), _HIGHEST)
+    rates, q = _bursts(arm, _HIGHEST, 2.0, amplitude)
+    return f"{arm.name} alone, one amplitude of {amplitude:.2g} {_unit(arm)} at {rates}", q
 
 
 def _two_poses(arm: _Arm) -> tuple[str, FloatArray]:
@@ -294,10 +284,10 @@ def _two_poses(arm: _Arm) -> tuple[str, FloatArray]:
     course = arm.stairs(max(strokes, 8.0), 4, 0.05)
     start = arm.middle
     start[arm.joint] = light[arm.joint] = heavy[arm.joint] = course[0]
-    parts = [start[None, :], _step(start, light, first, rate)]
+    parts = [start[None, :], step(start, light, first, rate)]
     for pose in (light, heavy):
         if pose is heavy:
-            parts.append(_step(light, heavy, there, rate))
+            parts.append(step(light, heavy, there, rate))
         part = arm.held(len(course), pose)
         part[:, arm.joint] = course
         parts.append(part)
@@ -336,28 +326,25 @@ def _neighbour(arm: _Arm) -> tuple[str, FloatArray]:
     # Creeping over the whole way and back, 1.5 times: slow, and never at rest for long.
     creep = 1.5 / arm.seconds
     amplitude = min(way.half, way.speed / (9.0 * creep), way.acceleration / (70.0 * creep**2))
-    q[:, arm.joint] += amplitude * _wave(time, arm.seconds, creep)
+    q[:, arm.joint] += amplitude * wave(time, arm.seconds, creep)
     for place, other in enumerate(others):
         near = arm.way(other)
         frequency = (0.3, 0.43)[place]
         size = min(near.half, near.speed / (9.0 * frequency), near.acceleration / (70.0 * frequency**2))
-        q[:, other] += size * _wave(time, arm.seconds, frequency)
+        q[:, other] += size * wave(time, arm.seconds, frequency)
     names = " and ".join(arm.machine.joints[k].name for k in others)
     return f"{names} swing while {arm.name} creeps over its stroke; the others hold", q
 
 
-def _wave(time: FloatArray, seconds: float, frequency: float) -> FloatArray:
-    """A sine of amplitude 1 over the whole time, faded in and out within its first and last period or 3 s."""
-    edge = np.clip(np.minimum(time, seconds - time) / max(min(1 / frequency, seconds / 4), 3.0), 0.0, 1.0)
-    return edge**3 * (10 - 15 * edge + 6 * edge**2) * np.sin(2 * np.pi * frequency * time)
-
-
-def _free_cylinder(machine: Machine, joint: int, seconds: float, use: float) -> Experiment:
+def _free_cylinder(
+    machine: Machine, joint: int, seconds: float, use: float, hydraulic: HydraulicLimits | None
+) -> Experiment:
     each = machine.joints[joint]
     if each.cylinder is None:
         raise NotPossibleError(f"joint '{each.name}': has no cylinder, so nothing to unpin")
     options = CylinderOptions(seconds=seconds, starts=1, use=use)
-    motion = design_cylinder_motion(machine, options=options, joints=[each.name]).motion
+    flow = None if hydraulic is None else hydraulic.flow
+    motion = design_cylinder_motion(machine, options=options, joints=[each.name], flow=flow).motion
     return Experiment(
         "free_cylinder",
         f"the rod of {each.name} unpinned: free strokes and a staircase of speeds without any load",
@@ -365,7 +352,14 @@ def _free_cylinder(machine: Machine, joint: int, seconds: float, use: float) -> 
     )
 
 
-def _kept(machine: Machine, q: FloatArray, use: float, hydraulic: HydraulicLimits | None, kind: str) -> Motion:
+def _kept(
+    machine: Machine,
+    q: FloatArray,
+    use: float,
+    hydraulic: HydraulicLimits | None,
+    base: BaseParameters | None,
+    kind: str,
+) -> Motion:
     """The motion, run as much slower as its limits ask for."""
     limits = hydraulic or HydraulicLimits()
     time = np.arange(len(q)) / machine.rate_hz
@@ -373,7 +367,7 @@ def _kept(machine: Machine, q: FloatArray, use: float, hydraulic: HydraulicLimit
     for _ in range(4):
         qd = np.gradient(q, time * slower, axis=0)
         qdd = np.gradient(qd, time * slower, axis=0)
-        uses = limits_used(machine, limits, q, qd, qdd)
+        uses = limits_used(machine, limits, q, qd, qdd, base)
         ratio = max(
             (
                 each.used / use if each.quantity in ("velocity", "flow") else np.sqrt(each.used / use)
@@ -385,7 +379,8 @@ def _kept(machine: Machine, q: FloatArray, use: float, hydraulic: HydraulicLimit
         if ratio <= 1.0:
             break
         slower *= 1.02 * float(ratio)
-    over = [each for each in uses if each.used > (1.0 + 1e-9)]
+    # The way of the joint under suspicion is `use` of its range already; where others are parked is no overshoot.
+    over = [each for each in uses if each.used > (use if each.quantity == "pressure" else 1.0) + 1e-9]
     if over:
         worst = max(over, key=lambda each: each.used)
         raise NotPossibleError(

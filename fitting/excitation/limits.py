@@ -70,6 +70,38 @@ class HydraulicLimits:
             raise ValueError("a pressure limit needs base_parameters to compute efforts from")
 
 
+def limits_of_machine(
+    machine: Machine,
+    base_parameters: FloatArray,
+    friction: FloatArray | None = None,
+    *,
+    flow: float | None = None,
+    pressure: float | None = None,
+) -> HydraulicLimits:
+    """What the machine file says of the supply, for planning.
+
+    Parameters
+    ----------
+    machine
+        ``hydraulics.pump_flow``, ``supply_pressure`` and ``tank_pressure`` are looked at; a machine without cylinders
+        has no such limits.
+    base_parameters, friction
+        As in :class:`HydraulicLimits`.
+    flow, pressure
+        In place of the file's, m^3/s and Pa.
+    """
+    if all(joint.cylinder is None for joint in machine.joints):
+        return HydraulicLimits()
+    supply = machine.hydraulics
+    if supply is not None:
+        flow = supply.pump_flow if flow is None else flow
+        pressure = supply.supply_pressure if pressure is None else pressure
+    if pressure is None:
+        return HydraulicLimits(flow=flow)
+    back = 0.0 if supply is None else supply.tank_pressure
+    return HydraulicLimits(flow, pressure, back, base_parameters, friction)
+
+
 def supply_flow(machine: Machine, q: FloatArray, qd: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Flow that all cylinders take, and its derivatives.
 
@@ -135,7 +167,7 @@ def joint_limits_used(machine: Machine, q: FloatArray, qd: FloatArray, qdd: Floa
     """Use of position, velocity, acceleration and stroke by every joint that moves; arrays are (N, n)."""
     uses: list[LimitUse] = []
     for i, joint in enumerate(machine.joints):
-        if not np.any(qd[:, i]):
+        if np.abs(qd[:, i]).max() <= 1e-9 * joint.limits.velocity:
             continue
         unit = "rad" if joint.type == "revolute" else "m"
         uses.append(_interval_use(joint.name, "position", q[:, i], joint.limits.position, unit))

@@ -42,10 +42,9 @@ class ExcitationOptions:
     max_frequency
         Highest frequency of the series in Hz. Hydraulic arms and 50 Hz acquisition want less than 1 Hz.
     harmonics
-        Harmonics per joint.
+        Harmonics per joint, at most all up to ``max_frequency``. Fewer are no faster, and end no better.
     starts
-        How many optimisations are begun, each from the best of twelve random series. The best half of them goes on, and
-        the best quarter is finished.
+        How many optimisations are begun, each from the best of twelve random series; the best quarter is finished.
     iterations
         Iterations of the optimiser for a start that goes all the way.
     samples
@@ -62,9 +61,9 @@ class ExcitationOptions:
 
     seconds: float = 30.0
     max_frequency: float = 0.6
-    harmonics: int = 8
-    starts: int = 12
-    iterations: int = 180
+    harmonics: int = 18
+    starts: int = 4
+    iterations: int = 280
     samples: int = 120
     use: float = 0.95
     criterion: Criterion = "condition"

@@ -71,10 +71,32 @@ def staircase(
         parts.append(part)
     now = 0.0
     knots: list[tuple[float, float]] = [(0.0, 0.0)]  # time, speed; ramps where the speed changes
-    for duration, speed in chain.from_iterable(reversed(parts)):
+    for duration, speed in _without_stops(list(chain.from_iterable(reversed(parts)))):
         now += duration
         knots.append((now, speed))
     return follow(time, knots)
+
+
+def _without_stops(steps: list[tuple[float, float]]) -> list[tuple[float, float]]:
+    """The steps with no rest between a cycle and the next, which goes the same way: there a speed has no sign.
+
+    ``(t0, 0), (t1, v1)`` after the speed ``v0`` becomes one ramp from ``v0`` to ``v1`` that covers the same way, and so
+    lasts ``(v0 t0 + v1 t1) / (v0 + v1)``.
+    """
+    merged: list[tuple[float, float]] = []
+    waiting: tuple[float, float] | None = None  # speed before a stop, duration of the ramp down to it
+    for duration, speed in steps:
+        if speed == 0.0:
+            waiting = merged[-1][1], duration
+        elif waiting is not None:
+            before, down = waiting
+            merged.append(((before * down + speed * duration) / (before + speed), speed))
+            waiting = None
+        else:
+            merged.append((duration, speed))
+    if waiting is not None:
+        merged.append((waiting[1], 0.0))
+    return merged
 
 
 def _ramp(speed: float, top_acceleration: float) -> float:

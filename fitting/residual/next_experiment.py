@@ -20,8 +20,9 @@ from daq.machine_file import Machine
 from fitting.base_parameters import base_regressor
 from fitting.effects.base import Effect
 from fitting.excitation.experiments import menu
-from fitting.excitation.limits import HydraulicLimits, limits_used
+from fitting.excitation.limits import HydraulicLimits, limits_of_machine, limits_used
 from fitting.excitation.series import Series, random_series, varied
+from fitting.guess import Guess, worst_friction
 from fitting.linkage import lever_arm
 from fitting.motion import Motion
 from fitting.planned import States, planned_segment, segment_of_states
@@ -39,6 +40,7 @@ ENOUGH = 0.8
 #: Repetitions beyond which a motion does not separate the rivals for practical purposes.
 MOST_RECORDINGS = 4
 _GENERATIONS, _PER_GENERATION = 3, 8
+_SHRINKS = 12  # by 0.85: what is left of a motion after that says nothing
 # Standard deviations that a motion of the menu may be behind: people see what it does.
 _SIMPLER = 0.25
 
@@ -167,7 +169,7 @@ def design_next(
     rivals : two or more terms that explain the same residual
     prior : what the fit knew beforehand
     seconds, use : length of the motions, and the share of every limit that they may use
-    hydraulic : supply flow and chamber pressures, where they count
+    hydraulic : supply flow and chamber pressures; those of the machine file for the fitted parameters if None
     needed : lead that the right rival must have to stand alone: a chi-square, and a share of the effect's own size
     seed, generations : of the search for a motion of its own; 0 generations leave it out
 
@@ -178,13 +180,19 @@ def design_next(
     """
     if len(rivals) < 2:
         raise ValueError("an experiment tells two rivals or more apart")
-    question = _Question(model, tuple(rivals), prior, hydraulic, needed)
-    machine = model.design.machine
+    question = _Question(model, tuple(rivals), prior, hydraulic or supply_of(model), needed)
+    machine, base = model.design.machine, model.design.parameters.base
     experiments = [
         each
         for joint in question.suspects
         for each in menu(
-            machine, machine.joints[joint].name, seconds=seconds, use=use, holding=question.holding, hydraulic=hydraulic
+            machine,
+            machine.joints[joint].name,
+            seconds=seconds,
+            use=use,
+            holding=question.holding,
+            hydraulic=question.hydraulic,
+            base=base,
         )
     ]
     options = [
@@ -194,12 +202,23 @@ def design_next(
         )
     ]
     options.append(Option("again", "the training motion once more", None, question.again(seconds)))
-    if generations:
-        options.append(_designed(question, np.random.default_rng(seed), seconds, use, generations))
+    designed = _designed(question, np.random.default_rng(seed), seconds, use, generations)
+    if designed is not None:
+        options.append(designed)
     options.sort(key=lambda option: -option.expected.margin + (_SIMPLER if option.kind == "designed" else 0.0))
     return NextExperiment(
         tuple(rivals), question.now, tuple(options), question.recordings(options[0], seconds), _advice(rivals)
     )
+
+
+def supply_of(model: Model) -> HydraulicLimits:
+    """Supply flow and chamber pressures of the machine file, with loads and friction as they were fitted."""
+    design, theta = model.design, model.fit.theta
+    parameters, machine = design.parameters, design.machine
+    drive = tuple(theta[parameters.drive_slice(joint)] for joint in range(len(machine.joints)))
+    values = theta[parameters.base_slice]
+    fitted = Guess(values, drive, np.zeros(len(drive)), "parameters as fitted", measured=True)
+    return limits_of_machine(machine, values, worst_friction(machine, fitted))
 
 
 def _advice(rivals: Sequence[Term]) -> tuple[str, ...]:
@@ -214,7 +233,7 @@ class _Question:
         model: Model,
         rivals: tuple[Term, ...],
         prior: Prior,
-        hydraulic: HydraulicLimits | None,
+        hydraulic: HydraulicLimits,
         needed: tuple[float, float],
     ) -> None:
         self.model, self.rivals, self.hydraulic, self.needed = model, rivals, hydraulic, needed
@@ -322,32 +341,40 @@ class _Question:
         return None
 
 
-def _designed(question: _Question, rng: np.random.Generator, seconds: float, use: float, generations: int) -> Option:
-    """A motion of all joints that was searched for the separation itself: random series, the best of them varied."""
+def _designed(
+    question: _Question, rng: np.random.Generator, seconds: float, use: float, generations: int
+) -> Option | None:
+    """A motion of all joints that was searched for the separation itself: random series, the best of them varied.
+
+    None if none of them is inside the limits.
+    """
     machine = question.model.design.machine
     pool: list[tuple[Separation, Series]] = []
     for generation in range(generations):
-        if generation == 0:
+        if not pool:
             trials = [random_series(machine, seconds, rng, question.suspects) for _ in range(2 * _PER_GENERATION)]
         else:
-            trials = [varied(pool[k % 3][1], rng, 0.5 / generation) for k in range(_PER_GENERATION)]
-        trials = [_allowed(question, series, use) for series in trials]
-        segments = [question.segment_of(series.states(machine, use)) for series in trials]
-        pool += zip(question.separations(segments), trials, strict=True)
+            trials = [varied(pool[k % min(3, len(pool))][1], rng, 0.5 / generation) for k in range(_PER_GENERATION)]
+        allowed = [series for trial in trials if (series := _allowed(question, trial, use)) is not None]
+        segments = [question.segment_of(series.states(machine, use)) for series in allowed]
+        pool += zip(question.separations(segments), allowed, strict=True)
         pool.sort(key=lambda entry: -entry[0].margin)
+    if not pool:
+        return None
     motion = pool[0][1].motion(machine, use)
     expected = question.separations([question.segment(motion)])[0]
     return Option("designed", "a motion of all joints that was designed to tell them apart", motion, expected)
 
 
-def _allowed(question: _Question, series: Series, use: float) -> Series:
-    """The series inside all limits: shrunk about its home, and its home towards the middle, until they hold."""
-    if question.hydraulic is None:
+def _allowed(question: _Question, series: Series, use: float) -> Series | None:
+    """The series inside all limits: shrunk about its home, and its home towards the middle; None if that is no use."""
+    limits = question.hydraulic
+    if limits.flow is None and limits.pressure is None:
         return series
     machine, base = question.model.design.machine, question.model.design.parameters.base
-    for _ in range(12):
-        used = limits_used(machine, question.hydraulic, *series.states(machine, use), base)
-        if all(each.used <= 1.0 for each in used):
-            break
+    for _ in range(_SHRINKS):
+        used = limits_used(machine, limits, *series.states(machine, use), base)
+        if all(each.used <= use for each in used if each.quantity in ("flow", "pressure")):
+            return series
         series = replace(series, amplitude=0.85 * series.amplitude, home=0.85 * series.home)
-    return series
+    return None

@@ -2,8 +2,8 @@
 
 On a recording the expected rod pressure is a smooth function of motion and force, fitted where both were seen. A
 planned motion may go where nothing was: a load that pulls where it always pushed. There the valve's physics has to
-carry on: the chamber that is being emptied keeps its back-pressure, and no chamber falls below the lowest pressure it
-was seen at; the other one then carries the force.
+carry on: the chamber that is being emptied keeps its back-pressure, and no chamber falls below the lowest pressure
+that any of the machine was seen at; the other one then carries the force.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ class ChamberModel:
     head_area, rod_area : m^2
     coefficients : of :meth:`_features`; NaN where no pressures are measured
     speeds, forces : intervals that were seen
-    head_floor, rod_floor : lowest pressures seen, Pa
+    floor : lowest pressure of either chamber, Pa
     """
 
     head_area: float
@@ -42,8 +42,7 @@ class ChamberModel:
     coefficients: FloatArray
     speeds: tuple[float, float]
     forces: tuple[float, float]
-    head_floor: float
-    rod_floor: float
+    floor: float
 
     @staticmethod
     def _features(v: FloatArray, force: FloatArray) -> FloatArray:
@@ -55,24 +54,35 @@ class ChamberModel:
         """Expected rod pressure (N,) in Pa at piston speeds ``v`` and drive efforts ``force``."""
         seen = self._features(np.clip(v, *self.speeds), np.clip(force, *self.forces)) @ self.coefficients
         # p1 = (F + p2 A2) / A1 must not fall below its floor either.
-        least = np.maximum(self.rod_floor, (self.head_floor * self.head_area - force) / self.rod_area)
+        least = np.maximum(self.floor, (self.floor * self.head_area - force) / self.rod_area)
         return np.asarray(np.maximum(seen, least))
 
 
 def chamber_models(model: Model) -> tuple[ChamberModel | None, ...]:
-    """Chamber models of all cylinders with measured pressures, fitted on what the fitted recordings' views expect."""
+    """Chamber models of all cylinders with measured pressures, fitted on the fitted recordings.
+
+    The floor is the machine's: a chamber that always carried a load has never been at its own.
+    """
     found: list[ChamberModel | None] = []
     design = model.design
+    segments = [design.segments[i] for i in model.fitted]
+    measured = [
+        joint.cylinder is not None and not any(np.isnan(s.p1[0, j]) or np.isnan(s.p2[0, j]) for s in segments)
+        for j, joint in enumerate(design.machine.joints)
+    ]
+    lowest = [
+        float(np.quantile(np.concatenate([pressures[::10, j] for pressures in chambers]), _LOWEST))
+        for j in np.flatnonzero(measured)
+        for chambers in ([s.p1 for s in segments], [s.p2 for s in segments])
+    ]
     for number, joint in enumerate(design.machine.joints):
         cylinder = joint.cylinder
-        segments = [design.segments[i] for i in model.fitted]
-        if cylinder is None or any(np.isnan(s.p2[0, number]) or np.isnan(s.p1[0, number]) for s in segments):
+        if cylinder is None or not measured[number]:
             found.append(None)
             continue
         step = max(1, sum(len(s) for s in segments) // 4000)
         v = np.concatenate([s.v[::step, number] for s in segments])
         force = np.concatenate([model.views[i][number].force[::step] for i in model.fitted])
-        p1 = np.concatenate([s.p1[::step, number] for s in segments])
         p2 = np.concatenate([s.p2[::step, number] for s in segments])
         table = ChamberModel._features(v, force)
         scale = np.maximum(np.abs(table).max(axis=0), 1e-12)
@@ -83,8 +93,7 @@ def chamber_models(model: Model) -> tuple[ChamberModel | None, ...]:
                 np.linalg.lstsq(table / scale, p2, rcond=1e-8)[0] / scale,
                 (float(v.min()), float(v.max())),
                 (float(force.min()), float(force.max())),
-                float(np.quantile(p1, _LOWEST)),
-                float(np.quantile(p2, _LOWEST)),
+                min(lowest),
             )
         )
     return tuple(found)
@@ -106,7 +115,6 @@ def usual_chambers(machine: Machine, back_pressure: float) -> tuple[ChamberModel
                 nothing,
                 everywhere,
                 everywhere,
-                back_pressure,
                 back_pressure,
             )
         )

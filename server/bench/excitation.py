@@ -2,7 +2,7 @@
 
 Both kinds of arm that the simulator draws, with limits on position, speed, acceleration and stroke, and with supply
 flow and chamber pressure tight enough to bind: the flow at 70 % and the pressure at 85 % of what the best motion
-without them would take (above what the arm needs to hold itself). The yardstick is the best of twenty single runs
+without them would take (but above what the arm needs to hold itself). The yardstick is the best of twenty single runs
 that are three times as long.
 """
 

@@ -1,0 +1,85 @@
+"""Supply flow and chamber pressures: what they are, and that motions keep them."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from arm_examples import driven_arm
+
+from daq.errors import InputError
+from fitting.base_parameters import base_regressor, reduce_parameters
+from fitting.excitation import (
+    ExcitationOptions,
+    HydraulicLimits,
+    design_motion,
+)
+from fitting.excitation.limits import chamber_pressure, supply_flow
+from fitting.linkage import lever_arm
+
+QUICK = ExcitationOptions(seconds=12.0, starts=1, iterations=15, samples=60, harmonics=5)
+
+
+def test_supply_flow_is_the_swept_volume():
+    """Extending fills the head side, retracting the rod side; the derivatives are those of the flow."""
+    machine = driven_arm(2)
+    cylinder = machine.joints[0].cylinder
+    q, qd = np.array([[0.1, -0.2], [0.1, -0.2]]), np.array([[0.3, 0.0], [-0.3, 0.0]])
+    flow, by_q, by_qd = supply_flow(machine, q, qd)
+    speed = abs(float(lever_arm(cylinder.linkage, 0.1)) * 0.3)
+    np.testing.assert_allclose(flow, [cylinder.head_area * speed, cylinder.rod_area * speed], rtol=1e-12)
+    h = 1e-6
+    step = np.array([[h, 0.0]])
+    np.testing.assert_allclose(
+        (supply_flow(machine, q + step, qd)[0] - supply_flow(machine, q - step, qd)[0]) / (2 * h), by_q[:, 0], rtol=1e-6
+    )
+    np.testing.assert_allclose(
+        (supply_flow(machine, q, qd + step)[0] - supply_flow(machine, q, qd - step)[0]) / (2 * h),
+        by_qd[:, 0],
+        rtol=1e-6,
+    )
+
+
+def test_chamber_pressure_balances_the_load():
+    cylinder = driven_arm(1).joints[0].cylinder
+    q = np.array([0.1, 0.1])
+    r = lever_arm(cylinder.linkage, q)
+    tau = np.array([1000.0, -1000.0])
+    pressure, _, _ = chamber_pressure(cylinder, q, tau, 50.0, 2e5)
+    force = np.abs(tau / r)
+    pushing = pressure[0] * cylinder.head_area - 2e5 * cylinder.rod_area - 50.0
+    pulling = pressure[1] * cylinder.rod_area - 2e5 * cylinder.head_area - 50.0
+    np.testing.assert_allclose([pushing, pulling], force, rtol=1e-12)
+
+
+def test_a_pressure_limit_needs_parameters():
+    with pytest.raises(ValueError, match="needs base_parameters"):
+        HydraulicLimits(pressure=1e7)
+
+
+def test_flow_and_pressure_are_kept():
+    machine = driven_arm(3)
+    base = reduce_parameters(machine)
+    free = design_motion(machine, base, options=QUICK)
+    q, qd = free.motion.joint_positions(machine), free.speed
+    wanted = supply_flow(machine, q, qd)[0].max()
+    guess = base.from_standard(np.tile([20, 2, 0, 0, 0.1, 0, 0, 0.2, 0, 0.3], 3))
+    tau = base_regressor(machine, base, q, qd, free.acceleration) @ guess
+    pressures = [
+        chamber_pressure(j.cylinder, q[:, i], tau[:, i], 0.0, 0.0)[0].max() for i, j in enumerate(machine.joints)
+    ]
+    limits = HydraulicLimits(flow=0.7 * wanted, pressure=1.02 * max(pressures), base_parameters=guess)
+    kept = design_motion(machine, base, options=QUICK, hydraulic=limits)
+    q, qd = kept.motion.joint_positions(machine), kept.speed
+    assert supply_flow(machine, q, qd)[0].max() <= QUICK.use * limits.flow
+    tau = base_regressor(machine, base, q, qd, kept.acceleration) @ guess
+    for i, joint in enumerate(machine.joints):
+        assert chamber_pressure(joint.cylinder, q[:, i], tau[:, i], 0.0, 0.0)[0].max() <= QUICK.use * limits.pressure
+    assert {"flow", "pressure"} <= {use.quantity for use in kept.limits}
+
+
+def test_a_pressure_that_no_motion_keeps_is_refused():
+    machine = driven_arm(2)
+    base = reduce_parameters(machine)
+    heavy = base.from_standard(np.tile([500.0, 0, 0, 0, 0, 0, 0, 0, 0, 0], 2))
+    with pytest.raises(InputError, match="however small the motion"):
+        design_motion(machine, base, options=QUICK, hydraulic=HydraulicLimits(pressure=1e5, base_parameters=heavy))
