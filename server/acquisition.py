@@ -231,6 +231,10 @@ class Acquisition:
             supervisor = self._supervisors.get(name)
         return {"state": "off"} if supervisor is None else supervisor.statistics()
 
+    def state(self, name: str) -> str:
+        """What one machine's acquisition does: ``off``, ``starting``, ``running``, ``waiting`` or ``stopped``."""
+        return str(self.statistics(name)["state"])
+
     def feed(self, name: str) -> tuple[Machine, Feed]:
         """The machine and its running feed.
 

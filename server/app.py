@@ -5,10 +5,14 @@ from __future__ import annotations
 from importlib.metadata import version
 from typing import Any
 
-from fastapi import FastAPI
+from fastapi import FastAPI, Response
 
 from server import problems
+from server.access.guard import require
+from server.access.layer import Gate
+from server.access.rates import Rate, Rates
 from server.limits import BodyLimit, OwnPagesOnly, SafeHeaders
+from server.metrics import MEDIA_TYPE, Metrics, RequestTimes
 from server.resources import Health
 from server.routes import ROUTERS
 from server.routes.common import problems as problem_responses
@@ -18,6 +22,9 @@ API = "/api/v1"
 UPLOAD = f"{API}/recordings/upload"
 
 
+_RESPONSES = {str(status): response for status, response in problem_responses(401, 403, 429, 503).items()}
+
+
 class _Application(FastAPI):
     """Describes problem documents once for all routes."""
 
@@ -25,6 +32,9 @@ class _Application(FastAPI):
         """The OpenAPI description."""
         description = super().openapi()
         description["components"]["schemas"].setdefault("Problem", problems.Problem.model_json_schema())
+        for path in description["paths"].values():
+            for operation in path.values():  # what the layers around all routes answer
+                operation["responses"] = {**_RESPONSES, **operation["responses"]}
         return description
 
 
@@ -50,10 +60,26 @@ def create_app(service: Service) -> FastAPI:
         service.check()
         return Health(status="ok")
 
+    metrics = Metrics(service)
+
+    @app.get(
+        "/metrics",
+        tags=["health"],
+        dependencies=[require("read", every_machine=True)],
+        response_class=Response,
+        responses={200: {"content": {"text/plain": {"schema": {"type": "string"}}}}},
+    )
+    def read_metrics() -> Response:
+        """What is counted, for Prometheus."""
+        return Response(metrics.text(), media_type=MEDIA_TYPE)
+
     def limit(path: str) -> int:
         return settings.maximum_upload_bytes if path == UPLOAD else settings.maximum_request_bytes
 
     app.add_middleware(BodyLimit, limit=limit)
-    app.add_middleware(OwnPagesOnly)
+    rate = Rate(settings.requests_per_second, max(1, round(4 * settings.requests_per_second)))
+    app.add_middleware(Gate, access=service.access, audit=service.audit, rate=rate, rates=Rates())
+    app.add_middleware(OwnPagesOnly, hosts=settings.public_hosts, addresses=service.access.required)
     app.add_middleware(SafeHeaders)
+    app.add_middleware(RequestTimes, metrics=metrics)
     return app

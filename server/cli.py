@@ -58,6 +58,15 @@ PARTS = (
     ),
     Part("sim_backends.cli", {"simulate": "Run the simulated buses of a machine."}),
     Part("server.bench.cli", {"bench": "Benchmarks with targets: how right, how fast."}),
+    Part("server.access.cli", {"access": "Pair devices with a service that has access control."}),
+    Part(
+        "server.cli_operate",
+        {
+            "worker": "Take numerical jobs of a service with PostgreSQL.",
+            "backup": "Make a backup of a service, running or not.",
+            "restore": "Put a backup in the place of what is there.",
+        },
+    ),
     Part("server.cli", {"serve": "Serve machines, recordings and identifications over HTTP."}),
 )
 #: Modules that come with an extra of the distribution.
@@ -148,7 +157,11 @@ def name_environment(command: Any) -> None:
 
 
 def serve(
-    host: Annotated[str, typer.Option(help="Address to listen on; of this computer only.")] = "127.0.0.1",
+    context: typer.Context,
+    config: Annotated[Path | None, typer.Option(help="YAML file with settings.", dir_okay=False)] = None,
+    host: Annotated[
+        str, typer.Option(help="Address to listen on; others than this computer's need access control.")
+    ] = ("127.0.0.1"),
     port: Annotated[int, typer.Option(help="Port to listen on; 0 takes a free one.", min=0, max=65535)] = 8350,
     data_dir: Annotated[Path, typer.Option(help="Directory of the database and all files.", file_okay=False)] = Path(
         "hilfit-data"
@@ -166,10 +179,20 @@ def serve(
     def ready(url: str) -> None:
         print(json_format.dumps({"url": url}) if json else f"hilfit serves on {url} (Ctrl-C stops)", flush=True)
 
-    settings = load_settings(
-        host=host, port=port, data_dir=data_dir, simulate=simulate, simulation_speed=simulation_speed
-    )
-    run(settings, ready)
+    options: dict[str, Any] = {
+        "host": host,
+        "port": port,
+        "data_dir": data_dir,
+        "simulate": simulate,
+        "simulation_speed": simulation_speed,
+    }
+    run(load_settings(config, **{name: value for name, value in options.items() if _was_given(context, name)}), ready)
+
+
+def _was_given(context: typer.Context, name: str) -> bool:
+    """Whether an option was given, here or in the environment: only then it counts more than a configuration file."""
+    source = context.get_parameter_source(name)
+    return source is not None and not source.name.startswith("DEFAULT")
 
 
 def _show_version(wanted: bool) -> None:

@@ -4,11 +4,15 @@
 
     HilfitError                     (daq.errors) anything raised on purpose
     └── ServiceError                what a client of the service is told, with its HTTP status
+        ├── UnauthenticatedError  401 nobody known asks
+        ├── ForbiddenError  403 whoever asks may not do this
         ├── NotFoundError  404 no such resource
         ├── ConflictError  409 the resource is in a state that forbids it
+        ├── PreconditionError  412 the resource was changed since the client read it
         ├── InvalidError  422 the content of the request cannot be used
         ├── TooLargeError  413 more bytes than the service takes
         ├── UnsupportedFormatError  415 a kind of file that the service does not read
+        ├── TooManyError  429 too many at once
         └── UnavailableError  503 a part of the service is not there at the moment
 
 The text of every one of them is one line that says what to do; it becomes ``detail`` of a problem document.
@@ -16,6 +20,8 @@ The text of every one of them is one line that says what to do; it becomes ``det
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from types import MappingProxyType
 from typing import ClassVar
 
 from daq.errors import HilfitError, InputError
@@ -27,6 +33,24 @@ class ServiceError(HilfitError):
     status: ClassVar[int] = 500
     slug: ClassVar[str] = "internal"
     title: ClassVar[str] = "Internal error"
+    headers: ClassVar[Mapping[str, str]] = MappingProxyType({})
+
+
+class UnauthenticatedError(ServiceError):
+    """The request comes from nobody that is known."""
+
+    status = 401
+    slug = "unauthenticated"
+    title = "Unauthenticated"
+    headers = MappingProxyType({"WWW-Authenticate": 'Bearer realm="hilfit"'})  # RFC 9110 section 11.6.1
+
+
+class ForbiddenError(ServiceError):
+    """Whoever asks may not do this."""
+
+    status = 403
+    slug = "forbidden"
+    title = "Forbidden"
 
 
 class NotFoundError(ServiceError):
@@ -43,6 +67,14 @@ class ConflictError(ServiceError):
     status = 409
     slug = "conflict"
     title = "Conflict"
+
+
+class PreconditionError(ServiceError):
+    """The resource was changed since the client read it (``If-Match``)."""
+
+    status = 412
+    slug = "precondition-failed"
+    title = "Changed meanwhile"
 
 
 class InvalidError(ServiceError):
@@ -67,6 +99,14 @@ class UnsupportedFormatError(ServiceError):
     status = 415
     slug = "unsupported-format"
     title = "Unsupported format"
+
+
+class TooManyError(ServiceError):
+    """Too many requests, or too many of something at once."""
+
+    status = 429
+    slug = "too-many"
+    title = "Too many"
 
 
 class UnavailableError(ServiceError):

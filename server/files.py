@@ -7,7 +7,11 @@
     ├── lock                     held by the one server that uses this directory
     ├── machines/<name>/<version>.yaml
     ├── recordings/<id>.parquet|.csv, with .journal while being recorded, .incoming-* while being uploaded
+    ├── excitations/<id>/        request.json, motion.csv, result.json, design.log
+    ├── recalibrations/<id>/     request and log of the comparison
+    ├── backups/<time>/          copies of everything that cannot be made again
     ├── identifications/<id>/    request.json, artefacts of the stages, report.json, report.html, <stage>.log
+    ├── monitor/                 what monitors learnt, per calibration, and their logs
     └── simulation/              machine file and inbox of the simulated machine
 """
 
@@ -35,6 +39,9 @@ class DataDirectory:
         self.machines = self.root / "machines"
         self.recordings = self.root / "recordings"
         self.identifications = self.root / "identifications"
+        self.excitations = self.root / "excitations"
+        self.recalibrations = self.root / "recalibrations"
+        self.backups = self.root / "backups"
         self.simulation = self.root / "simulation"
         try:
             for directory in (self.root, self.machines, self.recordings, self.identifications):

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
 import secrets
 from dataclasses import dataclass
 from typing import Any
@@ -11,7 +9,7 @@ from typing import Any
 from daq import ROLES
 from server.errors import InvalidError
 from server.store import Database, Identification, Identifications, Jobs, Machines, Recordings
-from server.store.identifications import IdempotencyKey
+from server.store.idempotency import IdempotencyKey
 
 #: Roles of which one has to be there: to fit, and to judge the fit by. Normal operation may stand for both.
 NEEDED = (("train", "operation"), ("validate", "operation"))
@@ -55,7 +53,8 @@ def order_identification(
         options=wish.options,
         created=database.now(),
     )
-    idempotency = None if key is None else IdempotencyKey(key, _digest(wish))
+    content = [wish.machine, [list(entry) for entry in wish.recordings], wish.options, wish.label]
+    idempotency = IdempotencyKey.of(key, *content)
     return Identifications(database).add(
         identification,
         lambda connection: jobs.insert(
@@ -89,8 +88,3 @@ def _chosen(database: Database, wish: Wish) -> tuple[tuple[str, str], ...]:
         if not {role, instead} & set(chosen.values()):
             raise InvalidError(f"there is no recording in the role '{role}'; record one and give its id")
     return tuple(chosen.items())
-
-
-def _digest(wish: Wish) -> str:
-    content = [wish.machine, [list(entry) for entry in wish.recordings], wish.options, wish.label]
-    return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()

@@ -10,6 +10,7 @@ from fastapi import FastAPI, Request
 from fastapi.exceptions import RequestValidationError
 from fastapi.responses import JSONResponse
 from pydantic import BaseModel
+from sqlalchemy.exc import OperationalError
 from starlette.exceptions import HTTPException
 
 from daq.errors import AcquisitionError, HilfitError, InputError
@@ -60,7 +61,9 @@ def install(app: FastAPI) -> None:
 
     async def service_error(request: Request, error: Exception) -> JSONResponse:
         assert isinstance(error, ServiceError)
-        return problem(request, error.status, str(error), slug=error.slug, title=error.title)
+        return problem(
+            request, error.status, str(error), slug=error.slug, title=error.title, headers=dict(error.headers)
+        )
 
     async def input_error(request: Request, error: Exception) -> JSONResponse:
         return problem(request, 422, str(error), slug="invalid", title="Invalid content")
@@ -90,6 +93,11 @@ def install(app: FastAPI) -> None:
         detail = " ".join(f"{first['place']}: {first['text']}{more}".split())
         return problem(request, 422, detail, slug="invalid", title="Invalid content", errors=errors)
 
+    async def store_unavailable(request: Request, error: Exception) -> JSONResponse:
+        _log.error("store_unavailable", path=request.url.path, exc_info=error)
+        detail = "the store is busy, full or gone; try again, and see the log of the service"
+        return problem(request, 503, detail, slug="unavailable", title="Unavailable", headers={"Retry-After": "5"})
+
     async def unexpected(request: Request, error: Exception) -> JSONResponse:
         # The text of an unexpected error may hold paths and values; it belongs in the log only.
         _log.error("request_failed", path=request.url.path, exc_info=error)
@@ -102,4 +110,5 @@ def install(app: FastAPI) -> None:
     app.add_exception_handler(HilfitError, other_error)
     app.add_exception_handler(HTTPException, http_error)
     app.add_exception_handler(RequestValidationError, validation_error)
+    app.add_exception_handler(OperationalError, store_unavailable)
     app.add_exception_handler(Exception, unexpected)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import signal
 import socket
+import sys
 from collections.abc import Callable
 from types import FrameType
 from typing import NoReturn
@@ -12,6 +13,7 @@ import structlog
 import uvicorn
 
 from server import logs
+from server.access.pairing import pairing_url
 from server.app import create_app
 from server.errors import StartError
 from server.parts import installed_parts
@@ -60,15 +62,16 @@ def serve(settings: Settings, ready: Callable[[str], None], make_parts: Callable
     StartError
         If the address is not of this computer only, or taken; or the data directory cannot be used.
     """
-    refuse_open_host(settings.host)
+    refuse_open_host(settings)
     logs.configure()
     # uvicorn handles signals while it runs and raises them again when it is done; our children still have to
     # be ended then.
     for number in SIGNALS:
         signal.signal(number, _interrupt)
     with _listen(settings.host, settings.port) as listening:
+        port = listening.getsockname()[1]
         host = f"[{settings.host}]" if ":" in settings.host else settings.host
-        url = f"http://{host}:{listening.getsockname()[1]}"
+        url = f"http://{host}:{port}"
         service = Service(settings, make_parts())
         try:
             service.start()
@@ -78,9 +81,19 @@ def serve(settings: Settings, ready: Callable[[str], None], make_parts: Callable
                 access_log=False,
                 timeout_graceful_shutdown=GRACE_S,
                 server_header=False,
+                ws_max_size=4096,  # nothing that a client says is read
+                ws_per_message_deflate=False,  # twenty clients are twenty times the work, for a few kB/s
             )
             _log.info("listening", url=url)
-            _Server(config, service, lambda: ready(url)).run(sockets=[listening])
+            first = service.access.first_admin()
+
+            def listens() -> None:
+                ready(url)
+                if first is not None:
+                    address = pairing_url(settings.public_url(port), first.digits)
+                    print(f"pair the first admin with {first.digits} within 15 minutes: {address}", file=sys.stderr)
+
+            _Server(config, service, listens).run(sockets=[listening])
         except KeyboardInterrupt:
             _log.info("stopping")
         finally:
@@ -95,7 +108,10 @@ def _interrupt(_number: int, _frame: FrameType | None) -> NoReturn:
 
 
 def _listen(host: str, port: int) -> socket.socket:
-    listening = socket.socket(socket.AF_INET6 if ":" in host else socket.AF_INET, socket.SOCK_STREAM)
+    # The protocol has to be named: asyncio switches Nagle's algorithm off only where it sees that this is TCP. Else
+    # every answer on a kept connection waits 40 ms for an acknowledgement.
+    family = socket.AF_INET6 if ":" in host else socket.AF_INET
+    listening = socket.socket(family, socket.SOCK_STREAM, socket.IPPROTO_TCP)
     listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     try:
         listening.bind((host, port))

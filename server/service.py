@@ -9,22 +9,50 @@ from importlib.metadata import version
 from typing import Any
 
 import structlog
+from fastapi.concurrency import run_in_threadpool
 from sqlalchemy.exc import SQLAlchemyError
 
+from server.access.desk import Access
 from server.acquisition import Acquisition, Launch
+from server.alarms import Alarms
+from server.alarms.watch import Watch
+from server.audit import Audit
+from server.backups import Backups, DailyBackups
+from server.calibrations import ByPolicy, Calibrations
 from server.changes import Changes
+from server.disk import free_bytes
 from server.errors import ConflictError, UnavailableError
+from server.executors import Presence, Silence
 from server.files import DataDirectory
+from server.formats import Exports
 from server.identify import Wish, order_identification
+from server.jobs.excitation import PROGRAM as DESIGN
+from server.jobs.excitation import ExcitationKind
+from server.jobs.identification import IdentificationKind
+from server.jobs.kinds import AT_MACHINES
+from server.jobs.recalibration import PROGRAM as COMPARISON
+from server.jobs.recalibration import Calibrations as CalibrationsOfJobs
+from server.jobs.recalibration import RecalibrationKind, Surroundings, new_recalibration
+from server.jobs.site import Site
+from server.live import Hub, Revisions
+from server.monitor import Monitors
 from server.resources import Status
+from server.schedules.clock import ScheduleClock
 from server.sessions import Recorder, Sessions
 from server.settings import Settings
 from server.stages import StageProgram
 from server.store import Database, Identification, Identifications, Jobs, MachineRow, Machines, Recordings
+from server.store.database import utc_now
+from server.store.excitations import Excitation, Excitations
+from server.store.schedules import Schedule, Schedules
 from server.uploads import MachineUploads, RecordingUploads
-from server.workflows import JobRunner
+from server.workflows import EXECUTOR, QUEUES, JobRunner
 
 _log = structlog.stdlib.get_logger(__name__)
+
+
+def _by_policy(service: Service) -> CalibrationsOfJobs:
+    return ByPolicy(service.calibrations, service.audit)
 
 
 @dataclass(frozen=True)
@@ -34,6 +62,9 @@ class Parts:
     program: Callable[[], StageProgram]
     launch: Launch
     recorder: Recorder
+    design: tuple[str, ...] = DESIGN
+    comparison: tuple[str, ...] = COMPARISON
+    calibrations: Callable[[Service], CalibrationsOfJobs] = _by_policy
 
 
 class Service:
@@ -47,37 +78,95 @@ class Service:
         # Before the database is touched: two servers must not even open one.
         self._resources.enter_context(self.files.locked())
         self.files.clean()
-        self._database = Database(self.files.database, changed=self.changes.notify)
+        self._database = Database(
+            settings.database_url or self.files.database, changed=self.changes.notify, backups=self.files.backups
+        )
         self._resources.callback(self._database.close)
+        self._resources.enter_context(self._database.alone())
+        self.backups = Backups(self.files, self._database.url, utc_now, settings.backup_dir)
+        self._daily_backups = DailyBackups(self.backups)
+        self.audit = Audit(self._database)
+        self.access = Access(self._database, self.audit, settings.access == "required")
         self.machines = Machines(self._database)
         self.recordings = Recordings(self._database)
         self.jobs = Jobs(self._database)
         self.identifications = Identifications(self._database)
+        self.calibrations = Calibrations(self._database, self.files)
+        self.exports = Exports(self.files)
         self.recording_uploads = RecordingUploads(self._database, self.files)
         self._machine_uploads = MachineUploads(self._database, self.files)
-        self.runner = JobRunner(self._database, self.files, parts.program, stage_timeout_s=settings.stage_timeout_s)
+        self._identification = IdentificationKind(self._database, self.files, parts.program)
         self.acquisition = Acquisition(parts.launch, self.changes.notify)
-        self.sessions = Sessions(self._database, self.files, self.acquisition, parts.recorder)
+        self.hub = Hub(self.acquisition, lambda: self.changes.closed)
+        self.revisions = Revisions(self.changes, self._read_revisions)
+        self.sessions = Sessions(self._database, self.files, self.acquisition, parts.recorder, self.free_bytes)
+        self.alarms = Alarms(self._database)
+        self._watch = Watch(self.acquisition, self.alarms, self.free_bytes, self.sessions.end_all)
+        self.excitations = Excitations(self._database)
+        self.schedules = Schedules(self._database)
+        self.designs = ExcitationKind(self._database, self.files, parts.design)
+        self._simulated: str | None = None
+        self.site = Site(
+            self._database, self.files, self.acquisition, self.sessions, self.designs, lambda: self._simulated
+        )
+        around = Surroundings(parts.calibrations(self), self.alarms, self.site, self.identify, self.jobs.request_cancel)
+        self.monitors = Monitors(
+            around.calibrations,
+            self.acquisition,
+            self.machines,
+            self.files,
+            self.alarms,
+            self._database.now,
+            recalibrate=self.recalibrate_drifted if settings.recalibrate_on_drift else None,
+        )
+        recalibration = RecalibrationKind(self._database, self.files, around, parts.comparison)
+        self.runner = JobRunner(
+            self._database,
+            self.files,
+            [self._identification, self.designs, recalibration],
+            stage_timeout_s=settings.stage_timeout_s,
+            queues=tuple(QUEUES) if settings.local_jobs else (AT_MACHINES,),
+        )
+        self._silence = Silence(self._database)
+        self._presence = Presence(self._database, EXECUTOR, self._take_over)
+        self.schedule_clock = ScheduleClock(self._database, self.runner.enqueue, self.site.ready, utc_now)
         self._started = self._database.now()
 
     def start(self) -> None:
         """Start jobs, the simulated machine if asked for, and acquisition."""
         self.sessions.recover()
-        self.runner.start()
         if self.settings.simulate:
             self._simulate()
+        self.runner.start()
         for machine in self.machines.acquiring():
             self.acquisition.start(machine.name, self.files.machine_file(machine.name, machine.version))
+        self._watch.start()
+        self.monitors.start()
+        self.schedule_clock.start()
+        if not self._database.is_sqlite:  # else nobody shares it
+            self._presence.start()
+        self._daily_backups.start()
         _log.info("started", data_dir=str(self.files.root), simulate=self.settings.simulate)
 
     def stop(self) -> None:
         """Seal what is being recorded, end every child process, close the store."""
         self.changes.close()
+        self.schedule_clock.stop()
+        self._presence.stop()
+        self._daily_backups.stop()
+        self.runner.halt()
+        self._watch.stop()
+        self.monitors.stop()
         self.sessions.stop_all()
         self.acquisition.stop_all()
         self.runner.stop()
         self._resources.close()
         _log.info("stopped")
+
+    def _take_over(self) -> None:
+        """Let others go on with the jobs of workers that fell silent."""
+        self._silence.look()
+        self.runner.take_over(self._silence.silent)
 
     def _simulate(self) -> None:
         from server.simulation import simulated_machine
@@ -85,10 +174,16 @@ class Service:
         path = self._resources.enter_context(simulated_machine(self.files.simulation, self.settings.simulation_speed))
         row, _ = self._machine_uploads.add(path.read_bytes(), acquire=True)
         self.machines.set_acquire(row.name, True)
+        self._simulated = row.name
 
-    def upload_machine(self, content: bytes) -> tuple[MachineRow, bool]:
-        """Store a machine file; a machine that is being acquired goes on with the new one."""
-        row, made = self._machine_uploads.add(content)
+    def upload_machine(
+        self, content: bytes, allowed: Callable[[str], bool] = lambda name: True
+    ) -> tuple[MachineRow, bool]:
+        """Store a machine file; a machine that is being acquired goes on with the new one.
+
+        NotFoundError if the machine is not ``allowed``.
+        """
+        row, made = self._machine_uploads.add(content, allowed=allowed)
         if made and row.acquire:
             self.acquisition.start(row.name, self.files.machine_file(row.name, row.version))
         return row, made
@@ -111,15 +206,49 @@ class Service:
 
     def identify(self, wish: Wish, key: str | None) -> Identification:
         """Store an identification and queue its job."""
-        identification = order_identification(self._database, wish, self.runner.stages, key)
+        identification = order_identification(self._database, wish, self._identification.stages, key)
         self.runner.enqueue(identification.job)
         return identification
+
+    def now(self) -> str:
+        """The time as the store writes it."""
+        return self._database.now()
+
+    def design(self, machine: str, options: dict[str, Any], label: str, key: str | None) -> Excitation:
+        """Store an excitation and queue its design."""
+        excitation = self.designs.order(machine, options, label, key)
+        self.runner.enqueue(excitation.job)
+        return excitation
+
+    def recalibrate(self, schedule: Schedule) -> str:
+        """Do now what a schedule does; the job. ConflictError if the machine is being recalibrated."""
+        self.site.ready(schedule.machine)
+        new = new_recalibration(schedule.machine, schedule.id, schedule.label, schedule.plan, self._database.now())
+        self.schedules.order(new)
+        self.runner.enqueue(new.job)
+        return new.job
+
+    def recalibrate_drifted(self, machine: str, reason: str) -> None:
+        """Do now what the machine's schedule does, because its residual drifts.
+
+        Raises
+        ------
+        ConflictError
+            If no schedule says how, or the machine is being recalibrated.
+        """
+        schedule = next((own for own in self.schedules.enabled() if own.machine == machine), None)
+        if schedule is None:
+            raise ConflictError(
+                f"machine '{machine}' drifts and no enabled schedule says how to recalibrate it; make one"
+            )
+        _log.info("recalibration_ordered", machine=machine, job=self.recalibrate(schedule), reason=reason)
 
     def delete_recording(self, id: str) -> None:
         """Delete a recording and its file; refused while it is in use."""
         format = self.recordings.get(id).format
         self.recordings.delete(id)
         (self.files.recordings / f"{id}.{format}").unlink(missing_ok=True)
+        self.exports.kept_statistics(id).unlink(missing_ok=True)
 
     def live(self, machine: str | None) -> dict[str, dict[str, Any]]:
         """The newest frame of one machine, or of each whose acquisition runs."""
@@ -128,6 +257,13 @@ class Service:
             return {machine: self.acquisition.latest(machine)}
         names = [name for name in self.acquisition.names() if self.acquisition.running(name)]
         return {name: self.acquisition.latest(name) for name in names}
+
+    async def _read_revisions(self) -> dict[str, int]:
+        return await run_in_threadpool(self._database.revisions)
+
+    def free_bytes(self) -> int:
+        """Bytes that are free for recordings."""
+        return free_bytes(self.files.recordings)
 
     def status(self) -> Status:
         """The service at a glance."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import secrets
+import sys
 import threading
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -15,6 +16,7 @@ import structlog
 from daq import Machine
 from daq.errors import HilfitError
 from server.acquisition import Acquisition
+from server.disk import Free, require_room
 from server.errors import ConflictError
 from server.files import DataDirectory
 from server.store import Database, Machines, RecordingRow, Recordings
@@ -67,13 +69,21 @@ class _Session:
 class Sessions:
     """All recordings in progress."""
 
-    def __init__(self, database: Database, files: DataDirectory, acquisition: Acquisition, recorder: Recorder) -> None:
+    def __init__(
+        self,
+        database: Database,
+        files: DataDirectory,
+        acquisition: Acquisition,
+        recorder: Recorder,
+        free: Free = lambda: sys.maxsize,
+    ) -> None:
         self._database = database
         self._recordings = Recordings(database)
         self._machines = Machines(database)
         self._files = files
         self._acquisition = acquisition
         self._recorder = recorder
+        self._free = free
         self._lock = threading.Lock()
         self._sessions: dict[str, _Session] = {}
 
@@ -86,6 +96,7 @@ class Sessions:
             If there is no such machine, it is not acquired, or it is being recorded already.
         """
         row = self._machines.get(machine)
+        require_room(self._free())
         content, feed = self._acquisition.feed(machine)
         recording = RecordingRow(
             id=f"rec-{secrets.token_hex(8)}",
@@ -137,12 +148,17 @@ class Sessions:
             session = self._sessions.get(id)
             return None if session is None else session.statistics
 
+    def end_all(self) -> None:
+        """Let everything that is being recorded be sealed; returns at once."""
+        with self._lock:
+            for session in self._sessions.values():
+                session.stop.set()
+
     def stop_all(self) -> None:
         """Seal everything that is being recorded."""
+        self.end_all()
         with self._lock:
             sessions = list(self._sessions.values())
-        for session in sessions:
-            session.stop.set()
         for session in sessions:
             session.thread.join()
 

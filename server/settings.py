@@ -1,15 +1,23 @@
-"""Settings of the service: command line, then ``HILFIT_...`` in the environment, then these defaults."""
+"""Settings of the service: command line, ``HILFIT_...`` in the environment, the file of ``--config``, defaults.
+
+What stands further to the left counts.
+"""
 
 from __future__ import annotations
 
 import ipaddress
+import os
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
+import yaml
 from pydantic import Field, ValidationError
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
 from server.errors import StartError
+from server.files import DataDirectory
+from server.store.copies import postgresql_url
 
 
 class Settings(BaseSettings):
@@ -18,40 +26,74 @@ class Settings(BaseSettings):
     Attributes
     ----------
     data_dir : directory of the database and of every file that the service keeps
+    database_url : PostgreSQL that several hosts share, ``postgresql://user:password@host/name``; without it a SQLite
+        file in ``data_dir``
+    local_jobs : the server runs numerical jobs itself; else only ``hilfit worker`` processes do
+    backup_dir : where backups are kept; by default ``backups`` in ``data_dir``
     host, port : where HTTP is served; port 0 takes a free one
+    access : ``required``: every request needs a token; ``loopback``: none does, and HTTP is for this computer only
+    public_hosts : names by which other computers reach the service, ``hilfit.example`` or with a port; addresses need
+        not be listed
+    requests_per_second : of each paired device and API key in the long run, four times as many at once
     simulate : start the simulated machine and acquire from it
     simulation_speed : its machine seconds per second
     maximum_upload_bytes : of one recording
     maximum_request_bytes : of any other request, machine files included
     stage_timeout_s : a stage of a job that takes longer is ended, and the job fails
+    recalibrate_on_drift : a drift of the residual does at once what the machine's schedule does; else it only alarms
     """
 
     model_config = SettingsConfigDict(env_prefix="HILFIT_", frozen=True, extra="forbid")
 
     data_dir: Path = Path("hilfit-data")
+    database_url: str | None = None
+    backup_dir: Path | None = None
+    local_jobs: bool = True
     host: str = "127.0.0.1"
     port: Annotated[int, Field(ge=0, le=65535)] = 8350
+    access: Literal["loopback", "required"] = "loopback"
+    public_hosts: tuple[str, ...] = ()
+    requests_per_second: Annotated[float, Field(gt=0, le=10_000)] = 100.0
     simulate: bool = False
     simulation_speed: Annotated[float, Field(gt=0, le=4)] = 1.0
     maximum_upload_bytes: Annotated[int, Field(gt=0)] = 512 * 2**20
     maximum_request_bytes: Annotated[int, Field(gt=0)] = 2**20
     stage_timeout_s: Annotated[float, Field(gt=0)] = 3600.0
+    recalibrate_on_drift: bool = False
+
+    def database(self, files: DataDirectory) -> str:
+        """URL of the database."""
+        return f"sqlite:///{files.database}" if self.database_url is None else postgresql_url(self.database_url)
+
+    def public_url(self, port: int) -> str:
+        """The address that other computers use, as far as it is known here."""
+        if self.public_hosts:
+            first = self.public_hosts[0]
+            return f"http://{first}" if ":" in first else f"http://{first}:{port}"
+        host = f"[{self.host}]" if ":" in self.host else self.host
+        return f"http://{host}:{port}"
 
 
-def load_settings(**given: Any) -> Settings:
-    """Settings from ``given`` and the environment.
+def load_settings(config: Path | None = None, **given: Any) -> Settings:
+    """Settings from ``given``, the environment, and the YAML file ``config``.
 
     Raises
     ------
     StartError
-        One line with the first setting that cannot be used.
+        One line with the first setting that cannot be used, or is not known.
     """
+    written = {} if config is None else _read_config(config)
+    # What the environment says counts more than the file, so the file must not hand it over as given.
+    below = {key: value for key, value in written.items() if f"HILFIT_{key.upper()}" not in os.environ}
     try:
-        return Settings(**given)
+        return Settings(**{**below, **given})
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
         name = str(first["loc"][0])
-        how = "--" + name.replace("_", "-") if name in given else f"HILFIT_{name.upper()}"
+        if name in given:
+            how = "--" + name.replace("_", "-")
+        else:
+            how = f"{config}: {name}" if name in below else f"HILFIT_{name.upper()}"
         raise StartError(f"{how}: {first['msg'].lower()} (found {first['input']!r})") from None
 
 
@@ -65,16 +107,34 @@ def is_loopback(host: str) -> bool:
         return False
 
 
-def refuse_open_host(host: str) -> None:
-    """Refuse to listen beyond this computer: there is no access control yet.
+def refuse_open_host(settings: Settings) -> None:
+    """Refuse to listen beyond this computer without access control.
 
     Raises
     ------
     StartError
-        If ``host`` is not a loopback address.
+        If ``host`` is not a loopback address and ``access`` is not ``required``.
     """
-    if not is_loopback(host):
+    if settings.access != "required" and not is_loopback(settings.host):
         raise StartError(
-            f"--host {host}: is reachable from other computers, and this version has no access control; "
-            "use 127.0.0.1 (and a tunnel, if you need it elsewhere)"
+            f"--host {settings.host}: is reachable from other computers, and access control is off; "
+            "say 'access: required' in the file of --config (or HILFIT_ACCESS=required), or use 127.0.0.1"
         )
+
+
+def _read_config(path: Path) -> Mapping[str, Any]:
+    """The content of a configuration file; StartError, one line, if it is none."""
+    try:
+        content = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise StartError(f"{path}: cannot be read ({error.strerror})") from None
+    except (UnicodeDecodeError, yaml.YAMLError) as error:
+        raise StartError(f"{path}: is not YAML ({' '.join(str(error).split())})") from None
+    if content is None:
+        return {}
+    if not isinstance(content, dict):
+        raise StartError(f"{path}: has to hold 'name: value' lines, found {type(content).__name__}")
+    for key in content:
+        if key not in Settings.model_fields:
+            raise StartError(f"{path}: {key}: is no setting; known are {', '.join(sorted(Settings.model_fields))}")
+    return content

@@ -6,13 +6,16 @@ import hashlib
 import secrets
 import sys
 import threading
+from collections.abc import Callable
 from pathlib import Path
 from typing import Literal, cast
 
 from daq import ROLES, parse_machine
 from server.children import run_child
-from server.errors import ConflictError, InvalidError, ServiceError, UnsupportedFormatError
+from server.disk import free_bytes, require_room
+from server.errors import ConflictError, InvalidError, NotFoundError, ServiceError, UnsupportedFormatError
 from server.files import DataDirectory, sync_directory, write_atomically
+from server.formats import Exports
 from server.store import Database, MachineRow, Machines, RecordingRow, Recordings
 
 #: Seconds that looking at a recording may take.
@@ -28,7 +31,9 @@ class MachineUploads:
         self._files = files
         self._lock = threading.Lock()  # two uploads of one machine must not take the same version number
 
-    def add(self, content: bytes, *, acquire: bool = False) -> tuple[MachineRow, bool]:
+    def add(
+        self, content: bytes, *, acquire: bool = False, allowed: Callable[[str], bool] = lambda name: True
+    ) -> tuple[MachineRow, bool]:
         """Check and store the text of a machine file.
 
         Returns
@@ -46,6 +51,8 @@ class MachineUploads:
             raise InvalidError(f"{SHOWN_NAME}: is not text in UTF-8; send the text of a machine file") from None
         except RecursionError:
             raise InvalidError(f"{SHOWN_NAME}: is nested too deeply for a machine file") from None
+        if not allowed(machine.name):
+            raise NotFoundError(f"there is no machine '{machine.name}' for you; ask an admin to bind you to it")
         digest = hashlib.sha256(content).hexdigest()
         with self._lock:
             version = self._machines.next_version(machine.name, digest)
@@ -56,12 +63,13 @@ class MachineUploads:
 
 
 class RecordingUploads:
-    """Takes recordings as CSV or Parquet."""
+    """Takes recordings as CSV, Parquet or MDF4 (which is kept as Parquet)."""
 
     def __init__(self, database: Database, files: DataDirectory) -> None:
         self._database = database
         self._recordings = Recordings(database)
         self._machines = Machines(database)
+        self._exports = Exports(files)
         self._files = files
 
     def incoming(self, machine: str, role: str, name: str) -> Path:
@@ -76,8 +84,11 @@ class RecordingUploads:
         if role not in ROLES:
             raise InvalidError(f"role '{role}' is unknown; use one of {', '.join(ROLES)}")
         suffix = Path(name).suffix.lower()
-        if suffix not in (".csv", ".parquet"):
-            raise UnsupportedFormatError(f"'{name}' is neither .csv nor .parquet; export the recording as one of them")
+        if suffix not in (".csv", ".parquet", ".mf4"):
+            raise UnsupportedFormatError(
+                f"'{name}' is none of .csv, .parquet and .mf4; export the recording as one of them"
+            )
+        require_room(free_bytes(self._files.recordings))
         incoming = self._files.incoming()
         return incoming.with_name(incoming.name + suffix)
 
@@ -91,6 +102,8 @@ class RecordingUploads:
         """
         try:
             version = self._machines.get(machine).version
+            if incoming.suffix == ".mf4":
+                incoming = self._exports.from_mdf4(incoming, machine, version, label)
             machine_file = self._files.machine_file(machine, version)
             result = run_child(
                 [sys.executable, "-P", "-m", "server.inspect_recording", str(incoming), str(machine_file), role],

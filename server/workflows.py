@@ -1,4 +1,4 @@
-"""Identifications as durable workflows (DBOS): each stage is a step that is recorded once it is done.
+"""Jobs as durable workflows (DBOS): each stage is a step that is recorded once it is done.
 
 After a crash, at whatever moment, the next start goes on with the first stage that has no recorded result.
 What a person sees of a job is in our own store (:class:`server.store.Jobs`); the engine's tables are its
@@ -7,23 +7,27 @@ private business. Inputs and results are kept as JSON, never as pickles.
 
 from __future__ import annotations
 
-import json
+import contextvars
 import threading
-from collections.abc import Callable
-from functools import cached_property
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import structlog
 from dbos import DBOS, DBOSPortableJSONSerializer, SetWorkflowID
 
+from daq.errors import HilfitError
 from server.children import GRACE_S, LOOK_S, ChildResult, run_child
 from server.errors import ServiceStopping
 from server.files import DataDirectory
-from server.stages import StageProgram, StageRequest, words
-from server.store import Database, Identification, Identifications, Job, Jobs, Recordings
+from server.jobs.kinds import AT_MACHINES, NUMERICAL, JobError, Kind, StageRun
+from server.store import Database, Job, Jobs
+from server.store.jobs import State
 
-QUEUE = "identifications"
+#: Jobs of a queue that one process runs at a time. Numerical work may take all cores but those of acquisition and
+#: HTTP; what is done at machines is mostly waiting, and one machine has one at a time.
+QUEUES: Mapping[str, int] = {NUMERICAL: 1, AT_MACHINES: 8}
 #: Changed when the order or meaning of a workflow's steps changes: only workflows of the same version are
 #: resumed.
 WORKFLOW_VERSION = "hilfit-jobs-1"
@@ -33,49 +37,47 @@ EXECUTOR = "server"
 POLL_S = 0.25
 #: Held by the runner that has started the engine, which keeps its state in its module.
 _ENGINE = threading.Lock()
+_LOST = "the job broke off unexpectedly; order it again"
 _log = structlog.stdlib.get_logger(__name__)
 
 
 class JobRunner:
-    """Runs identifications one after another, each stage in a process of its own.
+    """Runs jobs: numerical stages one after another, each in a process of its own.
 
     Parameters
     ----------
-    program : gives the stages and the command that runs one; called when the first job needs it
-    stage_timeout_s : most seconds that a stage may take
+    kinds : what jobs there are
+    stage_timeout_s : most seconds that a stage's process may take
+    executor : name of this process among those that share the store; the same after a restart
+    queues : from which it takes jobs; it may put jobs into all of them
     """
 
     def __init__(
         self,
         database: Database,
         files: DataDirectory,
-        program: Callable[[], StageProgram],
+        kinds: Sequence[Kind],
         *,
         stage_timeout_s: float,
+        executor: str = EXECUTOR,
+        queues: Sequence[str] = tuple(QUEUES),
     ) -> None:
         self._database = database
         self._files = files
-        self._make_program = program
+        self._kinds = {kind.name: kind for kind in kinds}
         self._stage_timeout_s = stage_timeout_s
+        self._executor = executor
+        self._queues = tuple(queues)
         self._jobs = Jobs(database)
-        self._identifications = Identifications(database)
-        self._recordings = Recordings(database)
         self._stopping = threading.Event()
-        self._at_work = threading.Lock()
-        self._workflow: Any = None
+        self._one_at_a_time = threading.Lock()
+        self._idle = threading.Condition()
+        self._at_work = 0
+        self._workflows: dict[str, Any] = {}
         self._started = False
 
-    @property
-    def stages(self) -> tuple[str, ...]:
-        """Stages of an identification, in order."""
-        return self._program.stages
-
-    @cached_property
-    def _program(self) -> StageProgram:
-        return self._make_program()
-
     def start(self) -> None:
-        """Start the engine: unfinished jobs go on, waiting ones are taken from the queue."""
+        """Start the engine: unfinished jobs go on, waiting ones are taken from the queues."""
         if not _ENGINE.acquire(blocking=False):
             raise RuntimeError("the workflow engine exists once per process, and another service has it")
         self._started = True
@@ -84,41 +86,53 @@ class JobRunner:
                 "name": "hilfit",
                 "system_database_url": self._database.url,
                 "serializer": DBOSPortableJSONSerializer(),
-                "executor_id": EXECUTOR,
+                "executor_id": self._executor,
                 "application_version": WORKFLOW_VERSION,
                 "log_level": "WARNING",
                 "enable_otlp": False,
                 "sys_db_pool_size": 5,
             }
         )
+        for name in self._kinds:
+            self._workflows[name] = self._workflow(name)
+        DBOS.listen_queues(list(self._queues))
+        DBOS.launch()
+        for queue, count in QUEUES.items():
+            DBOS.register_queue(
+                queue, worker_concurrency=count, polling_interval_sec=POLL_S, on_conflict="always_update"
+            )
+        if self._executor == EXECUTOR:  # whoever stores jobs also sees to it that they are queued
+            for job in self._jobs.unfinished():
+                self._take_up(job)
 
-        def identification(job: str, stages: list[str]) -> str:
-            return self._identify(job, stages)
+    def _workflow(self, name: str) -> Any:
+        def workflow(job: str, stages: list[str]) -> str:
+            return self._run(job, stages)
 
         # A stage cannot take the server down (it is a process of its own), so a job that was resumed
         # often is a victim, not a cause: no limit on attempts.
-        self._workflow = DBOS.workflow(name="identification", max_recovery_attempts=None)(identification)
-        DBOS.launch()
-        # One at a time: numerical work may take all cores but those of acquisition and HTTP.
-        DBOS.register_queue(QUEUE, worker_concurrency=1, polling_interval_sec=POLL_S, on_conflict="always_update")
-        for job in self._jobs.unfinished():
-            self._take_up(job.id)
+        return DBOS.workflow(name=name, max_recovery_attempts=None)(workflow)
 
-    def _take_up(self, job: str) -> None:
+    def _take_up(self, job: Job) -> None:
         """Bring a job that is not over in our store together with its workflow, which a crash may have kept from it."""
-        workflow = DBOS.get_workflow_status(job)
+        workflow = DBOS.get_workflow_status(job.id)
         if workflow is None:
-            self.enqueue(job)
+            self.enqueue(job.id)
         elif workflow.status not in ("ENQUEUED", "PENDING"):
-            _log.error("job_lost", job=job, workflow=workflow.status)
-            self._jobs.finish(job, "failed", "Failed", error="the job broke off unexpectedly; order it again")
+            _log.error("job_lost", job=job.id, workflow=workflow.status)
+            self._kinds[job.kind].ended(job, "failed", _LOST)
+            self._jobs.finish(job.id, "failed", "Failed", error=_LOST)
+
+    def halt(self) -> None:
+        """Let no stage begin and running ones end, unrecorded; returns at once."""
+        self._stopping.set()
 
     def stop(self) -> None:
         """Stop the engine; a running stage is ended and will run again at the next start."""
-        self._stopping.set()
-        # Whoever holds it is ending its child now; the engine and the store have to be there until then.
-        if self._at_work.acquire(timeout=2 * GRACE_S + LOOK_S):
-            self._at_work.release()
+        self.halt()
+        # Whoever is at work is ending its child now; the engine and the store have to be there until then.
+        with self._idle:
+            self._idle.wait_for(lambda: self._at_work == 0, timeout=2 * GRACE_S + LOOK_S)
         if self._started:
             self._started = False
             DBOS.destroy(destroy_registry=True)
@@ -126,15 +140,32 @@ class JobRunner:
 
     def enqueue(self, job: str) -> None:
         """Queue the workflow of a stored job; does nothing if it is queued, running or over."""
-        stages = list(self._jobs.get(job).stages)
-        with SetWorkflowID(job):
-            DBOS.enqueue_workflow(QUEUE, self._workflow, job, stages)
+        # In a context of its own: the engine refuses to start a workflow inside a step, which a recalibration does.
+        contextvars.Context().run(self._enqueue, self._jobs.get(job))
+
+    def _enqueue(self, job: Job) -> None:
+        with SetWorkflowID(job.id):
+            DBOS.enqueue_workflow(self._kinds[job.kind].queue, self._workflows[job.kind], job.id, list(job.stages))
 
     def cancel(self, job: str) -> Job:
         """Ask a job to stop. A running stage is ended within a second; a waiting job never starts."""
         return self._jobs.request_cancel(job)
 
-    def _identify(self, job: str, stages: list[str]) -> str:
+    def take_over(self, silent: Callable[[str], bool]) -> tuple[str, ...]:
+        """Let others go on with the jobs of executors that are ``silent``; the jobs' ids.
+
+        The engine recovers only what its own executor left behind.
+        """
+        taken = []
+        for workflow in DBOS.list_workflows(status="PENDING", load_input=False, load_output=False):
+            if workflow.executor_id is None or not silent(workflow.executor_id) or workflow.name not in self._kinds:
+                continue
+            DBOS.resume_workflow(workflow.workflow_id, queue_name=self._kinds[workflow.name].queue)
+            _log.warning("job_taken_over", job=workflow.workflow_id, executor=workflow.executor_id)
+            taken.append(workflow.workflow_id)
+        return tuple(taken)
+
+    def _run(self, job: str, stages: list[str]) -> str:
         """The workflow. Its steps depend on nothing but its arguments and the results of earlier steps."""
         result: dict[str, Any] = {"outcome": "done"}
         for index, stage in enumerate(stages):
@@ -143,39 +174,62 @@ class JobRunner:
                 break
         return str(DBOS.run_step({"name": "finish"}, self._finish, job, result))
 
-    def _run_stage(self, job: str, stage: str, index: int, count: int) -> dict[str, Any]:
-        """Step: one stage in a process of its own."""
-        with self._at_work:
-            return self._work(job, stage, index, count)
+    @contextmanager
+    def _working(self, kind: Kind) -> Iterator[None]:
+        with self._idle:
+            self._at_work += 1
+        try:
+            if kind.queue == NUMERICAL:
+                with self._one_at_a_time:  # a resumed job may come beside the queue
+                    yield
+            else:
+                yield
+        finally:
+            with self._idle:
+                self._at_work -= 1
+                self._idle.notify_all()
 
-    def _work(self, job: str, stage: str, index: int, count: int) -> dict[str, Any]:
+    def _run_stage(self, job: str, stage: str, index: int, count: int) -> dict[str, Any]:
+        """Step: one stage."""
+        row = self._jobs.get(job)
+        kind = self._kinds[row.kind]
+        with self._working(kind):
+            return self._work(row, kind, stage, index, count)
+
+    def _work(self, job: Job, kind: Kind, stage: str, index: int, count: int) -> dict[str, Any]:
         if self._stopping.is_set():
             raise ServiceStopping
-        if not self._jobs.progress(job, stage, index / count, words(stage)):
+        words = kind.words(stage)
+        if not self._jobs.progress(job.id, stage, index / count, words):
             return {"outcome": "stopped", "stage": stage, "error": None}
-        identification = self._identifications.get(self._jobs.get(job).subject)
-        output = self._files.identifications / identification.id
-        request = self._request(identification, output).write()
 
         def progress(fraction: float, text: str) -> None:
             within = min(1.0, max(0.0, fraction))
-            self._jobs.progress(job, stage, (index + within) / count, text or words(stage))
+            self._jobs.progress(job.id, stage, (index + within) / count, text or words)
 
-        _log.info("stage_started", job=job, stage=stage)
+        def should_stop() -> bool:
+            return self._stopping.is_set() or self._jobs.cancelling(job.id)
+
+        def child(command: Sequence[str], log: Path) -> ChildResult:
+            try:
+                return run_child(
+                    command, log=log, timeout_s=self._stage_timeout_s, progress=progress, should_stop=should_stop
+                )
+            except OSError as error:
+                _log.error("stage_not_started", job=job.id, stage=stage, exc_info=error)
+                return ChildResult("failed", error=f"cannot run ({error.strerror}); the log of the service says more")
+
+        _log.info("stage_started", job=job.id, stage=stage)
         try:
-            result = run_child(
-                [*self._program.command, str(request), stage],
-                log=output / f"{stage}.log",
-                timeout_s=self._stage_timeout_s,
-                progress=progress,
-                should_stop=lambda: self._stopping.is_set() or self._jobs.cancelling(job),
-            )
-        except OSError as error:
-            _log.error("stage_not_started", job=job, stage=stage, exc_info=error)
-            result = ChildResult("failed", error=f"cannot run ({error.strerror}); the log of the service says more")
+            result = kind.run(StageRun(job, stage, progress, should_stop, child))
+        except HilfitError as error:
+            result = ChildResult("input", error=str(error))
+        except Exception as error:  # whatever it is, the job has to end
+            _log.error("stage_broke", job=job.id, stage=stage, exc_info=error)
+            result = ChildResult("failed", error="broke unexpectedly; the log of the service says why")
         if self._stopping.is_set() and result.outcome != "done":
             raise ServiceStopping
-        _log.info("stage_ended", job=job, stage=stage, outcome=result.outcome, error=result.error)
+        _log.info("stage_ended", job=job.id, stage=stage, outcome=result.outcome, error=result.error)
         return self._outcome(stage, result)
 
     def _outcome(self, stage: str, result: ChildResult) -> dict[str, Any]:
@@ -187,33 +241,22 @@ class JobRunner:
             error = f"stage {stage}: {error}" if result.outcome == "failed" else error
         return {"outcome": result.outcome, "stage": stage, "error": error, "summary": result.summary}
 
-    def _request(self, identification: Identification, output: Path) -> StageRequest:
-        recordings = tuple(
-            (role, self._files.recordings / f"{id}.{self._recordings.get(id).format}")
-            for id, role in identification.recordings
-        )
-        return StageRequest(
-            machine=self._files.machine_file(identification.machine, identification.machine_version),
-            recordings=recordings,
-            options=identification.options,
-            output=output,
-        )
-
     def _finish(self, job: str, result: dict[str, Any]) -> str:
         """Step: store the outcome; running it twice changes nothing."""
+        row = self._jobs.get(job)
+        kind = self._kinds[row.kind]
+        error: str | None = None
+        state: State
         if result["outcome"] == "done":
-            identification = self._jobs.get(job).subject
+            state, text = "done", "Done"
             try:
-                report = json.loads((self._files.identifications / identification / "report.json").read_bytes())
-                self._identifications.set_result(identification, report["loop"]["verdict"], report["overall"])
-            except (OSError, ValueError, KeyError, TypeError):
-                text = "The last stage left no report that can be read"
-                self._jobs.finish(job, "failed", "Failed", error=text)
-                return "failed"
-            self._jobs.finish(job, "done", "Done")
-            return "done"
-        if result["outcome"] == "stopped":
-            self._jobs.finish(job, "cancelled", "Cancelled")
-            return "cancelled"
-        self._jobs.finish(job, "failed", f"{words(result['stage'])}: failed", error=result["error"])
-        return "failed"
+                kind.finish(row)
+            except JobError as failure:
+                state, text, error = "failed", "Failed", str(failure)
+        elif result["outcome"] == "stopped":
+            state, text = "cancelled", "Cancelled"
+        else:
+            state, text, error = "failed", f"{kind.words(result['stage'])}: failed", result["error"]
+        kind.ended(row, state, error)  # first: whoever sees the end of the job sees what follows from it
+        self._jobs.finish(job, state, text, error=error)
+        return state

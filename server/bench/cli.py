@@ -27,6 +27,7 @@ BENCHMARKS = {
     "regressor": "Time of the regressor beside a Pinocchio loop.",
     "excitation": "Time of a motion design with every limit, and its condition number beside long searches.",
     "measured": "Identification and loop on measured machines, beside published numbers.",
+    "service": "Tablets and readers at the service while numerical work runs: latency, cycles lost.",
 }
 
 
@@ -35,7 +36,7 @@ def register(app: typer.Typer) -> None:
     bench = typer.Typer(help="Benchmarks with targets; exit code 1 if a target is missed.", invoke_without_command=True)
     bench.callback()(_list)
     commands: tuple[Callable[..., None], ...] = (
-        attribution, samples, demo, stages, speed, regressor, excitation, measured,
+        attribution, samples, demo, stages, speed, regressor, excitation, measured, service,
     )  # fmt: skip
     for name, command in zip(BENCHMARKS, commands, strict=True):
         bench.command(name, help=BENCHMARKS[name])(reported(command))
@@ -252,6 +253,18 @@ def measured(
     if data is not None and not data.is_dir():
         raise InputError(f"{data}: no such directory; give the one with the measured data to --data")
     _finish("measured", run(data or DATA, page, only, _shown(json)), json)
+
+
+def service(
+    tablets: Annotated[int, typer.Option(help="Clients of the live stream.", min=1, max=200)] = 20,
+    rate: Annotated[float, typer.Option(help="Requests per second.", min=1, max=2000)] = 200.0,
+    seconds: Annotated[float, typer.Option(help="Seconds of load.", min=2, max=60)] = 30.0,
+    json: Annotated[bool, typer.Option("--json", help="Print the checks as JSON.")] = False,
+) -> None:
+    """Tablets and readers at the service while numerical work runs: latency, cycles lost."""
+    from server.bench.service import run
+
+    _finish("service", run(tablets, rate, seconds, _shown(json)), json)
 
 
 def _shown(json: bool) -> Callable[[str], None]:

@@ -7,6 +7,7 @@ from typing import Annotated
 from fastapi import APIRouter, Header, Query, Response
 from fastapi.responses import FileResponse
 
+from server.access.guard import PrincipalDep, require
 from server.errors import ConflictError
 from server.identify import Wish
 from server.resources import IdentificationList, IdentificationOrder, IdentificationResource
@@ -19,7 +20,7 @@ router = APIRouter(prefix="/identifications", tags=["identifications"])
 REPORT_POLICY = "default-src 'none'; style-src 'unsafe-inline'; img-src data:; font-src data:; sandbox"
 
 
-@router.post("", status_code=202, responses=problems(404, 409, 422))
+@router.post("", status_code=202, responses=problems(404, 409, 422), dependencies=[require("engineer")])
 def order(
     body: IdentificationOrder,
     response: Response,
@@ -38,18 +39,21 @@ def order(
     return IdentificationResource.of(identification)
 
 
-@router.get("", responses=problems(422))
+@router.get("", responses=problems(422), dependencies=[require("read")])
 def list_identifications(
     service: ServiceDep,
+    principal: PrincipalDep,
     machine: Annotated[str | None, Query(max_length=80)] = None,
     limit: Limit = 50,
     cursor: Cursor = 0,
 ) -> IdentificationList:
     """List identifications, newest first."""
-    return IdentificationList.of(service.identifications.list(limit, cursor, machine=machine))
+    return IdentificationList.of(
+        service.identifications.list(limit, cursor, machine=machine, machines=principal.machines)
+    )
 
 
-@router.get("/{id}", responses=problems(404, 422))
+@router.get("/{id}", responses=problems(404, 422), dependencies=[require("read")])
 def get(id: str, service: ServiceDep) -> IdentificationResource:
     """Read an identification."""
     return IdentificationResource.of(service.identifications.get(id))
@@ -59,6 +63,7 @@ def get(id: str, service: ServiceDep) -> IdentificationResource:
     "/{id}/report.json",
     response_class=FileResponse,
     responses={200: {"content": {"application/json": {}}}, **problems(404, 409, 422)},
+    dependencies=[require("read")],
 )
 def report(id: str, service: ServiceDep) -> FileResponse:
     """The result (schema ``hilfit/report/1``)."""
@@ -69,6 +74,7 @@ def report(id: str, service: ServiceDep) -> FileResponse:
     "/{id}/report.html",
     response_class=FileResponse,
     responses={200: {"content": {"text/html": {}}}, **problems(404, 409, 422)},
+    dependencies=[require("read")],
 )
 def report_page(id: str, service: ServiceDep) -> FileResponse:
     """The result as a self-contained page."""

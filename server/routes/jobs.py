@@ -11,6 +11,7 @@ from fastapi import APIRouter, Header, Query
 from fastapi.concurrency import run_in_threadpool
 from fastapi.responses import StreamingResponse
 
+from server.access.guard import PrincipalDep, require
 from server.resources import JobList, JobResource
 from server.routes.common import Cursor, Limit, ServiceDep, problems
 from server.service import Service
@@ -23,19 +24,25 @@ KEEP_ALIVE_S = 15.0
 State = Literal["queued", "running", "done", "failed", "cancelled"]
 
 
-@router.get("", responses=problems(422))
-def list_jobs(service: ServiceDep, state: State | None = None, limit: Limit = 50, cursor: Cursor = 0) -> JobList:
-    """List jobs, newest first."""
-    return JobList.of(service.jobs.list(limit, cursor, state=state))
+@router.get("", responses=problems(422), dependencies=[require("read")])
+def list_jobs(
+    service: ServiceDep, principal: PrincipalDep, state: State | None = None, limit: Limit = 50, cursor: Cursor = 0
+) -> JobList:
+    """List jobs, newest first; a page may be short where jobs of other machines are left out."""
+    jobs = JobList.of(service.jobs.list(limit, cursor, state=state))
+    if principal.machines is not None:
+        machines = service.access.machines_of_jobs(job.id for job in jobs.items)
+        jobs.items = [job for job in jobs.items if principal.may_see(machines.get(job.id))]
+    return jobs
 
 
-@router.get("/{id}", responses=problems(404, 422))
+@router.get("/{id}", responses=problems(404, 422), dependencies=[require("read")])
 def get(id: str, service: ServiceDep) -> JobResource:
     """Read a job."""
     return JobResource.of(service.jobs.get(id))
 
 
-@router.post("/{id}/cancel", status_code=202, responses=problems(404, 422))
+@router.post("/{id}/cancel", status_code=202, responses=problems(404, 422), dependencies=[require("operate")])
 def cancel(id: str, service: ServiceDep) -> JobResource:
     """Ask a job to stop; one that has ended stays as it is."""
     return JobResource.of(service.runner.cancel(id))
@@ -45,6 +52,7 @@ def cancel(id: str, service: ServiceDep) -> JobResource:
     "/{id}/events",
     response_class=StreamingResponse,
     responses={200: {"content": {"text/event-stream": {"schema": {"type": "string"}}}}, **problems(404, 422)},
+    dependencies=[require("read")],
 )
 async def events(
     id: str,

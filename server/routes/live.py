@@ -1,19 +1,75 @@
-"""``/live``: the newest frame of each machine that is acquired."""
+"""``/live``: the newest frame of each machine, and a WebSocket with every sample of one."""
 
 from __future__ import annotations
 
+import contextlib
+from collections.abc import Awaitable, Callable
+from functools import partial
 from typing import Annotated, Any
 
-from fastapi import APIRouter, Query
+import anyio
+from fastapi import APIRouter, Query, WebSocket, WebSocketDisconnect
+from fastapi.concurrency import run_in_threadpool
 
+from server.access.guard import PrincipalDep, require
+from server.errors import NotFoundError
+from server.live import Client
 from server.routes.common import ServiceDep, problems
+from server.service import Service
 
 router = APIRouter(prefix="/live", tags=["live"])
+#: Outside ``router``: a WebSocket's guard is another one than that of requests.
+socket_router = APIRouter(prefix="/live", tags=["live"])
+SUBPROTOCOL = "hilfit.v1"
+#: Close codes (RFC 6455 section 7.4, IANA): going away; policy; try again later.
+GOING_AWAY, POLICY, TRY_AGAIN = 1001, 1008, 1013
 
 
-@router.get("", responses=problems(404, 422, 503))
+@router.get("", responses=problems(404, 422, 503), dependencies=[require("read")])
 def snapshot(
-    service: ServiceDep, machine: Annotated[str | None, Query(max_length=80)] = None
+    service: ServiceDep, principal: PrincipalDep, machine: Annotated[str | None, Query(max_length=80)] = None
 ) -> dict[str, dict[str, Any]]:
     """The newest values, with quality and age, of one machine or of all, by machine name."""
-    return service.live(machine)
+    return principal.visible(service.live(machine))
+
+
+@socket_router.websocket("/stream", dependencies=[require("read")])
+async def stream(socket: WebSocket, machine: Annotated[str, Query(max_length=80)]) -> None:
+    """Every sample of one machine, ten messages a second: a snapshot, then frames and heartbeats.
+
+    What the client says is not read. It is closed with 1013 when it does not keep up, 1001 when the service stops.
+    """
+    service = socket.app.state.service
+    assert isinstance(service, Service)
+    offered = socket.scope.get("subprotocols", [])
+    await socket.accept(subprotocol=SUBPROTOCOL if SUBPROTOCOL in offered else None)
+    try:
+        await run_in_threadpool(service.machines.get, machine)
+    except NotFoundError:
+        await socket.close(POLICY, "there is no such machine")
+        return
+    client = Client()
+    with service.hub.client(machine, client):
+        async with anyio.create_task_group() as group:
+
+            async def run(work: Callable[[], Awaitable[object]]) -> None:
+                await work()
+                group.cancel_scope.cancel()  # the first that ends ends all
+
+            for work in (partial(_send, socket, client), partial(_hear, socket), client.dropped.wait):
+                group.start_soon(run, work)
+    if client.dropped.is_set():
+        with contextlib.suppress(RuntimeError, WebSocketDisconnect):  # it may be gone by itself
+            await socket.close(GOING_AWAY if service.changes.closed else TRY_AGAIN)
+
+
+async def _send(socket: WebSocket, client: Client) -> None:
+    with contextlib.suppress(WebSocketDisconnect):
+        while True:
+            await socket.send_text(await client.next())
+
+
+async def _hear(socket: WebSocket) -> None:
+    """Return when the client has gone; nothing that it says does anything."""
+    while (await socket.receive())["type"] != "websocket.disconnect":
+        pass

@@ -8,6 +8,7 @@ from fastapi import APIRouter, Query, Request, Response
 from fastapi.concurrency import run_in_threadpool
 
 from daq import load_machine
+from server.access.guard import PrincipalDep, require
 from server.errors import NotFoundError
 from server.resources import AcquisitionWish, MachineDetail, MachineList, MachineSummary
 from server.routes.common import Cursor, Limit, ServiceDep, problems
@@ -25,23 +26,25 @@ _FILE: dict[str, Any] = {
 }
 
 
-@router.post("", status_code=201, responses=problems(409, 413, 422), openapi_extra=_FILE)
-async def upload(request: Request, response: Response, service: ServiceDep) -> MachineSummary:
+@router.post(
+    "", status_code=201, responses=problems(404, 409, 413, 422), openapi_extra=_FILE, dependencies=[require("engineer")]
+)
+async def upload(request: Request, response: Response, service: ServiceDep, principal: PrincipalDep) -> MachineSummary:
     """Upload a machine file: a new machine or a new version (200 if it is the current version already)."""
     content = await request.body()
-    row, made = await run_in_threadpool(service.upload_machine, content)
+    row, made = await run_in_threadpool(service.upload_machine, content, principal.may_see)
     response.status_code = 201 if made else 200
     response.headers["Location"] = f"/api/v1/machines/{row.name}"
     return MachineSummary.of(row)
 
 
-@router.get("", responses=problems(422))
-def list_machines(service: ServiceDep, limit: Limit = 50, cursor: Cursor = 0) -> MachineList:
+@router.get("", responses=problems(422), dependencies=[require("read")])
+def list_machines(service: ServiceDep, principal: PrincipalDep, limit: Limit = 50, cursor: Cursor = 0) -> MachineList:
     """List machines."""
-    return MachineList.of(service.machines.list(limit, cursor))
+    return MachineList.of(service.machines.list(limit, cursor, only=principal.machines))
 
 
-@router.get("/{name}", responses=problems(404, 422))
+@router.get("/{name}", responses=problems(404, 422), dependencies=[require("read")])
 def get(name: str, service: ServiceDep, version: Version = None) -> MachineDetail:
     """Read a machine: its file, validated, as JSON, and the state of its acquisition."""
     return _detail(service, name, version)
@@ -51,6 +54,7 @@ def get(name: str, service: ServiceDep, version: Version = None) -> MachineDetai
     "/{name}/file",
     response_class=Response,
     responses={200: {"content": {YAML: {"schema": {"type": "string"}}}}, **problems(404, 422)},
+    dependencies=[require("read")],
 )
 def file(name: str, service: ServiceDep, version: Version = None) -> Response:
     """Read a machine file as it was uploaded."""
@@ -59,7 +63,7 @@ def file(name: str, service: ServiceDep, version: Version = None) -> Response:
     return Response(content, media_type=YAML)
 
 
-@router.put("/{name}/acquisition", responses=problems(404, 409, 422))
+@router.put("/{name}/acquisition", responses=problems(404, 409, 422), dependencies=[require("engineer")])
 def acquisition(name: str, wish: AcquisitionWish, service: ServiceDep) -> MachineDetail:
     """Start or stop acquiring a machine; it stays so over restarts."""
     service.set_acquisition(name, wish.enabled)

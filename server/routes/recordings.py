@@ -7,25 +7,30 @@ from typing import Annotated, Any, Literal
 from fastapi import APIRouter, Query, Request, Response
 from fastapi.concurrency import run_in_threadpool
 from fastapi.responses import FileResponse
+from starlette.background import BackgroundTask
 
-from server.errors import ConflictError, NotFoundError
+from server.access.guard import PrincipalDep, require
 from server.files import receive
+from server.formats import FORMATS
+from server.formats.exports import Format
+from server.formats.resources import RecordingStatistics
 from server.resources import RecordingList, RecordingResource, RecordingStart, Role
 from server.routes.common import Cursor, Limit, ServiceDep, problems
 
 router = APIRouter(prefix="/recordings", tags=["recordings"])
-MEDIA_TYPES = {"parquet": "application/vnd.apache.parquet", "csv": "text/csv"}
 _BYTES: dict[str, Any] = {"schema": {"type": "string", "format": "binary"}}
 _FILE: dict[str, Any] = {
     "requestBody": {
         "required": True,
         "description": "The bytes of the file",
-        "content": dict.fromkeys((*MEDIA_TYPES.values(), "application/octet-stream"), _BYTES),
+        "content": dict.fromkeys(
+            (*(FORMATS[kind][0] for kind in ("parquet", "csv", "mdf4")), "application/octet-stream"), _BYTES
+        ),
     }
 }
 
 
-@router.post("", status_code=201, responses=problems(404, 409, 422, 503))
+@router.post("", status_code=201, responses=problems(404, 409, 422, 503), dependencies=[require("operate")])
 def start(wish: RecordingStart, response: Response, service: ServiceDep) -> RecordingResource:
     """Start recording a machine that is being acquired."""
     row = service.sessions.start(wish.machine, wish.role, wish.label, wish.seconds)
@@ -38,6 +43,7 @@ def start(wish: RecordingStart, response: Response, service: ServiceDep) -> Reco
     status_code=201,
     responses=problems(404, 409, 413, 415, 422),
     openapi_extra=_FILE,
+    dependencies=[require("operate")],
 )
 async def upload(
     request: Request,
@@ -45,7 +51,7 @@ async def upload(
     service: ServiceDep,
     machine: Annotated[str, Query(max_length=80)],
     role: Role,
-    name: Annotated[str, Query(min_length=1, max_length=200, description="File name, with .csv or .parquet")],
+    name: Annotated[str, Query(min_length=1, max_length=200, description="File name, with .csv, .parquet or .mf4")],
 ) -> RecordingResource:
     """Upload a recording; one that ``hilfit identify`` would refuse is refused here."""
     incoming = await run_in_threadpool(service.recording_uploads.incoming, machine, role, name)
@@ -55,9 +61,10 @@ async def upload(
     return RecordingResource.of(row)
 
 
-@router.get("", responses=problems(422))
+@router.get("", responses=problems(422), dependencies=[require("read")])
 def list_recordings(
     service: ServiceDep,
+    principal: PrincipalDep,
     machine: Annotated[str | None, Query(max_length=80)] = None,
     role: Role | None = None,
     state: Literal["recording", "sealed", "failed"] | None = None,
@@ -65,11 +72,11 @@ def list_recordings(
     cursor: Cursor = 0,
 ) -> RecordingList:
     """List recordings, newest first."""
-    page = service.recordings.list(limit, cursor, machine=machine, role=role, state=state)
+    page = service.recordings.list(limit, cursor, machine=machine, machines=principal.machines, role=role, state=state)
     return RecordingList.of(page)
 
 
-@router.get("/{id}", responses=problems(404, 422))
+@router.get("/{id}", responses=problems(404, 422), dependencies=[require("read")])
 def get(id: str, service: ServiceDep) -> RecordingResource:
     """Read a recording; while it is being recorded its statistics are live."""
     row = service.recordings.get(id)
@@ -81,28 +88,38 @@ def get(id: str, service: ServiceDep) -> RecordingResource:
 @router.get(
     "/{id}/data",
     response_class=FileResponse,
-    responses={200: {"content": dict.fromkeys(MEDIA_TYPES.values(), _BYTES)}, **problems(404, 409, 422)},
+    dependencies=[require("read")],
+    responses={
+        200: {"content": dict.fromkeys((media for media, _ in FORMATS.values()), _BYTES)},
+        **problems(404, 409, 422, 503),
+    },
 )
-def data(id: str, service: ServiceDep) -> FileResponse:
-    """Download a recording in the form in which it is kept."""
+def data(id: str, service: ServiceDep, format: Format | None = None) -> FileResponse:
+    """Download a recording, by default in the form in which it is kept."""
     row = service.recordings.get(id)
-    if row.state != "sealed":
-        raise ConflictError(f"recording '{id}' is {row.state}; there is no whole file to download")
-    path = service.files.recordings / f"{id}.{row.format}"
-    if not path.is_file():
-        raise NotFoundError(f"the file of recording '{id}' is gone; record or upload it again")
+    path, temporary = service.exports.file(row, format or row.format)
+    media_type, suffix = FORMATS[format or row.format]
     return FileResponse(
-        path, media_type=MEDIA_TYPES[row.format], filename=f"{row.machine}-{row.role}-{id}.{row.format}"
+        path,
+        media_type=media_type,
+        filename=f"{row.machine}-{row.role}-{id}{suffix}",
+        background=BackgroundTask(path.unlink, missing_ok=True) if temporary else None,
     )
 
 
-@router.post("/{id}/stop", responses=problems(404, 409, 422))
+@router.get("/{id}/statistics", responses=problems(404, 409, 422, 503), dependencies=[require("read")])
+def statistics(id: str, service: ServiceDep) -> RecordingStatistics:
+    """What a sealed recording holds, channel by channel."""
+    return RecordingStatistics(**service.exports.statistics(service.recordings.get(id)))
+
+
+@router.post("/{id}/stop", responses=problems(404, 409, 422), dependencies=[require("operate")])
 def stop(id: str, service: ServiceDep) -> RecordingResource:
     """Stop a recording and seal its file."""
     return RecordingResource.of(service.sessions.stop(id))
 
 
-@router.delete("/{id}", status_code=204, responses=problems(404, 409, 422))
+@router.delete("/{id}", status_code=204, responses=problems(404, 409, 422), dependencies=[require("engineer")])
 def delete(id: str, service: ServiceDep) -> None:
     """Delete a recording; one that an identification was made of has to stay."""
     service.delete_recording(id)

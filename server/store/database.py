@@ -14,8 +14,14 @@ import sqlalchemy as sa
 
 from server.errors import StartError
 from server.store import tables
+from server.store.copies import copy_database, postgresql_url
+from server.store.migrations import migrate
 
 Clock = Callable[[], datetime]
+#: Number of the advisory lock that writers take on PostgreSQL ("hilfit" in bytes).
+_WRITERS = 0x68696C666974
+#: And of the one that the server holds while it runs.
+_SERVER = _WRITERS + 1
 Item = TypeVar("Item")
 
 
@@ -33,47 +39,71 @@ class Page(Generic[Item]):
 
 
 class Database:
-    """The store's SQLite file.
+    """The store: a SQLite file, or a PostgreSQL database that several hosts share.
 
-    Writers take the lock when they begin (BEGIN IMMEDIATE): a transaction that starts reading and then writes
-    would fail at once with "database is locked" instead of waiting. Rollback journal and
-    ``synchronous=FULL``: the write-ahead log of the SQLite that Debian 12 ships has a corruption bug with
-    several processes.
+    One writer at a time on either. SQLite: writers take the lock when they begin (BEGIN IMMEDIATE); a transaction
+    that starts reading and then writes would fail at once with "database is locked" instead of waiting. Rollback
+    journal and ``synchronous=FULL``: the write-ahead log of the SQLite that Debian 12 ships has a corruption bug with
+    several processes. PostgreSQL: writers take one advisory lock, so what is checked in a transaction still holds
+    when it is written, as on SQLite; transactions are a few rows long.
 
     Parameters
     ----------
+    place : the SQLite file, or the URL of a PostgreSQL database
     changed : called after every committed write
+    backups : directory that gets a copy of the store before it is migrated; by default ``backups`` beside the file
     """
 
-    def __init__(self, path: Path, *, clock: Clock = utc_now, changed: Callable[[], None]) -> None:
-        self.url = f"sqlite:///{path}"
+    def __init__(
+        self, place: Path | str, *, clock: Clock = utc_now, changed: Callable[[], None], backups: Path | None = None
+    ) -> None:
+        self.url = f"sqlite:///{place}" if isinstance(place, Path) else postgresql_url(place)
+        self.is_sqlite = isinstance(place, Path)
+        self.name = str(place) if self.is_sqlite else sa.make_url(self.url).render_as_string(hide_password=True)
         self._clock = clock
         self._changed = changed
         self._engine = sa.create_engine(self.url)
-        sa.event.listen(self._engine, "connect", _prepare)
-        sa.event.listen(self._engine, "begin", _begin)
-        self._create(path)
+        if self.is_sqlite:
+            sa.event.listen(self._engine, "connect", _prepare)
+            sa.event.listen(self._engine, "begin", _begin)
+        else:
+            sa.event.listen(self._engine, "begin", _begin_postgresql)
+        if backups is None:
+            backups = place.parent / "backups" if isinstance(place, Path) else Path("backups")
+        self._create(backups)
 
-    def _create(self, path: Path) -> None:
+    def _create(self, backups: Path) -> None:
         try:
+            found = self._found()
+            if found is not None and found < tables.SCHEMA_VERSION:
+                copy_database(self.url, backups, f"before-version-{tables.SCHEMA_VERSION}-{found}")
             with (
                 self._engine.connect().execution_options(hilfit_write=True) as connection,
                 connection.begin(),
             ):
-                tables.metadata.create_all(connection)
-                found = connection.execute(sa.select(tables.store_version.c.version)).scalar()
+                found = _version(connection)  # another process may have been quicker
+                if found is not None and found < tables.SCHEMA_VERSION:
+                    migrate(connection, found, tables.SCHEMA_VERSION)
+                    found = tables.SCHEMA_VERSION
+                if found is None or found == tables.SCHEMA_VERSION:
+                    tables.metadata.create_all(connection)
                 if found is None:
                     connection.execute(tables.store_version.insert().values(version=tables.SCHEMA_VERSION))
                     found = tables.SCHEMA_VERSION
         except sa.exc.DatabaseError as error:
+            reason = " ".join(str(error.orig).split())
             raise StartError(
-                f"{path}: cannot be opened as the store ({error.orig}); move it away or restore it"
+                f"{self.name}: cannot be opened as the store ({reason}); move it away or restore it"
             ) from None
         if found != tables.SCHEMA_VERSION:
             raise StartError(
-                f"{path}: is a store of version {found}, this hilfit reads version {tables.SCHEMA_VERSION}; "
+                f"{self.name}: is a store of version {found}, this hilfit reads version {tables.SCHEMA_VERSION}; "
                 "use the hilfit that wrote it or another --data-dir"
             )
+
+    def _found(self) -> int | None:
+        with self.read() as connection:
+            return _version(connection)
 
     @contextmanager
     def read(self) -> Iterator[sa.Connection]:
@@ -91,6 +121,25 @@ class Database:
                 if connection.execute(count.values(number=tables.revisions.c.number + 1)).rowcount == 0:
                     connection.execute(tables.revisions.insert().values(resource=resource, number=1))
         self._changed()
+
+    @contextmanager
+    def alone(self) -> Iterator[None]:
+        """Hold the database for this server; the lock of a SQLite file's directory does that already.
+
+        Raises
+        ------
+        StartError
+            If another server has it.
+        """
+        if self.is_sqlite:
+            yield
+            return
+        with self._engine.connect().execution_options(isolation_level="AUTOCOMMIT") as connection:
+            if not connection.execute(sa.text(f"SELECT pg_try_advisory_lock({_SERVER})")).scalar():
+                connection.invalidate()
+                self.close()
+                raise StartError(f"{self.name}: another hilfit server is using it; stop that one")
+            yield
 
     def now(self) -> str:
         """The time as the store writes it: UTC, milliseconds."""
@@ -134,3 +183,15 @@ def _prepare(connection: sqlite3.Connection, _record: object) -> None:
 def _begin(connection: sa.Connection) -> None:
     write = connection.get_execution_options().get("hilfit_write", False)
     connection.exec_driver_sql("BEGIN IMMEDIATE" if write else "BEGIN")
+
+
+def _begin_postgresql(connection: sa.Connection) -> None:
+    if connection.get_execution_options().get("hilfit_write", False):
+        connection.exec_driver_sql(f"SELECT pg_advisory_xact_lock({_WRITERS})")
+
+
+def _version(connection: sa.Connection) -> int | None:
+    """Version of the store; None if there is nothing yet."""
+    if not sa.inspect(connection).has_table(tables.store_version.name):
+        return None
+    return connection.execute(sa.select(tables.store_version.c.version)).scalar()

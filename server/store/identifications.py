@@ -10,7 +10,8 @@ import sqlalchemy as sa
 
 from server.errors import ConflictError, NotFoundError
 from server.store.database import Database, Page, page
-from server.store.tables import idempotency_keys, identification_recordings, identifications, recordings
+from server.store.idempotency import IdempotencyKey, earlier, remember
+from server.store.tables import identification_recordings, identifications, recordings
 
 
 @dataclass(frozen=True)
@@ -27,14 +28,6 @@ class Identification:
     created: str
     verdict: str | None = None
     overall: dict[str, Any] | None = None
-
-
-@dataclass(frozen=True)
-class IdempotencyKey:
-    """What a client sent as ``Idempotency-Key``, and the hash of the request that came with it."""
-
-    key: str
-    request_sha256: str
 
 
 class Identifications:
@@ -63,14 +56,9 @@ class Identifications:
             If the key came before with another request, or a recording was deleted meanwhile.
         """
         with self._database.write("identifications", "jobs") as connection:
-            if key is not None:
-                earlier = connection.execute(
-                    sa.select(idempotency_keys).where(idempotency_keys.c.key == key.key)
-                ).first()
-                if earlier is not None:
-                    if earlier.request_sha256 != key.request_sha256:
-                        raise ConflictError("this Idempotency-Key came before with another request; use a new key")
-                    return _get(connection, earlier.identification)
+            made = earlier(connection, key)
+            if made is not None:
+                return _get(connection, made)
             insert_job(connection)
             columns = {name: value for name, value in new.__dict__.items() if name != "recordings"}
             connection.execute(identifications.insert().values(**columns))
@@ -83,15 +71,7 @@ class Identifications:
                         identification=new.id, position=position, recording=recording, role=role
                     )
                 )
-            if key is not None:
-                connection.execute(
-                    idempotency_keys.insert().values(
-                        key=key.key,
-                        request_sha256=key.request_sha256,
-                        identification=new.id,
-                        created=self._database.now(),
-                    )
-                )
+            remember(connection, key, new.id, self._database.now())
         return new
 
     def get(self, id: str) -> Identification:
@@ -99,11 +79,15 @@ class Identifications:
         with self._database.read() as connection:
             return _get(connection, id)
 
-    def list(self, limit: int, after: int = 0, *, machine: str | None = None) -> Page[Identification]:
-        """Newest first."""
+    def list(
+        self, limit: int, after: int = 0, *, machine: str | None = None, machines: tuple[str, ...] | None = None
+    ) -> Page[Identification]:
+        """Newest first; ``machines``: only those of these machines."""
         query = sa.select(identifications)
         if machine is not None:
             query = query.where(identifications.c.machine == machine)
+        if machines is not None:
+            query = query.where(identifications.c.machine.in_(machines))
         with self._database.read() as connection:
             rows, cursor = page(connection, query, identifications.c.number, limit, after)
             return Page(tuple(_get(connection, row.id) for row in rows), cursor)

@@ -73,10 +73,13 @@ class Machines:
         with self._database.read() as connection:
             return tuple(_machine(row) for row in connection.execute(query))
 
-    def list(self, limit: int, after: int = 0) -> Page[MachineRow]:
-        """Current versions, the machine added last first."""
+    def list(self, limit: int, after: int = 0, *, only: tuple[str, ...] | None = None) -> Page[MachineRow]:
+        """Current versions, the machine added last first; ``only``: of these machines."""
+        query = _versions().where(_is_current())
+        if only is not None:
+            query = query.where(machines.c.name.in_(only))
         with self._database.read() as connection:
-            rows, cursor = page(connection, _versions().where(_is_current()), machines.c.number, limit, after)
+            rows, cursor = page(connection, query, machines.c.number, limit, after)
         return Page(tuple(_machine(row) for row in rows), cursor)
 
     def acquiring(self) -> tuple[MachineRow, ...]:

@@ -89,11 +89,14 @@ class Recordings:
         after: int = 0,
         *,
         machine: str | None = None,
+        machines: tuple[str, ...] | None = None,
         role: str | None = None,
         state: str | None = None,
     ) -> Page[RecordingRow]:
         """Newest first, narrowed to what is given."""
         query = sa.select(recordings)
+        if machines is not None:
+            query = query.where(recordings.c.machine.in_(machines))
         for column, wanted in (
             (recordings.c.machine, machine),
             (recordings.c.role, role),

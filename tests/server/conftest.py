@@ -7,9 +7,12 @@ import os
 from collections.abc import Iterator
 
 import pytest
+from postgresql_server import postgresql
 from service_fakes import Fakes, Running, recording_bytes, running_service
 
 from server import logs
+
+__all__ = ["postgresql"]
 
 
 @pytest.fixture(scope="module")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import socket
 import subprocess
 import sys
@@ -14,8 +15,12 @@ from service_fakes import MACHINE
 
 from daq.errors import AcquisitionError, InputError
 from server import cli
+from server.access.desk import Access
+from server.audit import Audit
 from server.errors import StartError
-from server.settings import load_settings, refuse_open_host
+from server.files import DataDirectory
+from server.settings import load_settings
+from server.store import Database
 
 Run = Callable[..., tuple[int, str, str]]
 
@@ -67,15 +72,34 @@ def test_listening_for_other_computers_is_refused_with_one_line(run: Run, tmp_pa
     assert not list(tmp_path.iterdir())
 
 
-@pytest.mark.parametrize("host", ["127.0.0.1", "127.1.2.3", "::1", "localhost"])
-def test_loopback_is_fine(host: str) -> None:
-    refuse_open_host(host)
+def test_a_wrong_configuration_file_is_one_line_and_exit_code_2(run: Run, tmp_path: Path) -> None:
+    path = tmp_path / "hilfit.yaml"
+    path.write_text("acces: required\n")
+    code, out, err = run("serve", "--config", str(path))
+    assert (code, out) == (2, "")
+    assert err.startswith(f"hilfit: {path}: acces: is no setting") and err.count("\n") == 1
 
 
-@pytest.mark.parametrize("host", ["0.0.0.0", "::", "192.168.1.4", "example.org", ""])
-def test_anything_else_is_not(host: str) -> None:
-    with pytest.raises(StartError):
-        refuse_open_host(host)
+def test_a_file_s_host_counts_where_none_is_given(run: Run, tmp_path: Path) -> None:
+    path = tmp_path / "hilfit.yaml"
+    path.write_text("host: 10.0.0.9\n")
+    assert "10.0.0.9" in run("serve", "--config", str(path))[2]
+    assert "10.0.0.8" in run("serve", "--config", str(path), "--host", "10.0.0.8")[2]
+
+
+def test_pairing_at_the_computer_of_the_service(run: Run, tmp_path: Path) -> None:
+    code, _, err = run("access", "pair", "--role", "admin", "--data-dir", str(tmp_path / "none"))
+    assert code == 2 and "holds no store" in err
+    Database(DataDirectory(tmp_path).database, changed=lambda: None).close()
+    code, out, err = run("access", "pair", "--role", "admin", "--data-dir", str(tmp_path), "--json")
+    assert (code, err) == (0, "")
+    made = json.loads(out)
+    assert made["url"].endswith(f"/#pair={made['code']}")
+    database = Database(DataDirectory(tmp_path).database, changed=lambda: None)
+    holder, _ = Access(database, Audit(database), required=True).pair(made["code"], "tablet")
+    database.close()
+    assert holder.role == "admin"
+    assert run("access", "pair", "--role", "king", "--data-dir", str(tmp_path))[0] == 2
 
 
 def test_a_port_that_is_taken_is_named(run: Run, tmp_path: Path) -> None:

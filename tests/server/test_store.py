@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sqlite3
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -16,7 +16,7 @@ from service_fakes import MACHINE
 from server.errors import ConflictError, StartError
 from server.files import DataDirectory
 from server.store import Database, Identification, Identifications, Jobs, Machines, RecordingRow, Recordings
-from server.store.identifications import IdempotencyKey
+from server.store.idempotency import IdempotencyKey
 from server.uploads import MachineUploads
 
 NOON = datetime(2026, 1, 1, 12, tzinfo=UTC)
@@ -31,9 +31,14 @@ def files(tmp_path: Path) -> DataDirectory:
     return DataDirectory(tmp_path)
 
 
-@pytest.fixture
-def database(files: DataDirectory) -> Database:
-    return Database(files.database, clock=lambda: NOON, changed=nothing)
+@pytest.fixture(params=["sqlite", "postgresql"])
+def database(files: DataDirectory, request: pytest.FixtureRequest) -> Iterator[Database]:
+    """The same store on either; a new one for each test."""
+    sqlite = request.param == "sqlite"
+    place = files.database if sqlite else request.getfixturevalue("postgresql").new_database()
+    database = Database(place, clock=lambda: NOON, changed=nothing)
+    yield database
+    database.close()
 
 
 def recording(id: str, **changes: object) -> RecordingRow:

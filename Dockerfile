@@ -1,0 +1,25 @@
+# The service and its workers in one image; which of them runs is the command. Nothing in it runs as root.
+FROM docker.io/library/python:3.11-slim-bookworm AS build
+WORKDIR /source
+COPY pyproject.toml README.md LICENSE ./
+COPY daq daq
+COPY fitting fitting
+COPY server server
+COPY sim_backends sim_backends
+RUN python -m venv /opt/hilfit \
+ && /opt/hilfit/bin/pip install --no-cache-dir --disable-pip-version-check ".[sim,postgresql,export]"
+
+FROM docker.io/library/python:3.11-slim-bookworm
+# pg_dump for backups; Debian 12 has PostgreSQL 15, like the database of docker-compose.yml.
+RUN apt-get update \
+ && apt-get install --yes --no-install-recommends postgresql-client-15 \
+ && rm -rf /var/lib/apt/lists/* \
+ && useradd --system --uid 10001 --create-home --home-dir /data hilfit
+COPY --from=build /opt/hilfit /opt/hilfit
+ENV PATH=/opt/hilfit/bin:$PATH PYTHONUNBUFFERED=1 HILFIT_DATA_DIR=/data
+USER hilfit
+WORKDIR /data
+VOLUME /data
+EXPOSE 8350
+STOPSIGNAL SIGTERM
+CMD ["hilfit", "serve", "--host", "0.0.0.0"]

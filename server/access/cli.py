@@ -1,0 +1,56 @@
+"""``hilfit access``: what an admin does at the computer of the service."""
+
+from __future__ import annotations
+
+import json as json_format
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+
+def register(app: typer.Typer) -> None:
+    """Add the commands."""
+    group = typer.Typer(help="Pair devices with a service that has access control.", no_args_is_help=True)
+    group.callback()(lambda: None)  # or a lone command would not be a group
+    group.command("pair")(pair)
+    app.add_typer(group, name="access")
+
+
+def pair(
+    role: Annotated[str, typer.Option(help="viewer, operator, engineer or admin.")] = "viewer",
+    machine: Annotated[list[str] | None, typer.Option(help="Bind the device to this machine; may be repeated.")] = None,
+    config: Annotated[Path | None, typer.Option(help="Configuration file of the service.", dir_okay=False)] = None,
+    data_dir: Annotated[Path | None, typer.Option(help="Data directory of the service.", file_okay=False)] = None,
+    json: Annotated[bool, typer.Option("--json", help="Print the code as JSON.")] = False,
+) -> None:
+    """Make a code that pairs one device within a quarter of an hour; the service may run meanwhile."""
+    from server.access.desk import Access
+    from server.access.pairing import pairing_url, qr_text
+    from server.access.principals import ROLES, Principal
+    from server.audit import Audit
+    from server.errors import StartError
+    from server.files import DataDirectory
+    from server.settings import load_settings
+    from server.store import Database
+
+    found = next((known for known in ROLES if known == role), None)
+    if found is None:
+        raise StartError(f"--role {role}: is no role; use one of {', '.join(ROLES)}")
+    settings = load_settings(config, **({} if data_dir is None else {"data_dir": data_dir}))
+    place = DataDirectory(settings.data_dir).database
+    if not place.is_file():
+        raise StartError(f"--data-dir {settings.data_dir}: holds no store; start 'hilfit serve' once")
+    database = Database(place, changed=lambda: None)
+    try:
+        audit = Audit(database)
+        by = Principal("command-line", "command line", "admin", None, "local")
+        code = Access(database, audit, required=True).open_code(found, machine or None, by)
+        audit.write(by, "access.make_pairing_code", "", {"role": found, "machines": machine or None})
+    finally:
+        database.close()
+    url = pairing_url(settings.public_url(settings.port), code.digits)
+    if json:
+        print(json_format.dumps({"code": code.digits, "role": role, "expires": code.expires, "url": url}))
+        return
+    print(f"pairing code {code.digits} for the role {role}, until {code.expires}\n{url}\n{qr_text(url)}")

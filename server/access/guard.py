@@ -1,0 +1,98 @@
+"""What routes declare: the scope that they need, and who asks.
+
+::
+
+    @router.post("/{id}/stop", dependencies=[require("operate")])
+    def stop(id: str, service: ServiceDep, principal: PrincipalDep) -> ...
+
+Whatever a request names (a machine, or something of a machine: in the path, as ``machine`` in the query, as
+``machine``, ``identification`` or ``recordings`` in a JSON body) does not exist (404) for a principal that is bound to
+other machines. Routes that list narrow their lists by ``principal.machines``.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Any
+
+from fastapi import Depends, Request, WebSocketException
+from fastapi.concurrency import run_in_threadpool
+from starlette.requests import HTTPConnection
+
+from server.access.machines import named_things
+from server.access.principals import LEAST_ROLE, Principal, Scope
+from server.errors import ForbiddenError, ServiceError, UnauthenticatedError
+from server.service import Service
+
+__all__ = ["Principal", "PrincipalDep", "require", "scope_of"]
+#: Close code of a WebSocket that is refused (RFC 6455 section 7.4.1: policy).
+POLICY = 1008
+
+
+def current_principal(connection: HTTPConnection) -> Principal:
+    """Who asks.
+
+    Raises
+    ------
+    UnauthenticatedError
+        If the request brought no token, or one that is not (or no longer) known.
+    """
+    principal = connection.scope.get("hilfit.principal")
+    if not isinstance(principal, Principal):
+        raise UnauthenticatedError("pair this device first, or send 'Authorization: Bearer' with a valid token")
+    return principal
+
+
+PrincipalDep = Annotated[Principal, Depends(current_principal)]
+
+
+def require(scope: Scope, *, every_machine: bool = False) -> Any:
+    """A dependency that lets only principals with ``scope`` through.
+
+    Parameters
+    ----------
+    scope : what the route does
+    every_machine : the route says or does something about all machines at once; refused (403) to bound principals
+    """
+
+    async def guard(connection: HTTPConnection) -> None:
+        try:
+            principal = current_principal(connection)
+            if not principal.may(scope):
+                raise ForbiddenError(
+                    f"this needs the role {LEAST_ROLE[scope]}, '{principal.name}' is {principal.role}; "
+                    "ask an admin for a pairing code of that role"
+                )
+            if principal.machines is not None:
+                if every_machine:
+                    raise ForbiddenError(f"this is about all machines, '{principal.name}' is bound to some of them")
+                await _only_its_machines(connection, principal)
+        except ServiceError as error:
+            if connection.scope["type"] == "websocket":
+                raise WebSocketException(POLICY, str(error)) from None
+            raise
+
+    guard.hilfit_scope = scope  # type: ignore[attr-defined]
+    return Depends(guard)
+
+
+def scope_of(route: Any) -> Scope | None:
+    """The scope that a route declares; None without one."""
+    for dependency in route.dependant.dependencies:
+        scope: Scope | None = getattr(dependency.call, "hilfit_scope", None)
+        if scope is not None:
+            return scope
+    return None
+
+
+async def _only_its_machines(connection: HTTPConnection, principal: Principal) -> None:
+    service = connection.app.state.service
+    assert isinstance(service, Service)
+    content: Any = None
+    if connection.headers.get("content-type", "").startswith("application/json") and isinstance(connection, Request):
+        try:
+            content = await connection.json()  # kept by the request: the route reads it again
+        except ValueError:
+            content = None  # the route says what is wrong with it
+    path = str(connection.scope["path"])
+    things = named_things(path, connection.path_params, connection.query_params.getlist("machine"), content)
+    await run_in_threadpool(service.access.refuse_foreign, principal, things)

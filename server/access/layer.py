@@ -1,0 +1,134 @@
+"""The ASGI layer in front of all routes: says who asks, limits how often, notes what was changed."""
+
+from __future__ import annotations
+
+import structlog
+from fastapi.concurrency import run_in_threadpool
+from sqlalchemy.exc import SQLAlchemyError
+from starlette.datastructures import Headers
+from starlette.requests import Request
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+from server.access.desk import Access
+from server.access.principals import Principal
+from server.access.rates import Rate, Rates
+from server.audit import Audit
+from server.errors import UnauthenticatedError
+from server.problems import problem
+
+#: WebSockets in browsers cannot send headers, but they can offer sub-protocols; this one carries the token.
+BEARER = "bearer."
+#: What an address that sent no known token has of a principal's rate, and its burst in seconds of that: enough for
+#: the page's files, little for guessing.
+STRANGERS_SHARE, STRANGERS_BURST_S = 0.05, 12.0
+#: Pairing attempts of an address; of all together see :data:`server.access.pairing.MOST_FAILURES`.
+PAIRING = Rate(1 / 6, 5)
+PAIR_PATH = "/api/v1/access/pair"
+#: All that is answered to somebody unknown, besides the page's own files and health.
+OPEN = (PAIR_PATH, "/api/v1/openapi.json")
+CLOSED = ("/api/", "/metrics")
+_READING = ("GET", "HEAD", "OPTIONS")
+_log = structlog.stdlib.get_logger(__name__)
+
+
+class Gate:
+    """Puts the principal into the scope as ``hilfit.principal`` (None: nobody known).
+
+    Parameters
+    ----------
+    rate : of each principal; whoever is at this computer without access control is not limited
+    """
+
+    def __init__(self, app: ASGIApp, access: Access, audit: Audit, rate: Rate, rates: Rates) -> None:
+        self._app = app
+        self._access = access
+        self._audit = audit
+        self._rate = rate
+        slow = STRANGERS_SHARE * rate.per_second
+        self._strangers = Rate(slow, max(20, round(STRANGERS_BURST_S * slow)))
+        self._rates = rates
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Pass the request on, unless there were too many."""
+        if scope["type"] not in ("http", "websocket"):
+            await self._app(scope, receive, send)
+            return
+        address = (scope.get("client") or ("unknown",))[0]
+        principal = await self._principal(scope)
+        seconds = self._wait(scope, principal, address)
+        if seconds and scope["type"] == "websocket":
+            await send({"type": "websocket.close", "code": 1013})  # before it is accepted: the client sees 403
+            return
+        if seconds:
+            text = f"too many requests; try again in {seconds} s"
+            answer = problem(
+                Request(scope), 429, text, slug="too-many", title="Too many", headers={"Retry-After": str(seconds)}
+            )
+            await answer(scope, receive, send)
+            return
+        if principal is None and scope["path"].startswith(CLOSED) and scope["path"] not in OPEN:
+            await self._refuse(scope, receive, send)
+            return
+        scope["hilfit.principal"] = principal
+        if scope["type"] == "websocket" or scope["method"] in _READING or principal is None:
+            await self._app(scope, receive, send)
+            return
+        await self._noted(principal, scope, receive, send)
+
+    async def _refuse(self, scope: Scope, receive: Receive, send: Send) -> None:
+        if scope["type"] == "websocket":
+            await send({"type": "websocket.close", "code": 1008})
+            return
+        text = "pair this device first, or send 'Authorization: Bearer' with a valid token"
+        headers = dict(UnauthenticatedError.headers)
+        answer = problem(Request(scope), 401, text, slug="unauthenticated", title="Unauthenticated", headers=headers)
+        await answer(scope, receive, send)
+
+    async def _principal(self, scope: Scope) -> Principal | None:
+        if not self._access.required:
+            return self._access.principal(None)
+        token = _token(scope)
+        if token is None:
+            return None
+        return await run_in_threadpool(self._access.principal, token)
+
+    def _wait(self, scope: Scope, principal: Principal | None, address: str) -> int:
+        if scope["path"] == PAIR_PATH:
+            return self._rates.wait(f"pairing {address}", PAIRING)
+        if principal is None:
+            return self._rates.wait(f"address {address}", self._strangers)
+        return 0 if principal.kind == "local" else self._rates.wait(f"principal {principal.id}", self._rate)
+
+    async def _noted(self, principal: Principal, scope: Scope, receive: Receive, send: Send) -> None:
+        status, made = 500, None
+
+        async def sending(message: Message) -> None:
+            nonlocal status, made
+            if message["type"] == "http.response.start":
+                status = message["status"]
+                made = Headers(raw=message["headers"]).get("location")
+            await send(message)
+
+        try:
+            await self._app(scope, receive, sending)
+        finally:
+            endpoint = scope.get("endpoint")
+            if status < 400 and endpoint is not None:
+                action = f"{endpoint.__module__.rpartition('.')[2]}.{endpoint.__name__}"
+                detail = {"status": status} | ({"location": made} if made else {})
+                try:
+                    await run_in_threadpool(self._audit.write, principal, action, scope["path"], detail)
+                except SQLAlchemyError as error:  # what was done is done; the log of the service says it too
+                    _log.error("audit_failed", action=action, subject=scope["path"], exc_info=error)
+
+
+def _token(scope: Scope) -> str | None:
+    headers = Headers(scope=scope)
+    kind, _, token = headers.get("authorization", "").partition(" ")
+    if kind.lower() == "bearer" and token:
+        return token.strip()
+    if scope["type"] == "websocket":
+        for offered in scope.get("subprotocols", ()):
+            if offered.startswith(BEARER):
+                return str(offered).removeprefix(BEARER)
+    return None

@@ -1,0 +1,139 @@
+"""One-time codes that a person reads from one screen and types into another.
+
+Six digits are few: what protects them is that a code lives for minutes, that a wrong one counts against every open
+code, and that whoever steals the store finds Argon2id hashes, which take longer to try than the codes live.
+"""
+
+from __future__ import annotations
+
+import io
+import secrets
+from collections.abc import Callable
+from dataclasses import dataclass
+from datetime import datetime, timedelta
+
+import argon2
+import segno
+import sqlalchemy as sa
+
+from server.access.principals import Role
+from server.errors import ForbiddenError, TooManyError
+from server.store import Database
+from server.store.tables import pairing_codes
+
+LIFETIME = timedelta(minutes=15)
+#: Wrong codes that a code survives: 5 of 10^6 are the chance to guess it.
+MOST_FAILURES = 5
+#: Codes that are open at once; each makes a guess more likely, and each costs a hash per attempt.
+MOST_OPEN = 5
+#: OWASP's second choice for Argon2id: 19 MiB, two passes, about 30 ms.
+HASHER = argon2.PasswordHasher(time_cost=2, memory_cost=19_456, parallelism=1)
+
+
+@dataclass(frozen=True)
+class Code:
+    """An open pairing code; ``digits`` is known only to whoever made it."""
+
+    digits: str
+    role: Role
+    machines: tuple[str, ...] | None
+    expires: str
+
+
+@dataclass(frozen=True)
+class Grant:
+    """What a code stands for."""
+
+    role: Role
+    machines: tuple[str, ...] | None
+    created_by: str
+
+
+class PairingCodes:
+    """Makes and takes codes."""
+
+    def __init__(
+        self, database: Database, digits: Callable[[], str] = lambda: f"{secrets.randbelow(10**6):06}"
+    ) -> None:
+        self._database = database
+        self._digits = digits
+
+    def make(self, role: Role, machines: tuple[str, ...] | None, created_by: str) -> Code:
+        """A new code; TooManyError if :data:`MOST_OPEN` are open."""
+        digits = self._digits()
+        hashed = HASHER.hash(digits)
+        now = self._database.now()
+        expires = (datetime.fromisoformat(now) + LIFETIME).isoformat(timespec="milliseconds").replace("+00:00", "Z")
+        with self._database.write() as connection:
+            connection.execute(pairing_codes.delete().where(_closed(now)))
+            if connection.execute(sa.select(sa.func.count()).select_from(pairing_codes)).scalar_one() >= MOST_OPEN:
+                raise TooManyError(f"{MOST_OPEN} pairing codes are open; use one, or wait until they expire")
+            connection.execute(
+                pairing_codes.insert().values(
+                    id=f"pair-{secrets.token_hex(8)}",
+                    code_hash=hashed,
+                    role=role,
+                    machines=None if machines is None else list(machines),
+                    created_by=created_by,
+                    expires=expires,
+                    failures=0,
+                )
+            )
+        return Code(digits, role, machines, expires)
+
+    def withdraw(self, created_by: str) -> None:
+        """Close the open codes that were made in this name."""
+        with self._database.write() as connection:
+            connection.execute(pairing_codes.delete().where(pairing_codes.c.created_by == created_by))
+
+    def take(self, digits: str) -> Grant:
+        """Use a code up.
+
+        Raises
+        ------
+        ForbiddenError
+            If no open code is this one. Every open code counts that as a failure.
+        """
+        now = self._database.now()
+        with self._database.read() as connection:
+            rows = connection.execute(sa.select(pairing_codes).where(sa.not_(_closed(now)))).all()
+        found = [row for row in rows if _is(row.code_hash, digits)]  # outside a transaction: hashing takes its time
+        with self._database.write() as connection:
+            for row in found:
+                # Whoever deletes the row has the code; of two at once only one does.
+                mine = pairing_codes.delete().where(pairing_codes.c.id == row.id, sa.not_(_closed(now)))
+                if connection.execute(mine).rowcount == 1:
+                    return Grant(row.role, None if row.machines is None else tuple(row.machines), row.created_by)
+            connection.execute(pairing_codes.update().values(failures=pairing_codes.c.failures + 1))
+        # Raised after the transaction: raised within, it would undo the count.
+        raise ForbiddenError("no open pairing code is this one; after five wrong ones all are void, ask for a new one")
+
+
+def pairing_url(base: str, digits: str) -> str:
+    """The address of the page that pairs with this code; behind ``#`` it reaches no server, log or referrer."""
+    return f"{base}/#pair={digits}"
+
+
+def qr_svg(text: str) -> str:
+    """A QR code as an SVG element that a page can hold."""
+    buffer = io.BytesIO()
+    segno.make(text, error="m").save(buffer, kind="svg", xmldecl=False, svgns=True, scale=4, border=4, light="white")
+    return buffer.getvalue().decode()
+
+
+def qr_text(text: str) -> str:
+    """A QR code for a terminal."""
+    buffer = io.StringIO()
+    segno.make(text, error="m").terminal(buffer, compact=True)
+    return buffer.getvalue()
+
+
+def _closed(now: str) -> sa.ColumnElement[bool]:
+    return sa.or_(pairing_codes.c.expires <= now, pairing_codes.c.failures >= MOST_FAILURES)
+
+
+def _is(hashed: str, digits: str) -> bool:
+    try:
+        return HASHER.verify(hashed, digits)
+    except argon2.exceptions.VerifyMismatchError:
+        return False

@@ -1,0 +1,155 @@
+"""What the routes of access control and of the audit log take and give."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from server.access.principals import Principal, Role
+from server.access.store import Holder
+from server.audit import Entry, Verification
+from server.store import Page
+
+Name = Annotated[str, Field(min_length=1, max_length=80, pattern=r"^[^\x00-\x1f]+$")]
+MachineNames = Annotated[list[Annotated[str, Field(max_length=80)]], Field(min_length=1, max_length=100)]
+
+
+class _Body(BaseModel):
+    model_config = ConfigDict(extra="forbid")
+
+
+class PrincipalResource(BaseModel):
+    """Who asks; ``machines`` null: all of them."""
+
+    id: str
+    name: str
+    role: Role
+    machines: list[str] | None
+    kind: Literal["device", "key", "local", "service"]
+
+    @classmethod
+    def of(cls, value: Principal) -> PrincipalResource:
+        """From the principal."""
+        return cls(**value.__dict__)
+
+
+class CodeOrder(_Body):
+    """For which role, and for which machines (null: all), a device is to be paired."""
+
+    role: Role
+    machines: MachineNames | None = None
+
+
+class CodeResource(BaseModel):
+    """A pairing code, its address for the device to be paired, and that address as a QR code (SVG)."""
+
+    code: str
+    role: Role
+    machines: list[str] | None
+    expires: str
+    url: str
+    qr_svg: str
+
+
+class Pairing(_Body):
+    """The code, and what the device is to be called."""
+
+    code: Annotated[str, Field(pattern=r"^[0-9]{6}$")]
+    name: Name
+
+
+class Paired(BaseModel):
+    """The device's token: it is shown this once."""
+
+    token: str
+    principal: PrincipalResource
+
+
+class KeyOrder(_Body):
+    """An API key for a program."""
+
+    name: Name
+    role: Role
+    machines: MachineNames | None = None
+
+
+class HolderResource(BaseModel):
+    """A paired device or an API key."""
+
+    id: str
+    kind: Literal["device", "key"]
+    name: str
+    role: Role
+    machines: list[str] | None
+    created: str
+    created_by: str
+
+    @classmethod
+    def of(cls, value: Holder) -> HolderResource:
+        """From the store."""
+        return cls(**value.__dict__)
+
+
+class NewKey(HolderResource):
+    """An API key with its secret, which is shown this once."""
+
+    key: str
+
+
+class HolderList(BaseModel):
+    """A page of devices or keys."""
+
+    items: list[HolderResource]
+    next: int | None
+
+    @classmethod
+    def of(cls, page: Page[Holder]) -> HolderList:
+        """From the store."""
+        return cls(items=[HolderResource.of(value) for value in page.items], next=page.next)
+
+
+class EntryResource(BaseModel):
+    """An entry of the audit log; ``hash`` covers it and the hash of the entry before."""
+
+    number: int
+    time: str
+    principal: str
+    action: str
+    subject: str
+    detail: dict[str, Any]
+    hash: str
+
+    @classmethod
+    def of(cls, value: Entry) -> EntryResource:
+        """From the log."""
+        return cls(**value.__dict__)
+
+
+class EntryList(BaseModel):
+    """A page of the audit log, newest first."""
+
+    items: list[EntryResource]
+    next: int | None
+
+    @classmethod
+    def of(cls, page: Page[Entry]) -> EntryList:
+        """From the log."""
+        return cls(items=[EntryResource.of(value) for value in page.items], next=page.next)
+
+
+class VerificationResource(BaseModel):
+    """Whether the log is as it was written.
+
+    ``entries`` and ``last_hash``, noted elsewhere, also show later whether the newest entries were cut off.
+    """
+
+    intact: bool
+    first_broken: int | None
+    entries: int
+    last_hash: str | None
+
+    @classmethod
+    def of(cls, value: Verification) -> VerificationResource:
+        """From the verification."""
+        return cls(**value.__dict__)

@@ -1,0 +1,124 @@
+"""Devices and API keys in the store.
+
+A token has 256 random bits, so a plain SHA-256 of it can be kept: there is nothing to guess.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import secrets
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import sqlalchemy as sa
+
+from server.access.principals import Principal, Role
+from server.errors import ConflictError, NotFoundError
+from server.store import Database, Page
+from server.store.database import page
+from server.store.tables import principals
+
+PREFIX = "hilfit_"
+
+
+@dataclass(frozen=True)
+class Holder:
+    """A paired device or an API key."""
+
+    id: str
+    kind: Literal["device", "key"]
+    name: str
+    role: Role
+    machines: tuple[str, ...] | None
+    created: str
+    created_by: str
+
+    @property
+    def principal(self) -> Principal:
+        """Whom its token stands for."""
+        return Principal(self.id, self.name, self.role, self.machines, self.kind)
+
+
+class Holders:
+    """Repository of devices and keys."""
+
+    def __init__(self, database: Database) -> None:
+        self._database = database
+
+    def add(
+        self, kind: Literal["device", "key"], name: str, role: Role, machines: Sequence[str] | None, created_by: str
+    ) -> tuple[Holder, str]:
+        """Store a new one; its token is known now and never again."""
+        token = PREFIX + secrets.token_urlsafe(32)
+        holder = Holder(
+            f"{'dev' if kind == 'device' else 'key'}-{secrets.token_hex(8)}",
+            kind,
+            name,
+            role,
+            None if machines is None else tuple(machines),
+            self._database.now(),
+            created_by,
+        )
+        values = {**holder.__dict__, "machines": None if machines is None else list(machines)}
+        with self._database.write("access") as connection:
+            connection.execute(principals.insert().values(**values, secret_sha256=_hash(token)))
+        return holder, token
+
+    def of_token(self, token: str) -> Holder | None:
+        """Who holds a token; None if nobody does."""
+        with self._database.read() as connection:
+            row = connection.execute(sa.select(principals).where(principals.c.secret_sha256 == _hash(token))).first()
+        return None if row is None else _holder(row)
+
+    def get(self, id: str, kind: Literal["device", "key"]) -> Holder:
+        """The device or key; NotFoundError if there is none."""
+        with self._database.read() as connection:
+            row = connection.execute(
+                sa.select(principals).where(principals.c.id == id, principals.c.kind == kind)
+            ).first()
+        if row is None:
+            raise NotFoundError(f"there is no {kind} '{id}'")
+        return _holder(row)
+
+    def list(self, kind: Literal["device", "key"], limit: int, after: int = 0) -> Page[Holder]:
+        """Newest first."""
+        query = sa.select(principals).where(principals.c.kind == kind)
+        with self._database.read() as connection:
+            rows, cursor = page(connection, query, principals.c.number, limit, after)
+        return Page(tuple(_holder(row) for row in rows), cursor)
+
+    def remove(self, id: str, kind: Literal["device", "key"]) -> None:
+        """Its token is worth nothing from now on.
+
+        Raises
+        ------
+        NotFoundError
+            If there is none.
+        ConflictError
+            If it is the last admin: nobody could pair another one.
+        """
+        holder = self.get(id, kind)
+        with self._database.write("access") as connection:
+            if holder.role == "admin" and self._admins(connection) == 1:
+                raise ConflictError(f"{kind} '{id}' is the last admin; pair another one before removing it")
+            connection.execute(principals.delete().where(principals.c.id == id))
+
+    def has_admin(self) -> bool:
+        """Whether anybody can pair others."""
+        with self._database.read() as connection:
+            return self._admins(connection) > 0
+
+    def _admins(self, connection: sa.Connection) -> int:
+        query = sa.select(sa.func.count()).where(principals.c.role == "admin", principals.c.machines.is_(None))
+        return int(connection.execute(query).scalar_one())
+
+
+def _hash(token: str) -> str:
+    return hashlib.sha256(token.encode()).hexdigest()
+
+
+def _holder(row: sa.Row[tuple[object, ...]]) -> Holder:
+    values = {key: value for key, value in row._mapping.items() if key not in ("number", "secret_sha256")}
+    values["machines"] = None if values["machines"] is None else tuple(values["machines"])
+    return Holder(**values)

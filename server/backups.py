@@ -1,0 +1,228 @@
+"""Backups: everything that cannot be made again, as plain files in a directory of its own.
+
+::
+
+    backups/2026-06-01T020000Z/
+    ├── manifest.json            version, time, SHA-256 and size of every file; written last: without it, it is none
+    ├── store.sqlite|.pgdump     the whole database
+    └── machines/, recordings/, excitations/, identifications/
+
+A sealed recording never changes, so where backup and service are on one file system it is a second name of the same
+bytes (hard link) and takes no room; anything else is copied.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import shutil
+import threading
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass
+from datetime import UTC, datetime, timedelta
+from importlib.metadata import version
+from pathlib import Path
+
+import structlog
+
+from daq.errors import HilfitError
+from server.errors import StartError
+from server.files import DataDirectory, sync_directory, write_atomically
+from server.store.copies import copy_database, restore_database
+
+MANIFEST = "manifest.json"
+FOLDERS = ("machines", "recordings", "excitations", "identifications")
+#: The folder whose files never change once they are there.
+LINKED = "recordings"
+#: What is being written now has a name that begins so, or ends so; it is not a file yet.
+_UNFINISHED = (".journal", ".partial")
+DAILY = timedelta(days=1)
+#: Daily backups that are kept; those that somebody ordered stay until somebody removes them.
+KEPT = 14
+LOOK_S = 60.0
+_log = structlog.stdlib.get_logger(__name__)
+
+
+@dataclass(frozen=True)
+class Backup:
+    """One backup; ``bytes`` counts every file, linked or copied."""
+
+    id: str
+    created: str
+    bytes: int
+    kind: str
+
+
+class Backups:
+    """The backups of one data directory.
+
+    Parameters
+    ----------
+    url : of the database
+    directory : where they are kept; by default in the data directory
+    """
+
+    def __init__(
+        self, files: DataDirectory, url: str, now: Callable[[], datetime], directory: Path | None = None
+    ) -> None:
+        self._files = files
+        self._url = url
+        self._now = now
+        self.directory = files.backups if directory is None else directory.resolve()
+        self._lock = threading.Lock()
+
+    def make(self, kind: str = "ordered") -> Backup:
+        """Make one while the service runs.
+
+        Raises
+        ------
+        StartError
+            If it cannot be written; one line.
+        """
+        with self._lock:
+            moment = self._now().astimezone(UTC)
+            id = f"{moment:%Y-%m-%dT%H%M%S.%f}"[:-3] + "Z"
+            partial = self.directory / f".{id}.partial"
+            try:
+                partial.mkdir(parents=True)
+                # The store first: a file that is made meanwhile is one too many, which harms nobody.
+                copy_database(self._url, partial, "store")
+                for folder in FOLDERS:
+                    _copy_tree(self._files.root / folder, partial / folder)
+                manifest = {
+                    "hilfit": version("hilfit"),
+                    "created": moment.isoformat(timespec="milliseconds").replace("+00:00", "Z"),
+                    "kind": kind,
+                    "files": _files_of(partial),
+                }
+                write_atomically(partial / MANIFEST, json.dumps(manifest, indent=1).encode())
+                partial.rename(self.directory / id)
+                sync_directory(self.directory)
+            except OSError as error:
+                raise StartError(
+                    f"{self.directory}: the backup cannot be written ({error.strerror}); free some space"
+                ) from None
+            finally:
+                shutil.rmtree(partial, ignore_errors=True)
+        found = _backup(self.directory / id)
+        assert found is not None
+        _log.info("backup_made", backup=id, bytes=found.bytes)
+        return found
+
+    def list(self) -> tuple[Backup, ...]:
+        """Newest first."""
+        found = (_backup(path) for path in sorted(self.directory.glob("*Z"), reverse=True))
+        return tuple(backup for backup in found if backup is not None)
+
+    def daily(self) -> Backup | None:
+        """Make one if the newest is a day old, and remove daily ones beyond :data:`KEPT`."""
+        found = self.list()
+        if found and self._now() - datetime.fromisoformat(found[0].created) < DAILY:
+            return None
+        made = self.make("daily")
+        for old in [backup for backup in self.list() if backup.kind == "daily"][KEPT:]:
+            shutil.rmtree(self.directory / old.id, ignore_errors=True)
+        return made
+
+
+class DailyBackups:
+    """Makes a backup a day while the service runs."""
+
+    def __init__(self, backups: Backups) -> None:
+        self._backups = backups
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="backups", daemon=True)
+
+    def start(self) -> None:
+        """Start; the first look is after a minute, when whatever starts has started."""
+        self._thread.start()
+
+    def stop(self) -> None:
+        """Stop, and wait for a backup that is being made."""
+        self._stop.set()
+        if self._thread.is_alive():
+            self._thread.join()
+
+    def _run(self) -> None:
+        while not self._stop.wait(LOOK_S):
+            try:
+                self._backups.daily()
+            except HilfitError as error:
+                _log.error("backup_failed", error=str(error))
+
+
+def restore(backup: Path, files: DataDirectory, url: str) -> int:
+    """Put a backup in the place of what is there; the number of files.
+
+    The caller holds the lock of the data directory. Files that are there and not in the backup stay.
+
+    Raises
+    ------
+    StartError
+        If it is no backup, or a file of it is damaged; nothing is changed then.
+    """
+    try:
+        manifest = json.loads((backup / MANIFEST).read_text(encoding="utf-8"))
+        wanted: dict[str, str] = {entry["path"]: entry["sha256"] for entry in manifest["files"]}
+    except (OSError, ValueError, KeyError, TypeError):
+        raise StartError(f"{backup}: is no backup of hilfit ({MANIFEST} is missing or damaged)") from None
+    for name, expected in wanted.items():
+        path = backup / name
+        if not path.resolve().is_relative_to(backup.resolve()) or not path.is_file():
+            raise StartError(f"{backup}: {name} is missing; use another backup")
+        if _sha256(path) != expected:
+            raise StartError(f"{backup}: {name} is damaged; use another backup")
+    stores = [name for name in wanted if name.startswith("store.")]
+    if len(stores) != 1:
+        raise StartError(f"{backup}: has no copy of the store; use another backup")
+    for name in wanted:
+        if name not in stores:
+            target = files.root / name
+            target.parent.mkdir(parents=True, exist_ok=True)
+            partial = target.with_name(f".{target.name}.partial")
+            shutil.copyfile(backup / name, partial)
+            partial.replace(target)
+    restore_database(backup / stores[0], url)
+    return len(wanted)
+
+
+def _copy_tree(source: Path, target: Path) -> None:
+    for path in sorted(source.rglob("*")):
+        if not path.is_file() or path.name.startswith(".") or path.name.endswith(_UNFINISHED):
+            continue
+        copy = target / path.relative_to(source)
+        copy.parent.mkdir(parents=True, exist_ok=True)
+        with suppress(FileNotFoundError):  # deleted meanwhile
+            if source.name == LINKED:
+                try:
+                    os.link(path, copy)
+                    continue
+                except FileNotFoundError:
+                    raise
+                except OSError:  # another file system, or one without hard links
+                    pass
+            shutil.copyfile(path, copy)
+
+
+def _files_of(directory: Path) -> list[dict[str, str | int]]:
+    return [
+        {"path": str(path.relative_to(directory)), "sha256": _sha256(path), "bytes": path.stat().st_size}
+        for path in sorted(directory.rglob("*"))
+        if path.is_file()
+    ]
+
+
+def _sha256(path: Path) -> str:
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def _backup(path: Path) -> Backup | None:
+    try:
+        manifest = json.loads((path / MANIFEST).read_text(encoding="utf-8"))
+        size = sum(int(entry["bytes"]) for entry in manifest["files"])
+        return Backup(path.name, str(manifest["created"]), size, str(manifest["kind"]))
+    except (OSError, ValueError, KeyError, TypeError):
+        return None

@@ -1,0 +1,203 @@
+"""Calibrations in the store.
+
+::
+
+    proposed ──approve──► approved ──activate──► active ──another one──► retired ──activate, roll back──► active
+        └──────reject──────┴──► rejected
+"""
+
+from __future__ import annotations
+
+import builtins
+import secrets
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import sqlalchemy as sa
+
+from server.access.principals import Principal
+from server.calibrations.content import Content
+from server.errors import ConflictError, NotFoundError, PreconditionError
+from server.store import Database, Identification, Page
+from server.store.database import page
+from server.store.tables import calibration_activations as activations
+from server.store.tables import calibrations
+
+State = Literal["proposed", "approved", "rejected", "active", "retired"]
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """One calibration; ``revision`` counts its changes."""
+
+    id: str
+    revision: int
+    machine: str
+    identification: str
+    label: str
+    state: State
+    proposed_by: str
+    proposed_by_id: str
+    note: str
+    verdict: str
+    overall: dict[str, Any]
+    errors: dict[str, Any]
+    parameters: list[dict[str, Any]]
+    model: dict[str, Any]
+    created: str
+    approved_by: str | None = None
+    activated: str | None = None
+
+
+class CalibrationStore:
+    """Repository of calibrations; every change is a transaction and one revision of ``calibrations``."""
+
+    def __init__(self, database: Database) -> None:
+        self._database = database
+
+    def add(self, source: Identification, label: str, content: Content, by: Principal) -> tuple[Calibration, bool]:
+        """Propose; the one that is there already, and False, if this identification was proposed before."""
+        with self._database.write("calibrations") as connection:
+            known = connection.execute(
+                sa.select(calibrations).where(calibrations.c.identification == source.id)
+            ).first()
+            if known is not None:
+                return _calibration(known), False
+            new = Calibration(
+                id=f"cal-{secrets.token_hex(8)}",
+                revision=1,
+                machine=source.machine,
+                identification=source.id,
+                label=label or source.label,
+                state="proposed",
+                proposed_by=by.name,
+                proposed_by_id=by.id,
+                note="",
+                created=self._database.now(),
+                **content.__dict__,
+            )
+            connection.execute(calibrations.insert().values(**new.__dict__))
+        return new, True
+
+    def get(self, id: str) -> Calibration:
+        """The calibration; NotFoundError if there is none."""
+        with self._database.read() as connection:
+            return _get(connection, id)
+
+    def list(
+        self,
+        limit: int,
+        after: int = 0,
+        *,
+        machine: str | None = None,
+        machines: tuple[str, ...] | None = None,
+        state: str | None = None,
+    ) -> Page[Calibration]:
+        """Newest first; ``machines``: only those of these machines."""
+        query = sa.select(calibrations)
+        if machine is not None:
+            query = query.where(calibrations.c.machine == machine)
+        if machines is not None:
+            query = query.where(calibrations.c.machine.in_(machines))
+        if state is not None:
+            query = query.where(calibrations.c.state == state)
+        with self._database.read() as connection:
+            rows, cursor = page(connection, query, calibrations.c.number, limit, after)
+        return Page(tuple(_calibration(row) for row in rows), cursor)
+
+    def active(self, machine: str) -> Calibration | None:
+        """The one in use; None if the machine has none."""
+        query = sa.select(calibrations).where(calibrations.c.machine == machine, calibrations.c.state == "active")
+        with self._database.read() as connection:
+            row = connection.execute(query).first()
+        return None if row is None else _calibration(row)
+
+    def decide(
+        self, id: str, state: Literal["approved", "rejected"], by: Principal, note: str, revision: int | None
+    ) -> Calibration:
+        """Approve or reject.
+
+        Raises
+        ------
+        ConflictError
+            If its state forbids it, or ``by`` is who proposed it and wants to approve it.
+        PreconditionError
+            If ``revision`` is given and not the current one.
+        """
+        with self._database.write("calibrations") as connection:
+            found = _expect(connection, id, revision)
+            if found.state != "proposed" and not (found.state == "approved" and state == "rejected"):
+                raise ConflictError(f"calibration '{id}' is {found.state}; only a proposed one can be {state}")
+            if state == "approved" and found.proposed_by_id == by.id and by.kind not in ("local", "service"):
+                raise ConflictError(f"calibration '{id}' was proposed by you; a second person has to approve it")
+            approved_by = by.name if state == "approved" else found.approved_by
+            _update(connection, found, state=state, note=note, approved_by=approved_by)
+            return _get(connection, id)
+
+    def activate(self, id: str, revision: int | None) -> Calibration:
+        """Use it; the one in use before is retired. Nothing happens if it is active.
+
+        Raises
+        ------
+        ConflictError
+            If nobody approved it.
+        PreconditionError
+            If ``revision`` is given and not the current one.
+        """
+        with self._database.write("calibrations") as connection:
+            found = _expect(connection, id, revision)
+            if found.state == "active":
+                return found
+            if found.state not in ("approved", "retired"):
+                raise ConflictError(f"calibration '{id}' is {found.state}; it has to be approved before it is used")
+            now = self._database.now()
+            connection.execute(
+                activations.insert().values(machine=found.machine, calibration=id, time=now, undone=False)
+            )
+            self._put_in_use(connection, found, now)
+            return _get(connection, id)
+
+    def roll_back(self, machine: str) -> Calibration:
+        """Use the one again that was in use before the active one; ConflictError if there was none."""
+        with self._database.write("calibrations") as connection:
+            lasting = self._lasting(connection, machine)
+            if len(lasting) < 2:
+                raise ConflictError(f"machine '{machine}' had no other calibration in use before; activate one instead")
+            current, before = lasting
+            connection.execute(activations.update().where(activations.c.number == current.number).values(undone=True))
+            self._put_in_use(connection, _get(connection, before.calibration), self._database.now())
+            return _get(connection, before.calibration)
+
+    def _lasting(self, connection: sa.Connection, machine: str) -> builtins.list[Any]:
+        query = sa.select(activations).where(activations.c.machine == machine, sa.not_(activations.c.undone))
+        return builtins.list(connection.execute(query.order_by(activations.c.number.desc()).limit(2)))
+
+    def _put_in_use(self, connection: sa.Connection, found: Calibration, now: str) -> None:
+        query = sa.select(calibrations).where(calibrations.c.machine == found.machine, calibrations.c.state == "active")
+        for row in connection.execute(query).all():
+            _update(connection, _calibration(row), state="retired")
+        _update(connection, found, state="active", activated=now)
+
+
+def _expect(connection: sa.Connection, id: str, revision: int | None) -> Calibration:
+    found = _get(connection, id)
+    if revision is not None and found.revision != revision:
+        raise PreconditionError(f"calibration '{id}' changed since you read it; read it again")
+    return found
+
+
+def _update(connection: sa.Connection, found: Calibration, **values: Any) -> None:
+    connection.execute(
+        calibrations.update().where(calibrations.c.id == found.id).values(**values, revision=found.revision + 1)
+    )
+
+
+def _get(connection: sa.Connection, id: str) -> Calibration:
+    row = connection.execute(sa.select(calibrations).where(calibrations.c.id == id)).first()
+    if row is None:
+        raise NotFoundError(f"there is no calibration '{id}'")
+    return _calibration(row)
+
+
+def _calibration(row: sa.Row[Any]) -> Calibration:
+    return Calibration(**{key: value for key, value in row._mapping.items() if key != "number"})

@@ -1,0 +1,13 @@
+"""Recordings in the forms that other tools read: Parquet, CSV, MDF4, MCAP; and their statistics.
+
+Everything that opens a file from outside runs in a child process with bounded memory (:mod:`server.formats.work`).
+
+- :mod:`server.formats.mdf4`: measurement data format 4 (ASAM), both ways; needs asammdf, the extra ``export``
+- :mod:`server.formats.mcap_file`: MCAP with JSON messages, for writing; needs mcap, the extra ``export``
+- :mod:`server.formats.statistics`: what a recording holds, channel by channel
+- :mod:`server.formats.exports`: the service's side: starts the children, names the files
+"""
+
+from server.formats.exports import FORMATS, Exports
+
+__all__ = ["FORMATS", "Exports"]

@@ -1,0 +1,100 @@
+"""Designs of motions as jobs of one stage, in a process of its own."""
+
+from __future__ import annotations
+
+import json
+import secrets
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from daq import load_machine
+from server.children import ChildResult
+from server.errors import InvalidError
+from server.files import DataDirectory, write_atomically
+from server.jobs.kinds import NUMERICAL, JobError, StageRun
+from server.store import Database, Job, Machines
+from server.store.excitations import Excitation, Excitations
+from server.store.idempotency import IdempotencyKey
+
+STAGE = "design"
+#: The program that designs: ``[*PROGRAM, REQUEST.json]``.
+PROGRAM = (sys.executable, "-P", "-m", "server.jobs.excitation_child")
+
+
+class ExcitationKind:
+    """Designs a motion.
+
+    Parameters
+    ----------
+    program : command that designs; it gets the request's path
+    """
+
+    name = "excitation"
+    queue = NUMERICAL
+
+    def __init__(self, database: Database, files: DataDirectory, program: Sequence[str] = PROGRAM) -> None:
+        self._database = database
+        self._files = files
+        self._program = tuple(program)
+        self._excitations = Excitations(database)
+
+    def order(self, machine: str, options: dict[str, Any], label: str, key: str | None) -> Excitation:
+        """Check a wish and store it with its queued job.
+
+        Raises
+        ------
+        NotFoundError, InvalidError, ConflictError
+            If there is no such machine or joint, or the key came before with another wish.
+        """
+        row = Machines(self._database).get(machine)
+        described = load_machine(self._files.machine_file(machine, row.version))
+        known = [joint.name for joint in described.joints]
+        for joint in options.get("joints") or ():
+            if joint not in known:
+                raise InvalidError(f"machine '{machine}' has no joint '{joint}'; it has {', '.join(known)}")
+        if options.get("rods") == "unpinned" and all(joint.cylinder is None for joint in described.joints):
+            raise InvalidError(f"machine '{machine}' has no cylinder, so there is nothing to unpin; use rods 'pinned'")
+        new = Excitation(
+            id=f"exc-{secrets.token_hex(8)}",
+            job=f"job-{secrets.token_hex(8)}",
+            machine=machine,
+            machine_version=row.version,
+            label=label or f"Motion of {machine}",
+            options=options,
+            created=self._database.now(),
+        )
+        return self._excitations.add(new, (STAGE,), IdempotencyKey.of(key, "excitation", machine, options, label))
+
+    def motion(self, id: str) -> Path:
+        """Where the motion file is once it is designed."""
+        return self._files.excitations / id / "motion.csv"
+
+    def words(self, stage: str) -> str:
+        """What a person reads while it runs."""
+        return "Designing the motion"
+
+    def run(self, run: StageRun) -> ChildResult:
+        """Design; a design that was finished before a crash is not made again."""
+        excitation = self._excitations.get(run.job.subject)
+        output = self._files.excitations / excitation.id
+        request = {
+            "machine": str(self._files.machine_file(excitation.machine, excitation.machine_version)),
+            "output": str(output),
+            "options": excitation.options,
+        }
+        path = output / "request.json"
+        write_atomically(path, json.dumps(request, indent=1).encode())
+        return run.child([*self._program, str(path)], output / "design.log")
+
+    def finish(self, job: Job) -> None:
+        """Store what the design found."""
+        try:
+            result = json.loads((self._files.excitations / job.subject / "result.json").read_bytes())
+        except (OSError, ValueError):
+            raise JobError("The design left no motion that can be read; order it again") from None
+        self._excitations.set_result(job.subject, result)
+
+    def ended(self, job: Job, state: str, error: str | None) -> None:
+        """Nobody waits for it here."""

@@ -1,0 +1,63 @@
+"""What a kind of job has to tell the runner."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+
+from daq.errors import HilfitError
+from server.children import ChildResult
+from server.store import Job
+
+#: Queue of numerical work: one job at a time per process that takes from it, on whatever host.
+NUMERICAL = "identifications"
+#: Queue of jobs that need the machines themselves: only the server takes from it, many at a time (they mostly wait).
+AT_MACHINES = "recalibrations"
+
+
+class JobError(HilfitError):
+    """The job fails; the text is one line that says what to do."""
+
+
+@dataclass(frozen=True)
+class StageRun:
+    """What a kind is given to run one stage of one job.
+
+    Attributes
+    ----------
+    progress : takes the fraction of the stage (0 to 1) and what is being done
+    should_stop : whether somebody cancelled the job, or the service stops
+    child : runs a command with a log file to its end (:func:`server.children.run_child`)
+    """
+
+    job: Job
+    stage: str
+    progress: Callable[[float, str], None]
+    should_stop: Callable[[], bool]
+    child: Callable[[Sequence[str], Path], ChildResult]
+
+
+class Kind(Protocol):
+    """One kind of job."""
+
+    @property
+    def name(self) -> str:
+        """As it stands in a job's ``kind``."""
+
+    @property
+    def queue(self) -> str:
+        """Where its jobs wait."""
+
+    def words(self, stage: str) -> str:
+        """What a person reads while a stage runs."""
+
+    def run(self, run: StageRun) -> ChildResult:
+        """Run a stage; one that broke off is run again, so it must not do twice what may be done once."""
+
+    def finish(self, job: Job) -> None:
+        """Store the result; doing it twice changes nothing. JobError if there is none."""
+
+    def ended(self, job: Job, state: str, error: str | None) -> None:
+        """The job is about to be over; may be told twice."""

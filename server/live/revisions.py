@@ -1,0 +1,72 @@
+"""Revision counters for everybody who follows them: one read of the store for all."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from collections.abc import AsyncIterator, Awaitable, Callable, Mapping
+
+from server.changes import Changes
+
+#: Seconds after which the store is read though nobody here changed it: a worker on another host may have.
+POLL_S = 2.0
+#: Seconds between two signs of life.
+HEARTBEAT_S = 10.0
+Reader = Callable[[], Awaitable[Mapping[str, int]]]
+
+
+class Revisions:
+    """The newest revision counters.
+
+    Parameters
+    ----------
+    changes : what wakes those who wait
+    read : reads the counters from the store
+    """
+
+    def __init__(
+        self,
+        changes: Changes,
+        read: Reader,
+        *,
+        clock: Callable[[], float] = time.monotonic,
+        poll_s: float = POLL_S,
+        heartbeat_s: float = HEARTBEAT_S,
+    ) -> None:
+        self._changes = changes
+        self._read = read
+        self._clock = clock
+        self._poll_s = poll_s
+        self._heartbeat_s = heartbeat_s
+        self._lock = asyncio.Lock()
+        self._seen = -1
+        self._until = -1.0
+        self._counters: Mapping[str, int] = {}
+
+    async def current(self) -> Mapping[str, int]:
+        """The counters, read again only if something changed since or they are too old."""
+        async with self._lock:
+            number = self._changes.number
+            if number != self._seen or self._clock() >= self._until:
+                self._counters = await self._read()
+                self._seen, self._until = number, self._clock() + self._poll_s
+            return self._counters
+
+    async def follow(self) -> AsyncIterator[tuple[str, int] | None]:
+        """Every counter as it is, then each whenever it moves; None now and then, as a sign of life.
+
+        Ends when the service stops.
+        """
+        known: dict[str, int] = {}
+        spoke = self._clock()
+        while not self._changes.closed:
+            number = self._changes.number
+            for resource, revision in (await self.current()).items():
+                if known.get(resource) != revision:
+                    known[resource] = revision
+                    spoke = self._clock()
+                    yield resource, revision
+            if self._clock() - spoke >= self._heartbeat_s:
+                spoke = self._clock()
+                yield None
+            await self._changes.wait(number, self._poll_s)

@@ -1,0 +1,62 @@
+"""What a monitor process is told. Free of numerical imports: the process that serves HTTP makes it."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+#: Blocks from which a statistic's usual values are learnt.
+LEARN = 120
+
+
+@dataclass(frozen=True)
+class Rules:
+    """How the monitor decides.
+
+    Attributes
+    ----------
+    learn : blocks to learn from
+    block_s : s of machine time of a block
+    false_alarms_per_year : of the whole machine, if it moved all year
+    """
+
+    learn: int = LEARN
+    block_s: float = 2.0
+    false_alarms_per_year: float = 1.0
+
+
+@dataclass(frozen=True)
+class Order:
+    """What to watch.
+
+    Attributes
+    ----------
+    request : request file of the identification behind the active calibration
+    machine : machine file that the acquisition runs by
+    ring_name : its ring buffer
+    memory : file in which what was learnt is kept over restarts
+    rules : how to decide
+    """
+
+    request: Path
+    machine: Path
+    ring_name: str
+    memory: Path
+    rules: Rules
+
+    def to_json(self) -> str:
+        """The text of an order file."""
+        return json.dumps({**{k: str(v) for k, v in vars(self).items() if k != "rules"}, "rules": asdict(self.rules)})
+
+    @classmethod
+    def from_json(cls, text: str) -> Order:
+        """Inverse of :meth:`to_json`."""
+        content = json.loads(text)
+        return cls(
+            Path(content["request"]),
+            Path(content["machine"]),
+            content["ring_name"],
+            Path(content["memory"]),
+            Rules(**content["rules"]),
+        )

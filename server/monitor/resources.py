@@ -1,0 +1,38 @@
+"""What ``GET /machines/{name}/monitor`` gives."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from pydantic import BaseModel
+
+
+class MonitoredJoint(BaseModel):
+    """One joint's residual and its cumulative sums.
+
+    ``residual`` is the root mean square of measured less predicted effort over the last block, null while the joint
+    rests. ``cusum`` is the largest of its sums, in standard deviations; a drift begins at ``threshold`` and ends at
+    half of it. ``statistic`` says of what: ``offset``, ``direction`` (friction), ``level`` (load or gain).
+    ``false_alarms_per_year`` is of this joint, if it moved all year. ``learnt`` is 0 to 1.
+    """
+
+    joint: str
+    residual: float | None
+    unit: str
+    cusum: float
+    statistic: str
+    threshold: float
+    false_alarms_per_year: float
+    learnt: float
+
+
+class MonitorResource(BaseModel):
+    """The monitor of a machine; ``reason`` says why it is off, ``delay_s`` how late the residual is."""
+
+    state: Literal["off", "learning", "watching", "drift"]
+    calibration: str | None = None
+    since: str | None = None
+    reason: str | None = None
+    joints: list[MonitoredJoint] = []
+    time: float | None = None
+    delay_s: float | None = None

@@ -1,0 +1,30 @@
+"""``/audit``: who did what."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from fastapi import APIRouter, Query
+
+from server.access.guard import require
+from server.access.resources import EntryList, VerificationResource
+from server.routes.common import Cursor, Limit, ServiceDep, problems
+
+router = APIRouter(prefix="/audit", tags=["audit"], dependencies=[require("admin", every_machine=True)])
+
+
+@router.get("", responses=problems(422))
+def list_entries(
+    service: ServiceDep,
+    action: Annotated[str | None, Query(max_length=80, description="Beginning of the action")] = None,
+    limit: Limit = 50,
+    cursor: Cursor = 0,
+) -> EntryList:
+    """List the audit log, newest first."""
+    return EntryList.of(service.audit.list(limit, cursor, action=action))
+
+
+@router.get("/verification")
+def verify(service: ServiceDep) -> VerificationResource:
+    """Compute the chain of hashes again: whether the log is as it was written."""
+    return VerificationResource.of(service.audit.verify())

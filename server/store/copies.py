@@ -1,0 +1,136 @@
+"""Copies of the whole database, the workflow engine's tables included, taken while it is in use.
+
+SQLite is copied by its own online backup, PostgreSQL by ``pg_dump`` (custom format), which has to be installed where
+the service runs.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import sqlite3
+import subprocess
+from contextlib import closing, suppress
+from pathlib import Path
+
+import sqlalchemy as sa
+
+from server.errors import StartError
+from server.files import sync_directory
+
+#: Where Debian keeps PostgreSQL's programs.
+_DEBIAN = Path("/usr/lib/postgresql")
+TIMEOUT_S = 3600.0
+
+
+def copy_database(url: str, directory: Path, stem: str) -> Path:
+    """Write ``stem.sqlite`` or ``stem.pgdump`` into ``directory``, whole or not at all; its path.
+
+    Raises
+    ------
+    StartError
+        If it cannot be written; one line.
+    """
+    sqlite = url.startswith("sqlite")
+    target = directory / f"{stem}.{'sqlite' if sqlite else 'pgdump'}"
+    partial = target.with_name(f".{target.name}.partial")
+    try:
+        directory.mkdir(parents=True, exist_ok=True)
+        partial.unlink(missing_ok=True)
+        if sqlite:
+            _copy_sqlite(Path(url.removeprefix("sqlite:///")), partial)
+        else:
+            _run("pg_dump", url, "--format=custom", f"--file={partial}")
+        with partial.open("rb") as file:
+            os.fsync(file.fileno())
+        partial.replace(target)
+        sync_directory(directory)
+    except (OSError, sqlite3.Error) as error:
+        raise StartError(f"{target}: the backup cannot be written ({error}); free some space or give another") from None
+    finally:
+        with suppress(OSError):
+            partial.unlink(missing_ok=True)
+    return target
+
+
+def restore_database(source: Path, url: str) -> None:
+    """Put a copy in the place of the database; what was there is gone.
+
+    Raises
+    ------
+    StartError
+        If the copy does not fit or cannot be read.
+    """
+    sqlite = url.startswith("sqlite")
+    if sqlite != (source.suffix == ".sqlite"):
+        raise StartError(f"{source}: is a copy of another kind of database; set database_url as it was then")
+    if not sqlite:
+        _run("pg_restore", url, "--clean", "--if-exists", "--no-owner", "--exit-on-error", str(source))
+        return
+    target = Path(url.removeprefix("sqlite:///"))
+    for leftover in ("-journal", "-wal", "-shm"):  # of the database that was there; they would spoil the copy
+        target.with_name(target.name + leftover).unlink(missing_ok=True)
+    partial = target.with_name(f".{target.name}.partial")
+    shutil.copyfile(source, partial)
+    with partial.open("rb") as file:
+        os.fsync(file.fileno())
+    partial.replace(target)
+    sync_directory(target.parent)
+
+
+def _copy_sqlite(source: Path, target: Path) -> None:
+    with (
+        closing(sqlite3.connect(f"{source.resolve().as_uri()}?mode=ro", uri=True, timeout=30)) as database,
+        closing(sqlite3.connect(target)) as copy,
+    ):
+        database.backup(copy)
+        broken = copy.execute("PRAGMA quick_check").fetchone()[0]
+    if broken != "ok":
+        raise sqlite3.DatabaseError(f"the copy is damaged: {broken}")
+
+
+def program(name: str) -> str:
+    """Path of one of PostgreSQL's programs, the newest that is installed.
+
+    Raises
+    ------
+    StartError
+        If there is none.
+    """
+    found = sorted(_DEBIAN.glob(f"*/bin/{name}"), key=lambda path: path.parts[-3].zfill(4))
+    path = str(found[-1]) if found else shutil.which(name)
+    if path is None:
+        raise StartError(f"{name} is not installed here; it comes with PostgreSQL's client programs")
+    return path
+
+
+def _run(name: str, url: str, *arguments: str) -> None:
+    address = sa.make_url(url)
+    # The password goes by the environment: every user of the computer can read a command line.
+    environment = dict(os.environ) | ({"PGPASSWORD": str(address.password)} if address.password else {})
+    plain = address.set(drivername="postgresql", password=None).render_as_string()
+    done = subprocess.run(
+        [program(name), f"--dbname={plain}", *arguments],
+        env=environment,
+        stdin=subprocess.DEVNULL,
+        capture_output=True,
+        text=True,
+        timeout=TIMEOUT_S,
+    )
+    if done.returncode != 0:
+        last = " ".join((done.stderr.strip() or "no reason given").splitlines()[-1].split())
+        raise StartError(f"{name} failed: {last}")
+
+
+def postgresql_url(url: str) -> str:
+    """The URL with the driver that we bring (psycopg 3).
+
+    Raises
+    ------
+    StartError
+        If it is not one of PostgreSQL.
+    """
+    scheme, separator, rest = url.partition("://")
+    if not separator or scheme.partition("+")[0] not in ("postgresql", "postgres"):
+        raise StartError("database_url: must start with postgresql://; leave it out for a SQLite file in --data-dir")
+    return f"postgresql+psycopg://{rest}"

@@ -1,0 +1,35 @@
+"""Bring an older store up to date, one version after the other, in the transaction that opens it.
+
+New tables need no step: they are made when the store is opened. A step changes what is there, in SQL that SQLite and
+PostgreSQL both understand. Steps know nothing of :mod:`server.store.tables`, which shows the newest version only.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+
+import sqlalchemy as sa
+
+
+def _to_2(connection: sa.Connection) -> None:
+    """An idempotency key may have made anything, not only an identification."""
+    for statement in (
+        "ALTER TABLE idempotency_keys RENAME TO idempotency_keys_1",
+        "CREATE TABLE idempotency_keys (key VARCHAR NOT NULL PRIMARY KEY, request_sha256 VARCHAR NOT NULL,"
+        " subject VARCHAR NOT NULL, created VARCHAR NOT NULL)",
+        "INSERT INTO idempotency_keys (key, request_sha256, subject, created)"
+        " SELECT key, request_sha256, identification, created FROM idempotency_keys_1",
+        "DROP TABLE idempotency_keys_1",
+    ):
+        connection.exec_driver_sql(statement)
+
+
+#: Per version, the step to the next one.
+STEPS: Mapping[int, Callable[[sa.Connection], None]] = {1: _to_2}
+
+
+def migrate(connection: sa.Connection, found: int, wanted: int) -> None:
+    """Bring a store of version ``found`` to ``wanted``; nothing is committed here."""
+    for version in range(found, wanted):
+        STEPS[version](connection)
+    connection.execute(sa.text("UPDATE store_version SET version = :version"), {"version": wanted})

@@ -1,0 +1,240 @@
+"""The monitor from a ring buffer to an alarm: quiet for long, a change of friction found, nothing learnt twice."""
+
+from __future__ import annotations
+
+import json
+import threading
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from live_lever import COULOMB, RATE, recording, session, signals
+from service_fakes import MACHINE
+
+from daq import write_recording
+from daq.frame import row_dtype
+from daq.ring import RingWriter, ring_buffer
+from fitting.residual.kinematics import Corrections
+from fitting.stages import STAGES, load_request, run_stage
+from server.alarms import Alarms
+from server.errors import ConflictError, UnavailableError
+from server.files import DataDirectory
+from server.monitor import Monitors, child
+from server.monitor.blocks import Windows
+from server.monitor.child import watch
+from server.monitor.model import LiveModel, NotLiveError
+from server.monitor.order import Order, Rules
+from server.store import Database
+
+NAMES = ("joint1.angle", "joint1.torque")
+RULES = Rules(learn=40, block_s=2.0)
+
+
+def rows(seconds: float, seed: int, **change: Any) -> np.ndarray:
+    t, values = signals(seconds, seed, **change)
+    table = np.zeros(len(t), dtype=row_dtype(2))
+    table["time"], table["cycle"] = t, np.arange(len(t))
+    table["values"] = np.column_stack([values[name] for name in NAMES])
+    return table
+
+
+@pytest.fixture(scope="module")
+def live() -> LiveModel:
+    made = session()
+    return LiveModel(made.machine, made, Corrections(made.machine), (), made.base_model)
+
+
+def watched(live: LiveModel, table: np.ndarray, memory: Path) -> list[dict[str, Any]]:
+    cutter = Windows(live.overlap, live.block_samples(RULES.block_s))
+    order = Order(Path("r"), Path("m"), "ring", memory, RULES)
+    said: list[dict[str, Any]] = []
+    watch(live, NAMES, order, cutter.push(table), lambda found: said.append(json.loads(json.dumps(found))))
+    return said
+
+
+def test_it_is_quiet_for_long_and_finds_a_change_of_friction(live: LiveModel, tmp_path: Path) -> None:
+    """Twenty minutes without a word; then two thirds of a newton metre more friction, a tenth of what there was."""
+    coulomb = np.where(np.arange(1500 * 50) < 1200 * 50, COULOMB, COULOMB * 1.1)
+    said = watched(live, rows(1500, 11, coulomb=coulomb), tmp_path / "memory.json")
+    states = [found["state"] for found in said]
+    times = np.array([found["time"] for found in said])
+    assert set(states) == {"learning", "watching", "drift"}
+    first = times[states.index("drift")]
+    assert 1200 < first < 1290
+    assert said[states.index("drift")]["joints"][0]["statistic"] == "direction"
+    assert said[states.index("drift")]["drifting"] == ["joint1"]
+    assert said[-1]["joints"][0]["unit"] == "N m"
+    assert said[-1]["joints"][0]["false_alarms_per_year"] == pytest.approx(1.0)
+
+
+def test_what_was_learnt_is_not_learnt_again(live: LiveModel, tmp_path: Path) -> None:
+    memory = tmp_path / "memory.json"
+    first = watched(live, rows(200, 12), memory)
+    assert first[-1]["state"] == "watching"
+    assert watched(live, rows(30, 13), memory)[0]["state"] == "watching"
+    memory.write_text("torn {")
+    assert watched(live, rows(30, 13), memory)[0]["state"] == "learning"
+
+
+def test_a_silent_channel_is_a_pause_and_no_drift(live: LiveModel, tmp_path: Path) -> None:
+    table = rows(60, 14)
+    table["quality"][500:600, 1] = 1
+    said = watched(live, table, tmp_path / "memory.json")
+    assert [found["joints"][0]["residual"] for found in said].count(None) >= 1
+    assert all(found["state"] == "learning" for found in said)
+
+
+def test_an_order_is_what_was_ordered() -> None:
+    order = Order(Path("/a/request.json"), Path("/b/1.yaml"), "ring", Path("/c.json"), RULES)
+    assert Order.from_json(order.to_json()) == order
+
+
+@pytest.fixture(scope="module")
+def identified(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A data directory with one finished identification, as the jobs leave it."""
+    root = tmp_path_factory.mktemp("data")
+    files = DataDirectory(root)
+    output = files.identifications / "ident-1"
+    output.mkdir()
+    machine = files.machine_file("lever", 1)
+    machine.parent.mkdir()
+    machine.write_text(MACHINE)
+    made = session()
+    recordings = []
+    for seed, (role, seconds) in enumerate([("train", 60.0), ("validate", 40.0)], start=1):
+        data = recording(seconds, seed, role)
+        path = write_recording(files.recordings / f"{role}.parquet", made.machine, role, data.time, dict(data.values))
+        recordings.append([role, str(path)])
+    content = {
+        "machine": str(machine),
+        "recordings": recordings,
+        "output": str(output),
+        "options": {"loop": False, "bandwidth_hz": 3.0},
+    }
+    (output / "request.json").write_text(json.dumps(content))
+    for stage in STAGES[: STAGES.index("attribution") + 1]:
+        run_stage(stage, load_request(output / "request.json"))
+    return root
+
+
+def test_a_stored_identification_gives_the_model_that_was_fitted(identified: Path, live: LiveModel) -> None:
+    loaded = LiveModel.load(identified / "identifications" / "ident-1" / "request.json")
+    t, values = signals(20, 21)
+    (first,), (second,) = loaded.evaluate(t, values) or (), live.evaluate(t, values) or ()
+    np.testing.assert_allclose(first.residual, second.residual, atol=1e-3)
+
+
+def test_a_lost_result_says_what_to_do(tmp_path: Path) -> None:
+    request = tmp_path / "request.json"
+    request.write_text(json.dumps({"machine": "m.yaml", "recordings": [], "output": str(tmp_path)}))
+    with pytest.raises(NotLiveError, match="identify again"):
+        LiveModel.load(request)
+
+
+class World:
+    """What monitors find around them, in a test's hands."""
+
+    def __init__(self, root: Path) -> None:
+        self.files = DataDirectory(root)
+        self.database = Database(root / "monitor-test.sqlite", changed=lambda: None)
+        self.alarms = Alarms(self.database)
+        self.calibration: str | None = "cal-1"
+        self.ring_name: str | None = None
+        self.asked: list[tuple[str, str]] = []
+        self.monitors = Monitors(
+            self, self, self, self.files, self.alarms, self.database.now, recalibrate=self._recalibrate, rules=RULES
+        )
+
+    def active(self, machine: str) -> Any:
+        return None if self.calibration is None else SimpleNamespace(id=self.calibration, identification="ident-1")
+
+    def names(self) -> tuple[str, ...]:
+        return ("lever",)
+
+    def running(self, name: str) -> bool:
+        return self.ring_name is not None
+
+    def feed(self, name: str) -> Any:
+        if self.ring_name is None:
+            raise UnavailableError("not running")
+        return None, SimpleNamespace(ring_name=self.ring_name)
+
+    def get(self, name: str) -> Any:
+        return SimpleNamespace(version=1)
+
+    def _recalibrate(self, machine: str, reason: str) -> None:
+        self.asked.append((machine, reason))
+        raise ConflictError("no schedule says how")
+
+    def wait(self, condition: Callable[[dict[str, Any]], bool]) -> dict[str, Any]:
+        pause = threading.Event()
+        for _ in range(600):
+            if condition(state := self.monitors.state("lever")):
+                return state
+            pause.wait(0.1)
+        raise AssertionError(state)
+
+
+@pytest.fixture
+def world(identified: Path) -> Iterator[World]:
+    made = World(identified)
+    try:
+        yield made
+    finally:
+        made.monitors.stop()
+        made.database.close()
+        (identified / "monitor-test.sqlite").unlink()
+
+
+def test_it_is_off_for_a_reason(world: World) -> None:
+    world.monitors.look()
+    assert world.monitors.state("lever") == {"state": "off", "reason": "the machine is not acquired at the moment"}
+    world.ring_name, world.calibration = "some", None
+    world.monitors.look()
+    assert world.monitors.state("lever") == {"state": "off", "reason": "the machine has no active calibration"}
+
+
+@pytest.mark.slow
+def test_from_a_ring_through_a_process_to_an_alarm(world: World) -> None:
+    change = 160 * RATE
+    coulomb = np.where(np.arange(400 * 50) < change, COULOMB, COULOMB * 1.5)
+    table = rows(400, 31, coulomb=coulomb)
+    with ring_buffer(row_dtype(2), 60000) as name, RingWriter(name) as writer:
+        world.ring_name = name
+        world.monitors.look()
+        writer.write(table[:1])  # the process sees what comes after it attached
+        world.wait(lambda state: "delay_s" in state)
+        for index in range(1, len(table)):
+            writer.write(table[index : index + 1])
+        state = world.wait(lambda state: state["state"] == "drift")
+        assert (state["calibration"], state["joints"][0]["statistic"]) == ("cal-1", "direction")
+        alarm = world.alarms.active()[0]
+        assert (alarm.machine, alarm.kind) == ("lever", "residual_drift")
+        assert "joint1" in alarm.text
+        assert [machine for machine, _ in world.asked] == ["lever"]
+        kinds = {alarm.kind for alarm in world.alarms.active()}
+        assert kinds == {"residual_drift", "recalibration_failed"}
+        world.calibration = None  # a new calibration is being made: the old one's drift is over
+        world.monitors.look()
+        assert {alarm.kind for alarm in world.alarms.active()} == {"recalibration_failed"}
+
+
+def test_the_process_ends_with_the_ring(identified: Path, tmp_path: Path) -> None:
+    said: list[Any] = []
+    request = identified / "identifications" / "ident-1" / "request.json"
+    with ring_buffer(row_dtype(2), 64) as name, RingWriter(name) as writer:
+        writer.finish()
+        order = Order(request, identified / "machines" / "lever" / "1.yaml", name, tmp_path / "m.json", RULES)
+        child.run(order, said.append)
+    assert [found["state"] for found in said] == ["learning"]
+
+
+def test_a_channel_that_the_machine_lost_is_named(identified: Path, tmp_path: Path) -> None:
+    changed = tmp_path / "machine.yaml"
+    changed.write_text(MACHINE.replace("joint1.torque", "joint1.effort"))
+    request = identified / "identifications" / "ident-1" / "request.json"
+    with pytest.raises(NotLiveError, match=r"no channel joint1\.torque"):
+        child.run(Order(request, changed, "none", tmp_path / "m.json", RULES), lambda found: None)

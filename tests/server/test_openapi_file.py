@@ -1,0 +1,26 @@
+"""The committed OpenAPI file is what the service says of itself."""
+
+from __future__ import annotations
+
+import json
+
+from server.openapi import PLACE, describe, text_of
+
+
+def test_the_interface_has_not_changed_unannounced() -> None:
+    committed, now = json.loads(PLACE.read_text(encoding="utf-8")), describe()
+    changed = sorted(
+        path for path in committed["paths"] | now["paths"] if committed["paths"].get(path) != now["paths"].get(path)
+    )
+    assert not changed, f"{', '.join(changed)} changed; run 'python -m server.openapi' and review the difference"
+    assert PLACE.read_text(encoding="utf-8") == text_of(now), "run 'python -m server.openapi' and review the difference"
+
+
+def test_every_operation_says_what_it_does_and_how_it_fails() -> None:
+    description = describe()
+    for path, operations in description["paths"].items():
+        for method, operation in operations.items():
+            assert operation.get("description"), f"{method} {path} has no description"
+            for status, response in operation["responses"].items():
+                if status >= "400":
+                    assert set(response["content"]) == {"application/problem+json"}, f"{method} {path} {status}"

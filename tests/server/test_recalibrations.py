@@ -1,0 +1,257 @@
+"""Recalibrations by the clock: slots once, missed ones together, one at a time per machine."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+from typing import Any
+
+import pytest
+from service_fakes import MACHINE, Fakes, Running, ran, running_service
+
+from server.schedules.clock import ScheduleClock
+from server.store.recalibrations import Plan, Recalibrations
+from server.store.schedules import Schedule, Slot
+
+PLAN = Plan(duration_s=12.0, deadline_s=600.0)
+GREW = {"joints": {"joint1": {"before": 2.0, "after": 1.0}}, "change_percent": -50.0, "better": True, "worse": []}
+
+
+@dataclass(frozen=True)
+class FakeCalibration:
+    id: str
+    identification: str
+
+
+class FakeCalibrations:
+    """Calibrations that remember what was done with them."""
+
+    def __init__(self) -> None:
+        self.now: FakeCalibration | None = None
+        self.proposed: dict[str, FakeCalibration] = {}
+        self.activated: list[tuple[str, str]] = []
+
+    def active(self, machine: str) -> FakeCalibration | None:
+        return self.now
+
+    def propose(self, identification: str, label: str) -> FakeCalibration:
+        made = FakeCalibration(f"cal-{len(self.proposed) + 1}", identification)
+        return self.proposed.setdefault(identification, made)
+
+    def activate(self, id: str, note: str) -> None:
+        self.activated.append((id, note))
+
+
+class Setting:
+    """A service with a clock that a test sets."""
+
+    def __init__(self, running: Running, calibrations: FakeCalibrations) -> None:
+        self.running = running
+        self.service = running.service
+        self.calibrations = calibrations
+        self.time = datetime(2026, 6, 1, 12, tzinfo=UTC)
+        self.clock = ScheduleClock(
+            self.service.schedules._database, self.service.runner.enqueue, self.service.site.ready, lambda: self.time
+        )
+
+    def schedule(self, cron: str = "0 * * * *", plan: Plan = PLAN) -> Schedule:
+        made = Schedule(
+            id=f"sch-{len(self.service.schedules.list(500).items)}",
+            machine="lever",
+            label="Nightly",
+            cron=cron,
+            timezone="UTC",
+            enabled=True,
+            plan=plan,
+            considered=self.time.isoformat(timespec="milliseconds").replace("+00:00", "Z"),
+            created="2026-01-01T00:00:00.000Z",
+        )
+        self.service.schedules.add(made)
+        return made
+
+    def later(self, hours: float) -> tuple[str, ...]:
+        self.time += timedelta(hours=hours)
+        return self.clock.look()
+
+    def slots(self, schedule: Schedule) -> tuple[Slot, ...]:
+        return self.service.schedules.slots(schedule.id, 50)
+
+    def alarms(self) -> dict[str, str]:
+        return {alarm.kind: alarm.text for alarm in self.service.alarms.active() if alarm.machine == "lever"}
+
+
+@contextmanager
+def setting(data_dir: Path) -> Iterator[Setting]:
+    fakes, calibrations = Fakes(), FakeCalibrations()
+    script = Path(__file__).with_name("fake_comparison.py")
+    fakes.parts = replace(
+        fakes.parts, comparison=(sys.executable, str(script)), calibrations=lambda service: calibrations
+    )
+    with running_service(data_dir, fakes) as running:
+        running.service.schedule_clock.stop()  # the test's own clock is the only one
+        running.service.upload_machine(MACHINE.encode())
+        running.service.set_acquisition("lever", True)
+        assert fakes.acquisition.up.wait(30)
+        yield Setting(running, calibrations)
+
+
+@pytest.fixture
+def site(tmp_path: Path) -> Iterator[Setting]:
+    with setting(tmp_path) as made:
+        yield made
+
+
+def test_a_slot_has_its_turn_once_and_proposes_a_calibration(site: Setting) -> None:
+    schedule = site.schedule()
+    assert site.later(0.5) == ()
+    (job,) = site.later(0.6)
+    assert site.later(0) == (), "the same moment again"
+    events = site.running.follow(job)
+    assert events[-1]["state"] == "done", site.service.jobs.get(job)
+    assert {event["stage"] for event in events[1:]} == {"record", "identify", "compare", "propose"}
+    assert "Recording" in [event["text"] for event in events]
+    assert site.slots(schedule) == (Slot("2026-06-01T13:00:00.000Z", job, "done", "", "cal-1"),)
+    made = Recalibrations(site.service.schedules._database).get(site.service.jobs.get(job).subject)
+    assert list(made.recordings) == ["operation", "validate"]
+    assert made.comparison is None
+    assert site.calibrations.proposed.keys() == {made.identification}
+    assert site.calibrations.activated == []
+    assert made.identification is not None
+    assert ran(site.running, made.identification) == ["check", "cylinder_stage", "report"]
+    # An hour later comes the next one.
+    (second,) = site.later(1)
+    assert site.running.follow(second)[-1]["state"] == "done"
+
+
+def test_missed_slots_have_their_turn_together(site: Setting) -> None:
+    schedule = site.schedule()
+    (job,) = site.later(5.5)
+    found = site.slots(schedule)
+    assert [slot.state for slot in found[1:]] == ["coalesced"] * 4
+    assert (found[0].slot, found[0].job, found[0].note) == ("2026-06-01T17:00:00.000Z", job, "stands for 4 earlier")
+    assert site.later(0.1) == ()
+    site.running.follow(job)
+
+
+def test_there_are_never_two_on_one_machine_and_slots_wait_meanwhile(site: Setting) -> None:
+    (site.service.files.root / "steer.json").write_text('{"block": "check"}')
+    schedule, other = site.schedule(), site.schedule("30 * * * *")
+    (job,) = site.later(1)
+    assert site.later(2) == (), "the machine is being recalibrated"
+    site.service.runner.cancel(job)
+    assert site.running.follow(job)[-1]["state"] == "cancelled"
+    assert site.slots(schedule)[0].state == "failed"
+    (site.service.files.root / "steer.json").unlink()
+    (following,) = site.later(0)
+    assert site.running.follow(following)[-1]["state"] == "done"
+    assert [slot.state for slot in site.slots(schedule)] == ["done", "coalesced", "failed"]
+    (last,) = site.later(0)
+    assert site.running.follow(last)[-1]["state"] == "done"
+    assert [slot.state for slot in site.slots(other)] == ["done", "coalesced", "coalesced"]
+
+
+def test_a_slot_of_a_machine_that_is_not_acquired_is_missed_and_says_why(site: Setting) -> None:
+    schedule = site.schedule()
+    site.service.set_acquisition("lever", False)
+    assert site.later(1) == ()
+    (slot,) = site.slots(schedule)
+    assert (slot.state, slot.job) == ("missed", None)
+    assert "not being acquired" in slot.note
+
+
+def test_two_servers_that_look_at_once_order_one(site: Setting) -> None:
+    schedule = site.schedule()
+    seen = site.service.schedules.get(schedule.id)
+    (job,) = site.later(1)
+    # What the other one would do with what it read before.
+    new = replace(Recalibrations(site.service.schedules._database).get(site.service.jobs.get(job).subject), id="other")
+    site.running.follow(job)
+    slots = ["2026-06-01T13:00:00.000Z"]
+    assert not site.service.schedules.claim(seen, slots, replace(new, job="job-other"), ("", ""))
+    assert len(site.slots(schedule)) == 1
+
+
+@pytest.mark.parametrize(
+    ("policy", "better", "activated"), [("if_better", True, 1), ("if_better", False, 0), ("never", True, 0)]
+)
+def test_only_the_policy_activates_and_only_what_is_better(
+    site: Setting, policy: Any, better: bool, activated: int
+) -> None:
+    site.calibrations.now = FakeCalibration("cal-0", identified(site))
+    content = {**GREW, "better": better, "grew": ["joint1"]}
+    (site.service.files.root / "comparison.json").write_text(json.dumps(content))
+    site.schedule(plan=replace(PLAN, activate=policy))
+    (job,) = site.later(1)
+    assert site.running.follow(job)[-1]["state"] == "done", site.service.jobs.get(job)
+    made = Recalibrations(site.service.schedules._database).get(site.service.jobs.get(job).subject)
+    assert made.comparison == {**content, "active": "cal-0"}
+    assert len(site.calibrations.activated) == activated
+    assert "joint1" in site.alarms()["residual_grew"]
+
+
+def identified(site: Setting) -> str:
+    """An identification that is done, for a calibration that is active."""
+    site.schedule()
+    (job,) = site.later(1)
+    assert site.running.follow(job)[-1]["state"] == "done"
+    schedule = site.service.schedules.list(1).items[0]
+    site.service.schedules.delete(schedule.id, None)
+    return next(iter(site.calibrations.proposed))
+
+
+def test_a_recalibration_that_fails_raises_an_alarm_and_the_next_good_one_clears_it(site: Setting) -> None:
+    site.running.fakes.recorder.fail = "the bus went away"
+    schedule = site.schedule()
+    (job,) = site.later(1)
+    assert site.running.follow(job)[-1]["state"] == "failed"
+    assert "the bus went away" in str(site.service.jobs.get(job).error)
+    assert site.slots(schedule)[0].state == "failed"
+    assert "the bus went away" in site.alarms()["recalibration_failed"]
+    site.running.fakes.recorder.fail = None
+    (job,) = site.later(1)
+    assert site.running.follow(job)[-1]["state"] == "done"
+    assert "recalibration_failed" not in site.alarms()
+
+
+@pytest.mark.slow
+def test_a_recalibration_goes_on_after_a_restart_without_recording_again(tmp_path: Path) -> None:
+    with setting(tmp_path) as site:
+        (site.service.files.root / "steer.json").write_text('{"block": "check"}')
+        schedule = site.schedule()
+        (job,) = site.later(1)
+        site.running.follow(job, lambda event: event["text"] == "Half of check")
+        recorded = [row.id for row in site.service.recordings.list(10).items]
+    (tmp_path / "steer.json").unlink()
+    with setting(tmp_path) as again:
+        assert again.running.follow(job)[-1]["state"] == "done"
+        assert [row.id for row in again.service.recordings.list(10).items] == recorded
+        assert [slot.state for slot in again.slots(schedule)] == ["done"]
+        assert len(again.service.identifications.list(10).items) == 1
+
+
+def test_the_standard_motion_of_a_real_machine_waits_for_a_person_and_says_what_to_do(site: Setting) -> None:
+    site.schedule(plan=replace(PLAN, motion="standard", excitations=("exc-1",)))
+    site.service.site.motion_seconds = lambda excitation: 11.0  # type: ignore[method-assign]
+    (job,) = site.later(1)
+    events = site.running.follow(job, lambda event: event["text"].startswith("Waiting for a person"))
+    assert "load the motion of exc-1" in events[-1]["text"]
+    assert "'train' and 'validate'" in events[-1]["text"]
+    for role in ("train", "validate"):
+        started = site.service.sessions.start("lever", role, "", 10.0)
+        while site.service.recordings.get(started.id).state == "recording":
+            asyncio.run(site.service.changes.wait(site.service.changes.number, 1.0))
+    assert site.running.follow(job)[-1]["state"] == "done", site.service.jobs.get(job)
+
+
+def test_a_person_who_does_not_come_is_no_reason_to_wait_for_ever(site: Setting) -> None:
+    site.service.site.motion_seconds = lambda excitation: 11.0  # type: ignore[method-assign]
+    site.schedule(plan=replace(PLAN, motion="standard", excitations=("exc-1",), deadline_s=0.0))
+    (job,) = site.later(1)
+    assert site.running.follow(job)[-1]["state"] == "failed"
+    assert "nobody recorded the standard motion" in str(site.service.jobs.get(job).error)

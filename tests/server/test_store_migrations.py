@@ -1,0 +1,92 @@
+"""A store of version 1 is copied, then brought up to date; the copy is what it was."""
+
+from __future__ import annotations
+
+import sqlite3
+from contextlib import closing
+from pathlib import Path
+
+import pytest
+
+from server.errors import ConflictError, StartError
+from server.store import Database, tables
+from server.store.idempotency import IdempotencyKey, earlier
+
+#: What version 1 had and version 2 changed, as SQLAlchemy wrote it then, with the tables that it points to.
+VERSION_1 = """
+CREATE TABLE store_version (version INTEGER NOT NULL, PRIMARY KEY (version));
+INSERT INTO store_version VALUES (1);
+CREATE TABLE revisions (resource VARCHAR NOT NULL, number INTEGER NOT NULL, PRIMARY KEY (resource));
+INSERT INTO revisions VALUES ('jobs', 7);
+CREATE TABLE machines (number INTEGER NOT NULL, name VARCHAR NOT NULL, version INTEGER NOT NULL,
+  acquire BOOLEAN NOT NULL, PRIMARY KEY (number), UNIQUE (name));
+INSERT INTO machines VALUES (1, 'lever', 1, 0);
+CREATE TABLE jobs (number INTEGER NOT NULL, id VARCHAR NOT NULL, kind VARCHAR NOT NULL, label VARCHAR NOT NULL,
+  subject VARCHAR NOT NULL, stages JSON NOT NULL, state VARCHAR NOT NULL, stage VARCHAR, fraction FLOAT NOT NULL,
+  text VARCHAR NOT NULL, error VARCHAR, cancel_requested BOOLEAN NOT NULL, created VARCHAR NOT NULL,
+  started VARCHAR, ended VARCHAR, PRIMARY KEY (number), UNIQUE (id));
+INSERT INTO jobs VALUES (1, 'job-1', 'identification', '', 'idn-1', '["check"]', 'done', 'check', 1.0, 'Done', NULL, 0,
+  '2026-01-01T00:00:00.000Z', NULL, NULL);
+CREATE TABLE identifications (number INTEGER NOT NULL, id VARCHAR NOT NULL, job VARCHAR NOT NULL,
+  machine VARCHAR NOT NULL, machine_version INTEGER NOT NULL, label VARCHAR NOT NULL, options JSON NOT NULL,
+  verdict VARCHAR, overall JSON, created VARCHAR NOT NULL, PRIMARY KEY (number), UNIQUE (id), UNIQUE (job),
+  FOREIGN KEY(job) REFERENCES jobs (id), FOREIGN KEY(machine) REFERENCES machines (name));
+INSERT INTO identifications VALUES (1, 'idn-1', 'job-1', 'lever', 1, '', '{}', NULL, NULL, '2026-01-01T00:00:00.000Z');
+CREATE TABLE idempotency_keys (key VARCHAR NOT NULL, request_sha256 VARCHAR NOT NULL, identification VARCHAR NOT NULL,
+  created VARCHAR NOT NULL, PRIMARY KEY (key), FOREIGN KEY(identification) REFERENCES identifications (id));
+INSERT INTO idempotency_keys VALUES ('tablet-1', 'hash', 'idn-1', '2026-01-01T00:00:00.000Z');
+"""
+
+
+@pytest.fixture
+def old(tmp_path: Path) -> Path:
+    path = tmp_path / "hilfit.sqlite"
+    with closing(sqlite3.connect(path)) as connection:
+        connection.executescript(VERSION_1)
+    return path
+
+
+def version(path: Path) -> int:
+    with closing(sqlite3.connect(path)) as connection:
+        return int(connection.execute("SELECT version FROM store_version").fetchone()[0])
+
+
+def test_what_was_there_is_there_and_the_copy_is_what_it_was(old: Path) -> None:
+    database = Database(old, changed=lambda: None)
+    with database.read() as connection:
+        assert earlier(connection, IdempotencyKey("tablet-1", "hash")) == "idn-1"
+        with pytest.raises(ConflictError):
+            earlier(connection, IdempotencyKey("tablet-1", "another"))
+    assert database.revisions() == {"jobs": 7}
+    database.close()
+    assert version(old) == tables.SCHEMA_VERSION
+    (copy,) = (old.parent / "backups").iterdir()
+    assert version(copy) == 1
+    with closing(sqlite3.connect(copy)) as connection:
+        assert connection.execute("SELECT identification FROM idempotency_keys").fetchall() == [("idn-1",)]
+
+
+def test_a_store_that_is_up_to_date_is_not_copied(old: Path) -> None:
+    for _ in range(2):
+        Database(old, changed=lambda: None).close()
+    assert len(list((old.parent / "backups").iterdir())) == 1
+
+
+def test_without_a_backup_there_is_no_migration(old: Path) -> None:
+    (old.parent / "backups").write_text("a file where the directory should be")
+    with pytest.raises(StartError, match="backup cannot be written"):
+        Database(old, changed=lambda: None)
+    assert version(old) == 1
+
+
+def test_a_migration_that_fails_changes_nothing(old: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def break_off(*_: object) -> None:
+        raise RuntimeError("a bug")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(tables.metadata, "create_all", break_off)
+        with pytest.raises(RuntimeError, match="a bug"):
+            Database(old, changed=lambda: None)
+    with closing(sqlite3.connect(old)) as connection:
+        assert connection.execute("SELECT identification FROM idempotency_keys").fetchall() == [("idn-1",)]
+    assert version(old) == 1

@@ -1,0 +1,15 @@
+"""``python work_with_fakes.py DATA_DIR DATABASE_URL NAME``: a real worker process with fake stages."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+from service_fakes import Fakes
+
+from server.settings import Settings
+from server.worker import work
+
+if __name__ == "__main__":
+    settings = Settings(data_dir=Path(sys.argv[1]), database_url=sys.argv[2])
+    work(settings, sys.argv[3], lambda: print("ready", flush=True), lambda: Fakes().parts)
