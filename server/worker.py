@@ -7,6 +7,7 @@ them, so ``data_dir`` is a directory that all share.
 from __future__ import annotations
 
 import fcntl
+import os
 import signal
 import threading
 from collections.abc import Callable, Iterator
@@ -61,7 +62,8 @@ def work(
     files, parts = DataDirectory(settings.data_dir), make_parts()
     with _alone(files, name):
         database = Database(settings.database_url, changed=lambda: None, backups=files.backups)
-        presence = Presence(database, f"worker-{name}")
+        # The lock's age tells a health check that this process lives and reaches the database.
+        presence = Presence(database, f"worker-{name}", lambda: os.utime(files.root / f"lock-worker-{name}"))
         runner = JobRunner(
             database,
             files,

@@ -77,7 +77,7 @@ def main(arguments: list[str]) -> int:
         say({"summary": run(Path(arguments[0]))})
     except HilfitError as error:
         say({"error": str(error)})
-        return 2 if isinstance(error, InputError) else 1
+        return 2  # whatever it is, it is a reason why these two cannot be compared
     return 0
 
 

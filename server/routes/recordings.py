@@ -80,7 +80,8 @@ def list_recordings(
 def get(id: str, service: ServiceDep) -> RecordingResource:
     """Read a recording; while it is being recorded its statistics are live."""
     row = service.recordings.get(id)
-    live = service.sessions.statistics(id)
+    # A session ends a little after its row is sealed: what was counted last stands in the row by then.
+    live = service.sessions.statistics(id) if row.state == "recording" else None
     resource = RecordingResource.of(row)
     return resource if live is None else resource.model_copy(update={"statistics": live})
 

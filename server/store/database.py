@@ -70,7 +70,11 @@ class Database:
             sa.event.listen(self._engine, "begin", _begin_postgresql)
         if backups is None:
             backups = place.parent / "backups" if isinstance(place, Path) else Path("backups")
-        self._create(backups)
+        try:
+            self._create(backups)
+        except BaseException:
+            self.close()
+            raise
 
     def _create(self, backups: Path) -> None:
         try:

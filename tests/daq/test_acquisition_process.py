@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
+import threading
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -174,7 +175,12 @@ def test_devices_that_are_not_there_are_named(server: FakeModbus) -> None:
     ):
         raise AssertionError("not reached")
     with AcquisitionProcess(machine, strict=False) as acquisition:
-        warnings = acquisition.statistics().warnings
+        pause = threading.Event()
+        for _ in range(300):  # the process says what it counted now and then
+            warnings = acquisition.statistics().warnings
+            if warnings:
+                break
+            pause.wait(0.1)
     assert any("unit 2" in line for line in warnings)
 
 

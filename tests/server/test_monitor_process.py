@@ -214,9 +214,9 @@ def test_from_a_ring_through_a_process_to_an_alarm(world: World) -> None:
         alarm = world.alarms.active()[0]
         assert (alarm.machine, alarm.kind) == ("lever", "residual_drift")
         assert "joint1" in alarm.text
+        # The drift is shown before a recalibration is asked for.
+        world.wait(lambda state: {a.kind for a in world.alarms.active()} == {"residual_drift", "recalibration_failed"})
         assert [machine for machine, _ in world.asked] == ["lever"]
-        kinds = {alarm.kind for alarm in world.alarms.active()}
-        assert kinds == {"residual_drift", "recalibration_failed"}
         world.calibration = None  # a new calibration is being made: the old one's drift is over
         world.monitors.look()
         assert {alarm.kind for alarm in world.alarms.active()} == {"recalibration_failed"}

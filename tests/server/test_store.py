@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sqlite3
 import threading
 from collections.abc import Callable, Iterator
 from datetime import UTC, datetime
@@ -15,7 +14,7 @@ from service_fakes import MACHINE
 
 from server.errors import ConflictError, StartError
 from server.files import DataDirectory
-from server.store import Database, Identification, Identifications, Jobs, Machines, RecordingRow, Recordings
+from server.store import Database, Identification, Identifications, Jobs, Machines, RecordingRow, Recordings, tables
 from server.store.idempotency import IdempotencyKey
 from server.uploads import MachineUploads
 
@@ -76,8 +75,8 @@ def at_once(count: int, action: Callable[[int], object]) -> list[object]:
     return results
 
 
-def test_sqlite_is_set_up_to_survive_a_power_cut(database: Database) -> None:
-    with database.read() as connection:
+def test_sqlite_is_set_up_to_survive_a_power_cut(files: DataDirectory) -> None:
+    with Database(files.database, changed=nothing).read() as connection:
         assert connection.exec_driver_sql("PRAGMA journal_mode").scalar() == "delete"
         assert connection.exec_driver_sql("PRAGMA synchronous").scalar() == 2  # FULL
         assert connection.exec_driver_sql("PRAGMA foreign_keys").scalar() == 1
@@ -173,11 +172,11 @@ def test_times_are_utc(database: Database) -> None:
 
 
 def test_a_store_of_another_version_is_refused(database: Database, files: DataDirectory) -> None:
-    with sqlite3.connect(files.database) as connection:
-        connection.execute("UPDATE store_version SET version = 99")
-    connection.close()
+    with database.write() as connection:
+        connection.execute(tables.store_version.update().values(version=99))
+    place = files.database if database.is_sqlite else database.url
     with pytest.raises(StartError, match="version 99"):
-        Database(files.database, changed=nothing)
+        Database(place, changed=nothing)
 
 
 def test_a_file_that_is_no_database_is_refused(tmp_path: Path) -> None:

@@ -1,0 +1,73 @@
+"""docker-compose.yml and Dockerfile: nothing runs as root, everything is watched, every setting exists."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+from server.cli import PARTS, load_commands
+from server.settings import Settings
+
+TOP = Path(__file__).parents[2]
+#: Licences of the images, looked up by a person; a new image needs an entry here.
+IMAGES = {"docker.io/library/postgres": "PostgreSQL", "docker.io/prom/prometheus": "Apache-2.0", "hilfit": "Apache-2.0"}
+COMPOSE: dict[str, Any] = yaml.safe_load((TOP / "docker-compose.yml").read_text())
+DOCKERFILE = (TOP / "Dockerfile").read_text()
+SERVICES = COMPOSE["services"]
+
+
+def test_who_is_there() -> None:
+    assert set(SERVICES) == {"database", "server", "worker-1", "worker-2", "prometheus"}
+    assert "--simulate" in SERVICES["server"]["command"]
+
+
+@pytest.mark.parametrize("name", SERVICES)
+def test_a_container_is_watched_has_a_known_image_and_does_not_run_as_root(name: str) -> None:
+    service = SERVICES[name]
+    assert service["healthcheck"]["test"][0] == "CMD"
+    assert service["image"].rpartition(":")[0] in IMAGES
+    if service["image"].startswith("hilfit:"):
+        before, _, after = DOCKERFILE.partition("\nUSER hilfit\n")
+        assert after
+        assert "\nUSER " not in before + after
+        assert service["cap_drop"] == ["ALL"]
+    else:
+        assert service["user"] not in ("root", "0")
+
+
+@pytest.mark.parametrize("name", ["server", "worker-1", "worker-2"])
+def test_commands_options_and_settings_exist(name: str) -> None:
+    service = SERVICES[name]
+    program, command, *options = service["command"]
+    assert program == "hilfit"
+    (part,) = [part for part in PARTS if command in part.commands]
+    known = {option for parameter in load_commands(part)[command].params for option in parameter.opts}
+    assert {option for option in options if option.startswith("--")} <= known
+    settings = {key.removeprefix("HILFIT_").lower() for key in service["environment"]}
+    assert settings <= set(Settings.model_fields)
+    if command == "worker":
+        assert options == ["--name", name]
+        assert f"lock-worker-{name}" in service["healthcheck"]["test"][-1]
+
+
+def test_settings_can_be_read(monkeypatch: pytest.MonkeyPatch) -> None:
+    for key, value in SERVICES["server"]["environment"].items():
+        monkeypatch.setenv(key, re.sub(r"\$\{\w+:[-?]([^}]*)\}", r"\1", value))
+    settings = Settings()
+    assert (settings.access, settings.local_jobs) == ("required", False)
+    assert settings.public_hosts == ("localhost", "server")
+
+
+def test_pg_dump_is_of_the_version_of_the_database() -> None:
+    version = SERVICES["database"]["image"].rpartition(":")[2].partition("-")[0]
+    assert f"postgresql-client-{version} " in DOCKERFILE
+
+
+def test_prometheus_gets_a_configuration_that_can_be_read() -> None:
+    content = yaml.safe_load(COMPOSE["configs"]["prometheus"]["content"])
+    (job,) = content["scrape_configs"]
+    assert job["static_configs"] == [{"targets": ["server:8350"]}]
