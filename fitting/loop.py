@@ -28,6 +28,7 @@ from fitting.residual.null import Null, Replicas
 from fitting.residual.rules import ACCUSE, MISFIT_SHARE, MOST_RIVALS, SET_SHARE, SET_WIDTH
 from fitting.residual.scoring import Candidates, Score, score_terms
 from fitting.residual.terms import Model, Term, fit_model
+from fitting.residual.uncertainty import with_doubts
 from fitting.session import Options, Prepared, Session
 
 FloatArray = npt.NDArray[np.float64]
@@ -239,7 +240,7 @@ def run_attribution(
     validate = signals.prepared(()).validate
     found = attribute(base, effects(), validate, signals, session.options.bootstrap, ripples, progress)
     found = _screened(session, corrections, signals, found)
-    return replace(found, lines=lines, changes=_changes(found.model))
+    return replace(found, model=with_doubts(found.model, session.prior), lines=lines, changes=_changes(found.model))
 
 
 def _screened(session: Session, corrections: Corrections, signals: SessionSignals, found: Attribution) -> Attribution:
@@ -343,7 +344,7 @@ def _changes(model: Model) -> tuple[ChangePoint, ...]:
 def final_model(session: Session, corrections: Corrections, terms: Sequence[Term]) -> tuple[Prepared, Model]:
     """Both stages refitted jointly with everything that was found."""
     signals = SessionSignals(session, corrections)
-    return signals.prepared(terms), signals.refit(terms)
+    return signals.prepared(terms), with_doubts(signals.refit(terms), session.prior)
 
 
 def term_to_json(term: Term) -> dict[str, Any]:

@@ -6,6 +6,11 @@ periodogram (Whittle's likelihood, log-spectrum as a cosine series in warped fre
 first-order disturbance bends); the filter's known response is put on afterwards, and the whitening filter follows from
 the autocovariance by the Yule-Walker equations.
 
+A minute of noise has few lines where slow motions lie, and the ends of a cosine series take every liberty there. So its
+coefficients have a smoothness prior, ``c_k ~ N(0, (tau / k^2)^2)``, whose ``tau`` is estimated along (empirical Bayes).
+What the data leaves open of the log-spectrum is kept: it makes intervals of parameters wider (Student's t instead of
+the normal, :mod:`fitting.freedom`).
+
 Source: P. Whittle, "Estimation and information in stationary time series", 1953; P. Bloomfield, "An exponential model
 for the spectrum of a scalar time series", Biometrika 60, 1973.
 """
@@ -27,8 +32,31 @@ _COEFFICIENTS = 6
 _ORDER = 10
 _EDGE = 1.4  # of the bandwidth: beyond it the identification filter leaves nothing
 _KNEE = 0.1  # of the bandwidth: frequencies below are told apart linearly, above in ratios
+# Neighbouring lines under a Hann window are correlated (4/9 and 1/36): so many say as much as one independent line.
+_LINES_A_WORD = 1.0 + 2.0 * (4.0 / 9.0 + 1.0 / 36.0)
+# Smoothness of a log-spectrum that is expected before any data, and coefficients' worth of that expectation.
+_TAU, _TAU_WEIGHT = 1.0, 4.0
 # Frequencies that the filter attenuates by 30 dB and more are not blown up again.
 _FLOOR = 1e-3
+
+
+@dataclass(frozen=True)
+class OpenSpectrum:
+    """What the data leaves open of a log-spectrum.
+
+    Attributes
+    ----------
+    covariance : (c, c) of the coefficients of :func:`log_basis`
+    bandwidth_hz : what frequency is warped by
+    """
+
+    covariance: FloatArray
+    bandwidth_hz: float
+
+    def variance(self, frequency: FloatArray, power: FloatArray) -> FloatArray:
+        """Variance of ``power @ S_error / S``: power (k, F) over frequencies (F,), Hz; (k,)."""
+        weights = power @ log_basis(frequency, self.bandwidth_hz)
+        return np.asarray(np.einsum("ki,ij,kj->k", weights, self.covariance, weights))
 
 
 @dataclass(frozen=True)
@@ -43,12 +71,14 @@ class Whitening:
     innovation : standard deviation of the whitened noise per unit of bandwidth: dividing by it makes the spectrum 1
         inside the band
     std : standard deviation of the reduced noise
+    open : what the data leaves open of the noise's spectrum; None where that was not estimated
     """
 
     taps: FloatArray
     head: FloatArray
     innovation: float
     std: float
+    open: OpenSpectrum | None = None
 
     def __call__(self, rows: FloatArray) -> FloatArray:
         """Whitened and scaled rows of one stretch, (M,) or (M, k); as many as went in."""
@@ -92,9 +122,9 @@ def whitening(series: Sequence[FloatArray], bank: FilterBank) -> Whitening:
     spread = float(np.std(np.concatenate([bank.reduce(p) for p in series]))) if len(series) else 0.0
     if len(total) < 3 * _COEFFICIENTS or not total.sum() > 0:
         return unit_whitening(spread)
-    coefficients = _whittle(_basis(np.concatenate(frequencies), bank), total)
+    coefficients, covariance_of_log = _smooth(log_basis(np.concatenate(frequencies), bank.bandwidth_hz), total)
     grid = np.linspace(0.0, edge, 2000)
-    density = np.exp(_basis(grid, bank) @ coefficients)
+    density = np.exp(log_basis(grid, bank.bandwidth_hz) @ coefficients)
     _, response = signal.freqz(bank.identification, worN=grid, fs=bank.rate_hz)
     filtered = density * np.abs(response) ** 2
     lags = np.arange(_ORDER + 1) / bank.reduced_rate_hz
@@ -106,29 +136,52 @@ def whitening(series: Sequence[FloatArray], bank: FilterBank) -> Whitening:
     innovation = float(np.sqrt(max(floored[0] - phi @ floored[1:], 1e-300)))
     factor = linalg.cholesky(linalg.toeplitz(floored[:_ORDER]), lower=True)
     head = innovation * linalg.solve_triangular(factor, np.eye(_ORDER), lower=True)
-    return Whitening(np.concatenate([[1.0], -phi]), head, innovation, float(np.sqrt(covariance[0])))
+    taps = np.concatenate([[1.0], -phi])
+    left_open = OpenSpectrum(covariance_of_log, bank.bandwidth_hz)
+    return Whitening(taps, head, innovation, float(np.sqrt(covariance[0])), left_open)
 
 
-def _basis(frequency: FloatArray, bank: FilterBank) -> FloatArray:
-    """Cosines in warped frequency, (N, coefficients)."""
-    knee = _KNEE * bank.bandwidth_hz
-    warped = np.log1p(frequency / knee) / np.log1p(_EDGE * bank.bandwidth_hz / knee)
+def log_basis(frequency: FloatArray, bandwidth_hz: float) -> FloatArray:
+    """Cosines in warped frequency, (N, coefficients): basis of a log-spectrum."""
+    knee = _KNEE * bandwidth_hz
+    warped = np.log1p(frequency / knee) / np.log1p(_EDGE * bandwidth_hz / knee)
     return np.asarray(np.cos(np.pi * warped[:, None] * np.arange(_COEFFICIENTS)[None, :]))
 
 
-def _whittle(basis: FloatArray, power: FloatArray) -> FloatArray:
-    """Maximum of Whittle's likelihood for ``log S = basis @ c``, by Fisher scoring (the problem is convex)."""
-    coefficients = np.zeros(basis.shape[1])
+def _smooth(basis: FloatArray, power: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Coefficients of a log-spectrum and their covariance, with the smoothness estimated along (by EM)."""
+    roughness = np.arange(_COEFFICIENTS, dtype=float) ** 4
+    coefficients = np.zeros(_COEFFICIENTS)
     coefficients[0] = np.log(power.mean())
-    information = basis.T @ basis + 1e-3 * np.eye(basis.shape[1])
+    told = basis.T @ basis / _LINES_A_WORD + 1e-9 * np.eye(_COEFFICIENTS)
+    tau_squared, before = _TAU**2, 0.0
+    while True:
+        penalty = roughness / tau_squared
+        coefficients = _whittle(basis, power, penalty * _LINES_A_WORD, coefficients)
+        covariance = linalg.inv(told + np.diag(penalty))
+        if abs(tau_squared - before) < 0.02 * tau_squared:
+            return coefficients, covariance
+        before = tau_squared
+        own = float(roughness @ (coefficients**2 + np.diag(covariance)))
+        tau_squared = (own + _TAU_WEIGHT * _TAU**2) / (_COEFFICIENTS - 1 + _TAU_WEIGHT)
+
+
+def _whittle(basis: FloatArray, power: FloatArray, penalty: FloatArray, start: FloatArray) -> FloatArray:
+    """Maximum of Whittle's likelihood for ``log S = basis @ c`` less ``penalty @ c^2 / 2``, by Fisher scoring.
+
+    The problem is convex.
+    """
+    coefficients = start
+    information = basis.T @ basis + 1e-9 * np.eye(basis.shape[1]) + np.diag(penalty)
 
     def cost(c: FloatArray) -> float:
         logarithm = basis @ c
-        return float(np.sum(logarithm + power * np.exp(-logarithm)))
+        return float(np.sum(logarithm + power * np.exp(-logarithm)) + 0.5 * penalty @ c**2)
 
     best = cost(coefficients)
     for _ in range(60):
-        step = linalg.solve(information, basis.T @ (power * np.exp(-(basis @ coefficients)) - 1.0), assume_a="pos")
+        slope = basis.T @ (power * np.exp(-(basis @ coefficients)) - 1.0) - penalty * coefficients
+        step = linalg.solve(information, slope, assume_a="pos")
         size = 1.0
         while size > 1e-4 and cost(coefficients + size * step) > best:
             size /= 2

@@ -10,15 +10,15 @@ import numpy as np
 import numpy.typing as npt
 
 from fitting.noise import Pairing
-from fitting.regression import REST_SHARE, effort_errors, full_residual
+from fitting.regression import REST_SHARE, effort_errors, full_residual, whitened
 from fitting.residual.terms import Model
 
 FloatArray = npt.NDArray[np.float64]
 
 _BLOCK_SECONDS = 3.0
 _DRAWS = 1000
-#: Share by which no joint may get worse on `validate`, and the chi-square from which on it is no accident.
-MOST_WORSE, SIGNIFICANT = 0.01, 9.0
+#: Share by which no joint may get worse on `validate`, and the standard errors from which on it is no accident.
+MOST_WORSE, SIGNIFICANT = 0.01, 3.0
 
 
 def overall_change(
@@ -122,7 +122,10 @@ def misfit(model: Model, pairs: Sequence[Pairing], joint: int) -> Misfit:
 def worse_joint(before: Model, after: Model, validate: Sequence[int]) -> tuple[int, float] | None:
     """The joint whose error on the validation segments rises most, if by more than :data:`MOST_WORSE`, and by how much.
 
-    The rise has to be significant as well: a refit moves every joint's error a little.
+    The rise has to be significant as well. If the new model is right, its whitened residual ``u`` is noise and what its
+    parameters' errors make, of covariance ``V = I + X C X'``; the old model's is ``u - d``. The chi-square then changes
+    by ``2 u'd - d'd``, with ``2 sqrt(d'V d)`` as standard deviation. A refit moves every joint's error, and a joint
+    whose parameters were lucky loses that luck.
     """
     worst: tuple[int, float] | None = None
     errors = [effort_errors(m.design, m.fit.theta, validate, m.extra) for m in (before, after)]
@@ -130,10 +133,30 @@ def worse_joint(before: Model, after: Model, validate: Sequence[int]) -> tuple[i
         if not len(first) or not len(second) or not np.std(first) > 0:
             continue
         rise = float(np.std(second) / np.std(first)) - 1.0
-        lost = _joint_chi_square(after, validate, joint) - _joint_chi_square(before, validate, joint)
-        if rise > MOST_WORSE and lost > SIGNIFICANT and (worst is None or rise > worst[1]):
+        if (
+            rise > MOST_WORSE
+            and (worst is None or rise > worst[1])
+            and _loss(before, after, validate, joint) > SIGNIFICANT
+        ):
             worst = joint, rise
     return worst
+
+
+def _loss(before: Model, after: Model, validate: Sequence[int], joint: int) -> float:
+    """Standard errors by which a joint's chi-square on the validation segments is above what a right model allows."""
+    change, moved, seen = 0.0, 0.0, np.zeros(len(after.fit.theta))
+    for index in validate:
+        old, new = (_white_residual(model, index, joint) for model in (before, after))
+        if len(old) != len(new):  # a signal that is moved in time has other rows at rest
+            continue
+        rows = whitened(after.design, after.noise, (index,), after.extra)[joint].A
+        difference = new - old
+        change += float(new @ new - old @ old)
+        moved += float(difference @ difference)
+        seen += rows.T @ difference
+    if moved <= 0.0:
+        return 0.0
+    return (change + moved) / (2.0 * float(np.sqrt(moved + seen @ after.fit.covariance @ seen)))
 
 
 def validate_gain(before: Model, after: Model, validate: Sequence[int]) -> float:
@@ -146,10 +169,10 @@ def _validate_chi_square(model: Model, validate: Sequence[int]) -> float:
 
 
 def _joint_chi_square(model: Model, validate: Sequence[int], joint: int) -> float:
-    total = 0.0
-    for index in validate:
-        block = model.design.blocks[joint][index]
-        residual = model.design.bank.reduce(full_residual(model.design, model.fit.theta, joint, index, model.extra))
-        white = model.noise.whiten(joint, residual)[model.noise.kept(joint, block.keep)]
-        total += float(white @ white)
-    return total
+    return float(sum(np.sum(_white_residual(model, index, joint) ** 2) for index in validate))
+
+
+def _white_residual(model: Model, index: int, joint: int) -> FloatArray:
+    block = model.design.blocks[joint][index]
+    residual = model.design.bank.reduce(full_residual(model.design, model.fit.theta, joint, index, model.extra))
+    return model.noise.whiten(joint, residual)[model.noise.kept(joint, block.keep)]

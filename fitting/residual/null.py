@@ -83,7 +83,8 @@ class Null:
 
     def _told(self, values: FloatArray) -> FloatArray:
         """Rows of values with only those directions that the data tells well: the others differ between replicas."""
-        scale = np.sqrt(np.maximum(np.diag(self.information), 1e-300))
+        own = np.diag(self.information)
+        scale = np.sqrt(np.where(own > 0, own, 1.0))
         strength, directions = np.linalg.eigh(self.information / np.outer(scale, scale))
         well = directions[:, strength > _WELL_TOLD * strength[-1]]
         return np.asarray((values * scale) @ well @ well.T / scale)

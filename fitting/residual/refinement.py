@@ -6,17 +6,20 @@ from dataclasses import replace
 
 import numpy as np
 
+from fitting.effects.base import Effect
 from fitting.residual.laws import Law
 from fitting.residual.scoring import Score, score_terms
-from fitting.residual.terms import Model
+from fitting.residual.terms import Model, Term
 from fitting.splines import spline_knots
 
 #: Shape entries that are choices, not numbers to be searched between.
-_CHOICES = frozenset({"other", "side", "n", "odd", "law", "delta", "recording", "parameter", "chamber", "head", "rod"})
+CHOICES = frozenset({"other", "side", "n", "odd", "law", "delta", "recording", "parameter", "chamber", "head", "rod"})
 
 
-#: Relative step at which the search of a shape ends.
+#: Relative step at which the search of a shape ends, and factor by which it may leave the grid: the grid spans what is
+#: plausible, and a cushion over half of the stroke would be another thing under that name.
 _FINEST = 0.004
+_BEYOND = 1.25
 
 
 def refined(model: Model, score: Score) -> Score:
@@ -26,21 +29,33 @@ def refined(model: Model, score: Score) -> Score:
     second round, of small steps, follows where parameters pull at each other.
     """
     best = _plain(model, score)
-    keys = [key for key in score.term.shape if key not in _CHOICES]
+    keys = [key for key in score.term.shape if key not in CHOICES]
+    limits = {key: _limits(model, score.term, key) for key in keys}
     for first in (0.5, 0.05) if len(keys) > 1 else (0.5,):
         for key in keys:
-            best = _searched(model, best, key, min(first, 0.02) if key == "pitch" else first)
+            best = _searched(model, best, key, min(first, 0.02) if key == "pitch" else first, limits[key])
     if best.term == score.term:
         return score
     return replace(best, score=best.gain - (score.gain - score.score))
 
 
-def _searched(model: Model, best: Score, key: str, span: float) -> Score:
+def _limits(model: Model, term: Term, key: str) -> tuple[float, float]:
+    """Between what values a shape may be searched: the grid's, and somewhat beyond."""
+    assert isinstance(term.content, Effect)
+    grid = term.content.shapes(model.views[model.fitted[0]][term.joint or 0])
+    values = [shape[key] for shape in grid if key in shape] + [term.shape[key]]
+    bounds = [value * factor for value in values for factor in (_BEYOND, 1 / _BEYOND)]
+    return min(bounds), max(bounds)
+
+
+def _searched(model: Model, best: Score, key: str, span: float, limits: tuple[float, float]) -> Score:
     while span > _FINEST:
         centre = best.term.shape[key]
+        values = [centre * factor for factor in (1 - span, 1 - span / 2, 1 + span / 2, 1 + span)]
         trials = [
-            replace(best.term, shape={**best.term.shape, key: centre * factor})
-            for factor in (1 - span, 1 - span / 2, 1 + span / 2, 1 + span)
+            replace(best.term, shape={**best.term.shape, key: value})
+            for value in values
+            if limits[0] <= value <= limits[1]
         ]
         scores = [s for s in score_terms(model, trials, [1] * len(trials)) if s.plausible]
         best = max([best, *scores], key=lambda s: s.gain)

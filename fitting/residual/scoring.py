@@ -230,6 +230,9 @@ def _scored(
     values = np.einsum("tij,tj->ti", vectors, turned * inverse) / scale
     stds = np.sqrt(np.einsum("tij,tj->ti", vectors**2, inverse)) / scale
     surviving = np.sqrt(np.max(np.einsum("tii->ti", gram).clip(0) / scale**2, axis=1))
+    # A column that the base takes whole leaves rounding, of either sign: nothing is known of its parameter.
+    told = np.einsum("tii->ti", unit) > _DEAD
+    information = np.where(told[:, :, None] & told[:, None, :], gram, 0.0)
     for number, (term, grid) in enumerate(terms):
         count = int(np.count_nonzero(live[number]))
         if not there[number] or not count:
@@ -247,7 +250,7 @@ def _scored(
                 stds=errors,
                 plausible=not isinstance(term.content, Effect) or term.content.plausible(own, errors),
                 surviving=float(surviving[number]),
-                information=gram[number],
+                information=information[number],
             ),
         )
 

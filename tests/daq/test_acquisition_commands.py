@@ -122,6 +122,7 @@ def bench(tmp_path: Path) -> Iterator[tuple[Path, FakeModbus]]:
     server.close()
 
 
+@pytest.mark.slow
 def test_record(bench: tuple[Path, FakeModbus], tmp_path: Path) -> None:
     output = tmp_path / "r.csv"
     code, out, err = run("record", bench[0], "--role", "operation", "--seconds", 0.4, "-o", output, "--json")

@@ -151,6 +151,7 @@ def test_the_process_acquires_and_is_recorded(server: FakeModbus, tmp_path: Path
     np.testing.assert_array_equal(np.diff(table.columns["cycle"]), 1)
 
 
+@pytest.mark.slow
 def test_in_lockstep_no_cycle_is_skipped_at_four_times_the_speed(server: FakeModbus) -> None:
     machine = machine_at(server, "simulation: {speed: 4, lockstep: true}\n")
     with AcquisitionProcess(machine) as acquisition, RingReader(acquisition.ring_name, from_start=True) as reader:
@@ -207,6 +208,7 @@ def test_a_machine_is_acquired_once(server: FakeModbus) -> None:
         AcquisitionProcess(machine, name).start()
 
 
+@pytest.mark.slow
 def test_a_killed_process_is_noticed_and_leaves_nothing_behind(server: FakeModbus) -> None:
     acquisition = AcquisitionProcess(machine_at(server))
     with acquisition:
@@ -222,6 +224,7 @@ def test_a_killed_process_is_noticed_and_leaves_nothing_behind(server: FakeModbu
         RingReader(name)
 
 
+@pytest.mark.slow
 def test_a_parent_that_is_gone_ends_the_process(server: FakeModbus) -> None:
     acquisition = AcquisitionProcess(machine_at(server))
     with acquisition:

@@ -131,6 +131,7 @@ def test_nothing_but_nmt_sync_and_sdo_to_own_nodes_is_ever_sent(bench: Bench) ->
     assert bench.angle.commands[-1] == 0x80  # left quiet
 
 
+@pytest.mark.slow
 def test_a_node_that_is_not_there_costs_only_itself(bench: Bench) -> None:
     bench.angle.silent = True
     problems = bench.driver.start()
@@ -217,6 +218,7 @@ def test_a_killed_node_is_noticed_by_the_watchdog_and_comes_back(bench: Bench) -
     bench.until(fresh)
 
 
+@pytest.mark.slow
 def test_a_node_that_leaves_operation_is_brought_back(bench: Bench) -> None:
     bench.driver.start()
     bench.until(fresh)

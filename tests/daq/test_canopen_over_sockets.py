@@ -88,6 +88,7 @@ def test_a_connection_that_is_cut_is_noticed_and_made_again(bench: Bench) -> Non
     assert bench.hub.clients == 2
 
 
+@pytest.mark.slow
 def test_a_server_that_goes_away_and_comes_back(bench: Bench) -> None:
     bench.driver.start()
     bench.until(fresh)

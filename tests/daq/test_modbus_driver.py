@@ -156,6 +156,7 @@ def test_a_server_that_goes_away_and_comes_back(server: FakeModbus, run: Run) ->
         again.close()
 
 
+@pytest.mark.slow
 def test_problems_at_the_start_are_named(server: FakeModbus, run: Run) -> None:
     server.silent.add(2)
     del server.units[1][6]

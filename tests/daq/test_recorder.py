@@ -80,6 +80,7 @@ class Writing:
         self._thread.join()
 
 
+@pytest.mark.slow
 def test_a_recording_has_as_many_rows_as_seconds_times_rate(feed: Feed, tmp_path: Path) -> None:
     acknowledged: list[tuple[int, int | None]] = []
     with Writing(feed):
@@ -217,6 +218,7 @@ def killed(feed: Feed, tmp_path: Path, name: str, syncs: int = 2) -> int:
     return acknowledged
 
 
+@pytest.mark.slow
 def test_a_kill_loses_nothing_that_was_acknowledged(feed: Feed, tmp_path: Path) -> None:
     acknowledged = killed(feed, tmp_path, "r.parquet")
     assert acknowledged > 0

@@ -73,6 +73,7 @@ def test_the_deviation_of_a_mean_is_the_spectrum_at_zero() -> None:
         assert np.sqrt(hac_covariance(np.ones((n, 1)), e, colour)[0, 0]) == pytest.approx(theory, rel=0.15)
 
 
+@pytest.mark.slow
 def test_hac_knows_residuals_that_grow_with_the_motion_and_the_bootstrap_does_not() -> None:
     rng = np.random.default_rng(4)
     x = rng.standard_normal(4000)

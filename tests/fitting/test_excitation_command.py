@@ -77,6 +77,7 @@ def test_command_for_free_cylinders(run, tmp_path):
         (["--max-pressure", "1"], "however small the motion"),
     ],
 )
+@pytest.mark.slow
 def test_command_ends_with_2_and_one_line_and_writes_nothing(run, tmp_path, arguments, says):
     result = run("-o", str(tmp_path / "m.csv"), *arguments)
     assert result.exit_code == 2
@@ -87,6 +88,7 @@ def test_command_ends_with_2_and_one_line_and_writes_nothing(run, tmp_path, argu
 SHORT = ("--seconds", "8", "--starts", "1", "--json")
 
 
+@pytest.mark.slow
 def test_command_keeps_the_supply_of_the_machine_file(run, tmp_path):
     """Limits in the machine file count without being asked for; options take their place."""
     content = driven_arm(2).model_copy(
@@ -193,6 +195,7 @@ def test_command_counts_what_recordings_have_gathered(run, recorded, tmp_path):
     assert report["condition_number"] < alone["condition_number"] < report["own_condition_number"]
 
 
+@pytest.mark.slow
 def test_command_takes_a_recording_of_free_cylinders_for_the_forecast_only(run, recorded, tmp_path):
     arguments = ("-o", str(tmp_path / "m.csv"), *SHORT, "--gathered", str(tmp_path / "free.parquet"))
     result = run(*arguments)

@@ -127,6 +127,7 @@ def check(machine, found, use, limits, slack):
 OPTIONS = ExcitationOptions(seconds=12.0, starts=2, iterations=40, samples=60, harmonics=6)
 
 
+@pytest.mark.slow
 def test_a_motion_with_all_limits_keeps_them_and_reports_what_it_reaches(tmp_path):
     machine, base, values = arm()
     free = reached(machine, written(design_motion(machine, base, options=OPTIONS).motion, machine, tmp_path))

@@ -92,6 +92,7 @@ def test_deviations_by_bootstrap_and_by_the_textbook(arm: Path, tmp_path: Path) 
     assert sum(stds["white"]) < sum(stds["hac"])
 
 
+@pytest.mark.slow
 def test_an_earlier_report_is_a_prior_that_narrows(arm: Path, tmp_path: Path) -> None:
     assert run(arm, tmp_path / "first", "--estimator", "wls") == 0
     earlier = tmp_path / "first" / "report.json"

@@ -29,6 +29,7 @@ def test_least_squares_is_bent_by_the_reliability_ratio_and_instruments_are_not(
     assert InstrumentalVariables(Z).fit(A, b).theta[0] == pytest.approx(2.0, abs=0.04)
 
 
+@pytest.mark.slow
 def test_intervals_cover_also_where_instruments_are_weak() -> None:
     rng = np.random.default_rng(2)
     hits = []

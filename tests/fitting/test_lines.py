@@ -121,6 +121,7 @@ def test_several_lines_are_found_one_by_one_strongest_first() -> None:
 
 
 @pytest.mark.parametrize("name", NOISES)
+@pytest.mark.slow
 def test_noise_has_no_lines(name: str) -> None:
     # 25 machines of six joints at an alarm rate of 1e-3: one alarm has a chance of 2.5 %, two of 3e-4.
     alarms = 0

@@ -1,0 +1,108 @@
+"""Standard deviations of what was found, not given: shapes that were searched, laws without physics."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from synthetic_arm import clean_session, exact_views, make_session, planar_machine, truth
+
+from fitting.effects import effect
+from fitting.loop import final_model
+from fitting.residual.kinematics import Corrections
+from fitting.residual.laws import Law
+from fitting.residual.null import Null
+from fitting.residual.refinement import refined
+from fitting.residual.scoring import score_terms
+from fitting.residual.terms import Model, Term, fit_model
+from fitting.residual.uncertainty import with_doubts
+from fitting.session import Session
+from fitting.splines import spline_knots
+
+MACHINE, ARM = planar_machine(2), truth(2)
+RECORDINGS = (("unloaded", 1), ("train", 2), ("train", 4), ("repeat", 2), ("validate", 3))
+
+
+def session_with(force: object) -> Session:
+    """Recordings with ``force(x, v)`` (N,) of joint 2's piston on top of its drive effort."""
+    design, _ = exact_views(MACHINE, ARM, recordings=RECORDINGS)
+    added = []
+    for segment in design.segments:
+        extra = np.zeros_like(segment.q)
+        extra[:, 1] = force(segment.x[:, 1], segment.v[:, 1])  # type: ignore[operator]
+        added.append(extra)
+    return make_session(MACHINE, ARM, RECORDINGS, added=added)
+
+
+def fitted(session: Session, *terms: Term) -> Model:
+    plain = session.plain
+    return fit_model(plain.design, plain.noise, plain.fitted, terms, session.prior)
+
+
+def test_a_shape_that_was_searched_makes_its_parameter_less_certain() -> None:
+    session = session_with(lambda x, v: 120.0 * np.exp(-np.abs(v) / 0.02) * np.sign(v))
+    term = Term(effect("stribeck"), 1, {"v_s": 0.02, "delta": 1.0})
+    model = fitted(session, term)
+    # The same from the normal equations with the derivative as one more column, and a prior of half its value; `delta`
+    # is a choice between two laws, not a number that was searched.
+    rows = model.rows(session.prior)
+    A, value = np.vstack([r.A for r in rows]), model.fit.theta[-1]
+    ends = []
+    for factor in (1.004, 0.996):
+        moved = fitted(session, Term(term.content, 1, {**term.shape, "v_s": 0.02 * factor}))
+        ends.append(np.vstack([r.A for r in moved.rows(session.prior)])[:, -1])
+    whole = np.column_stack([A, value * (ends[0] - ends[1]) / 0.008])
+    gram = whole.T @ whole + np.diag([0.0] * A.shape[1] + [4.0])
+    scale = np.sqrt(np.diag(gram))
+    explicit = np.sqrt(np.diag(np.linalg.inv(gram / np.outer(scale, scale)))) / scale
+    ours = with_doubts(model, session.prior)
+    assert ours.fit.theta == pytest.approx(model.fit.theta)
+    ratio = ours.fit.std / explicit[: A.shape[1]]
+    # What is beyond is Student's t of the noise's spectrum.
+    assert ratio.min() > 1 - 1e-4
+    assert ratio.max() < 1.3
+    names = model.design.parameters.names
+    dearer = {name: float(b / a) for name, a, b in zip(names, model.fit.std, explicit, strict=False)}
+    assert max(dearer, key=lambda name: dearer[name]).startswith("joint2.f_")  # friction, of the joint that has it
+    assert max(dearer.values()) > 1.05
+
+
+def test_an_unknown_law_of_the_position_leaves_the_stiffness_open() -> None:
+    # A spring that is caught half-way: what of it is a stiffness, and what a law, no recording tells.
+    session = session_with(lambda x, v: 2000.0 * np.maximum(x - 0.12, 0.0))
+    values = np.concatenate([session.plain.design.segments[i].x[:, 1] for i in session.plain.fitted])
+    law = Law("piston_position", None, False, False, tuple(spline_knots(values, 8).tolist()))
+    plain = fitted(session, Term(law, 1))
+    _, model = final_model(session, Corrections(session.machine), [Term(law, 1)])
+    place = model.design.parameters.names.index("joint2.K")
+    true = ARM.drive[1][1]
+    apart = abs(model.fit.theta[place] - true)
+    assert apart > 4 * plain.fit.std[place]
+    assert apart < 2 * model.fit.std[place]
+    other = model.design.parameters.names.index("joint1.K")
+    assert model.fit.std[other] < 1.5 * plain.fit.std[other] + abs(model.fit.theta[other]) * 0.01
+
+
+def test_a_column_that_the_base_takes_whole_says_nothing_and_does_no_harm() -> None:
+    # The first link's own inertia stands in the base: frozen liquid there cannot be told from it.
+    session = clean_session(2)
+    model = session.base_model
+    liquid = effect("carried_liquid")
+    shape = liquid.shapes(model.views[model.fitted[0]][0])[20]
+    (score,) = score_terms(model, [Term(liquid, 0, shape)], [1])
+    assert score.live == 1
+    assert not score.information[1].any()
+    assert not score.information[:, 1].any()
+    draws = np.array([[0.3 * score.stds[0], 1e-15], [-0.4 * score.stds[0], -3e-16], [0.1 * score.stds[0], 2e-16]])
+    found = score.against(Null(draws, score.information, score.live))
+    assert found.calibrated == pytest.approx(score.score, abs=2 + 0.5 * score.gain)
+
+
+def test_a_search_does_not_leave_what_is_plausible() -> None:
+    session = session_with(lambda x, v: 1000.0 * np.maximum(x - 0.10, 0.0))
+    model = session.base_model
+    cushion = Term(effect("end_cushion"), 1, {"side": 1.0, "share": 0.25, "n": 1.0})
+    (score,) = score_terms(model, [cushion], [1])
+    found = refined(model, score)
+    assert found.gain >= score.gain
+    assert found.term.shape["share"] <= 0.25 * 1.25
+    assert 0.8 <= found.term.shape["n"] <= 2.5
