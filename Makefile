@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 PYTEST := $(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder
 
-.PHONY: help demo test test-quick check bench clean
+.PHONY: help demo test test-quick check client bench page clean
 
 help: ## this list
 	@sed -n 's/^\([a-z-]*\):[^#]*## \(.*\)/make \1|\2/p' Makefile | while IFS='|' read -r name text; do \
@@ -26,9 +26,15 @@ check: $(VENV)/.dev ## ruff, mypy --strict, import-linter
 	$(BIN)/mypy
 	$(BIN)/lint-imports --no-cache
 
+client: $(VENV)/.dev ## the Python client, made anew from docs/openapi.json
+	$(BIN)/python clients/python/generate.py
+
 bench: $(VENV)/.dev ## the benchmarks that have a target, see benchmarks/README.md
 	$(BIN)/hilfit bench samples
 	$(BIN)/hilfit bench demo
+
+page: ## build the web page (needs Node 20; what it makes is committed, so that nobody else does)
+	cd server/web && npm ci && npm run types && npm run check && npm test && npm run build
 
 clean: ## remove the environment and everything that was built
 	rm -rf $(VENV) build *.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache

@@ -1,0 +1,24 @@
+// What the built page was made of, so that a test without Node can say when it is out of date.
+import { createHash } from "node:crypto";
+import { readFileSync, readdirSync } from "node:fs";
+import { join } from "node:path";
+
+const ROOTS = ["src", "public"];
+const FILES = ["index.html", "package-lock.json", "package.json", "tsconfig.json", "vite.config.ts"];
+
+/** SHA-256 over the names and contents of all sources but their tests, in the order of their names. */
+export function fingerprint(folder) {
+  const hash = createHash("sha256");
+  for (const name of [...ROOTS.flatMap((root) => walk(folder, root)), ...FILES].sort()) {
+    hash.update(name).update("\0").update(readFileSync(join(folder, name))).update("\0");
+  }
+  return hash.digest("hex");
+}
+
+function walk(folder, place) {
+  return readdirSync(join(folder, place), { withFileTypes: true }).flatMap((entry) =>
+    entry.isDirectory()
+      ? walk(folder, `${place}/${entry.name}`)
+      : [`${place}/${entry.name}`].filter((name) => !name.includes(".test.")),
+  );
+}

@@ -1,0 +1,85 @@
+/** Where one can go: a bar at the bottom of an upright tablet, a rail at the side of a wide screen. */
+import { useEffect, useRef, useState } from "preact/hooks";
+import { useRoute } from "../routes";
+import { Icon, type IconName } from "../ui/icons";
+
+interface Place {
+  name: string;
+  title: string;
+  icon: IconName;
+}
+const MAIN: Place[] = [
+  { name: "live", title: "Live", icon: "live" },
+  { name: "alarms", title: "Alarms", icon: "alarm" },
+  { name: "recalibrate", title: "Recalibrate", icon: "recalibrate" },
+  { name: "results", title: "Results", icon: "result" },
+];
+const MORE: Place[] = [
+  { name: "recordings", title: "Recordings", icon: "recording" },
+  { name: "jobs", title: "Jobs", icon: "job" },
+  { name: "calibrations", title: "Calibrations", icon: "calibration" },
+  { name: "schedules", title: "Schedules", icon: "schedule" },
+  { name: "machines", title: "Machines", icon: "machine" },
+];
+
+export function Navigation({ at }: { at: string }) {
+  const [open, setOpen] = useState(false);
+  const route = useRoute();
+  const box = useRef<HTMLElement>(null);
+  useEffect(() => setOpen(false), [route]);
+  useEffect(() => {
+    if (!open) return undefined;
+    const close = (event: Event): void => {
+      const away =
+        event instanceof KeyboardEvent ? event.key === "Escape" : !box.current?.contains(event.target as Node);
+      if (away) setOpen(false);
+    };
+    document.addEventListener("keydown", close);
+    document.addEventListener("pointerdown", close);
+    return () => {
+      document.removeEventListener("keydown", close);
+      document.removeEventListener("pointerdown", close);
+    };
+  }, [open]);
+  const further = MORE.some((place) => place.name === at);
+  return (
+    <nav class="navigation" aria-label="Main" ref={box}>
+      <ul>
+        {MAIN.map((place) => (
+          <li key={place.name}>
+            <Link place={place} at={at} />
+          </li>
+        ))}
+        <li class="more">
+          <button
+            type="button"
+            class={further ? "current" : ""}
+            aria-expanded={open}
+            aria-controls="more-places"
+            onClick={() => setOpen(!open)}
+          >
+            <Icon name="more" />
+            <span>More</span>
+          </button>
+        </li>
+      </ul>
+      <ul id="more-places" class={open ? "further open" : "further"}>
+        {MORE.map((place) => (
+          <li key={place.name}>
+            <Link place={place} at={at} />
+          </li>
+        ))}
+      </ul>
+    </nav>
+  );
+}
+
+function Link({ place, at }: { place: Place; at: string }) {
+  const here = place.name === at;
+  return (
+    <a href={`#/${place.name}`} class={here ? "current" : ""} {...(here ? { "aria-current": "page" as const } : {})}>
+      <Icon name={place.icon} />
+      <span>{place.title}</span>
+    </a>
+  );
+}

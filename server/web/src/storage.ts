@@ -1,0 +1,22 @@
+/** What this device remembers; a browser that forbids storage forgets with the page. */
+const memory = new Map<string, string>();
+
+export function remembered(key: string): string | null {
+  try {
+    return localStorage.getItem(key) ?? memory.get(key) ?? null;
+  } catch {
+    return memory.get(key) ?? null;
+  }
+}
+
+/** Keep `value`, or forget what was kept (null). */
+export function remember(key: string, value: string | null): void {
+  if (value === null) memory.delete(key);
+  else memory.set(key, value);
+  try {
+    if (value === null) localStorage.removeItem(key);
+    else localStorage.setItem(key, value);
+  } catch {
+    // The memory of the page has it.
+  }
+}

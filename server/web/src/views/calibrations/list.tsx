@@ -1,0 +1,151 @@
+/** Calibrations by what they are waiting for, what happened to them, and two to compare. */
+import { useState } from "preact/hooks";
+import type { components } from "../../net/api.gen";
+import { go } from "../../routes";
+import { CommandNotice, useCommand, useResource, useSession } from "../../session";
+import { Button, Field, Notice, type SelectEvent } from "../../ui/controls";
+import { time } from "../../ui/format";
+import { Confirm, Empty, Panel } from "../../ui/layout";
+import { CalibrationCard } from "./card";
+import { type Calibration, STATES, before, history } from "./rules";
+
+type List = components["schemas"]["CalibrationList"];
+
+export function CalibrationList() {
+  const session = useSession();
+  const machine = session.machine.value;
+  const path = machine === null ? null : `/calibrations?machine=${encodeURIComponent(machine)}&limit=200`;
+  const list = useResource<List>(path, "calibrations");
+  const items = list.value?.items ?? [];
+  const active = items.find((one) => one.state === "active");
+  const waiting = items.filter((one) => one.state === "proposed" || one.state === "approved");
+  const over = items.filter((one) => one.state === "rejected" || one.state === "retired");
+  return (
+    <div class={list.stale ? "stale" : ""}>
+      <h1 class="title">Calibrations {machine !== null && <span class="hint">{machine}</span>}</h1>
+      {list.error !== null && <Notice kind="bad">{list.error}</Notice>}
+      {list.value === null && list.loading && <p role="status">Reading …</p>}
+      {machine !== null && list.value !== null && (
+        <>
+          <Panel title="In use">
+            {active === undefined ? (
+              <Empty>
+                No calibration is in use. A result is proposed under Results, approved here by another person, and then
+                activated.
+              </Empty>
+            ) : (
+              <>
+                <ul class="calibrations">
+                  <CalibrationCard key={active.id} calibration={active} onDone={list.reload} />
+                </ul>
+                <RollBack machine={machine} active={active} to={before(items)} onDone={list.reload} />
+              </>
+            )}
+          </Panel>
+          {waiting.length > 0 && <Cards title={`Waiting (${waiting.length})`} items={waiting} onDone={list.reload} />}
+          {over.length > 0 && <Cards title={`Earlier ones (${over.length})`} items={over} onDone={list.reload} />}
+          {items.length > 1 && <Choice items={items} />}
+          {items.length > 0 && <History items={items} />}
+        </>
+      )}
+    </div>
+  );
+}
+
+function Cards({ title, items, onDone }: { title: string; items: Calibration[]; onDone: () => void }) {
+  return (
+    <Panel title={title}>
+      <ul class="calibrations">
+        {items.map((one) => (
+          <CalibrationCard key={one.id} calibration={one} onDone={onDone} />
+        ))}
+      </ul>
+    </Panel>
+  );
+}
+
+interface RollBackProps {
+  machine: string;
+  active: Calibration;
+  to: Calibration | null;
+  onDone: () => void;
+}
+
+function RollBack({ machine, active, to, onDone }: RollBackProps) {
+  const session = useSession();
+  const command = useCommand();
+  const [asking, setAsking] = useState(false);
+  if (to === null) return <p class="hint">There is none before it to roll back to.</p>;
+  if (!session.may("engineer")) return <p class="hint">An engineer can roll back to the calibration before it.</p>;
+  return (
+    <>
+      <CommandNotice of={command} />
+      <Button busy={command.busy} disabled={!session.online.value} onClick={() => setAsking(true)}>
+        Roll back
+      </Button>
+      {asking && (
+        <Confirm
+          title="Roll back?"
+          text={
+            <p>
+              “{active.label}” is taken out of use, and the calibration that was in use before it (“{to.label}”, if
+              nothing else happened meanwhile) is used again. The monitor compares with that one from then on.
+            </p>
+          }
+          confirm="Roll back"
+          kind="danger"
+          onNo={() => setAsking(false)}
+          onYes={() => {
+            setAsking(false);
+            const path = `/machines/${encodeURIComponent(machine)}/calibrations/rollback`;
+            void command.run<Calibration>({ method: "POST", path }, (now) => {
+              command.say({ kind: "good", text: `“${now.label}” is in use again.` });
+              onDone();
+            });
+          }}
+        />
+      )}
+    </>
+  );
+}
+
+function Choice({ items }: { items: Calibration[] }) {
+  const [chosen, setChosen] = useState<[string, string] | null>(null);
+  const [a, b] = chosen ?? [items[1]?.id ?? "", items[0]?.id ?? ""];
+  const select = (label: string, value: string, onChange: (id: string) => void) => (
+    <Field label={label}>
+      <select value={value} onChange={(event: SelectEvent) => onChange(event.currentTarget.value)}>
+        {items.map((one) => (
+          <option key={one.id} value={one.id}>
+            {one.label}, {time(one.created)} ({STATES[one.state][1].toLowerCase()})
+          </option>
+        ))}
+      </select>
+    </Field>
+  );
+  return (
+    <Panel title="Compare two">
+      <div class="columns">
+        {select("This one", a, (id) => setChosen([id, b]))}
+        {select("with this one", b, (id) => setChosen([a, id]))}
+      </div>
+      <Button disabled={a === b} onClick={() => go(`#/calibrations/compare/${a}/${b}`)}>
+        Compare
+      </Button>
+    </Panel>
+  );
+}
+
+function History({ items }: { items: Calibration[] }) {
+  return (
+    <Panel title="History">
+      <ol class="history">
+        {history(items).map((step) => (
+          <li key={`${step.time} ${step.text}`}>
+            <span class="when">{time(step.time)}</span> <span>{step.text}</span>
+          </li>
+        ))}
+      </ol>
+    </Panel>
+  );
+}

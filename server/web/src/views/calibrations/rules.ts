@@ -1,0 +1,89 @@
+/** What may be done with a calibration by whom, and why not. */
+import type { components } from "../../net/api.gen";
+import type { NoticeKind } from "../../ui/controls";
+
+export type Calibration = components["schemas"]["CalibrationResource"];
+type Principal = components["schemas"]["PrincipalResource"];
+
+export const STATES: Record<Calibration["state"], [NoticeKind | "off", string]> = {
+  proposed: ["info", "Proposed, waits for approval"],
+  approved: ["info", "Approved, not in use"],
+  active: ["good", "In use"],
+  rejected: ["bad", "Rejected"],
+  retired: ["off", "Was in use"],
+};
+
+export interface Possible {
+  approve: boolean;
+  reject: boolean;
+  activate: boolean;
+  /** Why something that its state would allow is not offered; null if everything is. */
+  why: string | null;
+}
+
+/** The service decides; the page does not offer what it is going to refuse. */
+export function possible(calibration: Calibration, principal: Principal | null, engineer: boolean): Possible {
+  const { state } = calibration;
+  const decided = state === "rejected" || state === "active";
+  if (!engineer) {
+    const why = decided ? null : "An engineer approves, rejects and activates calibrations.";
+    return { approve: false, reject: false, activate: false, why };
+  }
+  const own = principal !== null && principal.id === calibration.proposed_by_id && principal.kind !== "local";
+  const why = state === "proposed" && own ? "You proposed it: another engineer has to approve it." : null;
+  return {
+    approve: state === "proposed" && !own,
+    reject: state === "proposed" || state === "approved",
+    activate: state === "approved" || state === "retired",
+    why,
+  };
+}
+
+export interface Step {
+  time: string;
+  text: string;
+}
+
+/** What happened to the calibrations of a machine, as far as each of them tells, newest first. */
+export function history(calibrations: Calibration[]): Step[] {
+  const steps = calibrations.flatMap((one): Step[] => {
+    const proposed = { time: one.created, text: `“${one.label}” was proposed by ${one.proposed_by}` };
+    if (one.activated === null) return [proposed];
+    const approver = one.approved_by === null ? "" : `, approved by ${one.approved_by}`;
+    return [proposed, { time: one.activated, text: `“${one.label}” came into use${approver}` }];
+  });
+  return steps.sort((a, b) => b.time.localeCompare(a.time));
+}
+
+/** The last but one that was in use: what rolling back leads to; null if there is none. */
+export function before(calibrations: Calibration[]): Calibration | null {
+  const retired = calibrations.filter((one) => one.state === "retired" && one.activated !== null);
+  return retired.sort((a, b) => (b.activated as string).localeCompare(a.activated as string))[0] ?? null;
+}
+
+export interface JointError {
+  joint: string;
+  unit: string;
+  before: number | null;
+  after: number | null;
+  noise: number | null;
+}
+
+/** Errors per joint of the report that a calibration was made of, on the motion that was not fitted. */
+export function jointErrors(calibration: Calibration): JointError[] {
+  const known = (value: unknown): number | null => (typeof value === "number" ? value : null);
+  const pair = (value: unknown): number | null => {
+    const { validate, train } = (value ?? {}) as { validate?: unknown; train?: unknown };
+    return known(validate) ?? known(train);
+  };
+  return Object.entries(calibration.errors).map(([joint, given]) => {
+    const errors = (given ?? {}) as Record<string, unknown>;
+    return {
+      joint,
+      unit: typeof errors.unit === "string" ? errors.unit : "",
+      before: pair(errors.before),
+      after: pair(errors.after),
+      noise: known(errors.noise_floor),
+    };
+  });
+}

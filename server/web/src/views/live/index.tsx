@@ -1,0 +1,87 @@
+/** What the machine does now. */
+import { useMemo } from "preact/hooks";
+import type { components } from "../../net/api.gen";
+import { useResource, useSession } from "../../session";
+import { Mark, Notice } from "../../ui/controls";
+import { duration } from "../../ui/format";
+import { Empty, Panel } from "../../ui/layout";
+import { acquisitionWords } from "../../words";
+import { groups, type MachineContent } from "./groups";
+import { MonitorPanel } from "./monitor_panel";
+import { RecordPanel } from "./record_panel";
+import { SILENT_S } from "./quality";
+import { Strip } from "./strip";
+import { useLive } from "./use_live";
+
+type Detail = components["schemas"]["MachineDetail"];
+
+export default function LiveView() {
+  const session = useSession();
+  const machine = session.machine.value;
+  if (machine === null)
+    return (
+      <>
+        <h1>Live</h1>
+        <Empty>
+          There is no machine yet. <a href="#/machines">Upload a machine file</a>
+        </Empty>
+      </>
+    );
+  return <LiveMachine key={machine} machine={machine} />;
+}
+
+function LiveMachine({ machine }: { machine: string }) {
+  const detail = useResource<Detail>(`/machines/${encodeURIComponent(machine)}`, "machines");
+  const live = useLive(machine);
+  const content = detail.value?.machine as unknown as MachineContent | undefined;
+  const shown = useMemo(() => (content === undefined ? [] : groups(content)), [content]);
+  const state = live.history.acquisition ?? String(detail.value?.acquisition.state ?? "off");
+  const [kind, words] = acquisitionWords(state);
+  const silent = live.silence >= SILENT_S;
+  const error = detail.value?.acquisition.error;
+  return (
+    <>
+      <div class="title live-title">
+        <h1>Live</h1>
+        <Mark kind={silent && kind === "good" ? "warning" : kind}>{words}</Mark>
+        <LinkMark link={live.link} silence={live.silence} />
+      </div>
+      {state !== "running" && typeof error === "string" && <Notice kind="bad">{error}</Notice>}
+      {detail.error !== null && detail.value === null && <Notice kind="bad">{detail.error}</Notice>}
+      <div class="columns">
+        <RecordPanel machine={machine} acquired={state === "running"} />
+        <MonitorPanel machine={machine} />
+      </div>
+      <Panel title="Signals">
+        {live.history.readings.size === 0 || content === undefined ? (
+          <Empty>
+            {live.link === "live" && state !== "running"
+              ? "Nothing is measured: acquisition of this machine does not run."
+              : "Connecting …"}
+          </Empty>
+        ) : (
+          <div class="strips">
+            {shown.map((group) => (
+              <Strip
+                key={`${group.title}`}
+                group={group}
+                history={live.history}
+                silence={live.silence}
+                tick={live.tick}
+              />
+            ))}
+          </div>
+        )}
+      </Panel>
+    </>
+  );
+}
+
+/** Whether what is shown is live, and since when it is not. */
+function LinkMark({ link, silence }: { link: string; silence: number }) {
+  if (silence < SILENT_S) return <Mark kind="good">Live</Mark>;
+  const since = Number.isFinite(silence) ? `Stale for ${duration(silence)}` : "No values yet";
+  return (
+    <Mark kind={Number.isFinite(silence) ? "bad" : "info"}>{link === "live" ? since : `${since}, connecting`}</Mark>
+  );
+}

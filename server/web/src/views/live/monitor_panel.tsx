@@ -1,0 +1,53 @@
+/** Whether the arm still is as it was calibrated. */
+import { useEffect } from "preact/hooks";
+import type { components } from "../../net/api.gen";
+import { useResource } from "../../session";
+import { Mark, Notice, Progress } from "../../ui/controls";
+import { number, percent } from "../../ui/format";
+import { Panel, Table } from "../../ui/layout";
+import { monitorWords } from "../../words";
+
+type Monitor = components["schemas"]["MonitorResource"];
+
+/** ms between two looks: the monitor decides each two seconds of motion. */
+const LOOK_MS = 4000;
+
+export function MonitorPanel({ machine }: { machine: string }) {
+  const path = `/machines/${encodeURIComponent(machine)}/monitor`;
+  const monitor = useResource<Monitor>(path, ["calibrations", "machines"]);
+  useEffect(() => {
+    const timer = setInterval(() => {
+      if (!document.hidden) monitor.reload();
+    }, LOOK_MS);
+    return () => clearInterval(timer);
+  }, [path]);
+  const value = monitor.value;
+  const [kind, words] = monitorWords(value?.state ?? "off");
+  const learnt = Math.min(1, ...(value?.joints ?? []).map((joint) => joint.learnt));
+  return (
+    <Panel title="Residual monitor" actions={<Mark kind={kind}>{words}</Mark>}>
+      {monitor.error !== null && value === null && <Notice kind="bad">{monitor.error}</Notice>}
+      {monitor.stale && <Notice kind="warning">This is what was known last.</Notice>}
+      {value?.state === "off" && (
+        <p class="hint">{value.reason ?? "It needs an active calibration and a machine that is acquired."}</p>
+      )}
+      {value?.state === "learning" && <Progress fraction={learnt} text="of the motion that it learns from" />}
+      {value !== null && value.joints.length > 0 && (
+        <Table
+          caption="Residual of each joint"
+          columns={[
+            { name: "joint", title: "Joint" },
+            { name: "residual", title: "Residual", align: "right" },
+            { name: "drift", title: "Of the alarm threshold", align: "right" },
+          ]}
+          rows={value.joints.map((joint) => ({
+            key: joint.joint,
+            joint: joint.joint,
+            residual: joint.residual === null ? "at rest" : `${number(joint.residual, 3)} ${joint.unit}`,
+            drift: percent(joint.threshold > 0 ? joint.cusum / joint.threshold : null),
+          }))}
+        />
+      )}
+    </Panel>
+  );
+}

@@ -1,0 +1,38 @@
+/** Draws as often as the device can: what comes meanwhile waits for the next time. */
+
+/** Shortest time between two drawings, ms; numbers that change faster cannot be read. */
+export const SHORTEST_MS = 150;
+/** Drawing takes at most this part of the device's time. */
+const SHARE = 0.3;
+
+export interface Clock {
+  now(): number;
+  after(ms: number, work: () => void): void;
+  /** Calls `work` when what was asked for has been drawn. */
+  drawn(work: () => void): void;
+}
+
+export const realClock: Clock = {
+  now: () => performance.now(),
+  after: (ms, work) => void setTimeout(work, ms),
+  drawn: (work) => void requestAnimationFrame(() => setTimeout(work)),
+};
+
+/** A function to call whenever there is something new; it calls `draw`, never twice at once and not too often. */
+export function paced(draw: () => void, clock: Clock = realClock): () => void {
+  let waiting = false;
+  let next = 0;
+  return () => {
+    if (waiting) return;
+    waiting = true;
+    clock.after(Math.max(0, next - clock.now()), () => {
+      const start = clock.now();
+      draw();
+      clock.drawn(() => {
+        const took = clock.now() - start;
+        next = start + Math.max(SHORTEST_MS, took / SHARE);
+        waiting = false;
+      });
+    });
+  };
+}

@@ -1,0 +1,159 @@
+/** The editor of a machine file: what is typed is kept, checked by the service, and never written over another's. */
+import { useEffect, useState } from "preact/hooks";
+import type { components } from "../../net/api.gen";
+import { CommandNotice, useCommand, useSession } from "../../session";
+import { Button, Notice } from "../../ui/controls";
+import { Confirm } from "../../ui/layout";
+import { saveFile } from "../../ui/save";
+import { Differences } from "./differences";
+import { storeDraft, storedDraft } from "./drafts";
+import { type Fault, faultOf } from "./lines";
+import { TextEditor } from "./text_editor";
+import type { MachineText } from "./use_file";
+
+type Check = components["schemas"]["MachineCheck"];
+type Summary = components["schemas"]["MachineSummary"];
+
+interface MachineEditorProps {
+  name: string;
+  newest: MachineText;
+  onSaved: () => void;
+}
+
+export function MachineEditor({ name, newest, onSaved }: MachineEditorProps) {
+  const session = useSession();
+  const command = useCommand();
+  const [draft, setDraft] = useState(() => storedDraft(name));
+  const [fault, setFault] = useState<Fault | null>(null);
+  const [asking, setAsking] = useState(false);
+  const text = draft?.text ?? newest.text;
+  // A draft of a version that is newer than what was read is saved: the reading follows.
+  const changed = draft !== null && draft.text !== newest.text && draft.base <= newest.version;
+  const overtaken = changed && draft.base < newest.version;
+  const engineer = session.may("engineer");
+  useEffect(() => {
+    // What somebody else saved in the very same words needs no draft any more.
+    if (draft !== null && draft.text === newest.text) forget();
+  }, [newest]);
+
+  function keep(typed: string): void {
+    const next = { text: typed, base: draft?.base ?? newest.version };
+    setDraft(next);
+    storeDraft(name, next);
+    setFault(null);
+  }
+
+  function forget(): void {
+    setDraft(null);
+    storeDraft(name, null);
+    setFault(null);
+  }
+
+  async function send(path: "/machines" | "/machines/check", base: number): Promise<void> {
+    const order = { method: "POST", path, text } as const;
+    const outcome = await command.run<Check | Summary>(path === "/machines" ? { ...order, etag: `"${base}"` } : order);
+    if (outcome.kind === "done") {
+      if (outcome.value.name !== name)
+        command.say({ kind: "warning", text: `The file names the machine “${outcome.value.name}”, not “${name}”.` });
+      else if (path === "/machines/check")
+        command.say({ kind: "good", text: "The service finds no fault. Nothing was saved." });
+      else {
+        setDraft({ text, base: outcome.value.version });
+        storeDraft(name, null);
+        setFault(null);
+        command.say({ kind: "good", text: `Saved as version ${outcome.value.version}.` });
+        onSaved();
+      }
+    } else if (outcome.kind === "refused" && outcome.status === 422) {
+      setFault(faultOf(outcome.text));
+      command.say(null);
+    } else if (outcome.kind === "refused" && outcome.status === 412) onSaved(); // read what overtook us
+  }
+
+  return (
+    <>
+      {changed && !overtaken && <Notice kind="info">Not saved yet. This device keeps what you typed.</Notice>}
+      {overtaken && draft !== null && (
+        <Overtaken draft={draft.text} base={draft.base} newest={newest} onTake={() => setAsking(true)} />
+      )}
+      {fault !== null && (
+        <Notice kind="bad">
+          {fault.line !== null && <strong>Line {fault.line}: </strong>}
+          {fault.text}
+        </Notice>
+      )}
+      <TextEditor label={`Machine file of ${name}`} text={text} fault={fault} readOnly={!engineer} onText={keep} />
+      <CommandNotice of={command} />
+      <div class="actions">
+        {engineer && (
+          <>
+            <Button
+              kind="primary"
+              busy={command.busy}
+              disabled={!changed || !session.online.value}
+              onClick={() => void send("/machines", newest.version)}
+            >
+              {overtaken ? `Save mine over version ${newest.version}` : `Save as version ${newest.version + 1}`}
+            </Button>
+            <Button
+              busy={command.busy}
+              disabled={!session.online.value}
+              onClick={() => void send("/machines/check", newest.version)}
+            >
+              Check
+            </Button>
+            {changed && <Button onClick={() => setAsking(true)}>Drop my changes</Button>}
+          </>
+        )}
+        <Button onClick={() => saveFile(new Blob([text]), `${name}.yaml`)}>Download</Button>
+      </div>
+      {changed && (
+        <details>
+          <summary>What I changed against version {newest.version}</summary>
+          <Differences before={newest.text} after={text} caption="My changes" />
+        </details>
+      )}
+      {asking && (
+        <Confirm
+          title="Drop your changes?"
+          text={`The editor shows version ${newest.version} then. What you typed is gone; download it first to keep it.`}
+          confirm="Drop them"
+          kind="danger"
+          onNo={() => setAsking(false)}
+          onYes={() => {
+            setAsking(false);
+            forget();
+            command.say(null);
+          }}
+        />
+      )}
+    </>
+  );
+}
+
+interface OvertakenProps {
+  draft: string;
+  base: number;
+  newest: MachineText;
+  onTake: () => void;
+}
+
+/** Somebody saved a version while this one was being typed: both are shown, none is lost. */
+function Overtaken({ draft, base, newest, onTake }: OvertakenProps) {
+  return (
+    <section class="overtaken" aria-label="Somebody else saved a version">
+      <Notice kind="warning">
+        Somebody saved version {newest.version} while you were changing version {base}. Yours is in the editor and is
+        not lost. Below is what separates the two (− only in version {newest.version}, + only in yours): put both
+        changes together in the editor, then save.
+      </Notice>
+      <Differences before={newest.text} after={draft} caption={`Version ${newest.version} against yours`} />
+      <div class="actions">
+        <Button onClick={onTake}>Take version {newest.version} instead</Button>
+        <Button onClick={() => saveFile(new Blob([newest.text]), `version-${newest.version}.yaml`)}>
+          Download version {newest.version}
+        </Button>
+      </div>
+    </section>
+  );
+}

@@ -1,0 +1,203 @@
+/** Recalibration step by step; whoever reloads the page, or comes from another one, goes on where it was. */
+import { useState } from "preact/hooks";
+import type { components } from "../../net/api.gen";
+import { randomName } from "../../net/random";
+import { useResource, useSession } from "../../session";
+import { Button, Mark, Notice } from "../../ui/controls";
+import { Confirm, Empty, Panel } from "../../ui/layout";
+import { time } from "../../ui/format";
+import { CheckStep } from "./check_step";
+import { IdentifyStep } from "./identify_step";
+import { RecordStep } from "./record_step";
+import { type Guide, STEPS, type Step, currentStep, newGuide, recordingsOf, storeGuide, storedGuide } from "./progress";
+
+type Recordings = components["schemas"]["RecordingList"];
+
+const TITLES: Record<Step, string> = {
+  check: "Check the sensors",
+  unpin: "Unpin the rods",
+  unloaded: "Record the free cylinders",
+  pin: "Pin the rods",
+  train: "Record the training motion",
+  repeat: "Record it once more",
+  validate: "Record another motion",
+  identify: "Identify",
+};
+
+export default function RecalibrateView() {
+  const session = useSession();
+  const machine = session.machine.value;
+  if (machine === null)
+    return (
+      <>
+        <h1 class="title">Recalibrate</h1>
+        <Empty>There is no machine yet.</Empty>
+      </>
+    );
+  return <MachineGuide key={machine} machine={machine} />;
+}
+
+function MachineGuide({ machine }: { machine: string }) {
+  const session = useSession();
+  const [guide, setGuide] = useState(() => storedGuide(machine));
+  const path = guide === null ? null : `/recordings?machine=${encodeURIComponent(machine)}&limit=200`;
+  const recordings = useResource<Recordings>(path, "recordings");
+  const [asking, setAsking] = useState(false);
+
+  function keep(change: Partial<Guide> | null): void {
+    const next = change === null || guide === null ? null : { ...guide, ...change };
+    storeGuide(machine, next);
+    setGuide(next);
+  }
+  function begin(): void {
+    const key = randomName();
+    const fresh = newGuide(`Recalibration ${time(new Date().toISOString()).slice(0, 16)} ${key.slice(0, 4)}`, key);
+    storeGuide(machine, fresh);
+    setGuide(fresh);
+  }
+
+  if (guide === null) return <Begin onBegin={begin} allowed={session.may("engineer")} />;
+  if (recordings.value === null)
+    return (
+      <>
+        <h1 class="title">Recalibrate {machine}</h1>
+        {recordings.error === null ? <p role="status">Reading …</p> : <Notice kind="bad">{recordings.error}</Notice>}
+      </>
+    );
+  const mine = recordingsOf(guide, recordings.value.items);
+  const step = currentStep(guide, mine);
+  return (
+    <div class={recordings.stale ? "stale" : ""}>
+      <h1 class="title">Recalibrate {machine}</h1>
+      <div class="guide">
+        <StepList step={step} guide={guide} />
+        <div>
+          <Panel title={`${position(step, guide)}. ${TITLES[step]}`}>
+            <StepContent step={step} machine={machine} guide={guide} recordings={mine} keep={keep} />
+          </Panel>
+          <Button onClick={() => setAsking(true)}>End this guide</Button>
+        </div>
+      </div>
+      {asking && (
+        <Confirm
+          title="End this guide?"
+          text="What was recorded stays, and can be identified by hand. A new guide begins with the first step."
+          confirm="End it"
+          kind="danger"
+          onNo={() => setAsking(false)}
+          onYes={() => {
+            setAsking(false);
+            keep(null);
+          }}
+        />
+      )}
+    </div>
+  );
+}
+
+interface ContentProps {
+  step: Step;
+  machine: string;
+  guide: Guide;
+  recordings: ReturnType<typeof recordingsOf>;
+  keep: (change: Partial<Guide> | null) => void;
+}
+
+function StepContent({ step, machine, guide, recordings, keep }: ContentProps) {
+  switch (step) {
+    case "check":
+      return <CheckStep machine={machine} onDone={() => keep({ checked: true })} />;
+    case "unpin":
+      return (
+        <>
+          <p>
+            Park the arm so that it is held without its cylinders, then take each rod off the arm. Each cylinder is then
+            moved alone: what it needs is its own friction, and nothing else.
+          </p>
+          <Notice kind="warning">Depressurise and secure the arm as your site demands before a pin is drawn.</Notice>
+          <div class="actions">
+            <Button kind="primary" onClick={() => keep({ unpinned: true })}>
+              All rods are off
+            </Button>
+            <Button onClick={() => keep({ stayOn: true })}>Leave the rods on</Button>
+          </div>
+          <p class="hint">With the rods on, friction is told from the moving arm, and less well.</p>
+        </>
+      );
+    case "pin":
+      return (
+        <>
+          <p>Put all rods back on the arm, and make sure that nobody is near it.</p>
+          <Button kind="primary" onClick={() => keep({ pinned: true })}>
+            All rods are on
+          </Button>
+        </>
+      );
+    case "identify":
+      return <IdentifyStep machine={machine} guide={guide} recordings={recordings} keep={keep} />;
+    default:
+      return (
+        <RecordStep
+          key={step}
+          machine={machine}
+          role={step}
+          guide={guide}
+          recording={recordings[step]}
+          onMotion={(id) => keep({ motions: { ...guide.motions, [step]: id } })}
+        />
+      );
+  }
+}
+
+function Begin({ onBegin, allowed }: { onBegin: () => void; allowed: boolean }) {
+  return (
+    <>
+      <h1 class="title">Recalibrate</h1>
+      <Panel title="What happens">
+        <ol class="what">
+          <li>The sensors are checked.</li>
+          <li>The rods are unpinned, and each cylinder is moved alone.</li>
+          <li>The rods are pinned; a training motion is recorded twice, and another motion to judge the result by.</li>
+          <li>The service identifies the arm and says what changed. Nothing is activated without a person.</li>
+        </ol>
+        <p>The motions come from the arm’s own controller; this service only watches.</p>
+        {allowed ? (
+          <Button kind="primary" onClick={onBegin}>
+            Begin
+          </Button>
+        ) : (
+          <Notice kind="info">Your role cannot identify: ask an engineer.</Notice>
+        )}
+      </Panel>
+    </>
+  );
+}
+
+function used(guide: Guide): Step[] {
+  return guide.stayOn ? STEPS.filter((step) => step !== "unloaded" && step !== "pin" && step !== "unpin") : STEPS;
+}
+
+function position(step: Step, guide: Guide): number {
+  return used(guide).indexOf(step) + 1;
+}
+
+function StepList({ step, guide }: { step: Step; guide: Guide }) {
+  const steps = used(guide);
+  const at = steps.indexOf(step);
+  return (
+    <ol class="steps guide-steps" aria-label="Steps">
+      {steps.map((one, index) => (
+        <li
+          key={one}
+          class={index < at ? "done" : index === at ? "now" : "later"}
+          {...(index === at ? { "aria-current": "step" as const } : {})}
+        >
+          <Mark kind={index < at ? "good" : index === at ? "info" : "off"}>
+            {TITLES[one]}
+            {index < at && <span class="for-reader">: done</span>}
+          </Mark>
+        </li>
+      ))}
+    </ol>
+  );
+}

@@ -1,0 +1,95 @@
+/** The last step: order the identification once, follow its job to the result. */
+import type { components } from "../../net/api.gen";
+import { CommandNotice, useCommand, useResource, useSession } from "../../session";
+import { Button, Notice } from "../../ui/controls";
+import { fixed } from "../../ui/format";
+import { Table } from "../../ui/layout";
+import { ROLE_WORDS, type Role } from "../../words";
+import { JobPanel, over } from "../jobs";
+import { randomName } from "../../net/random";
+import { type Guide, RECORDED, orderLabel, type recordingsOf } from "./progress";
+
+type Identifications = components["schemas"]["IdentificationList"];
+type Identification = components["schemas"]["IdentificationResource"];
+type Job = components["schemas"]["JobResource"];
+
+interface IdentifyProps {
+  machine: string;
+  guide: Guide;
+  recordings: ReturnType<typeof recordingsOf>;
+  keep: (change: Partial<Guide> | null) => void;
+}
+
+export function IdentifyStep({ machine, guide, recordings, keep }: IdentifyProps) {
+  const session = useSession();
+  const command = useCommand();
+  const path = `/identifications?machine=${encodeURIComponent(machine)}&limit=100`;
+  const list = useResource<Identifications>(path, "identifications");
+  const mine = list.value?.items.find((one) => one.label === orderLabel(guide));
+  const job = useResource<Job>(mine === undefined ? null : `/jobs/${mine.job}`, "jobs");
+  const chosen = RECORDED.map((role) => recordings[role]).filter((one) => one !== undefined);
+
+  if (mine !== undefined)
+    return (
+      <>
+        {job.error !== null && job.value === null && <Notice kind="bad">{job.error}</Notice>}
+        {job.value !== null && <JobPanel job={job.value} />}
+        {job.value !== null && over(job.value) && (
+          <div class="actions">
+            {job.value.state === "done" ? (
+              <Button onClick={() => keep(null)}>Finish this guide</Button>
+            ) : (
+              <Button kind="primary" onClick={() => keep({ attempt: guide.attempt + 1, key: randomName() })}>
+                Try again
+              </Button>
+            )}
+          </div>
+        )}
+      </>
+    );
+  if (list.value === null) return <p role="status">Reading …</p>;
+  return (
+    <>
+      <p>These recordings are used:</p>
+      <Table
+        caption="Recordings of this guide"
+        columns={[
+          { name: "role", title: "Recording" },
+          { name: "rows", title: "Rows", align: "right" },
+          { name: "again", title: "", align: "right" },
+        ]}
+        rows={chosen.map((one) => ({
+          key: one.id,
+          role: ROLE_WORDS[one.role as Role] ?? one.role,
+          again: (
+            <Button
+              label={`Record again: ${ROLE_WORDS[one.role as Role] ?? one.role}`}
+              onClick={() => keep({ dropped: [...guide.dropped, one.id], ...redo(one.role) })}
+            >
+              Record again
+            </Button>
+          ),
+          rows: typeof one.statistics.rows === "number" ? fixed(one.statistics.rows, 0) : "",
+        }))}
+      />
+      <CommandNotice of={command} />
+      <Button
+        kind="primary"
+        busy={command.busy}
+        disabled={!session.online.value || list.stale}
+        onClick={() => {
+          const json = { machine, label: orderLabel(guide), recordings: chosen.map((one) => ({ id: one.id })) };
+          const order = { method: "POST", path: "/identifications", json, key: guide.key } as const;
+          void command.run<Identification>(order, list.reload);
+        }}
+      >
+        Identify
+      </Button>
+    </>
+  );
+}
+
+/** The free cylinders have to be free again. */
+function redo(role: string): Partial<Guide> {
+  return role === "unloaded" ? { unpinned: false, pinned: false } : {};
+}

@@ -1,0 +1,110 @@
+/** Order an identification from the recordings that are chosen. */
+import { useState } from "preact/hooks";
+import type { components } from "../../net/api.gen";
+import { randomName } from "../../net/random";
+import { go } from "../../routes";
+import { CommandNotice, useCommand, useSession } from "../../session";
+import { Button, Field, type InputEvent, type SelectEvent } from "../../ui/controls";
+import { Panel, Table } from "../../ui/layout";
+import { ROLE_WORDS, type Role } from "../../words";
+import { type Selection, advice } from "./selection";
+
+type Recording = components["schemas"]["RecordingResource"];
+type Identification = components["schemas"]["IdentificationResource"];
+
+interface IdentifyProps {
+  machine: string;
+  recordings: Recording[];
+  selection: Selection;
+  onRole: (id: string, role: Role) => void;
+  onClear: () => void;
+}
+
+export function IdentifyPanel({ machine, recordings, selection, onRole, onClear }: IdentifyProps) {
+  const session = useSession();
+  const command = useCommand();
+  const [label, setLabel] = useState("");
+  // One name for one order: if its answer is lost and somebody orders again, the service makes no second one.
+  const [key, setKey] = useState(randomName);
+  const chosen = recordings.filter((one) => selection[one.id] !== undefined);
+  const { wrong, weak } = advice(chosen.map((one) => selection[one.id] as Role));
+  if (!session.may("engineer"))
+    return (
+      <Panel title="Identify from recordings">
+        <p class="hint">An engineer can order an identification from recordings that exist.</p>
+      </Panel>
+    );
+  const order = (): void => {
+    const json = {
+      machine,
+      label,
+      recordings: chosen.map((one) => ({ id: one.id, role: selection[one.id] as Role })),
+    };
+    void command.run<Identification>({ method: "POST", path: "/identifications", json, key }, (made) => {
+      setKey(randomName());
+      onClear();
+      go(`#/jobs/${made.job}`);
+    });
+  };
+  return (
+    <Panel title={`Identify from recordings (${chosen.length} chosen)`}>
+      {chosen.length > 0 && (
+        <Table
+          caption="Chosen recordings"
+          columns={[
+            { name: "label", title: "Recording" },
+            { name: "role", title: "Used as" },
+          ]}
+          rows={chosen.map((one) => ({
+            key: one.id,
+            label: one.label || one.id,
+            role: (
+              <select
+                aria-label={`Use ${one.label || one.id} as`}
+                value={selection[one.id]}
+                onChange={(event: SelectEvent) => {
+                  setKey(randomName());
+                  onRole(one.id, event.currentTarget.value as Role);
+                }}
+              >
+                {Object.entries(ROLE_WORDS).map(([name, words]) => (
+                  <option key={name} value={name}>
+                    {words}
+                  </option>
+                ))}
+              </select>
+            ),
+          }))}
+        />
+      )}
+      {wrong !== null ? (
+        <p class="hint">{wrong}</p>
+      ) : (
+        <>
+          {weak.length > 0 && (
+            <ul class="plain-list hint">
+              {weak.map((text) => (
+                <li key={text}>{text}</li>
+              ))}
+            </ul>
+          )}
+          <Field label="Label (optional)">
+            <input
+              value={label}
+              maxLength={200}
+              autocomplete="off"
+              onInput={(event: InputEvent) => setLabel(event.currentTarget.value)}
+            />
+          </Field>
+        </>
+      )}
+      <CommandNotice of={command} />
+      <div class="actions">
+        <Button kind="primary" busy={command.busy} disabled={wrong !== null || !session.online.value} onClick={order}>
+          Identify
+        </Button>
+        {chosen.length > 0 && <Button onClick={onClear}>Choose none</Button>}
+      </div>
+    </Panel>
+  );
+}

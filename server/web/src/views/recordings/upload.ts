@@ -1,0 +1,68 @@
+/** Send a file to the service, once, and tell how far it is. `fetch` cannot tell; an older interface can. */
+import { API, type Outcome, query } from "../../net/client";
+import type { components } from "../../net/api.gen";
+
+type Recording = components["schemas"]["RecordingResource"];
+
+export const ENDINGS = [".csv", ".parquet", ".mf4"];
+const UNKNOWN =
+  "Unknown whether the file arrived: the connection was lost before the answer. Look at the list before it is sent again.";
+
+export interface UploadOrder {
+  file: File;
+  machine: string;
+  role: string;
+  headers: Record<string, string>;
+}
+
+/** What is wrong with a file before a byte of it is sent; null if nothing is. */
+export function refusal(file: { name: string; size: number }): string | null {
+  if (!ENDINGS.some((ending) => file.name.toLowerCase().endsWith(ending)))
+    return `“${file.name}” is none of ${ENDINGS.join(", ")}; export the recording as one of them.`;
+  if (file.size === 0) return `“${file.name}” is empty.`;
+  return null;
+}
+
+/**
+ * Send it. `progress` gets the fraction that left this device; at 1 the service still checks the file.
+ * `request` is there for tests.
+ */
+export function upload(
+  order: UploadOrder,
+  progress: (fraction: number) => void,
+  request: XMLHttpRequest = new XMLHttpRequest(),
+): { outcome: Promise<Outcome<Recording>>; abort: () => void } {
+  const path = `/recordings/upload${query({ machine: order.machine, role: order.role, name: order.file.name })}`;
+  const outcome = new Promise<Outcome<Recording>>((resolve) => {
+    request.open("POST", API + path);
+    for (const [name, value] of Object.entries(order.headers)) request.setRequestHeader(name, value);
+    request.setRequestHeader("Content-Type", "application/octet-stream");
+    request.upload.onprogress = (event) => {
+      if (event.lengthComputable && event.total > 0) progress(event.loaded / event.total);
+    };
+    request.onload = () => resolve(answered(request.status, request.responseText));
+    request.onerror = () => resolve({ kind: "unknown", text: UNKNOWN });
+    request.onabort = () =>
+      resolve({ kind: "refused", status: 0, text: "You broke the upload off; nothing was stored.", problem: null });
+    request.send(order.file);
+  });
+  return { outcome, abort: () => request.abort() };
+}
+
+function answered(status: number, text: string): Outcome<Recording> {
+  let content: unknown = null;
+  try {
+    content = JSON.parse(text);
+  } catch {
+    // A proxy between us and the service may answer with anything.
+  }
+  if (status >= 200 && status < 300 && content !== null)
+    return { kind: "done", value: content as Recording, etag: null, location: null };
+  const detail = (content as { detail?: unknown } | null)?.detail;
+  return {
+    kind: "refused",
+    status,
+    text: typeof detail === "string" ? detail : `The service answered ${status}.`,
+    problem: null,
+  };
+}

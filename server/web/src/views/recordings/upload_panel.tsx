@@ -1,0 +1,107 @@
+/** Upload a recording that was made elsewhere. */
+import { useRef, useState } from "preact/hooks";
+import { useSession } from "../../session";
+import { Button, Field, Notice, type NoticeText, Progress, type SelectEvent } from "../../ui/controls";
+import { Panel } from "../../ui/layout";
+import { ROLE_WORDS, type Role } from "../../words";
+import { ENDINGS, refusal, upload } from "./upload";
+
+export function UploadPanel({ machine, onDone }: { machine: string; onDone: () => void }) {
+  const session = useSession();
+  const [role, setRole] = useState<Role>("train");
+  const [files, setFiles] = useState<File[]>([]);
+  const [now, setNow] = useState<{ name: string; fraction: number } | null>(null);
+  const [notices, setNotices] = useState<NoticeText[]>([]);
+  const stop = useRef<(() => void) | null>(null);
+  const input = useRef<HTMLInputElement>(null);
+  const wrong = files.map(refusal).find((text) => text !== null) ?? null;
+
+  const send = async (): Promise<void> => {
+    setNotices([]);
+    for (const file of files) {
+      setNow({ name: file.name, fraction: 0 });
+      const order = { file, machine, role, headers: session.client.headers() };
+      const sent = upload(order, (fraction) => setNow({ name: file.name, fraction }));
+      stop.current = sent.abort;
+      const outcome = await sent.outcome;
+      stop.current = null;
+      const notice: NoticeText =
+        outcome.kind === "done"
+          ? { kind: "good", text: `“${file.name}” is stored.` }
+          : { kind: outcome.kind === "refused" ? "bad" : "warning", text: outcome.text };
+      setNotices((before) => [...before, notice]);
+      if (outcome.kind !== "done") break; // whoever stands there decides whether the others shall follow
+    }
+    setNow(null);
+    setFiles([]);
+    if (input.current !== null) input.current.value = "";
+    onDone();
+  };
+
+  return (
+    <Panel title="Upload a recording">
+      {!session.may("operate") ? (
+        <p class="hint">Your role looks only: an operator can upload recordings.</p>
+      ) : (
+        <form
+          onSubmit={(event) => {
+            event.preventDefault();
+            void send();
+          }}
+        >
+          <Field label="What the machine did">
+            <select value={role} onChange={(event: SelectEvent) => setRole(event.currentTarget.value as Role)}>
+              {Object.entries(ROLE_WORDS).map(([name, words]) => (
+                <option key={name} value={name}>
+                  {words}
+                </option>
+              ))}
+            </select>
+          </Field>
+          <Field
+            label="Files"
+            hint="CSV, Parquet or MDF4 (.mf4), as the machine file names the channels."
+            error={wrong}
+          >
+            {(attributes) => (
+              <input
+                {...attributes}
+                ref={input}
+                type="file"
+                multiple
+                accept={ENDINGS.join(",")}
+                disabled={now !== null}
+                onChange={(event) => {
+                  setNotices([]);
+                  setFiles([...(event.currentTarget.files ?? [])]);
+                }}
+              />
+            )}
+          </Field>
+          {now !== null && (
+            <Progress
+              fraction={now.fraction}
+              text={now.fraction >= 1 ? `of “${now.name}” sent; the service checks it` : `of “${now.name}” sent`}
+            />
+          )}
+          {notices.map((notice, index) => (
+            <Notice key={index} kind={notice.kind}>
+              {notice.text}
+            </Notice>
+          ))}
+          <div class="actions">
+            <Button
+              kind="primary"
+              type="submit"
+              busy={now !== null}
+              disabled={files.length === 0 || wrong !== null || !session.online.value}
+            >
+              {files.length > 1 ? `Upload ${files.length} files` : "Upload"}
+            </Button>
+            {now !== null && now.fraction < 1 && <Button onClick={() => stop.current?.()}>Break off</Button>}
+          </div>
+        </form>
+      )}
+    </Panel>
+  );
+}

@@ -1,0 +1,104 @@
+/** The report's figures as series to draw. */
+import type { PlotSeries } from "../../ui/plot";
+import type { FrictionCurve, Scatter } from "./report";
+
+export interface Drawn {
+  x: number[];
+  series: PlotSeries[];
+}
+export interface Cloud {
+  before: Drawn;
+  after: Drawn;
+  /** Ends of the vertical axis that both share: what shrank has to look smaller. */
+  range: [number, number];
+  /** Standard deviations of the two clouds. */
+  spread: { before: number; after: number };
+}
+
+type Values = (number | null)[];
+
+/**
+ * Residual against the blamed variable. Points forth and back are drawn apart where the law is another one each way,
+ * because an odd law averages out otherwise; the law stands in the drawing before, where it is to be seen.
+ */
+export function cloud(scatter: Scatter): Cloud {
+  const order = scatter.x
+    .map((x, index) => ({ x, index }))
+    .filter((one): one is { x: number; index: number } => one.x !== null)
+    .sort((a, b) => a.x - b.x)
+    .map((one) => one.index);
+  const x = order.map((index) => scatter.x[index] as number);
+  const pick = (values: Values): Values => order.map((index) => values[index] ?? null);
+  const ways = scatter.direction === null ? null : order.map((index) => scatter.direction?.[index] ?? 0);
+  const points = (values: Values): PlotSeries[] => {
+    const picked = pick(values);
+    if (ways === null) return [{ label: "samples", values: picked, kind: "points" }];
+    const only = (sign: number): Values => picked.map((value, at) => (ways[at] === sign ? value : null));
+    return [
+      { label: "forth", values: only(1), kind: "points" },
+      { label: "back", values: only(-1), kind: "points" },
+    ];
+  };
+  const known = [...scatter.before, ...scatter.after].filter((value): value is number => value !== null);
+  const low = Math.min(0, ...known);
+  const high = Math.max(0, ...known);
+  const margin = 0.05 * (high - low || 1);
+  return {
+    before: { x, series: [...points(scatter.before), ...laws(scatter, x)] },
+    after: { x, series: points(scatter.after) },
+    range: [low - margin, high + margin],
+    spread: { before: deviation(scatter.before), after: deviation(scatter.after) },
+  };
+}
+
+function laws(scatter: Scatter, x: number[]): PlotSeries[] {
+  if (scatter.law_x.length < 2) return [];
+  const at = (values: Values): Values => interpolated(scatter.law_x, values, x);
+  const std = at(scatter.law_std);
+  const both = (values: Values, sign: number): Values =>
+    values.map((value, index) => {
+      const deviation = std[index] ?? null;
+      return value === null || deviation === null ? null : value + 2 * sign * deviation;
+    });
+  const forth = at(scatter.law_y);
+  const band: [Values, Values] = [both(forth, -1), both(forth, 1)];
+  if (scatter.law_back === null) return [{ label: "law found, ±2 std", values: forth, band }];
+  return [
+    { label: "law forth, ±2 std", values: forth, band },
+    { label: "law back", values: at(scatter.law_back) },
+  ];
+}
+
+/** Values at rising places between known ones, by straight lines; null outside of them and beside what is unknown. */
+export function interpolated(places: Values, values: Values, wanted: number[]): Values {
+  let at = 0;
+  return wanted.map((x) => {
+    while (at < places.length - 2 && (places[at + 1] ?? Infinity) < x) at += 1;
+    const [x0, x1, y0, y1] = [places[at], places[at + 1], values[at], values[at + 1]];
+    if (x0 == null || x1 == null || y0 == null || y1 == null || x < x0 || x > x1) return null;
+    return x1 === x0 ? y0 : y0 + ((y1 - y0) * (x - x0)) / (x1 - x0);
+  });
+}
+
+/** Friction over speed of one cylinder; the band is two standard deviations. */
+export function friction(curve: FrictionCurve): Drawn {
+  const edge = (sign: number): Values =>
+    curve.force.map((force, index) => {
+      const std = curve.std[index] ?? null;
+      return force === null || std === null ? null : force + 2 * sign * std;
+    });
+  const first: PlotSeries = {
+    label: curve.after === null ? "friction, ±2 std" : "before, ±2 std",
+    values: curve.force,
+    band: [edge(-1), edge(1)],
+  };
+  const series = curve.after === null ? [first] : [first, { label: "after", values: curve.after }];
+  return { x: curve.speed.map((speed) => speed ?? Number.NaN), series };
+}
+
+function deviation(values: Values): number {
+  const known = values.filter((value): value is number => value !== null);
+  if (known.length === 0) return Number.NaN;
+  const mean = known.reduce((sum, value) => sum + value, 0) / known.length;
+  return Math.sqrt(known.reduce((sum, value) => sum + (value - mean) ** 2, 0) / known.length);
+}

@@ -1,0 +1,158 @@
+/** `report.json` (schema `hilfit/report/1`) as far as the page shows it. */
+
+export interface Value {
+  value: number | null;
+  std: number | null;
+  unit: string | null;
+}
+export interface ErrorPair {
+  train: number | null;
+  validate: number | null;
+}
+export interface JointErrors {
+  unit: string;
+  noise_floor: number | null;
+  before: ErrorPair;
+  after: ErrorPair;
+}
+export interface Named {
+  id: string;
+  joint: string | null;
+  title?: string | null;
+}
+export interface Effect extends Named {
+  equation?: string | null;
+  parameters: Record<string, Value>;
+  indistinguishable_from: (string | Named)[];
+}
+export interface Law {
+  joint: string | null;
+  variable: string;
+  added: boolean;
+}
+export interface Candidate extends Named {
+  score: number | null;
+  status: "accepted" | "rejected" | "indistinguishable" | "artefact";
+  reason: string;
+}
+export interface Limit extends Named {
+  smallest: number | null;
+  unit: string;
+}
+export interface NextExperiment {
+  motion?: string | null;
+  why?: string | null;
+  separates?: string[];
+  kind?: string | null;
+  rods?: "pinned" | "unpinned" | null;
+  seconds?: number | null;
+  recordings?: number | null;
+  otherwise?: string[];
+}
+export interface Shift {
+  name: string;
+  before: number | null;
+  after: number | null;
+  sigmas: number | null;
+}
+export interface Scatter {
+  joint: string;
+  variable: string;
+  unit: string;
+  effort_unit: string;
+  x: (number | null)[];
+  before: (number | null)[];
+  after: (number | null)[];
+  direction: number[] | null;
+  law_x: (number | null)[];
+  law_y: (number | null)[];
+  law_std: (number | null)[];
+  law_back: (number | null)[] | null;
+}
+export interface FrictionCurve {
+  joint: string;
+  unit_x: string;
+  unit_y: string;
+  speed: (number | null)[];
+  force: (number | null)[];
+  std: (number | null)[];
+  after: (number | null)[] | null;
+}
+export type Verdict = "nothing_missing" | "effect_added" | "ambiguous" | "unexplained";
+export interface Report {
+  machine: string;
+  created: string;
+  data: { role: string; file: string; sha256: string; samples: number }[];
+  bandwidth_hz: number | null;
+  noise_floor_method: string | null;
+  reduction: { standard_parameters: number; base_parameters: number };
+  cylinders: Record<string, { parameters: Record<string, Value> }>;
+  rigid_body: {
+    estimator: string;
+    condition_number: number | null;
+    parameters: ({ expression: string; name?: string } & Value)[];
+  };
+  errors: Record<string, JointErrors>;
+  overall: {
+    before: number | null;
+    after: number | null;
+    change_percent: number | null;
+    ci95_percent: [number, number] | null;
+    unit?: string | null;
+  };
+  loop: {
+    verdict: Verdict;
+    effects: Effect[];
+    unexplained: Law[];
+    candidates: Candidate[];
+    detection_limits: Limit[];
+    next_experiment: NextExperiment | string | null;
+  };
+  parameter_shifts: Shift[];
+  warnings: string[];
+  summary: { label: string; sentence: string } | null;
+  figures: { scatter: Scatter[]; friction: FrictionCurve[] };
+}
+
+const VERDICTS: readonly string[] = ["nothing_missing", "effect_added", "ambiguous", "unexplained"];
+
+/**
+ * A report as the service sent it; null if it is none that this page knows.
+ *
+ * Keys may have been added since, and reports of earlier versions lack some: what is not there is empty, never guessed.
+ */
+export function readReport(content: unknown): Report | null {
+  if (typeof content !== "object" || content === null) return null;
+  const given = content as Partial<Report> & { schema?: unknown };
+  if (given.schema !== "hilfit/report/1" || given.errors === undefined || given.overall === undefined) return null;
+  if (given.loop === undefined || !VERDICTS.includes(given.loop.verdict)) return null;
+  const loop = given.loop as Partial<Report["loop"]> & { verdict: Verdict };
+  return {
+    machine: given.machine ?? "",
+    created: given.created ?? "",
+    data: given.data ?? [],
+    bandwidth_hz: given.bandwidth_hz ?? null,
+    noise_floor_method: given.noise_floor_method ?? null,
+    reduction: given.reduction ?? { standard_parameters: 0, base_parameters: 0 },
+    cylinders: given.cylinders ?? {},
+    rigid_body: given.rigid_body ?? { estimator: "", condition_number: null, parameters: [] },
+    errors: given.errors,
+    overall: given.overall,
+    loop: {
+      verdict: loop.verdict,
+      effects: (loop.effects ?? []).map((effect) => ({
+        ...effect,
+        parameters: effect.parameters ?? {},
+        indistinguishable_from: effect.indistinguishable_from ?? [],
+      })),
+      unexplained: (loop.unexplained ?? []).map((law) => ({ ...law, added: law.added ?? true })),
+      candidates: loop.candidates ?? [],
+      detection_limits: loop.detection_limits ?? [],
+      next_experiment: loop.next_experiment ?? null,
+    },
+    parameter_shifts: given.parameter_shifts ?? [],
+    warnings: given.warnings ?? [],
+    summary: given.summary ?? null,
+    figures: { scatter: given.figures?.scatter ?? [], friction: given.figures?.friction ?? [] },
+  };
+}

@@ -1,0 +1,135 @@
+/** One result, from the verdict down to the recordings. */
+import { useMemo } from "preact/hooks";
+import type { components } from "../../net/api.gen";
+import { useResource } from "../../session";
+import { Mark, Notice } from "../../ui/controls";
+import { number, time } from "../../ui/format";
+import { Panel } from "../../ui/layout";
+import { JobPanel } from "../jobs";
+import { ResultActions } from "./actions";
+import { Frictions, Residuals } from "./drawings";
+import { Candidates, Found, Limits, Moved } from "./findings";
+import { JointErrors } from "./joint_errors";
+import { looked, overall } from "./model";
+import { NextExperiment } from "./next_experiment";
+import { DataUsed, Parameters } from "./parameters";
+import { type Report, readReport } from "./report";
+import { NOT_LOOKED, VERDICTS, change, readable } from "./wording";
+
+type Identification = components["schemas"]["IdentificationResource"];
+type Job = components["schemas"]["JobResource"];
+
+export function ResultPage({ id }: { id: string }) {
+  const place = `/identifications/${encodeURIComponent(id)}`;
+  const identification = useResource<Identification>(place, ["identifications", "jobs"]);
+  const found = identification.value;
+  const done = found !== null && found.verdict !== null;
+  const job = useResource<Job>(found === null || done ? null : `/jobs/${encodeURIComponent(found.job)}`, "jobs");
+  const content = useResource<unknown>(done ? `${place}/report.json` : null, []);
+  const report = useMemo(() => readReport(content.value), [content.value]);
+  return (
+    <div class={identification.stale ? "stale" : ""}>
+      <h1 class="title">
+        {found?.label || "Result"} {found !== null && <span class="hint">{found.machine}</span>}
+      </h1>
+      {identification.error !== null && <Notice kind="bad">{identification.error}</Notice>}
+      {content.error !== null && <Notice kind="bad">{content.error}</Notice>}
+      {(identification.loading || content.loading) && report === null && <p role="status">Reading …</p>}
+      {job.value !== null && <JobPanel job={job.value} />}
+      {content.value !== null && report === null && (
+        <Notice kind="warning">
+          This page cannot read the report; it may be of another version. Download it below.
+        </Notice>
+      )}
+      {report !== null && <Verdict report={report} />}
+      {report !== null && report.warnings.length > 0 && <Warnings report={report} />}
+      {found !== null && done && <ResultActions identification={found} />}
+      {report !== null && <Sections report={report} />}
+      <p>
+        <a href="#/results">All results</a>
+      </p>
+    </div>
+  );
+}
+
+function Sections({ report }: { report: Report }) {
+  return (
+    <>
+      <NextExperiment report={report} />
+      <JointErrors report={report} />
+      <Found report={report} />
+      <Residuals report={report} />
+      <Candidates report={report} />
+      <Moved report={report} />
+      <Limits report={report} />
+      <Frictions report={report} />
+      <Parameters report={report} />
+      <DataUsed report={report} />
+    </>
+  );
+}
+
+function Verdict({ report }: { report: Report }) {
+  const searched = looked(report);
+  const [kind, words] = searched ? VERDICTS[report.loop.verdict] : NOT_LOOKED;
+  const all = overall(report);
+  return (
+    <section class={`panel verdict ${kind}`} aria-label="Verdict">
+      <p>
+        <Mark kind={kind}>{searched ? (report.summary?.label ?? words) : words}</Mark>
+      </p>
+      <p class="sentence">{searched ? (report.summary?.sentence ?? `${words}.`) : unsearched(all.overNoise)}</p>
+      <dl class="facts">
+        {all.change !== null && (
+          <div>
+            <dt>Error of all joints</dt>
+            <dd>
+              {change(all.change)}
+              {all.interval !== null && (
+                <small>
+                  95 % interval {change(all.interval[0])} to {change(all.interval[1])}
+                </small>
+              )}
+            </dd>
+          </div>
+        )}
+        {all.overNoise !== null && (
+          <div>
+            <dt>Error compared with noise</dt>
+            <dd>
+              {number(all.overNoise, 3)} ×
+              <small>
+                {all.overNoiseBefore !== null && `before: ${number(all.overNoiseBefore, 3)} ×; `}1 × is the best
+                possible
+              </small>
+            </dd>
+          </div>
+        )}
+        <div>
+          <dt>Machine</dt>
+          <dd>
+            {report.machine}
+            <small>identified {time(report.created)}</small>
+          </dd>
+        </div>
+      </dl>
+    </section>
+  );
+}
+
+function unsearched(overNoise: number | null): string {
+  const error = overNoise === null ? "" : ` The error is ${number(overNoise, 3)} times the measurement noise.`;
+  return `The model was fitted, and nobody looked for what it may lack.${error}`;
+}
+
+function Warnings({ report }: { report: Report }) {
+  return (
+    <Panel title={`Warnings (${report.warnings.length})`}>
+      <ul class="plain-list">
+        {report.warnings.map((warning) => (
+          <li key={warning}>{readable(warning)}</li>
+        ))}
+      </ul>
+    </Panel>
+  );
+}

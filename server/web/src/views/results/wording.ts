@@ -1,0 +1,87 @@
+/** Names, units and changes of reports as a person reads them. */
+import type { NoticeKind } from "../../ui/controls";
+import { DASH, number } from "../../ui/format";
+import type { Candidate, Named, Report, Verdict } from "./report";
+
+const SUPERSCRIPT: Record<string, string> = { "2": "²", "3": "³", "4": "⁴", "5": "⁵", "6": "⁶" };
+// Measured and derived signals as programs write them; joints and files may be called anything else with underscores.
+const SIGNAL =
+  /(joint|piston|head|rod|supply|tank|cylinder|oil|base)_(position|speed|acceleration|effort|pressure|force|temperature|roll|pitch)/g;
+
+/** A unit with real exponents: `kg m^2` as `kg m²`. */
+export function unit(text: string | null | undefined): string {
+  return (text ?? "").replace(/\^([2-6])/g, (_all, power: string) => SUPERSCRIPT[power] ?? power);
+}
+
+/** `piston_position` as `piston position`. */
+export function words(name: string): string {
+  return name.replace(/_/g, " ");
+}
+
+/** Names of signals in a text with spaces. */
+export function readable(text: string): string {
+  return text.replace(SIGNAL, "$1 $2");
+}
+
+export function capital(text: string): string {
+  return text.slice(0, 1).toUpperCase() + text.slice(1);
+}
+
+/** A change in percent with its sign: `−74 %`, `+5.3 %`. */
+export function change(percent: number | null | undefined): string {
+  if (percent === null || percent === undefined || !Number.isFinite(percent)) return DASH;
+  const text = Math.abs(percent).toFixed(Math.abs(percent) >= 10 ? 0 : 1);
+  return Number(text) === 0 ? "0 %" : `${percent < 0 ? "−" : "+"}${text} %`;
+}
+
+/** The sizes of effects: a number with its unit. */
+export function amount(value: number | null | undefined, units: string | null | undefined, digits = 3): string {
+  return `${number(value, digits)} ${unit(units)}`.trim();
+}
+
+/** A parameter's name; those of effects are `effect_id:joint2.f_1` in files. */
+export function parameterName(name: string): string {
+  const match = /^([a-z0-9_]+):(.+)$/.exec(name);
+  return match === null ? name : `${words(match[1] ?? "")}: ${match[2] ?? ""}`;
+}
+
+/** What an effect is called: its title, else that of the candidate of the same id, else its id in words. */
+export function title(effect: Named, report: Report): string {
+  const own = effect.title ?? report.loop.candidates.find((one) => one.id === effect.id && one.title)?.title;
+  return own ?? words(effect.id);
+}
+
+export function place(joint: string | null): string {
+  return joint ?? "whole machine";
+}
+
+export const VERDICTS: Record<Verdict, [NoticeKind, string]> = {
+  nothing_missing: ["good", "Nothing is missing"],
+  effect_added: ["good", "Effect found and added"],
+  ambiguous: ["warning", "Something is missing, several causes fit"],
+  unexplained: ["warning", "Something is missing, no known cause fits"],
+};
+
+/** Where nobody looked, "nothing is missing" would be a lie. */
+export const NOT_LOOKED: [NoticeKind, string] = ["info", "Fitted only: what is missing was not looked for"];
+
+/** Of a verdict that may be newer than this page. */
+export function verdictWords(verdict: string): [NoticeKind, string] {
+  return VERDICTS[verdict as Verdict] ?? ["info", words(verdict)];
+}
+
+export const STATUSES: Record<Candidate["status"], [NoticeKind | "off", string]> = {
+  accepted: ["good", "Accepted"],
+  indistinguishable: ["warning", "Cannot be told apart"],
+  artefact: ["info", "Artefact of measurement"],
+  rejected: ["off", "Rejected"],
+};
+
+export const PARAMETERS: Record<string, string> = {
+  m: "moving mass",
+  K: "stiffness",
+  f_c: "Coulomb friction",
+  f_v: "viscous friction",
+  f_s: "cube-root friction",
+  J: "drive inertia",
+};

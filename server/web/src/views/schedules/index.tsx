@@ -1,0 +1,75 @@
+/** Schedules of the machine that is looked at. */
+import { useState } from "preact/hooks";
+import type { components } from "../../net/api.gen";
+import { useResource, useSession } from "../../session";
+import { Button, Notice } from "../../ui/controls";
+import { Empty, Panel } from "../../ui/layout";
+import { ScheduleCard } from "./card";
+import { ScheduleForm } from "./form";
+import "./schedules.css";
+
+type List = components["schemas"]["ScheduleList"];
+
+export default function SchedulesView() {
+  const machine = useSession().machine.value;
+  if (machine === null)
+    return (
+      <>
+        <h1 class="title">Schedules</h1>
+        <Empty>There is no machine yet. An engineer adds one under Machines.</Empty>
+      </>
+    );
+  return <Schedules key={machine} machine={machine} />;
+}
+
+/** "new", the id of what is changed, or nothing. */
+type Edited = string | null;
+
+function Schedules({ machine }: { machine: string }) {
+  const session = useSession();
+  const [edited, setEdited] = useState<Edited>(null);
+  const path = `/schedules?machine=${encodeURIComponent(machine)}&limit=200`;
+  const list = useResource<List>(path, ["schedules", "jobs"]);
+  const items = list.value?.items ?? [];
+  const changed = items.find((one) => one.id === edited) ?? null;
+  const end = (): void => {
+    setEdited(null);
+    list.reload();
+  };
+  if (edited === "new" || changed !== null)
+    return (
+      <>
+        <h1 class="title">
+          Schedules <span class="hint">{machine}</span>
+        </h1>
+        <ScheduleForm key={edited} machine={machine} schedule={changed} onEnd={end} />
+      </>
+    );
+  return (
+    <div class={list.stale ? "stale" : ""}>
+      <h1 class="title">
+        Schedules <span class="hint">{machine}</span>
+      </h1>
+      {list.error !== null && <Notice kind="bad">{list.error}</Notice>}
+      {list.value === null && list.loading && <p role="status">Reading …</p>}
+      {list.value !== null && items.length === 0 && (
+        <Panel title="Scheduled recalibration">
+          <Empty>
+            Nothing is scheduled. A schedule records the machine at set times, fits, compares with the calibration in
+            use and proposes the new one.
+          </Empty>
+        </Panel>
+      )}
+      {items.map((one) => (
+        <ScheduleCard key={one.id} schedule={one} onEdit={() => setEdited(one.id)} onDone={list.reload} />
+      ))}
+      {session.may("engineer") ? (
+        <Button kind="primary" onClick={() => setEdited("new")}>
+          New schedule
+        </Button>
+      ) : (
+        <p class="hint">An engineer makes and changes schedules; an operator can run one now.</p>
+      )}
+    </div>
+  );
+}

@@ -1,0 +1,127 @@
+/** When a schedule runs: plain presets or a cron expression, the time zone, and what comes out of it. */
+import type { components } from "../../net/api.gen";
+import { query } from "../../net/client";
+import { useResource } from "../../session";
+import { Field, type InputEvent, Notice, type SelectEvent } from "../../ui/controls";
+import { useSettled } from "../settled";
+import { type Every, type Plan, WEEKDAYS, cronOf, inZone, timeZones, two } from "./cron";
+
+type Upcoming = components["schemas"]["UpcomingSlots"];
+
+interface WhenProps {
+  plan: Plan;
+  zone: string;
+  onPlan: (plan: Plan) => void;
+  onZone: (zone: string) => void;
+}
+
+export function When({ plan, zone, onPlan, onZone }: WhenProps) {
+  const days = Array.from({ length: 28 }, (_, index) => index + 1);
+  const cron = cronOf(plan);
+  return (
+    <>
+      <div class="columns">
+        <Field label="How often">
+          <select
+            value={plan.every}
+            onChange={(event: SelectEvent) => {
+              const every = event.currentTarget.value as Every;
+              onPlan({ ...plan, every, own: every === "own" ? cron : plan.own });
+            }}
+          >
+            <option value="day">Every day</option>
+            <option value="week">Every week</option>
+            <option value="month">Every month</option>
+            <option value="own">By a cron expression</option>
+          </select>
+        </Field>
+        {plan.every === "week" && (
+          <Field label="Day of the week">
+            <select
+              value={String(plan.weekday)}
+              onChange={(event: SelectEvent) => onPlan({ ...plan, weekday: Number(event.currentTarget.value) })}
+            >
+              {WEEKDAYS.map((name, index) => (
+                <option key={name} value={String(index)}>
+                  {name}
+                </option>
+              ))}
+            </select>
+          </Field>
+        )}
+        {plan.every === "month" && (
+          <Field label="Day of the month">
+            <select
+              value={String(plan.day)}
+              onChange={(event: SelectEvent) => onPlan({ ...plan, day: Number(event.currentTarget.value) })}
+            >
+              {days.map((day) => (
+                <option key={day} value={String(day)}>
+                  {day}
+                </option>
+              ))}
+            </select>
+          </Field>
+        )}
+        {plan.every === "own" ? (
+          <Field label="Cron expression" hint="Minute, hour, day, month, day of the week: 30 2 * * 1">
+            {(attributes) => (
+              <input
+                {...attributes}
+                class="mono"
+                value={plan.own}
+                maxLength={200}
+                autocomplete="off"
+                onInput={(event: InputEvent) => onPlan({ ...plan, own: event.currentTarget.value })}
+              />
+            )}
+          </Field>
+        ) : (
+          <Field label="Time of day">
+            <input
+              type="time"
+              required
+              value={`${two(plan.hour)}:${two(plan.minute)}`}
+              onInput={(event: InputEvent) => {
+                const [hour, minute] = event.currentTarget.value.split(":").map(Number);
+                if (hour !== undefined && minute !== undefined) onPlan({ ...plan, hour, minute });
+              }}
+            />
+          </Field>
+        )}
+        <Field label="Time zone">
+          <select value={zone} onChange={(event: SelectEvent) => onZone(event.currentTarget.value)}>
+            {timeZones(zone).map((name) => (
+              <option key={name} value={name}>
+                {name}
+              </option>
+            ))}
+          </select>
+        </Field>
+      </div>
+      <NextTimes cron={cron} zone={zone} />
+    </>
+  );
+}
+
+/** The next five times, as the service counts them. */
+function NextTimes({ cron: typed, zone }: { cron: string; zone: string }) {
+  const cron = useSettled(typed);
+  const path = cron === "" ? null : `/schedules/upcoming${query({ cron, timezone: zone })}`;
+  const upcoming = useResource<Upcoming>(path, []);
+  if (path === null) return <p class="hint">Write an expression to see its next times.</p>;
+  if (upcoming.error !== null) return <Notice kind="bad">{upcoming.error}</Notice>;
+  if (upcoming.value === null) return <p role="status">Reading …</p>;
+  return (
+    <div class="next-times" role="status">
+      <p>
+        <strong>The next times</strong> <span class="hint">in {zone}</span>
+      </p>
+      <ol>
+        {upcoming.value.slots.map((slot) => (
+          <li key={slot}>{inZone(slot, zone)}</li>
+        ))}
+      </ol>
+    </div>
+  );
+}

@@ -1,0 +1,111 @@
+"""Everybody can use the page: sizes for a gloved hand, names for a screen reader, a keyboard, contrast."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+from lever_site import Site
+
+pytestmark = pytest.mark.slow
+VIEWS = (
+    "live",
+    "alarms",
+    "recalibrate",
+    "recordings",
+    "jobs",
+    "results",
+    "calibrations",
+    "schedules",
+    "machines",
+    "pair",
+)
+SHAPES = {"landscape-light": (1280, 800, "light"), "portrait-dark": (800, 1280, "dark")}
+#: CSS px on a side; what a finger hits in a label counts as the label.
+LEAST = 44
+_TARGETS = """() => [...document.querySelectorAll("a[href], button, input, select, textarea, summary")]
+  .filter((element) => element.checkVisibility() && !element.classList.contains("skip"))
+  .map((element) => {
+    const label = element.matches("[type=checkbox], [type=radio]") ? element.closest("label") : null;
+    const box = (label ?? element).getBoundingClientRect();
+    const name = (element.ariaLabel ?? element.textContent ?? "").trim().slice(0, 40) || element.outerHTML.slice(0, 80);
+    return { name, width: box.width, height: box.height };
+  })
+  .filter((box) => box.width > 0 && (box.width < LEAST - 0.5 || box.height < LEAST - 0.5))
+""".replace("LEAST", str(LEAST))
+
+
+@pytest.fixture(scope="module", params=SHAPES)
+def tablet(browser: Any, site: Site, request: pytest.FixtureRequest) -> Iterator[Any]:
+    """A tab of each shape and colour scheme."""
+    width, height, scheme = SHAPES[request.param]
+    context = browser.new_context(
+        viewport={"width": width, "height": height}, color_scheme=scheme, reduced_motion="reduce"
+    )
+    context.set_default_timeout(60_000)
+    page = context.new_page()
+    page.goto(f"{site.url}/")
+    page.get_by_role("region", name="Joint positions").get_by_text("fresh").wait_for()
+    yield page
+    context.close()
+
+
+def show(page: Any, site: Site, view: str) -> None:
+    page.goto(f"{site.url}/#/{view}")
+    page.locator("main h1").first.wait_for()
+    page.get_by_text("Reading …").wait_for(state="detached")
+
+
+@pytest.mark.parametrize("view", VIEWS)
+def test_a_view_has_no_serious_fault_of_access_and_large_enough_targets(tablet: Any, site: Site, view: str) -> None:
+    axe = pytest.importorskip("axe_playwright_python.sync_playwright", reason="axe is not installed (extra 'test')")
+    show(tablet, site, view)
+    small = tablet.evaluate(_TARGETS)
+    assert small == []
+    assert tablet.evaluate("document.documentElement.scrollWidth <= innerWidth")  # nothing scrolls sideways
+    found = axe.Axe().run(tablet).response["violations"]
+    grave = [
+        (fault["id"], [node["html"][:200] for node in fault["nodes"]])
+        for fault in found
+        if fault["impact"] in ("serious", "critical")
+    ]
+    assert grave == []
+
+
+def test_the_keyboard_is_enough(page: Any, site: Site) -> None:
+    page.goto(f"{site.url}/#/live")
+    page.get_by_role("region", name="Joint positions").get_by_text("fresh").wait_for()
+    page.keyboard.press("Tab")
+    assert page.evaluate("document.activeElement.textContent").strip() == "Skip to the content"
+    page.keyboard.press("Enter")
+    assert page.evaluate("document.activeElement.id") == "content"
+    for _ in range(3):  # motion, label, the button
+        page.keyboard.press("Tab")
+        assert page.evaluate("document.activeElement.matches(':focus-visible')")
+    assert page.evaluate("document.activeElement.textContent").strip() == "Start recording"
+    page.keyboard.press("Enter")
+    stop = page.get_by_role("button", name="Stop recording")
+    stop.wait_for()
+    stop.focus()
+    page.keyboard.press("Space")
+    page.get_by_role("button", name="Start recording").wait_for()
+    page.goto(f"{site.url}/#/jobs")
+    page.get_by_role("heading", name="Jobs").wait_for()
+    assert page.evaluate("document.activeElement.id") == "content"  # who reads by ear is told of the new page
+
+
+def test_a_question_holds_the_focus_and_escape_says_no(page: Any, site: Site) -> None:
+    page.goto(f"{site.url}/#/recalibrate")
+    page.get_by_role("button", name="Begin").click()
+    end = page.get_by_role("button", name="End this guide")
+    end.click()
+    dialog = page.get_by_role("dialog", name="End this guide?")
+    dialog.wait_for()
+    assert page.evaluate("document.querySelector('dialog').contains(document.activeElement)")
+    page.keyboard.press("Escape")
+    dialog.wait_for(state="detached")
+    assert page.evaluate("document.activeElement.textContent").strip() == "End this guide"
+    end.click()
+    page.get_by_role("button", name="End it").click()
+    page.get_by_role("button", name="Begin").wait_for()
