@@ -1,0 +1,1250 @@
+"""Made from docs/openapi.json by clients/python/generate.py; do not edit, run ``make client``."""
+# ruff: noqa: E501
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any, Literal, NotRequired, TypedDict, Unpack
+
+from hilfit_client.transport import Transport
+
+#: SHA-256 of the description that this was made from.
+SOURCE_SHA256 = "ba4223398f3f2288dca56d740a970fec293dbd8d7c4aeca4166ee327cb8321ed"
+
+
+class AcquisitionWish(TypedDict):
+    """Whether acquisition of a machine should run."""
+
+    enabled: bool
+
+
+class AlarmList(TypedDict):
+    """A page of alarms."""
+
+    items: list[AlarmResource]
+    next: int | None
+
+
+class AlarmResource(TypedDict):
+    """An alarm: `raised` is when it came last, `count` how often before somebody acknowledged it."""
+
+    acknowledged: bool
+    acknowledged_by: str | None
+    cleared: str | None
+    count: int
+    id: str
+    kind: str
+    machine: str | None
+    raised: str
+    severity: Literal["info", "warning", "critical"]
+    shelve_reason: str | None
+    shelved_by: str | None
+    shelved_until: str | None
+    state: Literal["active", "cleared"]
+    text: str
+
+
+class BackupList(TypedDict):
+    """All backups, newest first."""
+
+    items: list[BackupResource]
+    next: NotRequired[None]
+
+
+class BackupResource(TypedDict):
+    """A backup; `kind` is daily or ordered. It is restored by `hilfit restore`, with the service stopped."""
+
+    bytes: int
+    created: str
+    id: str
+    kind: str
+
+
+class CalibrationList(TypedDict):
+    """A page of calibrations."""
+
+    items: list[CalibrationResource]
+    next: int | None
+
+
+class CalibrationResource(TypedDict):
+    """A calibration; `errors` per joint and `overall` are the report's, before and after the loop."""
+
+    activated: str | None
+    approved_by: str | None
+    created: str
+    errors: dict[str, Any]
+    id: str
+    identification: str
+    label: str
+    machine: str
+    note: str
+    overall: dict[str, Any]
+    parameters: list[Parameter]
+    proposed_by: str
+    proposed_by_id: str
+    state: Literal["proposed", "approved", "rejected", "active", "retired"]
+    verdict: str
+
+
+class ChannelStatistics(TypedDict):
+    """One channel in the unit of the file; null where no value is finite."""
+
+    maximum: float | None
+    mean: float | None
+    minimum: float | None
+    missing: int
+    quality: dict[str, int]
+    std: float | None
+
+
+class CodeOrder(TypedDict):
+    """For which role, and for which machines (null: all), a device is to be paired."""
+
+    machines: NotRequired[list[str] | None]
+    role: Literal["viewer", "operator", "engineer", "admin"]
+
+
+class CodeResource(TypedDict):
+    """A pairing code, its address for the device to be paired, and that address as a QR code (SVG)."""
+
+    code: str
+    expires: str
+    machines: list[str] | None
+    qr_svg: str
+    role: Literal["viewer", "operator", "engineer", "admin"]
+    url: str
+
+
+class ComparisonResource(TypedDict):
+    """Two calibrations side by side."""
+
+    a: CalibrationResource
+    b: CalibrationResource
+    errors: dict[str, JointErrors]
+    parameters: list[ShiftResource]
+
+
+class Decision(TypedDict):
+    """Why."""
+
+    note: NotRequired[str]
+
+
+class EntryList(TypedDict):
+    """A page of the audit log, newest first."""
+
+    items: list[EntryResource]
+    next: int | None
+
+
+class EntryResource(TypedDict):
+    """An entry of the audit log; `hash` covers it and the hash of the entry before."""
+
+    action: str
+    detail: dict[str, Any]
+    hash: str
+    number: int
+    principal: str
+    subject: str
+    time: str
+
+
+class ExcitationList(TypedDict):
+    """A page of excitations."""
+
+    items: list[ExcitationResource]
+    next: int | None
+
+
+class ExcitationOrder(TypedDict):
+    """What motion to design."""
+
+    duration_s: NotRequired[float | None]
+    joints: NotRequired[list[str] | None]
+    label: NotRequired[str]
+    machine: str
+    max_flow_l_min: NotRequired[float | None]
+    max_frequency_hz: NotRequired[float | None]
+    max_pressure_bar: NotRequired[float | None]
+    rods: NotRequired[Literal["pinned", "unpinned"]]
+    seed: NotRequired[int]
+    starts: NotRequired[int | None]
+    use: NotRequired[float | None]
+
+
+class ExcitationResource(TypedDict):
+    """An excitation; what its design found is there once its job is done."""
+
+    condition_number: NotRequired[float | None]
+    created: str
+    id: str
+    job: str
+    joints: NotRequired[list[str] | None]
+    label: str
+    limits: NotRequired[list[dict[str, Any]] | None]
+    machine: str
+    machine_version: int
+    not_told: NotRequired[list[str] | None]
+    options: dict[str, Any]
+    rods: NotRequired[Literal["pinned", "unpinned"] | None]
+    seconds: NotRequired[float | None]
+    state: Literal["queued", "running", "done", "failed", "cancelled"]
+
+
+class Health(TypedDict):
+    """Answered when HTTP and the store work."""
+
+    status: Literal["ok"]
+
+
+class HolderList(TypedDict):
+    """A page of devices or keys."""
+
+    items: list[HolderResource]
+    next: int | None
+
+
+class HolderResource(TypedDict):
+    """A paired device or an API key."""
+
+    created: str
+    created_by: str
+    id: str
+    kind: Literal["device", "key"]
+    machines: list[str] | None
+    name: str
+    role: Literal["viewer", "operator", "engineer", "admin"]
+
+
+class IdentificationList(TypedDict):
+    """A page of identifications."""
+
+    items: list[IdentificationResource]
+    next: int | None
+
+
+class IdentificationOptions(TypedDict):
+    """Choices of an identification (:class:`fitting.session.Options`)."""
+
+    bandwidth_hz: NotRequired[float | None]
+    bootstrap: NotRequired[int]
+    covariance: NotRequired[Literal["hac", "bootstrap", "white"]]
+    estimator: NotRequired[str]
+    forgetting: NotRequired[float]
+    loop: NotRequired[bool]
+    prior: NotRequired[None]
+
+
+class IdentificationOrder(TypedDict):
+    """What to identify."""
+
+    label: NotRequired[str]
+    machine: str
+    options: NotRequired[IdentificationOptions]
+    recordings: list[RecordingChoice]
+
+
+class IdentificationResource(TypedDict):
+    """An identification; `verdict` and `overall` are there once its job is done."""
+
+    created: str
+    id: str
+    job: str
+    label: str
+    machine: str
+    machine_version: int
+    options: dict[str, Any]
+    overall: dict[str, Any] | None
+    recordings: list[RecordingChoice]
+    verdict: str | None
+
+
+class JobList(TypedDict):
+    """A page of jobs."""
+
+    items: list[JobResource]
+    next: int | None
+
+
+class JobResource(TypedDict):
+    """A job as it is now; `fraction` is 0 to 1 over all stages."""
+
+    cancel_requested: bool
+    created: str
+    ended: str | None
+    error: str | None
+    fraction: float
+    id: str
+    kind: str
+    label: str
+    stage: str | None
+    stages: list[str]
+    started: str | None
+    state: Literal["queued", "running", "done", "failed", "cancelled"]
+    subject: str
+    text: str
+
+
+class JointErrors(TypedDict):
+    """Error of a joint on the validation motion, after each fit."""
+
+    a: float | None
+    b: float | None
+    unit: str | None
+
+
+class KeyOrder(TypedDict):
+    """An API key for a program."""
+
+    machines: NotRequired[list[str] | None]
+    name: str
+    role: Literal["viewer", "operator", "engineer", "admin"]
+
+
+class MachineCheck(TypedDict):
+    """A machine file without fault: the machine's name, and the version that it would be (the current one as it is)."""
+
+    name: str
+    version: int
+
+
+class MachineDetail(TypedDict):
+    """A machine with its validated file and the state of its acquisition."""
+
+    acquire: bool
+    acquisition: dict[str, Any]
+    created: str
+    current: int
+    machine: dict[str, Any]
+    name: str
+    sha256: str
+    version: int
+    versions: list[int]
+
+
+class MachineList(TypedDict):
+    """A page of machines; `next` is the cursor of the next page."""
+
+    items: list[MachineSummary]
+    next: int | None
+
+
+class MachineSummary(TypedDict):
+    """A machine: its current version, and whether it is acquired."""
+
+    acquire: bool
+    created: str
+    current: int
+    name: str
+    sha256: str
+    version: int
+
+
+class MonitorResource(TypedDict):
+    """The monitor of a machine; `reason` says why it is off, `delay_s` how late the residual is."""
+
+    calibration: NotRequired[str | None]
+    delay_s: NotRequired[float | None]
+    joints: NotRequired[list[MonitoredJoint]]
+    reason: NotRequired[str | None]
+    since: NotRequired[str | None]
+    state: Literal["off", "learning", "watching", "drift"]
+    time: NotRequired[float | None]
+
+
+class MonitoredJoint(TypedDict):
+    """One joint's residual and its cumulative sums."""
+
+    cusum: float
+    false_alarms_per_year: float
+    joint: str
+    learnt: float
+    residual: float | None
+    statistic: str
+    threshold: float
+    unit: str
+
+
+class NewKey(TypedDict):
+    """An API key with its secret, which is shown this once."""
+
+    created: str
+    created_by: str
+    id: str
+    key: str
+    kind: Literal["device", "key"]
+    machines: list[str] | None
+    name: str
+    role: Literal["viewer", "operator", "engineer", "admin"]
+
+
+class Paired(TypedDict):
+    """The device's token: it is shown this once."""
+
+    principal: PrincipalResource
+    token: str
+
+
+class Pairing(TypedDict):
+    """The code, and what the device is to be called."""
+
+    code: str
+    name: str
+
+
+class Parameter(TypedDict):
+    """A parameter in the unit that it has in the report."""
+
+    name: str
+    std: float | None
+    unit: str | None
+    value: float | None
+
+
+class PrincipalResource(TypedDict):
+    """Who asks; `machines` null: all of them."""
+
+    id: str
+    kind: Literal["device", "key", "local", "service"]
+    machines: list[str] | None
+    name: str
+    role: Literal["viewer", "operator", "engineer", "admin"]
+
+
+class Problem(TypedDict):
+    """A problem document: what went wrong with one request, and what to do."""
+
+    detail: str
+    errors: NotRequired[list[dict[str, Any]] | None]
+    instance: str
+    status: int
+    title: str
+    type: str
+
+
+class Proposal(TypedDict):
+    """Propose an identification as a calibration; without a label it has the identification's."""
+
+    identification: str
+    label: NotRequired[str]
+
+
+class RecalibrationResource(TypedDict):
+    """A recalibration; its id is the `subject` of its job. What it has not come to is null."""
+
+    calibration: str | None
+    comparison: dict[str, Any] | None
+    created: str
+    id: str
+    identification: str | None
+    job: str
+    label: str
+    machine: str
+    recordings: dict[str, str]
+    schedule: str | None
+    state: Literal["queued", "running", "done", "failed", "cancelled"]
+
+
+class RecordingChoice(TypedDict):
+    """A recording to identify from, by default in the role that it was recorded in."""
+
+    id: str
+    role: NotRequired[Literal["unloaded", "train", "repeat", "validate", "operation"] | None]
+
+
+class RecordingList(TypedDict):
+    """A page of recordings."""
+
+    items: list[RecordingResource]
+    next: int | None
+
+
+class RecordingResource(TypedDict):
+    """A recording; `statistics` count rows, gaps and what the acquisition lost while it ran."""
+
+    bytes: int | None
+    created: str
+    ended: str | None
+    error: str | None
+    format: Literal["parquet", "csv"]
+    id: str
+    label: str
+    machine: str
+    machine_version: int
+    origin: Literal["recorded", "uploaded"]
+    role: str
+    sha256: str | None
+    state: Literal["recording", "sealed", "failed"]
+    statistics: dict[str, Any]
+
+
+class RecordingStart(TypedDict):
+    """Start recording a machine that is being acquired; without `seconds` until it is stopped."""
+
+    label: NotRequired[str]
+    machine: str
+    role: Literal["unloaded", "train", "repeat", "validate", "operation"]
+    seconds: NotRequired[float | None]
+
+
+class RecordingStatistics(TypedDict):
+    """A recording's rows, its time in s, its gaps (steps of more than one and a half periods), and its channels."""
+
+    channels: dict[str, ChannelStatistics]
+    gaps: int
+    rate_hz: float
+    rows: int
+    seconds: float
+
+
+class ScheduleList(TypedDict):
+    """A page of schedules."""
+
+    items: list[ScheduleResource]
+    next: int | None
+
+
+class ScheduleResource(TypedDict):
+    """A schedule; `next` is its next slot in UTC, `last` the last that had its turn."""
+
+    activate: NotRequired[Literal["never", "if_better"]]
+    created: str
+    cron: str
+    deadline_s: NotRequired[float]
+    duration_s: NotRequired[float]
+    enabled: NotRequired[bool]
+    excitations: NotRequired[list[str]]
+    id: str
+    label: NotRequired[str]
+    last: str | None
+    machine: str
+    motion: NotRequired[Literal["operation", "standard"]]
+    next: str | None
+    options: NotRequired[IdentificationOptions]
+    timezone: NotRequired[str]
+
+
+class ScheduleWish(TypedDict):
+    """When and how a machine is recalibrated."""
+
+    activate: NotRequired[Literal["never", "if_better"]]
+    cron: str
+    deadline_s: NotRequired[float]
+    duration_s: NotRequired[float]
+    enabled: NotRequired[bool]
+    excitations: NotRequired[list[str]]
+    label: NotRequired[str]
+    machine: str
+    motion: NotRequired[Literal["operation", "standard"]]
+    options: NotRequired[IdentificationOptions]
+    timezone: NotRequired[str]
+
+
+class Sent(TypedDict):
+    """The controller has the motion, and follows it after those that came before."""
+
+    name: str
+
+
+class Shelf(TypedDict):
+    """How long an alarm is to be quiet, and why."""
+
+    reason: str
+    seconds: float
+
+
+class ShiftResource(TypedDict):
+    """A parameter in both; `sigmas` is how far b is from a in standard deviations of the difference."""
+
+    a: float | None
+    a_std: float | None
+    b: float | None
+    b_std: float | None
+    name: str
+    sigmas: float | None
+    unit: str | None
+
+
+class SlotList(TypedDict):
+    """The newest slots of a schedule, newest first."""
+
+    items: list[SlotResource]
+
+
+class SlotResource(TypedDict):
+    """A slot in UTC; `coalesced`: it had its turn together with a later one."""
+
+    calibration: str | None
+    job: str | None
+    note: str
+    slot: str
+    state: Literal["done", "failed", "missed", "coalesced", "running"]
+
+
+class Status(TypedDict):
+    """The service at a glance; a list need not be read again until its number in `revisions` moves."""
+
+    acquisition: dict[str, dict[str, Any]]
+    jobs: dict[str, int]
+    revisions: dict[str, int]
+    started: str
+    version: str
+
+
+class UpcomingSlots(TypedDict):
+    """The next slots of a cron expression, in UTC; fewer where it ends."""
+
+    slots: list[str]
+
+
+class VerificationResource(TypedDict):
+    """Whether the log is as it was written."""
+
+    entries: int
+    first_broken: int | None
+    intact: bool
+    last_hash: str | None
+
+
+class AccessApi:
+    """What is below ``/access``."""
+
+    def __init__(self, transport: Transport) -> None:
+        self._transport = transport
+
+    def list_devices(self, *, limit: int | None = None, cursor: int | None = None) -> HolderList:
+        """List paired devices."""
+        answer: HolderList = self._transport.json(
+            "GET", "/api/v1/access/devices", query={"limit": limit, "cursor": cursor}
+        )
+        return answer
+
+    def remove_device(self, id: str) -> None:
+        """Unpair a device: its token is worth nothing from now on."""
+        self._transport.nothing("DELETE", f"/api/v1/access/devices/{self._transport.quoted(id)}")
+
+    def list_keys(self, *, limit: int | None = None, cursor: int | None = None) -> HolderList:
+        """List API keys."""
+        answer: HolderList = self._transport.json(
+            "GET", "/api/v1/access/keys", query={"limit": limit, "cursor": cursor}
+        )
+        return answer
+
+    def make_key(self, *, idempotency_key: str | None = None, **body: Unpack[KeyOrder]) -> NewKey:
+        """Make an API key for a program; its secret is shown this once."""
+        answer: NewKey = self._transport.json(
+            "POST", "/api/v1/access/keys", json=dict(body), headers={"idempotency-key": idempotency_key}
+        )
+        return answer
+
+    def remove_key(self, id: str) -> None:
+        """Revoke an API key."""
+        self._transport.nothing("DELETE", f"/api/v1/access/keys/{self._transport.quoted(id)}")
+
+    def get_key(self, id: str) -> HolderResource:
+        """Read an API key, without its secret."""
+        answer: HolderResource = self._transport.json("GET", f"/api/v1/access/keys/{self._transport.quoted(id)}")
+        return answer
+
+    def me(self) -> PrincipalResource:
+        """Who asks."""
+        answer: PrincipalResource = self._transport.json("GET", "/api/v1/access/me")
+        return answer
+
+    def pair(self, **body: Unpack[Pairing]) -> Paired:
+        """Pair a device by a code that an admin made; the token is shown this once."""
+        answer: Paired = self._transport.json("POST", "/api/v1/access/pair", json=dict(body))
+        return answer
+
+    def make_pairing_code(self, *, idempotency_key: str | None = None, **body: Unpack[CodeOrder]) -> CodeResource:
+        """Make a code that pairs one device within a quarter of an hour; one `Idempotency-Key` makes one code."""
+        answer: CodeResource = self._transport.json(
+            "POST", "/api/v1/access/pairing-codes", json=dict(body), headers={"idempotency-key": idempotency_key}
+        )
+        return answer
+
+
+class AlarmsApi:
+    """What is below ``/alarms``."""
+
+    def __init__(self, transport: Transport) -> None:
+        self._transport = transport
+
+    def list_alarms(
+        self,
+        *,
+        machine: str | None = None,
+        state: Literal["active", "cleared"] | None = None,
+        limit: int | None = None,
+        cursor: int | None = None,
+    ) -> AlarmList:
+        """List alarms, newest first; one of the service as a whole has no machine."""
+        answer: AlarmList = self._transport.json(
+            "GET", "/api/v1/alarms", query={"machine": machine, "state": state, "limit": limit, "cursor": cursor}
+        )
+        return answer
+
+    def get(self, id: str) -> AlarmResource:
+        """Read an alarm; its `ETag` is for changing it."""
+        answer: AlarmResource = self._transport.json("GET", f"/api/v1/alarms/{self._transport.quoted(id)}")
+        return answer
+
+    def acknowledge(self, id: str, *, if_match: str | None = None) -> AlarmResource:
+        """Say that somebody has seen it; the first who says so stays named."""
+        answer: AlarmResource = self._transport.json(
+            "POST", f"/api/v1/alarms/{self._transport.quoted(id)}/acknowledge", headers={"if-match": if_match}
+        )
+        return answer
+
+    def shelve(self, id: str, *, if_match: str | None = None, **body: Unpack[Shelf]) -> AlarmResource:
+        """Keep an alarm quiet for a while: it is tracked, but nobody is to be called."""
+        answer: AlarmResource = self._transport.json(
+            "POST",
+            f"/api/v1/alarms/{self._transport.quoted(id)}/shelve",
+            json=dict(body),
+            headers={"if-match": if_match},
+        )
+        return answer
+
+    def unshelve(self, id: str, *, if_match: str | None = None) -> AlarmResource:
+        """Let a shelved alarm be heard again."""
+        answer: AlarmResource = self._transport.json(
+            "POST", f"/api/v1/alarms/{self._transport.quoted(id)}/unshelve", headers={"if-match": if_match}
+        )
+        return answer
+
+
+class AuditApi:
+    """What is below ``/audit``."""
+
+    def __init__(self, transport: Transport) -> None:
+        self._transport = transport
+
+    def list_entries(
+        self, *, action: str | None = None, limit: int | None = None, cursor: int | None = None
+    ) -> EntryList:
+        """List the audit log, newest first."""
+        answer: EntryList = self._transport.json(
+            "GET", "/api/v1/audit", query={"action": action, "limit": limit, "cursor": cursor}
+        )
+        return answer
+
+    def verify(self) -> VerificationResource:
+        """Compute the chain of hashes again: whether the log is as it was written."""
+        answer: VerificationResource = self._transport.json("GET", "/api/v1/audit/verification")
+        return answer
+
+
+class BackupsApi:
+    """What is below ``/backups``."""
+
+    def __init__(self, transport: Transport) -> None:
+        self._transport = transport
+
+    def list_backups(self) -> BackupList:
+        """List backups, newest first."""
+        answer: BackupList = self._transport.json("GET", "/api/v1/backups")
+        return answer
+
+    def make(self) -> BackupResource:
+        """Make a backup now."""
+        answer: BackupResource = self._transport.json("POST", "/api/v1/backups")
+        return answer
+
+
+class CalibrationsApi:
+    """What is below ``/calibrations``."""
+
+    def __init__(self, transport: Transport) -> None:
+        self._transport = transport
+
+    def list_calibrations(
+        self,
+        *,
+        machine: str | None = None,
+        state: Literal["proposed", "approved", "rejected", "active", "retired"] | None = None,
+        limit: int | None = None,
+        cursor: int | None = None,
+    ) -> CalibrationList:
+        """List calibrations, newest first."""
+        answer: CalibrationList = self._transport.json(
+            "GET", "/api/v1/calibrations", query={"machine": machine, "state": state, "limit": limit, "cursor": cursor}
+        )
+        return answer
+
+    def propose(self, **body: Unpack[Proposal]) -> CalibrationResource:
+        """Propose an identification that is done; one that was proposed before is answered with 200 as it is."""
+        answer: CalibrationResource = self._transport.json("POST", "/api/v1/calibrations", json=dict(body))
+        return answer
+
+    def compare(self, *, a: str, b: str) -> ComparisonResource:
+        """Two calibrations of one machine: every parameter, how far it moved, and the errors per joint."""
+        answer: ComparisonResource = self._transport.json("GET", "/api/v1/calibrations/compare", query={"a": a, "b": b})
+        return answer
+
+    def get(self, id: str) -> CalibrationResource:
+        """Read a calibration; its `ETag` is for changing it."""
+        answer: CalibrationResource = self._transport.json("GET", f"/api/v1/calibrations/{self._transport.quoted(id)}")
+        return answer
+
+    def activate(self, id: str, *, if_match: str | None = None) -> CalibrationResource:
+        """Use an approved calibration; the one in use before is retired."""
+        answer: CalibrationResource = self._transport.json(
+            "POST", f"/api/v1/calibrations/{self._transport.quoted(id)}/activate", headers={"if-match": if_match}
+        )
+        return answer
+
+    def approve(self, id: str, *, if_match: str | None = None, **body: Unpack[Decision]) -> CalibrationResource:
+        """Approve a proposed calibration; who proposed it may not."""
+        answer: CalibrationResource = self._transport.json(
+            "POST",
+            f"/api/v1/calibrations/{self._transport.quoted(id)}/approve",
+            json=dict(body),
+            headers={"if-match": if_match},
+        )
+        return answer
+
+    def model(self, id: str) -> dict[str, Any]:
+        """Download the fitted model (schema `hilfit/model/1`)."""
+        answer: dict[str, Any] = self._transport.json(
+            "GET", f"/api/v1/calibrations/{self._transport.quoted(id)}/model.json"
+        )
+        return answer
+
+    def reject(self, id: str, *, if_match: str | None = None, **body: Unpack[Decision]) -> CalibrationResource:
+        """Reject a calibration that is not in use and never was."""
+        answer: CalibrationResource = self._transport.json(
+            "POST",
+            f"/api/v1/calibrations/{self._transport.quoted(id)}/reject",
+            json=dict(body),
+            headers={"if-match": if_match},
+        )
+        return answer
+
+
+class EffectsApi:
+    """What is below ``/effects``."""
+
+    def __init__(self, transport: Transport) -> None:
+        self._transport = transport
+
+    def list_effects(self) -> dict[str, list[dict[str, Any]]]:
+        """List effects."""
+        answer: dict[str, list[dict[str, Any]]] = self._transport.json("GET", "/api/v1/effects")
+        return answer
+
+    def get(self, id: str) -> dict[str, Any]:
+        """Read an effect."""
+        answer: dict[str, Any] = self._transport.json("GET", f"/api/v1/effects/{self._transport.quoted(id)}")
+        return answer
+
+
+class EventsApi:
+    """What is below ``/events``."""
+
+    def __init__(self, transport: Transport) -> None:
+        self._transport = transport
+
+    def events(self) -> Iterator[dict[str, Any]]:
+        """Follow the revision counters of `/status`: all of them at first, then each when it moves."""
+        return self._transport.events("GET", "/api/v1/events")
+
+
+class ExcitationsApi:
+    """What is below ``/excitations``."""
+
+    def __init__(self, transport: Transport) -> None:
+        self._transport = transport
+
+    def list_excitations(
+        self, *, machine: str | None = None, limit: int | None = None, cursor: int | None = None
+    ) -> ExcitationList:
+        """List excitations, newest first."""
+        answer: ExcitationList = self._transport.json(
+            "GET", "/api/v1/excitations", query={"machine": machine, "limit": limit, "cursor": cursor}
+        )
+        return answer
+
+    def order(self, *, idempotency_key: str | None = None, **body: Unpack[ExcitationOrder]) -> ExcitationResource:
+        """Order the design of a motion: its job is at `Location`; one `Idempotency-Key` makes one job."""
+        answer: ExcitationResource = self._transport.json(
+            "POST", "/api/v1/excitations", json=dict(body), headers={"idempotency-key": idempotency_key}
+        )
+        return answer
+
+    def get(self, id: str) -> ExcitationResource:
+        """Read an excitation."""
+        answer: ExcitationResource = self._transport.json("GET", f"/api/v1/excitations/{self._transport.quoted(id)}")
+        return answer
+
+    def motion(self, id: str) -> str:
+        """The motion file, for the arm's own controller."""
+        return self._transport.text("GET", f"/api/v1/excitations/{self._transport.quoted(id)}/motion.csv")
+
+    def send(self, id: str) -> Sent:
+        """Hand the motion to the simulated machine's controller; 409 for a real machine, whose controller is its own."""
+        answer: Sent = self._transport.json("POST", f"/api/v1/excitations/{self._transport.quoted(id)}/send")
+        return answer
+
+
+class IdentificationsApi:
+    """What is below ``/identifications``."""
+
+    def __init__(self, transport: Transport) -> None:
+        self._transport = transport
+
+    def list_identifications(
+        self, *, machine: str | None = None, limit: int | None = None, cursor: int | None = None
+    ) -> IdentificationList:
+        """List identifications, newest first."""
+        answer: IdentificationList = self._transport.json(
+            "GET", "/api/v1/identifications", query={"machine": machine, "limit": limit, "cursor": cursor}
+        )
+        return answer
+
+    def order(
+        self, *, idempotency_key: str | None = None, **body: Unpack[IdentificationOrder]
+    ) -> IdentificationResource:
+        """Order an identification: its job is at `Location`; one `Idempotency-Key` makes one job."""
+        answer: IdentificationResource = self._transport.json(
+            "POST", "/api/v1/identifications", json=dict(body), headers={"idempotency-key": idempotency_key}
+        )
+        return answer
+
+    def get(self, id: str) -> IdentificationResource:
+        """Read an identification."""
+        answer: IdentificationResource = self._transport.json(
+            "GET", f"/api/v1/identifications/{self._transport.quoted(id)}"
+        )
+        return answer
+
+    def report_page(self, id: str) -> str:
+        """The result as a self-contained page."""
+        return self._transport.text("GET", f"/api/v1/identifications/{self._transport.quoted(id)}/report.html")
+
+    def report(self, id: str) -> dict[str, Any]:
+        """The result (schema `hilfit/report/1`)."""
+        answer: dict[str, Any] = self._transport.json(
+            "GET", f"/api/v1/identifications/{self._transport.quoted(id)}/report.json"
+        )
+        return answer
+
+
+class JobsApi:
+    """What is below ``/jobs``."""
+
+    def __init__(self, transport: Transport) -> None:
+        self._transport = transport
+
+    def list_jobs(
+        self,
+        *,
+        state: Literal["queued", "running", "done", "failed", "cancelled"] | None = None,
+        limit: int | None = None,
+        cursor: int | None = None,
+    ) -> JobList:
+        """List jobs, newest first; a page may be short where jobs of other machines are left out."""
+        answer: JobList = self._transport.json(
+            "GET", "/api/v1/jobs", query={"state": state, "limit": limit, "cursor": cursor}
+        )
+        return answer
+
+    def get(self, id: str) -> JobResource:
+        """Read a job."""
+        answer: JobResource = self._transport.json("GET", f"/api/v1/jobs/{self._transport.quoted(id)}")
+        return answer
+
+    def cancel(self, id: str) -> JobResource:
+        """Ask a job to stop; one that has ended stays as it is."""
+        answer: JobResource = self._transport.json("POST", f"/api/v1/jobs/{self._transport.quoted(id)}/cancel")
+        return answer
+
+    def events(
+        self, id: str, *, after: int | None = None, last_event_id: str | None = None
+    ) -> Iterator[dict[str, Any]]:
+        """Follow a job as server-sent events; the stream ends with the job. Each event's `id` is its number."""
+        return self._transport.events(
+            "GET",
+            f"/api/v1/jobs/{self._transport.quoted(id)}/events",
+            query={"after": after},
+            headers={"last-event-id": last_event_id},
+        )
+
+
+class LiveApi:
+    """What is below ``/live``."""
+
+    def __init__(self, transport: Transport) -> None:
+        self._transport = transport
+
+    def snapshot(self, *, machine: str | None = None) -> dict[str, dict[str, Any]]:
+        """The newest values, with quality and age, of one machine or of all, by machine name."""
+        answer: dict[str, dict[str, Any]] = self._transport.json("GET", "/api/v1/live", query={"machine": machine})
+        return answer
+
+
+class MachinesApi:
+    """What is below ``/machines``."""
+
+    def __init__(self, transport: Transport) -> None:
+        self._transport = transport
+
+    def list_machines(self, *, limit: int | None = None, cursor: int | None = None) -> MachineList:
+        """List machines."""
+        answer: MachineList = self._transport.json("GET", "/api/v1/machines", query={"limit": limit, "cursor": cursor})
+        return answer
+
+    def upload(self, content: bytes, *, if_match: str | None = None) -> MachineSummary:
+        """Upload a machine file: a new machine or a new version (200 if it is the current version already)."""
+        answer: MachineSummary = self._transport.json(
+            "POST", "/api/v1/machines", content=content, headers={"if-match": if_match}
+        )
+        return answer
+
+    def check(self, content: bytes) -> MachineCheck:
+        """Check a machine file as an upload of it would; nothing is stored."""
+        answer: MachineCheck = self._transport.json("POST", "/api/v1/machines/check", content=content)
+        return answer
+
+    def get(self, name: str, *, version: int | None = None) -> MachineDetail:
+        """Read a machine: its file, validated, as JSON, and the state of its acquisition."""
+        answer: MachineDetail = self._transport.json(
+            "GET", f"/api/v1/machines/{self._transport.quoted(name)}", query={"version": version}
+        )
+        return answer
+
+    def acquisition(self, name: str, **body: Unpack[AcquisitionWish]) -> MachineDetail:
+        """Start or stop acquiring a machine; it stays so over restarts."""
+        answer: MachineDetail = self._transport.json(
+            "PUT", f"/api/v1/machines/{self._transport.quoted(name)}/acquisition", json=dict(body)
+        )
+        return answer
+
+    def roll_back(self, name: str) -> CalibrationResource:
+        """Use the calibration again that was in use before the active one."""
+        answer: CalibrationResource = self._transport.json(
+            "POST", f"/api/v1/machines/{self._transport.quoted(name)}/calibrations/rollback"
+        )
+        return answer
+
+    def file(self, name: str, *, version: int | None = None) -> bytes:
+        """Read a machine file as it was uploaded."""
+        return self._transport.content(
+            "GET", f"/api/v1/machines/{self._transport.quoted(name)}/file", query={"version": version}
+        )
+
+    def monitor(self, name: str) -> MonitorResource:
+        """Whether a machine still does what its active calibration says, joint by joint."""
+        answer: MonitorResource = self._transport.json(
+            "GET", f"/api/v1/machines/{self._transport.quoted(name)}/monitor"
+        )
+        return answer
+
+
+class RecalibrationsApi:
+    """What is below ``/recalibrations``."""
+
+    def __init__(self, transport: Transport) -> None:
+        self._transport = transport
+
+    def get(self, id: str) -> RecalibrationResource:
+        """Read a recalibration, with the table of errors before and after."""
+        answer: RecalibrationResource = self._transport.json(
+            "GET", f"/api/v1/recalibrations/{self._transport.quoted(id)}"
+        )
+        return answer
+
+
+class RecordingsApi:
+    """What is below ``/recordings``."""
+
+    def __init__(self, transport: Transport) -> None:
+        self._transport = transport
+
+    def list_recordings(
+        self,
+        *,
+        machine: str | None = None,
+        role: Literal["unloaded", "train", "repeat", "validate", "operation"] | None = None,
+        state: Literal["recording", "sealed", "failed"] | None = None,
+        limit: int | None = None,
+        cursor: int | None = None,
+    ) -> RecordingList:
+        """List recordings, newest first."""
+        answer: RecordingList = self._transport.json(
+            "GET",
+            "/api/v1/recordings",
+            query={"machine": machine, "role": role, "state": state, "limit": limit, "cursor": cursor},
+        )
+        return answer
+
+    def start(self, *, idempotency_key: str | None = None, **body: Unpack[RecordingStart]) -> RecordingResource:
+        """Start recording a machine that is being acquired; one `Idempotency-Key` starts one recording."""
+        answer: RecordingResource = self._transport.json(
+            "POST", "/api/v1/recordings", json=dict(body), headers={"idempotency-key": idempotency_key}
+        )
+        return answer
+
+    def upload(
+        self,
+        content: bytes,
+        *,
+        machine: str,
+        role: Literal["unloaded", "train", "repeat", "validate", "operation"],
+        name: str,
+    ) -> RecordingResource:
+        """Upload a recording; one that `hilfit identify` would refuse is refused here."""
+        answer: RecordingResource = self._transport.json(
+            "POST", "/api/v1/recordings/upload", content=content, query={"machine": machine, "role": role, "name": name}
+        )
+        return answer
+
+    def delete(self, id: str) -> None:
+        """Delete a recording; one that an identification was made of has to stay."""
+        self._transport.nothing("DELETE", f"/api/v1/recordings/{self._transport.quoted(id)}")
+
+    def get(self, id: str) -> RecordingResource:
+        """Read a recording; while it is being recorded its statistics are live."""
+        answer: RecordingResource = self._transport.json("GET", f"/api/v1/recordings/{self._transport.quoted(id)}")
+        return answer
+
+    def data(self, id: str, *, format: Literal["parquet", "csv", "mdf4", "mcap"] | None = None) -> bytes:
+        """Download a recording, by default in the form in which it is kept."""
+        return self._transport.content(
+            "GET", f"/api/v1/recordings/{self._transport.quoted(id)}/data", query={"format": format}
+        )
+
+    def statistics(self, id: str) -> RecordingStatistics:
+        """What a sealed recording holds, channel by channel."""
+        answer: RecordingStatistics = self._transport.json(
+            "GET", f"/api/v1/recordings/{self._transport.quoted(id)}/statistics"
+        )
+        return answer
+
+    def stop(self, id: str) -> RecordingResource:
+        """Stop a recording and seal its file."""
+        answer: RecordingResource = self._transport.json(
+            "POST", f"/api/v1/recordings/{self._transport.quoted(id)}/stop"
+        )
+        return answer
+
+
+class SchedulesApi:
+    """What is below ``/schedules``."""
+
+    def __init__(self, transport: Transport) -> None:
+        self._transport = transport
+
+    def list_schedules(
+        self, *, machine: str | None = None, limit: int | None = None, cursor: int | None = None
+    ) -> ScheduleList:
+        """List schedules, newest first."""
+        answer: ScheduleList = self._transport.json(
+            "GET", "/api/v1/schedules", query={"machine": machine, "limit": limit, "cursor": cursor}
+        )
+        return answer
+
+    def create(self, *, idempotency_key: str | None = None, **body: Unpack[ScheduleWish]) -> ScheduleResource:
+        """Make a schedule; its first slot is the next one from now. One `Idempotency-Key` makes one schedule."""
+        answer: ScheduleResource = self._transport.json(
+            "POST", "/api/v1/schedules", json=dict(body), headers={"idempotency-key": idempotency_key}
+        )
+        return answer
+
+    def upcoming(self, *, cron: str, timezone: str | None = None) -> UpcomingSlots:
+        """When a schedule with this expression would run next; it is refused where a schedule with it would be."""
+        answer: UpcomingSlots = self._transport.json(
+            "GET", "/api/v1/schedules/upcoming", query={"cron": cron, "timezone": timezone}
+        )
+        return answer
+
+    def delete(self, id: str, *, if_match: str | None = None) -> None:
+        """Delete a schedule; its jobs and calibrations stay."""
+        self._transport.nothing(
+            "DELETE", f"/api/v1/schedules/{self._transport.quoted(id)}", headers={"if-match": if_match}
+        )
+
+    def get(self, id: str) -> ScheduleResource:
+        """Read a schedule; its `ETag` is for changing it."""
+        answer: ScheduleResource = self._transport.json("GET", f"/api/v1/schedules/{self._transport.quoted(id)}")
+        return answer
+
+    def change(self, id: str, *, if_match: str | None = None, **body: Unpack[ScheduleWish]) -> ScheduleResource:
+        """Change a schedule; slots before now that had no turn are forgotten."""
+        answer: ScheduleResource = self._transport.json(
+            "PUT", f"/api/v1/schedules/{self._transport.quoted(id)}", json=dict(body), headers={"if-match": if_match}
+        )
+        return answer
+
+    def run(self, id: str) -> JobResource:
+        """Recalibrate now, whatever the clock says; its job is at `Location`."""
+        answer: JobResource = self._transport.json("POST", f"/api/v1/schedules/{self._transport.quoted(id)}/run")
+        return answer
+
+    def list_slots(self, id: str, *, limit: int | None = None) -> SlotList:
+        """The newest slots that had their turn, newest first."""
+        answer: SlotList = self._transport.json(
+            "GET", f"/api/v1/schedules/{self._transport.quoted(id)}/slots", query={"limit": limit}
+        )
+        return answer
+
+
+class StatusApi:
+    """What is below ``/status``."""
+
+    def __init__(self, transport: Transport) -> None:
+        self._transport = transport
+
+    def status(self) -> Status:
+        """Revision counters, jobs and acquisition."""
+        answer: Status = self._transport.json("GET", "/api/v1/status")
+        return answer
+
+
+class HealthzApi:
+    """What is below ``/healthz``."""
+
+    def __init__(self, transport: Transport) -> None:
+        self._transport = transport
+
+    def healthz(self) -> Health:
+        """Whether HTTP and the store work."""
+        answer: Health = self._transport.json("GET", "/healthz")
+        return answer
+
+
+class MetricsApi:
+    """What is below ``/metrics``."""
+
+    def __init__(self, transport: Transport) -> None:
+        self._transport = transport
+
+    def read(self) -> str:
+        """What is counted, for Prometheus."""
+        return self._transport.text("GET", "/metrics")
+
+
+class Api:
+    """All resources of a service."""
+
+    def __init__(self, transport: Transport) -> None:
+        self.transport = transport
+        self.access = AccessApi(transport)
+        self.alarms = AlarmsApi(transport)
+        self.audit = AuditApi(transport)
+        self.backups = BackupsApi(transport)
+        self.calibrations = CalibrationsApi(transport)
+        self.effects = EffectsApi(transport)
+        self.events = EventsApi(transport)
+        self.excitations = ExcitationsApi(transport)
+        self.identifications = IdentificationsApi(transport)
+        self.jobs = JobsApi(transport)
+        self.live = LiveApi(transport)
+        self.machines = MachinesApi(transport)
+        self.recalibrations = RecalibrationsApi(transport)
+        self.recordings = RecordingsApi(transport)
+        self.schedules = SchedulesApi(transport)
+        self.status = StatusApi(transport)
+        self.healthz = HealthzApi(transport)
+        self.metrics = MetricsApi(transport)
