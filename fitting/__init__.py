@@ -10,6 +10,8 @@
 ``estimator_choice instruments body_prior``     which estimator stage 2 uses, and what it needs
 ``comparison flags``                            two stages against one; parameters that are hardly told
 ``effects residual loop``                       the catalogue, and the loop that chooses from it
+``stored streamed long_rows``                   recordings of hours: from a file, segment by segment
+``search_pieces everything sharper``            the loop on those: on which pieces, and held against everything
 ``session stages results report``               one identification, stage by stage, and its report
 =====================  =====================================================================================
 

@@ -17,7 +17,7 @@ from daq.errors import RecordingError
 from daq.machine_file import Joint, Machine
 from daq.recording import Recording
 from fitting.linkage import joint_motion, joint_position, lever_arm, piston_motion
-from fitting.signals import FilterBank, white_noise_std
+from fitting.signals import FilterBank, white_noise_of
 
 FloatArray = npt.NDArray[np.float64]
 BoolArray = npt.NDArray[np.bool_]
@@ -113,7 +113,7 @@ def position_channel_noise(machine: Machine, recordings: Sequence[Recording]) ->
     result = {}
     for channel in machine.channels:
         if channel.quantity in ("joint_position", "piston_position"):
-            stds = [white_noise_std(v[np.isfinite(v)]) for r in recordings for v in (r.values[channel.name],)]
+            stds = [_white_std(recording, channel.name) for recording in recordings]
             result[channel.name] = float(np.median(stds))
     return result
 
@@ -334,16 +334,21 @@ def _position_variances(machine: Machine, joint: Joint, recording: Recording) ->
     piston = machine.channel("piston_position", joint.name)
     result = {}
     if piston is not None:
-        values = recording.values[piston.name]
-        result["piston"] = max(white_noise_std(values[np.isfinite(values)]) ** 2, 1e-18)
+        result["piston"] = max(_white_std(recording, piston.name) ** 2, 1e-18)
     if angle is not None and (recording.role != "unloaded" or piston is None):
         values = recording.values[angle.name]
         values = values[np.isfinite(values)]
         scale = 1.0
         if joint.cylinder is not None:
             scale = float(np.sqrt(np.mean(lever_arm(joint.cylinder.linkage, values) ** 2)))
-        result["joint"] = max((scale * white_noise_std(values)) ** 2, 1e-18)
+        result["joint"] = max((scale * _white_std(recording, angle.name)) ** 2, 1e-18)
     return result
+
+
+def _white_std(recording: Recording, channel: str) -> float:
+    """White noise of a channel, between its gaps."""
+    values = recording.values[channel]
+    return white_noise_of([values[part] for part in recording.segments([channel])])
 
 
 def _effort(

@@ -222,7 +222,7 @@ class Extra:
     """Effect columns added to a design: ``columns[joint][segment]`` at full rate, (N, k), None where they are zero."""
 
     names: tuple[str, ...]
-    columns: tuple[tuple[FloatArray | None, ...], ...]
+    columns: Sequence[Sequence[FloatArray | None]]
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ found is handed over as plain JSON, and what is large (signals, columns) is comp
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 
@@ -26,6 +26,7 @@ from fitting.prior import Prior, mass_prior
 from fitting.regression import Design, NoiseModel, build_design
 from fitting.residual.kinematics import Corrections
 from fitting.residual.terms import Model, fit_model
+from fitting.search_pieces import choose_pieces, thinned
 from fitting.signals import FilterBank, edge_frequency, filter_bank, white_noise_std
 from fitting.stored import storing
 from fitting.streamed import triangle
@@ -39,6 +40,10 @@ _LEAST_BANDWIDTH = 3.0
 #: Samples of all joints together above which signals and columns are kept in a file (eight minutes of six joints at
 #: 50 Hz, some 200 MB): each takes up to 1.5 kB in memory.
 LONG_SAMPLES = 150_000
+#: The same with the loop, whose candidates' columns take some 6 kB for each in memory (five minutes of six joints).
+LOOP_SAMPLES = 90_000
+#: Samples of all joints together in the pieces of longer ones that the loop searches (four minutes of six joints).
+SEARCH_SAMPLES = 72_000
 
 
 @dataclass(frozen=True)
@@ -93,6 +98,32 @@ class Prepared:
     noise: NoiseModel
     fitted: tuple[int, ...]
     validate: tuple[int, ...]
+
+
+@dataclass(frozen=True)
+class Search:
+    """Where the loop searches.
+
+    Attributes
+    ----------
+    session : of the recordings, or of pieces of them on the recordings' own clocks
+    numbers : which recordings of the whole it has
+    pieces : how many stretches
+    seconds, of_seconds : how long they are, and how long the recordings are, s
+    gap : longest time between two pieces of a recording, s
+    """
+
+    session: Session
+    numbers: tuple[int, ...]
+    pieces: int
+    seconds: float
+    of_seconds: float
+    gap: float = 0.0
+
+    @property
+    def whole(self) -> bool:
+        """True where everything is searched."""
+        return self.seconds >= self.of_seconds
 
 
 class Session:
@@ -167,10 +198,34 @@ class Session:
     def long(self) -> bool:
         """True where the recordings' signals and columns are too many to be kept in memory.
 
-        The loop reads them again and again, so with it twice as many are kept.
+        The loop has thousands of columns, so with it that is sooner; it may search pieces only (:attr:`search`).
         """
         samples = sum(len(r) for r in self.recordings) * len(self.machine.joints)
-        return samples > LONG_SAMPLES * (2 if self.options.loop else 1)
+        return samples > (LOOP_SAMPLES if self.options.loop else LONG_SAMPLES)
+
+    @cached_property
+    def search(self) -> Search:
+        """What the loop searches on: the recordings themselves, or pieces of long ones."""
+        numbers = tuple(range(len(self.recordings)))
+        seconds = sum(r.duration for r in self.recordings)
+        if not self.long:
+            return Search(self, numbers, len(numbers), seconds, seconds)
+        budget = SEARCH_SAMPLES // len(self.machine.joints)
+        chosen = choose_pieces(self.machine, self.recordings, self.bank, budget)
+        recordings = [thinned(self.recordings[own.number], own.pieces) for own in chosen]
+        options = replace(self.options, bandwidth_hz=self.bank.bandwidth_hz)
+        return Search(
+            Session(self.machine, recordings, options),
+            tuple(own.number for own in chosen),
+            sum(len(own.pieces) for own in chosen),
+            sum(own.rows for own in chosen) / self.machine.rate_hz,
+            seconds,
+            max(own.gap for own in chosen) / self.machine.rate_hz,
+        )
+
+    def forget_search(self) -> None:
+        """Give the memory of :attr:`search` back."""
+        self.__dict__.pop("search", None)
 
     @cached_property
     def base(self) -> BaseParameters:

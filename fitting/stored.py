@@ -42,6 +42,11 @@ class StoredSegment(Segment):
         return own["_scratch"].read(own["_places"][name])
 
 
+def in_memory(segment: Segment) -> Segment:
+    """The same segment with its arrays read from the file."""
+    return Segment(**{item.name: getattr(segment, item.name) for item in fields(Segment)})
+
+
 class StoredBlock(JointBlock):
     """A block whose arrays are in a scratch file, but for the rows that are kept.
 

@@ -52,8 +52,19 @@ def fit_rows(
     if not design.stored:
         return solve(closing(whitened(design, noise, fitted, extra)), names)
     walk = _Walk(design, noise, tuple(fitted), extra, closing)
-    R = triangle(np.vstack([np.column_stack([r.A, r.b]) for r in rows]) for rows in walk)
+    R = _folded(walk)
     return _LongFit(solve([WhiteRows(R[:, :-1], R[:, -1], ())], names), R[:, :-1], walk)
+
+
+def folded(
+    design: Design, noise: NoiseModel, fitted: Sequence[int], extra: Extra, closing: Closing = lambda rows: rows
+) -> FloatArray:
+    """Triangle of the whitened rows ``[A b]`` of all joints over some segments (as :func:`fit_rows` fits them)."""
+    return _folded(_Walk(design, noise, tuple(fitted), extra, closing))
+
+
+def _folded(walk: Iterable[Sequence[WhiteRows]]) -> FloatArray:
+    return triangle(np.vstack([np.column_stack([r.A, r.b]) for r in rows]) for rows in walk)
 
 
 class _Walk:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property, partial
 from typing import overload
 
@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from fitting.drive import expected_sign
 from fitting.effects.base import DriveView, Ranges
+from fitting.preparation import Segment
 from fitting.regression import Design, Extra, predicted_effort
 from fitting.splines import evaluate, spline_knots
 
@@ -44,7 +45,7 @@ class LaterViews(Sequence[tuple[DriveView, ...]]):
 
 def signal_ranges(design: Design, fitted: Sequence[int], forces: Sequence[FloatArray]) -> tuple[Ranges, ...]:
     """Ranges of every joint's signals over the fitted segments; ``forces`` are (N, n) per segment of the design."""
-    starts = _recording_starts(design)
+    starts = recording_starts(design)
     result = []
     for joint in range(len(design.machine.joints)):
         x = np.concatenate([design.segments[i].x[:, joint] for i in fitted])
@@ -83,35 +84,50 @@ def build_views(design: Design, theta: FloatArray, fitted: Sequence[int], extra:
             rods.append(_rod_pressures(design, fitted, forces))
         return rods[0][index]
 
-    starts = _recording_starts(design)
+    starts = recording_starts(design)
     loaded = tuple(sorted({design.segments[i].recording for i in fitted if design.segments[i].loaded}))
-    views = []
-    for index in count:
-        segment = design.segments[index]
-        views.append(
-            tuple(
-                DriveView(
-                    machine=design.machine,
-                    joint=joint,
-                    segment=segment,
-                    bank=design.bank,
-                    noise=design.noise,
-                    forces=forces[index],
-                    loads=loads[index],
-                    rod_pressures=partial(rod_pressures, index),
-                    ranges=ranges,
-                    clock=segment.t - starts[segment.recording],
-                    base=design.parameters.base,
-                    base_values=theta[base],
-                    loaded_recordings=loaded,
-                )
-                for joint in range(joints)
-            )
+    return tuple(
+        views_of_segment(
+            design, theta, design.segments[i], forces[i], loads[i], partial(rod_pressures, i), ranges, starts, loaded
         )
-    return tuple(views)
+        for i in count
+    )
 
 
-def _recording_starts(design: Design) -> dict[int, float]:
+def views_of_segment(
+    design: Design,
+    theta: FloatArray,
+    segment: Segment,
+    forces: FloatArray,
+    loads: FloatArray,
+    rod_pressures: Callable[[], FloatArray],
+    ranges: tuple[Ranges, ...],
+    starts: Mapping[int, float],
+    loaded_recordings: tuple[int, ...],
+) -> tuple[DriveView, ...]:
+    """Views of all joints in one segment, from forces and loads (N, n); ``starts`` has the recordings' first times."""
+    return tuple(
+        DriveView(
+            machine=design.machine,
+            joint=joint,
+            segment=segment,
+            bank=design.bank,
+            noise=design.noise,
+            forces=forces,
+            loads=loads,
+            rod_pressures=rod_pressures,
+            ranges=ranges,
+            clock=segment.t - starts[segment.recording],
+            base=design.parameters.base,
+            base_values=theta[design.parameters.base_slice],
+            loaded_recordings=loaded_recordings,
+        )
+        for joint in range(len(design.machine.joints))
+    )
+
+
+def recording_starts(design: Design) -> dict[int, float]:
+    """Time of each recording's first sample, s."""
     starts: dict[int, float] = {}
     for segment in design.segments:
         starts[segment.recording] = min(starts.get(segment.recording, np.inf), float(segment.t[0]))
@@ -119,24 +135,46 @@ def _recording_starts(design: Design) -> dict[int, float]:
 
 
 def _rod_pressures(design: Design, fitted: Sequence[int], forces: Sequence[FloatArray]) -> list[FloatArray]:
-    """Rod pressures as a smooth function of motion, model force and time, (N, n) per segment.
+    """Rod pressures of :func:`rod_laws` in all segments, (N, n) each."""
+    laws = rod_laws(design, fitted, lambda index: forces[index])
+    return [
+        np.column_stack([np.full(len(force), np.nan) if law is None else law(index, force) for law in laws])
+        for index, force in enumerate(forces)
+    ]
+
+
+def rod_laws(
+    design: Design, fitted: Sequence[int], forces: Callable[[int], FloatArray], thin: int = 1
+) -> list[Callable[[int, FloatArray], FloatArray] | None]:
+    """Rod pressures as a smooth function of motion, model force and time: per joint a law, None without a sensor.
 
     A measured pressure holds the very disturbance that a regressor must not know (which chamber takes it up depends on
     the valve). So the pressure is replaced by its regression on signals that do not hold it: an instrument.
+
+    Parameters
+    ----------
+    forces : gives the model's forces (N, n) in a segment
+    thin : every so many-th sample is enough (of long recordings)
+
+    Returns
+    -------
+    list
+        Functions of a segment's number and its forces (N, n) that give pressures (N,).
     """
-    rods = [np.full_like(force, np.nan) for force in forces]
-    starts = _recording_starts(design)
+    starts = recording_starts(design)
+    laws: list[Callable[[int, FloatArray], FloatArray] | None] = []
     for joint in range(len(design.machine.joints)):
         if any(np.isnan(design.segments[i].p2[0, joint]) for i in fitted):
+            laws.append(None)
             continue
 
-        def signals(index: int, joint: int = joint) -> FloatArray:
+        def signals(index: int, force: FloatArray, joint: int = joint) -> FloatArray:
             segment = design.segments[index]
-            v, force = segment.v[:, joint], forces[index][:, joint]
+            v = segment.v[:, joint]
             clock = segment.t - starts[segment.recording]
-            return np.column_stack([v, force, segment.x[:, joint], segment.a[:, joint], clock])
+            return np.column_stack([v, force[:, joint], segment.x[:, joint], segment.a[:, joint], clock])
 
-        together = np.concatenate([signals(i) for i in fitted])
+        together = np.concatenate([signals(i, forces(i))[::thin] for i in fitted])
         knots = [spline_knots(column, 6) for column in together.T]
         noise = design.noise[joint].speed
 
@@ -146,10 +184,19 @@ def _rod_pressures(design: Design, fitted: Sequence[int], forces: Sequence[Float
             return np.hstack([*parts, sign[:, None], sign[:, None] * values[:, 1:2]])
 
         step = max(1, len(together) // 4000)  # a few thousand samples fix thirty coefficients
-        measured = np.concatenate([design.segments[i].p2[:, joint] for i in fitted])
+        measured = np.concatenate([design.segments[i].p2[::thin, joint] for i in fitted])
         table = basis(together[::step])
         scale = np.maximum(np.abs(table).max(axis=0), 1e-12)
         coefficients = np.linalg.lstsq(table / scale, measured[::step], rcond=1e-8)[0] / scale
-        for index in range(len(design.segments)):
-            rods[index][:, joint] = basis(signals(index)) @ coefficients
-    return rods
+
+        def law(
+            index: int,
+            force: FloatArray,
+            signals: Callable[[int, FloatArray], FloatArray] = signals,
+            basis: Callable[[FloatArray], FloatArray] = basis,
+            coefficients: FloatArray = coefficients,
+        ) -> FloatArray:
+            return np.asarray(basis(signals(index, force)) @ coefficients)
+
+        laws.append(law)
+    return laws
