@@ -173,7 +173,7 @@ def _white(
 
 def _width(term: Term) -> int:
     content = term.content
-    return len(content.knots) - 4 if isinstance(content, Law) else len(content.parameters)
+    return content.functions if isinstance(content, Law) else len(content.parameters)
 
 
 def _visibility(term: Term, squares: FloatArray, shadow: FloatArray) -> Visibility:

@@ -27,6 +27,7 @@ from fitting.residual.lines import Line, machine_lines
 from fitting.residual.null import Null, Replicas
 from fitting.residual.rules import ACCUSE, MISFIT_SHARE, MOST_RIVALS, SET_SHARE, SET_WIDTH
 from fitting.residual.scoring import Candidates, Score, score_terms
+from fitting.residual.surfaces import Surface
 from fitting.residual.terms import Model, Term, fit_model
 from fitting.residual.uncertainty import with_doubts
 from fitting.session import Options, Prepared, Session
@@ -359,6 +360,9 @@ def term_to_json(term: Term) -> dict[str, Any]:
             "loaded_only": content.loaded_only,
             "knots": list(content.knots),
         }
+        if isinstance(content, Surface):
+            law |= {"second": content.second, "second_other": content.second_other}
+            law |= {"second_range": list(content.second_range)}
     return {
         "effect": None if isinstance(content, Law) else content.id,
         "law": law,
@@ -370,13 +374,15 @@ def term_to_json(term: Term) -> dict[str, Any]:
 
 def term_from_json(value: Mapping[str, Any]) -> Term:
     """Inverse of :func:`term_to_json`."""
-    law = value["law"]
-    content: Effect | Law = (
-        effect(value["effect"])
-        if law is None
-        else Law(law["signal"], law["other"], law["signed"], law["loaded_only"], tuple(law["knots"]))
-    )
+    content: Effect | Law = effect(value["effect"]) if value["law"] is None else _law_from_json(value["law"])
     return Term(content, value["joint"], dict(value["shape"]), tuple(value["rebuilt"]))
+
+
+def _law_from_json(law: Mapping[str, Any]) -> Law:
+    first = (law["signal"], law["other"], law["signed"], law["loaded_only"], tuple(law["knots"]))
+    if "second" not in law:
+        return Law(*first)
+    return Surface(*first, law["second"], law["second_other"], tuple(law["second_range"]))
 
 
 def corrections_from_json(session: Session, steps: Sequence[Mapping[str, Any]]) -> Corrections:

@@ -18,6 +18,7 @@ from fitting.loop import corrections_from_json, final_model, term_from_json
 from fitting.report.model import Figures
 from fitting.residual.drawing_data import friction_curves, law_curve, scatter, worst_seconds
 from fitting.residual.laws import Law
+from fitting.residual.surfaces import second_variable
 from fitting.residual.terms import Model, Term
 from fitting.session import Prepared, Session
 
@@ -216,6 +217,7 @@ def _loop(session: Session, results: Results, model: Model, terms: list[Term]) -
                     "joint": names[term.joint or 0],
                     "variable": term.content.variable(tuple(names)),
                     "times_sign_of_speed": term.content.signed,
+                    **second_variable(term.content, tuple(names)),
                     "law": law_curve(term.content, model, part),
                     "unit": term.content.unit,
                     "added": True,
@@ -318,9 +320,15 @@ def _term_parameters(term: Term, model: Model, part: slice, names: list[str]) ->
     rebuilt = term.rebuilt or (0.0,) * len(term.content.parameters)
     values = {
         p.name: {"value": float(value) + already, "std": float(std), "unit": p.unit}
-        for p, value, std, already in zip(
-            term.content.parameters, model.fit.theta[part], model.fit.std[part], rebuilt, strict=True
+        for p, value, std, already, told in zip(
+            term.content.parameters,
+            model.fit.theta[part],
+            model.fit.std[part],
+            rebuilt,
+            model.fit.told[part],
+            strict=True,
         )
+        if told  # a column that the base takes whole has no value of its own
     }
     return {**values, **_shape_values(term.shape, names)}
 

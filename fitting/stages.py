@@ -25,6 +25,7 @@ from daq.errors import HilfitError, InputError
 from fitting.cylinder_stage import identify_cylinders
 from fitting.detection import visible_size
 from fitting.dynamics import self_check
+from fitting.everything import held_against_everything, said
 from fitting.loop import (
     corrections_from_json,
     final_model,
@@ -46,6 +47,7 @@ from fitting.residual.kinematics import Corrections
 from fitting.residual.laws import Law
 from fitting.residual.next_experiment import design_next
 from fitting.residual.rules import ACCUSE
+from fitting.residual.surfaces import second_variable
 from fitting.residual.terms import Model
 from fitting.results import build_report
 from fitting.session import Options, Request, Session
@@ -108,7 +110,7 @@ def residual(session: Session, results: Results, progress: Progress) -> dict[str
     floor = (
         effort_floor(prepared.design, model.fit.theta, prepared.pairs) if prepared.pairs else _estimated_floor(session)
     )
-    findings = kinematic_findings(session, progress)[0] if session.options.loop else ()
+    findings = kinematic_findings(session.search.session, progress)[0] if session.options.loop else ()
     return {
         "noise_floor": np.asarray(floor).tolist(),
         "measured": bool(prepared.pairs),
@@ -143,11 +145,15 @@ def attribution(session: Session, results: Results, progress: Progress) -> dict[
         nothing: dict[str, Any] = {key: [] for key in ("accepted", "candidates", "limits", "warnings")}
         nothing |= {key: [] for key in ("unconfirmed", "lines", "changes")}
         return nothing | {"verdict": "nothing_missing", "next_experiment": None}
-    corrections = _corrections(session, results)
-    found = run_attribution(session, corrections, progress)
+    corrections, search = _corrections(session, results), session.search
+    found = run_attribution(search.session, corrections, progress)
+    warnings = list(found.warnings)
+    if not search.whole:
+        found = held_against_everything(session, corrections, search, found, progress)
+        warnings.append(said(search))
     progress(0.92, "designing the experiment that tells rivals apart")
     names = tuple(joint.name for joint in session.machine.joints)
-    return {
+    result = {
         "verdict": found.verdict,
         "accepted": [_accepted(a) for a in found.accepted],
         "candidates": [
@@ -156,7 +162,8 @@ def attribution(session: Session, results: Results, progress: Progress) -> dict[
             if c.id != "law"
         ],
         "limits": _limits(found),
-        "warnings": list(found.warnings),
+        "warnings": warnings,
+        "searched": {"pieces": search.pieces, "seconds": search.seconds, "of_seconds": search.of_seconds},
         "unconfirmed": [_unconfirmed(item, names) for item in found.unconfirmed],
         "lines": [
             {
@@ -169,8 +176,10 @@ def attribution(session: Session, results: Results, progress: Progress) -> dict[
             for line in found.lines
         ],
         "changes": [_change(c, names) for c in found.changes],
-        "next_experiment": _next_experiment(session, found),
+        "next_experiment": _next_experiment(search.session, found),
     }
+    session.forget_search()
+    return result
 
 
 def _unconfirmed(item: Unconfirmed, names: tuple[str, ...]) -> dict[str, Any]:
@@ -180,6 +189,7 @@ def _unconfirmed(item: Unconfirmed, names: tuple[str, ...]) -> dict[str, Any]:
         "joint": item.score.term.joint,
         "variable": law.variable(names),
         "times_sign_of_speed": law.signed,
+        **second_variable(law, names),
         "unit": law.unit,
         "law": spline_curve(
             law,

@@ -42,6 +42,14 @@ class CrossCylinderCoupling(Effect):
         return np.column_stack([speed, np.abs(speed), speed * np.abs(speed), speed**2])
 
     def plausible(self, values: Sequence[float], stds: Sequence[float]) -> bool:
-        """A line's loss grows at least as fast as the flow: its linear and its quadratic part push the same way."""
-        pairs = ((values[0], values[2], stds[2]), (values[1], values[3], stds[3]))
-        return all(linear * square >= 0.0 or abs(square) < 2.0 * std for linear, square, std in pairs)
+        """A line's loss grows at least as fast as the flow: its linear and its quadratic part push the same way.
+
+        Asked of the odd and the even part each, where it is no bystander of the other.
+        """
+        sigmas = [abs(value) / max(std, 1e-300) for value, std in zip(values, stds, strict=True)]
+        return all(
+            values[linear] * values[square] >= 0.0
+            or min(sigmas[linear], sigmas[square]) < 2.0
+            or max(sigmas[linear], sigmas[square]) < 0.5 * max(sigmas)
+            for linear, square in ((0, 2), (1, 3))
+        )

@@ -29,8 +29,8 @@ class PositionHarmonic(Effect):
 
     def shapes(self, view: DriveView) -> Sequence[Shape]:
         """Grid of shapes; see :class:`Effect`."""
-        # Fewer than four periods over the stroke are no periodicity that data could show.
-        cycles = np.arange(4.0, 40.0, 0.75)
+        # Fewer than three periods over the stroke are no periodicity that data could show.
+        cycles = np.arange(3.25, 40.0, 0.75)
         return [{"pitch": view.range.span / c, "odd": odd} for c in cycles.tolist() for odd in (0.0, 1.0)]
 
     def columns(self, view: DriveView, shape: Shape) -> FloatArray:

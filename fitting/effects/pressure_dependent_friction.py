@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import numpy as np
+
 from daq.machine_file import Machine
 from fitting.effects.base import DriveView, Effect, FloatArray, Parameter, Shape, has_pressures
 
@@ -15,7 +17,7 @@ class PressureDependentFriction(Effect):
     title = "friction that grows with the chamber pressure"
     level = "cylinder"
     variable = "head_pressure"
-    equation = "(beta1 p1 + beta2 p2) sgn v"
+    equation = "beta p sgn v, p = p1 + p2, p1, p2, or max(p1, p2) + w p2 (piston seal and rod seal)"
     parity = "odd in v; there even without a load"
     parameters = (Parameter("beta", "N/Pa", low=0.0, high=0.01),)
     confounders = ("load_dependent_friction",)
@@ -28,10 +30,15 @@ class PressureDependentFriction(Effect):
 
     def shapes(self, view: DriveView) -> Sequence[Shape]:
         """Grid of shapes; see :class:`Effect`."""
-        return ({"head": 1.0, "rod": 1.0}, {"head": 1.0, "rod": 0.0}, {"head": 0.0, "rod": 1.0})
+        chambers = ({"head": 1.0, "rod": 1.0}, {"head": 1.0, "rod": 0.0}, {"head": 0.0, "rod": 1.0})
+        # A piston seal is pressed on by the higher of both pressures, the rod's by its own chamber's.
+        return (*chambers, *({"head": 0.0, "rod": 0.0, "rod_seal": share} for share in (0.2, 0.8)))
 
     def columns(self, view: DriveView, shape: Shape) -> FloatArray:
         """Columns (N, k); see :class:`Effect`."""
         # p1 is rebuilt from the model's force, so the noise of neither chamber's own effort enters twice.
-        pressure = shape["head"] * view.p1 + shape["rod"] * view.p2
+        if "rod_seal" in shape:
+            pressure = np.maximum(view.p1, view.p2) + shape["rod_seal"] * view.p2
+        else:
+            pressure = shape["head"] * view.p1 + shape["rod"] * view.p2
         return (pressure * view.s)[:, None]

@@ -175,6 +175,12 @@ def improvement(report: Mapping[str, Any], joints: Sequence[str | None]) -> str:
     return " and ".join(parts)
 
 
+def _signals(law: Mapping[str, Any]) -> str:
+    """What a law is a law of, in words."""
+    second = law.get("second_variable")
+    return words(str(law["variable"])) + (f" together with the {words(str(second))}" if second else "")
+
+
 def verdict_sentence(report: Mapping[str, Any], titles: Mapping[str, str]) -> str:
     """The verdict in one sentence.
 
@@ -208,7 +214,7 @@ def verdict_sentence(report: Mapping[str, Any], titles: Mapping[str, str]) -> st
             f"{listed(names, 'or')}"
         )
         return f"{sentence}; with the first of them added, {gain}." if gain else f"{sentence}."
-    lines = [f"the error {place(law.get('joint'))} follows the {words(str(law['variable']))}" for law in laws]
+    lines = [f"the error {place(law.get('joint'))} follows the {_signals(law)}" for law in laws]
     found = listed(list(dict.fromkeys(lines)))
     sentence = (
         f"{found[:1].upper()}{found[1:]}, and no known effect explains it"

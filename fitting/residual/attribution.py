@@ -25,12 +25,15 @@ from fitting.residual.rules import (
     ACCUSE,
     DOUBT_SHARE,
     LAW_WINS,
+    LAW_WINS_SHARE,
     LEAST_DRAWS,
     LEAST_Z_ALONE,
     MISFIT_SHARE,
     MISFIT_Z,
     MOST_CONTENDERS,
     MOST_EFFECTS,
+    MOST_SHARPENED,
+    NEAR_SHARE,
     OUTDONE_SHARE,
     OVERLAP,
     SERIES_SHARE,
@@ -45,6 +48,7 @@ from fitting.residual.scoring import (
     score_terms,
     white_columns,
 )
+from fitting.residual.surfaces import best_surface
 from fitting.residual.terms import Model, Term
 from fitting.residual.witness import Witness, objection, witness
 
@@ -132,6 +136,7 @@ class _Selection:
         self.limits: tuple[Score, ...] = ()
         self.scored: Model | None = None
         self.unconfirmed: list[Unconfirmed] = []
+        self.failed: list[Score] = []
         self.nulls: dict[tuple[object, ...], Null] = {}
         self.named: dict[Family, Score] = {}
         self.laws: dict[int | None, Score] = {}
@@ -144,12 +149,12 @@ class _Selection:
         rules.record(self.table, self.named, self.accepted)
         self._unbias()
         names, laws = (
-            [s for s in scores if not rules.is_fragment(s, self.unconfirmed, self.accepted)]
+            [s for s in scores if not rules.is_fragment(s, self.failed, self.accepted)]
             for scores in (self._open_names(), self._open_laws())
         )
         if self._outdone(names, laws):
             return True
-        choice = rules.choose(names, laws, self.accepted)
+        choice = rules.choose(self._sharpened(names, laws), laws, self.accepted)
         if choice is None or len(self.accepted) >= MOST_EFFECTS:
             return self._doubt()
         wrong = rules.refutes(choice, self.accepted) if isinstance(choice.term.content, Law) else None
@@ -158,6 +163,18 @@ class _Selection:
         else:
             self._try(choice)
         return True
+
+    def _sharpened(self, names: Sequence[Score], laws: Sequence[Score]) -> list[Score]:
+        """The names, those that a law would beat for want of a finer grid with their shapes searched.
+
+        A spline adapts itself; a name of the same joint that reaches :data:`NEAR_SHARE` of its gain is given the same.
+        """
+        choice = rules.choose(names, laws, self.accepted)
+        if choice is None or not isinstance(choice.term.content, Law):
+            return list(names)
+        near = [s for s in names if s.term.joint == choice.term.joint and s.gain > NEAR_SHARE * choice.gain]
+        near = sorted(near, key=lambda s: -s.score)[:MOST_SHARPENED]
+        return [*(s for s in names if s not in near), *(refined(self.model, s) for s in near)]
 
     def _outdone(self, names: Sequence[Score], laws: Sequence[Score]) -> bool:
         """Take back a lone name whose formula is not nature's: a law of one signal explains the same, and more.
@@ -303,16 +320,36 @@ class _Selection:
         return False
 
     def _try(self, choice: Score) -> None:
-        """Add the choice if it helps on the validation motion."""
-        choice = (refined if isinstance(choice.term.content, Effect) else finer)(self.model, choice)
+        """Add the choice if it helps on the validation motion; of a law, first what a second signal adds to it."""
+        if isinstance(choice.term.content, Law):
+            choice = finer(self.model, choice)
+            surface = self._surface(choice)
+            if surface is not None and not self._added(surface, ""):
+                return
+        else:
+            choice = refined(self.model, choice)
         seen = self._witness(choice)
+        reason = ""
         if isinstance(choice.term.content, Effect) and seen is not None:
             against = objection(choice.term.content.level, seen)
             if against:
-                self.refused.add(choice.term.family)
                 reason = f"an effect of the cylinder itself has to be there without a load: {against}"
-                self.table[choice.term.family] = Candidate(*choice.term.family, choice.score, "rejected", reason)
-                return
+        reason = reason or self._added(choice, "" if seen is None else seen.words)
+        if reason:
+            family = choice.term.family
+            self.refused.add(family)
+            self.table[family] = Candidate(*family, choice.score, "rejected", reason)
+
+    def _surface(self, law: Score) -> Score | None:
+        """A law of two signals, where it is clearly better than the law of one that is about to be said."""
+        assert law.term.joint is not None and isinstance(law.term.content, Law)
+        found = best_surface(self.model, law.term.joint, law.term.content.signals[0])
+        if found is None or found.score - law.score < max(LAW_WINS, LAW_WINS_SHARE * found.gain):
+            return None
+        return found
+
+    def _added(self, choice: Score, witnessed: str) -> str:
+        """Add the choice to the model, or say why not."""
         terms = [*(item.score.term for item in self.accepted), choice.term]
         trial = self.signals.rebuilt(self.signals.refit(terms))
         choice = replace(choice, term=trial.terms[-1])
@@ -326,18 +363,18 @@ class _Selection:
             name = self.base.design.parameters.joints[worse[0]]
             reason = f"it makes {name} worse on the validation motion (error {100 * worse[1]:+.1f} %)"
         if reason:
+            self.failed.append(choice)
             if isinstance(choice.term.content, Law):
                 self.unconfirmed.append(Unconfirmed(choice, held_out, float(gain or 0.0)))
-            self.refused.add(family)
-            self.table[family] = Candidate(*family, choice.score, "rejected", reason)
-            return
+            return reason
         rivals = () if isinstance(choice.term.content, Law) else rules.rivals(choice, self.named, self.refused)
-        self.accepted.append(Accepted(choice, rivals, held_out, gain, "" if seen is None else seen.words))
+        self.accepted.append(Accepted(choice, rivals, held_out, gain, witnessed))
         self.table[family] = Candidate(*family, choice.score, "accepted", rules.why(choice))
         for rival in rivals:
-            reason = f"within {choice.score - rival.score:.1f} of {choice.term.id}: this data cannot tell them apart"
-            self.table[rival.term.family] = Candidate(*rival.term.family, rival.score, "indistinguishable", reason)
+            words = f"within {choice.score - rival.score:.1f} of {choice.term.id}: this data cannot tell them apart"
+            self.table[rival.term.family] = Candidate(*rival.term.family, rival.score, "indistinguishable", words)
         self.model = trial
+        return ""
 
     def _witness(self, choice: Score) -> Witness | None:
         """What unloaded and loaded recordings say of a candidate; None where one of the two is not there."""

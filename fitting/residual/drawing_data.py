@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -11,28 +12,49 @@ from fitting.drive import UNITS, drive_columns
 from fitting.regression import effort_residual, full_residual
 from fitting.report.model import FrictionCurve, Scatter, Worst
 from fitting.residual.laws import NEIGHBOUR, OWN, Law
+from fitting.residual.surfaces import Surface
 from fitting.residual.terms import Model
 from fitting.splines import evaluate
 
 FloatArray = npt.NDArray[np.float64]
 
 _GRID = 61
+_ROWS = 7  # of a surface, over its second signal
 _FRICTION = ("f_c", "f_v", "f_s")
 
 
-def law_curve(law: Law, model: Model, part: slice) -> dict[str, list[float]]:
+def law_curve(law: Law, model: Model, part: slice) -> dict[str, Any]:
     """A law of the model on a grid of its variable: value and standard deviation, in drive effort."""
     return spline_curve(law, model.fit.theta[part], model.fit.covariance[part, part])
 
 
-def spline_curve(law: Law, values: FloatArray, covariance: FloatArray) -> dict[str, list[float]]:
-    """A law with these coefficients (k,) and their covariance (k, k), on a grid of its variable."""
-    knots = np.asarray(law.knots)
-    grid = np.linspace(knots[0], knots[-1], _GRID)
-    basis = evaluate(knots, grid)
-    value = basis @ values
+def spline_curve(law: Law, values: FloatArray, covariance: FloatArray) -> dict[str, Any]:
+    """A law with these coefficients (k,) and their covariance (k, k), on a grid of its variable.
+
+    A law of two signals is given along its first one, at that end of the second where it is larger; ``second`` holds
+    the rest.
+    """
+    grid = np.linspace(law.knots[0], law.knots[-1], _GRID)
+    if isinstance(law, Surface):
+        rows = np.linspace(*law.second_range, _ROWS)
+        whole = [law.basis(grid, np.full(_GRID, row)) for row in rows]
+        shown = max((0, _ROWS - 1), key=lambda number: float(np.sum((whole[number] @ values) ** 2)))
+        curve = _with_band(whole[shown], values, covariance)
+        second = {
+            "signal": law.second,
+            "other": law.second_other,
+            "unit": law.along.unit,
+            "at": float(rows[shown]),
+            "grid": rows.tolist(),
+            "value": [(basis @ values).tolist() for basis in whole],
+        }
+        return {"grid": grid.tolist(), **curve, "second": second}
+    return {"grid": grid.tolist(), **_with_band(evaluate(np.asarray(law.knots), grid), values, covariance)}
+
+
+def _with_band(basis: FloatArray, values: FloatArray, covariance: FloatArray) -> dict[str, list[float]]:
     std = np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", basis, covariance, basis), 0.0))
-    return {"grid": grid.tolist(), "value": value.tolist(), "std": std.tolist()}
+    return {"value": (basis @ values).tolist(), "std": std.tolist()}
 
 
 def scatter(before: Model, after: Model, number: int, shown: Sequence[int]) -> Scatter:

@@ -68,6 +68,16 @@ class Law:
         return OWN[self.signal][0] if self.other is None else NEIGHBOUR[self.signal][0]
 
     @property
+    def functions(self) -> int:
+        """Number of its columns."""
+        return len(self.knots) - 4
+
+    @property
+    def signals(self) -> tuple[tuple[str, int | None], ...]:
+        """The signals that it is a law of, each with its neighbour's number."""
+        return ((self.signal, self.other),)
+
+    @property
     def uses_model(self) -> bool:
         """True where the signal is the model's, not measured."""
         return self.signal in ("cylinder_force", "head_pressure", "rod_pressure")

@@ -23,7 +23,7 @@ from collections.abc import Sequence
 
 from fitting.effects.base import Effect
 from fitting.residual.cross_validation import HeldOut
-from fitting.residual.findings import Accepted, Candidate, Family, Unconfirmed
+from fitting.residual.findings import Accepted, Candidate, Family
 from fitting.residual.laws import Law
 from fitting.residual.scoring import Score
 
@@ -34,6 +34,9 @@ LAW_WINS = 6.0
 LAW_WINS_SHARE = 0.05
 MOST_EFFECTS = 4
 MOST_RIVALS = 2
+#: Share of a law's gain from which on a name of its joint has its shape searched before the two are compared, and how
+#: many names.
+NEAR_SHARE, MOST_SHARPENED = 0.25, 2
 #: A name that leaves this share of its own gain, significantly, in what two runs of one motion share, was wrong.
 #: What is left of many times its gain is another matter.
 DOUBT_SHARE, UNRELATED_SHARE, MISFIT_Z = 0.33, 3.0, 4.0
@@ -128,14 +131,17 @@ def is_misfit(score: Score, accepted: Sequence[Accepted]) -> bool:
     return False
 
 
-def is_fragment(score: Score, unconfirmed: Sequence[Unconfirmed], accepted: Sequence[Accepted]) -> bool:
-    """Whether a gain is a small part only of what is certainly there, on its joint or another, and yet unexplained."""
+def is_fragment(score: Score, failed: Sequence[Score], accepted: Sequence[Accepted]) -> bool:
+    """Whether a gain is a small part only of what is certainly there, on its joint or another, and yet unexplained.
+
+    ``failed`` were significant and did not hold elsewhere: their formulas were wrong, what they lived on is there.
+    """
     explained = {item.score.term.joint for item in accepted}
-    for item in unconfirmed:
-        joint = item.score.term.joint
+    for item in failed:
+        joint = item.term.joint
         here = score.term.everywhere or score.term.joint == joint
         share = REFUTED_SHARE if here else UNEXPLAINED_SPILL
-        if joint not in explained and score.gain < share * item.score.gain:
+        if joint not in explained and score.gain < share * item.gain:
             return True
     return False
 
@@ -143,7 +149,7 @@ def is_fragment(score: Score, unconfirmed: Sequence[Unconfirmed], accepted: Sequ
 def _same_signal(score: Score, law: Law) -> bool:
     content = score.term.content
     if isinstance(content, Law):
-        return (content.signal, content.other) == (law.signal, law.other)
+        return not set(content.signals).isdisjoint(law.signals)
     return law.other is None and content.variable in (
         law.signal,
         "joint_position" if law.signal == "piston_position" else "",
@@ -190,7 +196,7 @@ def law_there(accepted: Sequence[Accepted], score: Score) -> bool:
         present = item.score.term.content
         if not isinstance(present, Law) or not isinstance(law, Law) or item.score.term.joint != score.term.joint:
             continue
-        if (present.signal, present.other, present.signed) == (law.signal, law.other, law.signed):
+        if set(law.signals) <= set(present.signals) and law.signed == present.signed:
             return True
     return False
 

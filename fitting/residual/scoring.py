@@ -13,12 +13,13 @@ A direction of ``S`` that survives with less than 1e-4 of its norm is rounding o
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator, MutableMapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 import numpy.typing as npt
 
+from daq.scratch import ScratchArrays
 from fitting.effects.base import Effect
 from fitting.residual.laws import laws
 from fitting.residual.null import FAR_BEYOND, Null
@@ -29,6 +30,8 @@ FloatArray = npt.NDArray[np.float64]
 #: Chi-square that one more parameter has to bring to be worth it.
 PARAMETER_PRICE = 6.0
 _BATCH_COLUMNS = 128  # built at once at full rate: fits a processor's cache
+#: Numbers in all columns above which those of one joint at a time are in memory, the others in a file (64 MB).
+_MOST_NUMBERS = 8_000_000
 _DEAD = 1e-8  # squared: columns survive with at least 1e-4 of their norm
 
 
@@ -109,7 +112,14 @@ class Candidates:
         for number, term in enumerate(self.terms):
             if not term.everywhere:
                 self._groups.setdefault(term.joint or 0, []).append(number)
-        self._columns = {place: self._built(model, place, numbers) for place, numbers in self._groups.items()}
+        rows = {place: len(model.fit.residual[place]) for place in range(len(model.fit.residual))}
+        size = sum(
+            sum(self._widths[n] for n in own) * (sum(rows.values()) if place is None else rows[place])
+            for place, own in self._groups.items()
+        )
+        self._columns: MutableMapping[int | None, FloatArray] = ScratchArrays() if size > _MOST_NUMBERS else {}
+        for place, numbers in self._groups.items():
+            self._columns[place] = self._built(model, place, numbers)
 
     def refresh(self, model: Model, numbers: Collection[int]) -> None:
         """Make the columns of these candidates anew, from the model's present forces."""
@@ -120,7 +130,9 @@ class Candidates:
             fresh = self._built(model, place, stale)
             starts = dict(zip(own, np.cumsum([0, *(self._widths[n] for n in own[:-1])]).tolist(), strict=True))
             into = np.concatenate([np.arange(starts[n], starts[n] + self._widths[n]) for n in stale])
-            self._columns[place][:, into] = fresh
+            columns = self._columns[place]
+            columns[:, into] = fresh
+            self._columns[place] = columns
 
     def scores(self, model: Model) -> dict[int, Score]:
         """Score of every candidate that has a live direction, by its number."""

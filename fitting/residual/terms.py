@@ -12,6 +12,7 @@ from fitting.effects.base import DriveView, Effect, Shape
 from fitting.prior import Prior, with_prior
 from fitting.regression import Design, Extra, Fit, NoiseModel, WhiteRows, whitened
 from fitting.residual.laws import Law
+from fitting.residual.stored_views import StoredViews, stored_columns
 from fitting.residual.views import LaterViews, Views, build_views
 from fitting.streamed import fit_rows
 
@@ -76,27 +77,33 @@ class Term:
         if isinstance(self.content, Effect):
             return tuple(f"{place}.{self.content.id}.{p.name}" for p in self.content.parameters)
         signed = " sgn v" if self.content.signed else ""
-        functions = len(self.content.knots) - 4
-        return tuple(f"{place}.law({self.content.variable(joints)}){signed}.{k}" for k in range(functions))
+        law = self.content
+        return tuple(f"{place}.law({law.variable(joints)}){signed}.{k}" for k in range(law.functions))
 
 
 def extra_columns(design: Design, views: Views, terms: Sequence[Term]) -> Extra:
     """Full-rate columns of all terms in all segments."""
     joints = tuple(j.name for j in design.machine.joints)
     names = tuple(name for term in terms for name in term.names(joints))
-    table: list[list[FloatArray | None]] = [[None] * len(design.segments) for _ in joints]
-    start = 0
-    for term in terms:
-        width = len(term.names(joints))
-        for index in range(len(design.segments)):
+    widths = [len(term.names(joints)) for term in terms]
+
+    def made(index: int) -> list[FloatArray | None]:
+        row: list[FloatArray | None] = [None] * len(joints)
+        start = 0
+        for term, width in zip(terms, widths, strict=True):
             columns = term.columns(views[index])
             for joint in range(len(joints)) if term.everywhere else (term.joint or 0,):
-                own = table[joint][index]
+                own = row[joint]
                 if own is None:
-                    own = table[joint][index] = np.zeros((len(design.segments[index]), len(names)))
+                    own = row[joint] = np.zeros((len(design.segments[index]), len(names)))
                 own[:, start : start + width] = columns[:, joint] if term.everywhere else columns
-        start += width
-    return Extra(names, tuple(tuple(row) for row in table))
+            start += width
+        return row
+
+    if design.stored:
+        return Extra(names, stored_columns(len(design.segments), len(joints), made))
+    rows = [made(index) for index in range(len(design.segments))]
+    return Extra(names, tuple(tuple(row[joint] for row in rows) for joint in range(len(joints))))
 
 
 @dataclass(frozen=True)
@@ -152,7 +159,8 @@ def fit_model(
         return fit_rows(design, noise, fitted, extra, lambda rows: with_prior(rows, design.parameters, prior))
 
     def views_of(fit: Fit, extra: Extra) -> Views:
-        return LaterViews(lambda: build_views(design, fit.theta, fitted, extra))
+        build = StoredViews if design.stored else build_views
+        return LaterViews(lambda: build(design, fit.theta, fitted, extra))
 
     if start is None or not terms:
         fit, extra = fit_with(empty), empty

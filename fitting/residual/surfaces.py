@@ -1,0 +1,141 @@
+"""Laws of two measured signals: for what depends on a product, and on neither signal alone.
+
+A surface is a quadratic in each of two signals (nine tensor products of Bernstein polynomials), alone or times the sign
+of the joint's speed. It is only asked for where a law of one signal is about to be said, and has to be clearly better.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from itertools import combinations
+
+import numpy as np
+import numpy.typing as npt
+
+from fitting.effects.base import DriveView
+from fitting.residual.laws import NEIGHBOUR, OWN, Law
+from fitting.residual.scoring import Score, score_terms
+from fitting.residual.terms import Model, Term
+
+FloatArray = npt.NDArray[np.float64]
+
+_OWN = ("piston_position", "piston_speed", "piston_acceleration", "cylinder_force")
+_NEIGHBOUR = ("joint_position", "piston_speed")
+_DEGREE = 2
+
+
+@dataclass(frozen=True)
+class Surface(Law):
+    """A law of two signals on one joint; ``knots`` are the ends of the first signal's range.
+
+    Attributes
+    ----------
+    second, second_other : the second signal, and the neighbour that has it (None: the joint's own)
+    second_range : ends of its range
+    """
+
+    second: str = ""
+    second_other: int | None = None
+    second_range: tuple[float, float] = (0.0, 1.0)
+
+    @property
+    def functions(self) -> int:
+        """Number of its columns."""
+        return (_DEGREE + 1) ** 2
+
+    @property
+    def signals(self) -> tuple[tuple[str, int | None], ...]:
+        """The signals that it is a law of, each with its neighbour's number."""
+        return (*super().signals, (self.second, self.second_other))
+
+    @property
+    def along(self) -> Law:
+        """The second signal, as a law of it alone would name it."""
+        return Law(self.second, self.second_other, self.signed, self.loaded_only, self.second_range)
+
+    @property
+    def uses_model(self) -> bool:
+        """True where one of its signals is the model's, not measured."""
+        return super().uses_model or self.along.uses_model
+
+    def basis(self, first: FloatArray, second: FloatArray) -> FloatArray:
+        """Its functions (N, 9) at values of both signals, constant beyond their ranges."""
+        u, w = _bernstein(first, self.knots[0], self.knots[-1]), _bernstein(second, *self.second_range)
+        return np.asarray((u[:, :, None] * w[:, None, :]).reshape(len(u), -1))
+
+    def columns(self, view: DriveView) -> FloatArray:
+        """Columns (N, 9)."""
+        basis = self.basis(self.values(view), self.along.values(view))
+        if self.signed:
+            basis = basis * view.s[:, None]
+        return np.zeros_like(basis) if self.loaded_only and not view.segment.loaded else basis
+
+
+def second_variable(law: Law, joints: tuple[str, ...]) -> dict[str, str]:
+    """The report's key for a law's second signal; nothing for a law of one."""
+    return {"second_variable": law.along.variable(joints)} if isinstance(law, Surface) else {}
+
+
+def _bernstein(values: FloatArray, low: float, high: float) -> FloatArray:
+    u = np.clip((values - low) / (high - low), 0.0, 1.0)
+    return np.column_stack([(1 - u) ** 2, 2 * u * (1 - u), u**2])
+
+
+def surfaces(model: Model, joint: int) -> Iterator[Surface]:
+    """All surfaces of a joint that its recordings can show."""
+    signals: list[tuple[str, int | None]] = [(name, None) for name in _OWN]
+    others = [other for other in range(len(model.design.machine.joints)) if other != joint]
+    signals += [(name, other) for other in others for name in _NEIGHBOUR]
+    views = [model.views[index][joint] for index in model.fitted]
+    ranges: dict[tuple[str, int | None], tuple[float, float]] = {}
+    for name, other in signals:
+        shown = [v for v in views if v.segment.loaded or other is None]
+        got = [OWN[name][1](v) if other is None else NEIGHBOUR[name][1](v, other) for v in shown]
+        values = np.concatenate(got or [np.zeros(1)])
+        if np.isfinite(values).all() and np.ptp(values) > 1e-9 * max(float(np.abs(values).max()), 1e-300):
+            ranges[name, other] = (float(values.min()), float(values.max()))
+    for (first, other), (second, second_other) in combinations(ranges, 2):
+        loaded_only = other is not None or second_other is not None
+        for signed in (False, True):
+            yield Surface(
+                first,
+                other,
+                signed,
+                loaded_only,
+                ranges[first, other],
+                second,
+                second_other,
+                ranges[second, second_other],
+            )
+
+
+def best_surface(model: Model, joint: int, alone: tuple[str, int | None]) -> Score | None:
+    """The surface that gains most beyond its price.
+
+    Its first signal is ``alone``, the best law of one signal, where that is among its two; else the one that it varies
+    more along.
+    """
+    terms = [Term(law, joint) for law in surfaces(model, joint)]
+    scores = score_terms(model, terms, [len(terms)] * len(terms))
+    if not scores:
+        return None
+    best = max(scores, key=lambda s: s.score)
+    law = best.term.content
+    assert isinstance(law, Surface)
+    coefficients = np.reshape(best.values, (_DEGREE + 1, _DEGREE + 1))
+    along = [float(np.sum((coefficients - coefficients.mean(axis=axis, keepdims=True)) ** 2)) for axis in (0, 1)]
+    first, second = law.signals
+    if first == alone or (second != alone and along[0] >= along[1]):
+        return best
+    turned = replace(
+        law,
+        signal=law.second,
+        other=law.second_other,
+        knots=law.second_range,
+        second=law.signal,
+        second_other=law.other,
+        second_range=(law.knots[0], law.knots[-1]),
+    )
+    (again,) = score_terms(model, [replace(best.term, content=turned)], [len(terms)])
+    return again

@@ -1,0 +1,131 @@
+"""Laws of two signals: friction by the product of two poses, and what a law of one says stays as it is."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from synthetic_arm import exact_views, make_session, planar_machine, truth
+
+from fitting.loop import run_attribution, term_from_json, term_to_json
+from fitting.report.wording import verdict_sentence
+from fitting.residual.drawing_data import spline_curve
+from fitting.residual.findings import Attribution
+from fitting.residual.kinematics import Corrections
+from fitting.residual.laws import Law
+from fitting.residual.surfaces import Surface, best_surface, second_variable, surfaces
+from fitting.residual.terms import Term
+from fitting.session import Session
+
+MACHINE, ARM = planar_machine(3), truth(3)
+TWIST, MIDDLE = 400.0, 0.0  # N/rad^2, rad
+RECORDINGS = (("unloaded", 1), ("train", 2), ("train", 4), ("repeat", 2), ("validate", 3))
+
+
+def session_with(force: object) -> Session:
+    """Recordings with ``force(segment)`` (N,) on top of joint 1's drive effort, where the arm is loaded."""
+    design, _ = exact_views(MACHINE, ARM, recordings=RECORDINGS)
+    added = []
+    for segment in design.segments:
+        extra = np.zeros_like(segment.q)
+        if segment.loaded:
+            extra[:, 0] = force(segment)  # type: ignore[operator]
+        added.append(extra)
+    return make_session(MACHINE, ARM, RECORDINGS, added=added)
+
+
+def product(segment: object) -> np.ndarray:
+    """Friction by the product of both neighbours' poses, from their middles; N."""
+    q, v = segment.q, segment.v  # type: ignore[attr-defined]
+    return np.asarray(TWIST * (q[:, 1] - MIDDLE) * (q[:, 2] - MIDDLE) * np.sign(v[:, 0]))
+
+
+@pytest.fixture(scope="module")
+def found() -> Attribution:
+    """What the loop says of the product."""
+    session = session_with(product)
+    return run_attribution(session, Corrections(session.machine))
+
+
+@pytest.mark.slow
+def test_a_product_is_a_law_of_both_signals(found: Attribution) -> None:
+    (item,) = found.accepted
+    law = item.score.term.content
+    assert isinstance(law, Surface)
+    assert item.score.term.joint == 0
+    assert set(law.signals) == {("joint_position", 1), ("joint_position", 2)}
+    assert law.signed
+    assert found.verdict == "unexplained"
+
+
+@pytest.mark.slow
+def test_what_it_says_is_the_product(found: Attribution) -> None:
+    (item,) = found.accepted
+    law = item.score.term.content
+    assert isinstance(law, Surface)
+    part = found.model.term_slice(0)
+    curve = spline_curve(law, found.model.fit.theta[part], found.model.fit.covariance[part, part])
+    rows = np.array(curve["second"]["value"])
+    # Of a product the twist is all there is: opposite corners alike, neighbours of opposite sign (Coulomb aside).
+    twist = rows[0, 0] + rows[-1, -1] - rows[0, -1] - rows[-1, 0]
+    area = (law.knots[-1] - law.knots[0]) * (law.second_range[1] - law.second_range[0])
+    assert twist == pytest.approx(TWIST * area, rel=0.15)
+    assert curve["second"]["at"] in (curve["second"]["grid"][0], curve["second"]["grid"][-1])
+
+
+@pytest.mark.slow
+def test_a_law_of_one_signal_stays_one() -> None:
+    session = session_with(lambda s: 60.0 * np.exp(-(((s.x[:, 0] - 0.13) / 0.02) ** 2)))
+    (item,) = run_attribution(session, Corrections(session.machine)).accepted
+    law = item.score.term.content
+    assert isinstance(law, Law)
+    assert not isinstance(law, Surface)
+    assert law.signal == "piston_position"
+
+
+def test_its_functions_are_a_partition_of_one_and_exact_for_products() -> None:
+    law = Surface("joint_position", 1, True, True, (-1.0, 2.0), "joint_position", 2, (0.0, 4.0))
+    rng = np.random.default_rng(0)
+    u, w = rng.uniform(-1, 2, 200), rng.uniform(0, 4, 200)
+    basis = law.basis(u, w)
+    assert basis.shape == (200, law.functions)
+    assert basis.sum(axis=1) == pytest.approx(1.0)
+    fitted = basis @ np.linalg.lstsq(basis, (u - 0.3) * (w + 1.7), rcond=None)[0]
+    assert fitted == pytest.approx((u - 0.3) * (w + 1.7))
+    outside = law.basis(np.array([-5.0, 9.0]), np.array([-5.0, 9.0]))
+    assert outside == pytest.approx(law.basis(np.array([-1.0, 2.0]), np.array([0.0, 4.0])))
+
+
+def test_it_is_stored_and_read_back() -> None:
+    law = Surface("piston_speed", None, False, True, (-0.1, 0.1), "joint_position", 2, (0.0, 4.0))
+    term = Term(law, 1)
+    assert term_from_json(term_to_json(term)) == term
+    one = Term(Law("piston_speed", None, False, False, (0.0,) * 4 + (1.0,) * 4), 1)
+    assert term_from_json(term_to_json(one)) == one
+
+
+def test_all_pairs_are_asked_once_and_the_better_known_signal_comes_first() -> None:
+    session = session_with(product)
+    laws = list(surfaces(session.base_model, 0))
+    names = [(law.signals, law.signed) for law in laws]
+    assert len(set(names)) == len(names)
+    assert {frozenset(pair) for pair, _ in names} == {frozenset(pair) for pair, signed in names if signed}
+    for first in (("joint_position", 1), ("joint_position", 2)):
+        best = best_surface(session.base_model, 0, first)
+        assert best is not None
+        assert isinstance(best.term.content, Surface)
+        assert best.term.content.signals[0] == first
+
+
+def test_the_report_names_both() -> None:
+    joints = ("joint1", "joint2", "joint3")
+    law = Surface("joint_position", 1, True, True, (-1.0, 2.0), "joint_position", 2, (0.0, 4.0))
+    assert second_variable(law, joints) == {"second_variable": "joint3.joint_position"}
+    assert second_variable(replace(law).along, joints) == {}
+    entry = {"joint": "joint1", "variable": law.variable(joints), **second_variable(law, joints)}
+    report = {"loop": {"verdict": "unexplained", "unexplained": [entry]}, "errors": {}, "overall": {}}
+    sentence = verdict_sentence(report, {})
+    assert "joint2" in sentence
+    assert "together with the" in sentence
+    assert "joint3" in sentence
