@@ -125,3 +125,30 @@ class ScratchColumns(MutableMapping[str, npt.NDArray[Any]]):
     def cut(self, part: slice) -> dict[str, npt.NDArray[Any]]:
         """Some rows of all columns, in memory."""
         return {name: self.scratch.read(place, part) for name, place in self._places.items()}
+
+
+class ScratchArrays(MutableMapping[int | None, npt.NDArray[Any]]):
+    """Arrays by number in a scratch file of their own; what is put in place of one of its shape takes its room."""
+
+    def __init__(self) -> None:
+        self._scratch = Scratch()
+        self._places: dict[int | None, Place] = {}
+
+    def __getitem__(self, key: int | None) -> npt.NDArray[Any]:
+        return self._scratch.read(self._places[key])
+
+    def __setitem__(self, key: int | None, values: npt.NDArray[Any]) -> None:
+        place = self._places.get(key)
+        if place is not None and place.shape == values.shape and place.dtype == values.dtype:
+            self._scratch.write(place, values)
+        else:
+            self._places[key] = self._scratch.put(values)
+
+    def __delitem__(self, key: int | None) -> None:
+        del self._places[key]
+
+    def __iter__(self) -> Iterator[int | None]:
+        return iter(self._places)
+
+    def __len__(self) -> int:
+        return len(self._places)

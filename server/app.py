@@ -11,8 +11,10 @@ from server import problems
 from server.access.guard import require
 from server.access.layer import Gate
 from server.access.rates import Rate, Rates
+from server.kept_answers import LISTS, KeptAnswers
 from server.limits import BodyLimit, OwnPagesOnly, SafeHeaders
 from server.metrics import MEDIA_TYPE, Metrics, RequestTimes
+from server.pages import Pages, page_files
 from server.resources import Health
 from server.routes import ROUTERS
 from server.routes.common import problems as problem_responses
@@ -35,6 +37,9 @@ class _Application(FastAPI):
         for path in description["paths"].values():
             for operation in path.values():  # what the layers around all routes answer
                 operation["responses"] = {**_RESPONSES, **operation["responses"]}
+        for path in LISTS:
+            unchanged = {"description": "Not Modified: `If-None-Match` names the `ETag` of this answer"}
+            description["paths"][API + path]["get"]["responses"]["304"] = unchanged
         return description
 
 
@@ -73,9 +78,13 @@ def create_app(service: Service) -> FastAPI:
         """What is counted, for Prometheus."""
         return Response(metrics.text(), media_type=MEDIA_TYPE)
 
+    # Behind all routes: a mount at / would take what a route answers with 405.
+    app.router.default = Pages(page_files(), app.router.not_found)
+
     def limit(path: str) -> int:
         return settings.maximum_upload_bytes if path == UPLOAD else settings.maximum_request_bytes
 
+    app.add_middleware(KeptAnswers, prefix=API, revisions=service.revisions.current)
     app.add_middleware(BodyLimit, limit=limit)
     rate = Rate(settings.requests_per_second, max(1, round(4 * settings.requests_per_second)))
     app.add_middleware(Gate, access=service.access, audit=service.audit, rate=rate, rates=Rates())

@@ -30,7 +30,7 @@ import structlog
 from daq.errors import HilfitError
 from server.errors import StartError
 from server.files import DataDirectory, sync_directory, write_atomically
-from server.store.copies import copy_database, restore_database
+from server.store.copies import check_restore, copy_database, restore_database
 
 MANIFEST = "manifest.json"
 FOLDERS = ("machines", "recordings", "excitations", "identifications")
@@ -177,6 +177,7 @@ def restore(backup: Path, files: DataDirectory, url: str) -> int:
     stores = [name for name in wanted if name.startswith("store.")]
     if len(stores) != 1:
         raise StartError(f"{backup}: has no copy of the store; use another backup")
+    check_restore(backup / stores[0], url)
     for name in wanted:
         if name not in stores:
             target = files.root / name

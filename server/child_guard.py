@@ -26,6 +26,8 @@ def main(parent: int, niceness: int, command: list[str]) -> None:
     if os.getppid() != parent:
         return
     os.nice(niceness)
+    # Never takes the core from whoever runs when it wakes up: acquisition and HTTP run for microseconds, often.
+    os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))
     os.execvp(command[0], command)
 
 

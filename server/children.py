@@ -35,11 +35,15 @@ Progress = Callable[[float, str], None]
 
 @dataclass(frozen=True)
 class ChildResult:
-    """How a child ended; ``error`` is one line unless the outcome is ``done`` or ``stopped``."""
+    """How a child ended; ``error`` is one line unless the outcome is ``done`` or ``stopped``.
+
+    ``killed``: somebody else ended it by SIGKILL, a person or the kernel that ran out of memory.
+    """
 
     outcome: Outcome
     summary: dict[str, Any] = field(default_factory=dict)
     error: str | None = None
+    killed: bool = False
 
 
 def run_child(
@@ -147,7 +151,8 @@ def _result(code: int, last: dict[str, Any], log: Path) -> ChildResult:
     if error is not None:
         return ChildResult("failed", error=error)
     if code < 0:
-        return ChildResult("failed", error=f"was ended by {signal.Signals(-code).name}; is the memory too small?")
+        error = f"was ended by {signal.Signals(-code).name}; is the memory too small?"
+        return ChildResult("failed", error=error, killed=code == -signal.SIGKILL)
     if code == 0:
         return ChildResult("failed", error="ended without a result")
     return ChildResult("failed", error=f"ended with exit code {code}; {log.name} says why")

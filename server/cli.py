@@ -70,7 +70,7 @@ PARTS = (
     Part("server.cli", {"serve": "Serve machines, recordings and identifications over HTTP."}),
 )
 #: Modules that come with an extra of the distribution.
-EXTRAS = {"mujoco": "sim"}
+EXTRAS = {"mujoco": "sim", "fsspec": "s3", "s3fs": "s3", "asammdf": "export", "mcap": "export"}
 
 
 class _Commands(TyperGroup):

@@ -121,6 +121,10 @@ class StartError(InputError):
     """The service cannot start with these options; the command line ends with exit code 2."""
 
 
+class TakenOver(BaseException):
+    """Raised in a process whose job another one has taken over; like ServiceStopping, it records no outcome."""
+
+
 class ServiceStopping(BaseException):
     """Raised inside a job's step when the service stops.
 

@@ -36,14 +36,22 @@ class Silence:
     def __init__(self, database: Database, clock: Callable[[], float] = time.monotonic) -> None:
         self._database = database
         self._clock = clock
-        self._began = clock()
+        self._began = self._looked = clock()
         self._heard: dict[str, tuple[str, float]] = {}
 
     def look(self) -> None:
-        """Read who was there."""
+        """Read who was there.
+
+        A time in which nothing could be read is nobody's silence: the database was away for all, or we slept.
+        """
         with self._database.read() as connection:
             rows = connection.execute(sa.select(executors.c.id, executors.c.seen)).all()
         now = self._clock()
+        deaf = now - self._looked
+        self._looked = now
+        if deaf > SILENT_S / 2:
+            self._began += deaf
+            self._heard = {executor: (word, when + deaf) for executor, (word, when) in self._heard.items()}
         for row in rows:
             if self._heard.get(row.id, ("", 0.0))[0] != row.seen:
                 self._heard[row.id] = (row.seen, now)

@@ -45,7 +45,11 @@ class RingRecorder:
         except AcquisitionError as error:
             if not order.path.is_file():
                 raise
-            return {"ended_early": str(error).replace(f"{order.path.parent}/", "")}
+            return {
+                "rows": recorder.rows,
+                "seconds": recorder.rows / order.machine.rate_hz,
+                "ended_early": str(error).replace(f"{order.path.parent}/", ""),
+            }
         return {
             "rows": summary.rows,
             "seconds": summary.seconds,

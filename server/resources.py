@@ -32,6 +32,13 @@ class MachineSummary(BaseModel):
         return cls(**row.__dict__)
 
 
+class MachineCheck(BaseModel):
+    """A machine file without fault: the machine's name, and the version that it would be (the current one as it is)."""
+
+    name: str
+    version: int
+
+
 class MachineDetail(MachineSummary):
     """A machine with its validated file and the state of its acquisition."""
 

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import asyncio
+import os
+import signal
 from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass
+from datetime import datetime
 from importlib.metadata import version
 from typing import Any
 
@@ -24,7 +28,7 @@ from server.disk import free_bytes
 from server.errors import ConflictError, UnavailableError
 from server.executors import Presence, Silence
 from server.files import DataDirectory
-from server.formats import Exports
+from server.formats.exports import Exports
 from server.identify import Wish, order_identification
 from server.jobs.excitation import PROGRAM as DESIGN
 from server.jobs.excitation import ExcitationKind
@@ -36,14 +40,17 @@ from server.jobs.recalibration import RecalibrationKind, Surroundings, new_recal
 from server.jobs.site import Site
 from server.live import Hub, Revisions
 from server.monitor import Monitors
+from server.replays import Replays
 from server.resources import Status
 from server.schedules.clock import ScheduleClock
 from server.sessions import Recorder, Sessions
 from server.settings import Settings
+from server.shared_recordings import SharedRecordings
 from server.stages import StageProgram
 from server.store import Database, Identification, Identifications, Jobs, MachineRow, Machines, Recordings
 from server.store.database import utc_now
 from server.store.excitations import Excitation, Excitations
+from server.store.recalibrations import Recalibrations
 from server.store.schedules import Schedule, Schedules
 from server.uploads import MachineUploads, RecordingUploads
 from server.workflows import EXECUTOR, QUEUES, JobRunner
@@ -57,7 +64,7 @@ def _by_policy(service: Service) -> CalibrationsOfJobs:
 
 @dataclass(frozen=True)
 class Parts:
-    """What a service is made of beyond its settings; tests put fakes here."""
+    """What a service is made of beyond its settings; tests put fakes here. ``clock``: what schedules go by."""
 
     program: Callable[[], StageProgram]
     launch: Launch
@@ -65,6 +72,7 @@ class Parts:
     design: tuple[str, ...] = DESIGN
     comparison: tuple[str, ...] = COMPARISON
     calibrations: Callable[[Service], CalibrationsOfJobs] = _by_policy
+    clock: Callable[[], datetime] = utc_now
 
 
 class Service:
@@ -87,23 +95,26 @@ class Service:
         self._daily_backups = DailyBackups(self.backups)
         self.audit = Audit(self._database)
         self.access = Access(self._database, self.audit, settings.access == "required")
+        self.replays = Replays()
         self.machines = Machines(self._database)
         self.recordings = Recordings(self._database)
         self.jobs = Jobs(self._database)
         self.identifications = Identifications(self._database)
         self.calibrations = Calibrations(self._database, self.files)
         self.exports = Exports(self.files)
+        self._shared = None if settings.recordings_url is None else SharedRecordings(settings.recordings_url)
         self.recording_uploads = RecordingUploads(self._database, self.files)
         self._machine_uploads = MachineUploads(self._database, self.files)
         self._identification = IdentificationKind(self._database, self.files, parts.program)
         self.acquisition = Acquisition(parts.launch, self.changes.notify)
         self.hub = Hub(self.acquisition, lambda: self.changes.closed)
-        self.revisions = Revisions(self.changes, self._read_revisions)
+        self.revisions = Revisions(self.changes, self._read_revisions, own=self._database.own_revisions)
         self.sessions = Sessions(self._database, self.files, self.acquisition, parts.recorder, self.free_bytes)
         self.alarms = Alarms(self._database)
         self._watch = Watch(self.acquisition, self.alarms, self.free_bytes, self.sessions.end_all)
         self.excitations = Excitations(self._database)
         self.schedules = Schedules(self._database)
+        self.recalibrations = Recalibrations(self._database)
         self.designs = ExcitationKind(self._database, self.files, parts.design)
         self._simulated: str | None = None
         self.site = Site(
@@ -129,8 +140,11 @@ class Service:
         )
         self._silence = Silence(self._database)
         self._presence = Presence(self._database, EXECUTOR, self._take_over)
-        self.schedule_clock = ScheduleClock(self._database, self.runner.enqueue, self.site.ready, utc_now)
+        self.schedule_clock = ScheduleClock(self._database, self.runner.enqueue, self.site.ready, parts.clock)
         self._started = self._database.now()
+        self._version = version("hilfit")
+        self._counting = asyncio.Lock()
+        self._jobs_counted: tuple[int, dict[str, int]] = 0, {}
 
     def start(self) -> None:
         """Start jobs, the simulated machine if asked for, and acquisition."""
@@ -165,6 +179,10 @@ class Service:
 
     def _take_over(self) -> None:
         """Let others go on with the jobs of workers that fell silent."""
+        if not self._database.still_alone():
+            _log.critical("another_server_has_the_database", database=self._database.name)
+            os.kill(os.getpid(), signal.SIGTERM)
+            return
         self._silence.look()
         self.runner.take_over(self._silence.silent)
 
@@ -176,14 +194,18 @@ class Service:
         self.machines.set_acquire(row.name, True)
         self._simulated = row.name
 
+    def check_machine(self, content: bytes, allowed: Callable[[str], bool]) -> tuple[str, int]:
+        """A machine file's machine and the version that it would be; refuses what :meth:`upload_machine` would."""
+        return self._machine_uploads.check(content, allowed)
+
     def upload_machine(
-        self, content: bytes, allowed: Callable[[str], bool] = lambda name: True
+        self, content: bytes, allowed: Callable[[str], bool] = lambda name: True, expected: int | None = None
     ) -> tuple[MachineRow, bool]:
         """Store a machine file; a machine that is being acquired goes on with the new one.
 
-        NotFoundError if the machine is not ``allowed``.
+        NotFoundError if the machine is not ``allowed``, PreconditionError if ``expected`` is not its version.
         """
-        row, made = self._machine_uploads.add(content, allowed=allowed)
+        row, made = self._machine_uploads.add(content, allowed=allowed, expected=expected)
         if made and row.acquire:
             self.acquisition.start(row.name, self.files.machine_file(row.name, row.version))
         return row, made
@@ -205,7 +227,12 @@ class Service:
         self.acquisition.stop(name)
 
     def identify(self, wish: Wish, key: str | None) -> Identification:
-        """Store an identification and queue its job."""
+        """Store an identification and queue its job; UnavailableError if workers could not get its recordings."""
+        if self._shared is not None:
+            for id, _ in wish.recordings:
+                row = self.recordings.get(id)
+                if row.state == "sealed":  # else the order is refused below
+                    self._shared.put(row, self.files.recordings / f"{id}.{row.format}")
         identification = order_identification(self._database, wish, self._identification.stages, key)
         self.runner.enqueue(identification.job)
         return identification
@@ -245,15 +272,16 @@ class Service:
 
     def delete_recording(self, id: str) -> None:
         """Delete a recording and its file; refused while it is in use."""
-        format = self.recordings.get(id).format
+        row = self.recordings.get(id)
         self.recordings.delete(id)
-        (self.files.recordings / f"{id}.{format}").unlink(missing_ok=True)
+        (self.files.recordings / f"{id}.{row.format}").unlink(missing_ok=True)
+        if self._shared is not None:
+            self._shared.remove(row)
         self.exports.kept_statistics(id).unlink(missing_ok=True)
 
     def live(self, machine: str | None) -> dict[str, dict[str, Any]]:
         """The newest frame of one machine, or of each whose acquisition runs."""
         if machine is not None:
-            self.machines.get(machine)
             return {machine: self.acquisition.latest(machine)}
         names = [name for name in self.acquisition.names() if self.acquisition.running(name)]
         return {name: self.acquisition.latest(name) for name in names}
@@ -265,13 +293,19 @@ class Service:
         """Bytes that are free for recordings."""
         return free_bytes(self.files.recordings)
 
-    def status(self) -> Status:
+    async def status(self) -> Status:
         """The service at a glance."""
+        revisions = await self.revisions.current()
+        number = revisions.get("jobs", 0)  # 0: there never was one
+        if self._jobs_counted[0] != number:
+            async with self._counting:  # one of those who ask counts for all
+                if self._jobs_counted[0] != number:
+                    self._jobs_counted = number, await run_in_threadpool(self.jobs.counts)
         return Status(
-            version=version("hilfit"),
+            version=self._version,
             started=self._started,
-            revisions=self._database.revisions(),
-            jobs=self.jobs.counts(),
+            revisions=dict(revisions),
+            jobs=self._jobs_counted[1],
             acquisition={name: self.acquisition.statistics(name) for name in self.acquisition.names()},
         )
 

@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Protocol
 
+import pyarrow.parquet
 import structlog
 
 from daq import Machine
@@ -168,7 +169,9 @@ class Sessions:
         for row in self._recordings.list(500, state="recording").items:
             path = self._path(row.id)
             if path.is_file():
-                self._seal(row.id, path, {"rows": rows.get(path), "recovered": True})
+                # Not among those that were sealed now: killed when its file was whole, and the store did not know yet.
+                found = rows[path] if path in rows else pyarrow.parquet.read_metadata(path).num_rows
+                self._seal(row.id, path, {"rows": found, "recovered": True})
             else:
                 self._recordings.fail(row.id, "the service ended before anything was recorded; record it again")
 

@@ -28,6 +28,8 @@ class Settings(BaseSettings):
     data_dir : directory of the database and of every file that the service keeps
     database_url : PostgreSQL that several hosts share, ``postgresql://user:password@host/name``; without it a SQLite
         file in ``data_dir``
+    recordings_url : storage that hosts share, ``s3://bucket/folder`` or ``file:///mount/folder``; workers fetch
+        recordings from there, without it from ``data_dir``
     local_jobs : the server runs numerical jobs itself; else only ``hilfit worker`` processes do
     backup_dir : where backups are kept; by default ``backups`` in ``data_dir``
     host, port : where HTTP is served; port 0 takes a free one
@@ -47,6 +49,7 @@ class Settings(BaseSettings):
 
     data_dir: Path = Path("hilfit-data")
     database_url: str | None = None
+    recordings_url: str | None = None
     backup_dir: Path | None = None
     local_jobs: bool = True
     host: str = "127.0.0.1"

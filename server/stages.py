@@ -33,15 +33,15 @@ class StageRequest:
     options: dict[str, Any]
     output: Path
 
-    def write(self) -> Path:
-        """Write ``request.json`` into the output directory; returns its path."""
+    def write(self, path: Path | None = None) -> Path:
+        """Write it to a file, by default ``request.json`` in the output directory; returns its path."""
         content = {
             "machine": str(self.machine),
             "recordings": [[role, str(path)] for role, path in self.recordings],
             "options": self.options,
             "output": str(self.output),
         }
-        path = self.output / "request.json"
+        path = path or self.output / "request.json"
         write_atomically(path, json.dumps(content, indent=1).encode())
         return path
 

@@ -10,12 +10,19 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Literal, cast
 
-from daq import ROLES, parse_machine
+from daq import ROLES, Machine, parse_machine
 from server.children import run_child
 from server.disk import free_bytes, require_room
-from server.errors import ConflictError, InvalidError, NotFoundError, ServiceError, UnsupportedFormatError
+from server.errors import (
+    ConflictError,
+    InvalidError,
+    NotFoundError,
+    PreconditionError,
+    ServiceError,
+    UnsupportedFormatError,
+)
 from server.files import DataDirectory, sync_directory, write_atomically
-from server.formats import Exports
+from server.formats.exports import Exports
 from server.store import Database, MachineRow, Machines, RecordingRow, Recordings
 
 #: Seconds that looking at a recording may take.
@@ -32,9 +39,18 @@ class MachineUploads:
         self._lock = threading.Lock()  # two uploads of one machine must not take the same version number
 
     def add(
-        self, content: bytes, *, acquire: bool = False, allowed: Callable[[str], bool] = lambda name: True
+        self,
+        content: bytes,
+        *,
+        acquire: bool = False,
+        allowed: Callable[[str], bool] = lambda name: True,
+        expected: int | None = None,
     ) -> tuple[MachineRow, bool]:
         """Check and store the text of a machine file.
+
+        Parameters
+        ----------
+        expected : the version that the writer knows as the current one (0: none), None where that does not matter
 
         Returns
         -------
@@ -44,7 +60,35 @@ class MachineUploads:
         ------
         InvalidError, daq.errors.MachineFileError
             One line: line, key, what to do.
+        PreconditionError
+            If another version than ``expected`` is the current one.
         """
+        machine, digest = self._parsed(content, allowed)
+        with self._lock:
+            version = self._machines.next_version(machine.name, digest)
+            if expected is not None and version is not None and version != expected + 1:
+                raise PreconditionError(
+                    f"machine '{machine.name}' has version {version - 1} by now, not {expected}; read it and put both "
+                    "changes together"
+                )
+            if version is not None:
+                write_atomically(self._files.machine_file(machine.name, version), content)
+                self._machines.add(machine.name, version, digest, acquire=acquire)
+        return self._machines.get(machine.name), version is not None
+
+    def check(self, content: bytes, allowed: Callable[[str], bool]) -> tuple[str, int]:
+        """Check the text of a machine file; the machine's name, and the version that it would be.
+
+        Raises
+        ------
+        What :meth:`add` raises for the same text.
+        """
+        machine, digest = self._parsed(content, allowed)
+        version = self._machines.next_version(machine.name, digest)
+        return machine.name, self._machines.get(machine.name).version if version is None else version
+
+    def _parsed(self, content: bytes, allowed: Callable[[str], bool]) -> tuple[Machine, str]:
+        """The machine of a text, and the text's SHA-256."""
         try:
             machine = parse_machine(content.decode("utf-8"), name=SHOWN_NAME)
         except UnicodeDecodeError:
@@ -53,13 +97,7 @@ class MachineUploads:
             raise InvalidError(f"{SHOWN_NAME}: is nested too deeply for a machine file") from None
         if not allowed(machine.name):
             raise NotFoundError(f"there is no machine '{machine.name}' for you; ask an admin to bind you to it")
-        digest = hashlib.sha256(content).hexdigest()
-        with self._lock:
-            version = self._machines.next_version(machine.name, digest)
-            if version is not None:
-                write_atomically(self._files.machine_file(machine.name, version), content)
-                self._machines.add(machine.name, version, digest, acquire=acquire)
-        return self._machines.get(machine.name), version is not None
+        return machine, hashlib.sha256(content).hexdigest()
 
 
 class RecordingUploads:

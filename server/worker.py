@@ -8,10 +8,13 @@ from __future__ import annotations
 
 import fcntl
 import os
+import shutil
 import signal
+import tempfile
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from types import FrameType
 
 import structlog
@@ -26,6 +29,7 @@ from server.jobs.kinds import NUMERICAL
 from server.parts import installed_parts
 from server.service import Parts
 from server.settings import Settings
+from server.shared_recordings import SharedRecordings
 from server.store import Database
 from server.workflows import EXECUTOR, JobRunner
 
@@ -60,14 +64,18 @@ def work(
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, stop)
     files, parts = DataDirectory(settings.data_dir), make_parts()
+    scratch = Path(tempfile.gettempdir()) / f"hilfit-{name}"
     with _alone(files, name):
+        shutil.rmtree(scratch, ignore_errors=True)  # what a killed worker of this name had fetched
         database = Database(settings.database_url, changed=lambda: None, backups=files.backups)
         # The lock's age tells a health check that this process lives and reaches the database.
         presence = Presence(database, f"worker-{name}", lambda: os.utime(files.root / f"lock-worker-{name}"))
+        shared = None if settings.recordings_url is None else SharedRecordings(settings.recordings_url)
+        identification = IdentificationKind(database, files, parts.program, shared, scratch)
         runner = JobRunner(
             database,
             files,
-            [IdentificationKind(database, files, parts.program), ExcitationKind(database, files, parts.design)],
+            [identification, ExcitationKind(database, files, parts.design)],
             stage_timeout_s=settings.stage_timeout_s,
             executor=f"worker-{name}",
             queues=(NUMERICAL,),

@@ -10,12 +10,13 @@ from __future__ import annotations
 import contextvars
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
 import structlog
 from dbos import DBOS, DBOSPortableJSONSerializer, SetWorkflowID
+from sqlalchemy.exc import DBAPIError
 
 from daq.errors import HilfitError
 from server.children import GRACE_S, LOOK_S, ChildResult, run_child
@@ -23,7 +24,9 @@ from server.errors import ServiceStopping
 from server.files import DataDirectory
 from server.jobs.kinds import AT_MACHINES, NUMERICAL, JobError, Kind, StageRun
 from server.store import Database, Job, Jobs
-from server.store.jobs import State
+from server.store.claims import Claim, Claims
+from server.store.jobs import FINAL, Result, State
+from server.store.patience import Value, away, patiently
 
 #: Jobs of a queue that one process runs at a time. Numerical work may take all cores but those of acquisition and
 #: HTTP; what is done at machines is mostly waiting, and one machine has one at a time.
@@ -35,6 +38,9 @@ WORKFLOW_VERSION = "hilfit-jobs-1"
 #: lock of the data directory sees to it that two servers never share it.
 EXECUTOR = "server"
 POLL_S = 0.25
+#: Times that a stage is begun whose process somebody else kills: it may be the victim of a large neighbour, or be too
+#: large itself.
+ATTEMPTS = 3
 #: Held by the runner that has started the engine, which keeps its state in its module.
 _ENGINE = threading.Lock()
 _LOST = "the job broke off unexpectedly; order it again"
@@ -69,6 +75,7 @@ class JobRunner:
         self._executor = executor
         self._queues = tuple(queues)
         self._jobs = Jobs(database)
+        self._claims = Claims(database)
         self._stopping = threading.Event()
         self._one_at_a_time = threading.Lock()
         self._idle = threading.Condition()
@@ -154,8 +161,10 @@ class JobRunner:
     def take_over(self, silent: Callable[[str], bool]) -> tuple[str, ...]:
         """Let others go on with the jobs of executors that are ``silent``; the jobs' ids.
 
-        The engine recovers only what its own executor left behind.
+        The engine recovers only what its own executor left behind. One that is silent but lives loses its claims, so
+        it stores nothing more about those jobs.
         """
+        self._claims.revoke(silent)
         taken = []
         for workflow in DBOS.list_workflows(status="PENDING", load_input=False, load_output=False):
             if workflow.executor_id is None or not silent(workflow.executor_id) or workflow.name not in self._kinds:
@@ -166,13 +175,42 @@ class JobRunner:
         return tuple(taken)
 
     def _run(self, job: str, stages: list[str]) -> str:
-        """The workflow. Its steps depend on nothing but its arguments and the results of earlier steps."""
+        """The workflow. Its steps depend on nothing but its arguments and the results of earlier steps.
+
+        The claim is no step: every execution takes one of its own.
+        """
+        claim = self._claim(job)
         result: dict[str, Any] = {"outcome": "done"}
-        for index, stage in enumerate(stages):
-            result = DBOS.run_step({"name": stage}, self._run_stage, job, stage, index, len(stages))
-            if result["outcome"] != "done":
-                break
-        return str(DBOS.run_step({"name": "finish"}, self._finish, job, result))
+        try:
+            for index, stage in enumerate(stages):
+                result = DBOS.run_step({"name": stage}, self._run_stage, claim, stage, index, len(stages))
+                if result["outcome"] != "done":
+                    break
+            state = str(DBOS.run_step({"name": "finish"}, self._finish, claim, result))
+        except Exception:  # of the engine: it has given the workflow to somebody else
+            self._give_back(claim)
+            raise
+        self._give_back(claim)
+        return state
+
+    def _give_back(self, claim: Claim) -> None:
+        with suppress(DBAPIError):  # else the server revokes it, or we take it again at the next start
+            self._claims.give_back(claim)
+
+    def _claim(self, job: str) -> Claim:
+        """Take a job's claim; waits while somebody else, who woke up late, still holds it."""
+        while True:
+            claim = self._patiently(lambda: self._claims.take(job, self._executor))
+            if claim is not None:
+                return claim
+            self._pause(POLL_S)
+
+    def _pause(self, seconds: float) -> None:
+        if self._stopping.wait(seconds):
+            raise ServiceStopping
+
+    def _patiently(self, do: Callable[[], Value]) -> Value:
+        return patiently(do, self._pause)
 
     @contextmanager
     def _working(self, kind: Kind) -> Iterator[None]:
@@ -189,39 +227,55 @@ class JobRunner:
                 self._at_work -= 1
                 self._idle.notify_all()
 
-    def _run_stage(self, job: str, stage: str, index: int, count: int) -> dict[str, Any]:
+    def _run_stage(self, claim: Claim, stage: str, index: int, count: int) -> dict[str, Any]:
         """Step: one stage."""
-        row = self._jobs.get(job)
+        row = self._patiently(lambda: self._jobs.get(claim.job))
         kind = self._kinds[row.kind]
         with self._working(kind):
-            return self._work(row, kind, stage, index, count)
+            return self._work(row, claim, kind, stage, index, count)
 
-    def _work(self, job: Job, kind: Kind, stage: str, index: int, count: int) -> dict[str, Any]:
+    def _work(self, job: Job, claim: Claim, kind: Kind, stage: str, index: int, count: int) -> dict[str, Any]:
         if self._stopping.is_set():
             raise ServiceStopping
         words = kind.words(stage)
-        if not self._jobs.progress(job.id, stage, index / count, words):
+        if not self._patiently(lambda: self._jobs.progress(job.id, stage, index / count, words, claim)):
             return {"outcome": "stopped", "stage": stage, "error": None}
 
+        # A database that is away does not end a stage: it goes on, and is recorded when the database is back.
         def progress(fraction: float, text: str) -> None:
             within = min(1.0, max(0.0, fraction))
-            self._jobs.progress(job.id, stage, (index + within) / count, text or words)
+            try:
+                self._jobs.progress(job.id, stage, (index + within) / count, text or words, claim)
+            except DBAPIError as error:
+                if not away(error):
+                    raise
 
         def should_stop() -> bool:
-            return self._stopping.is_set() or self._jobs.cancelling(job.id)
+            try:
+                return self._stopping.is_set() or self._jobs.cancelling(job.id, claim)
+            except DBAPIError as error:
+                if not away(error):
+                    raise
+                return False
 
         def child(command: Sequence[str], log: Path) -> ChildResult:
-            try:
-                return run_child(
-                    command, log=log, timeout_s=self._stage_timeout_s, progress=progress, should_stop=should_stop
-                )
-            except OSError as error:
-                _log.error("stage_not_started", job=job.id, stage=stage, exc_info=error)
-                return ChildResult("failed", error=f"cannot run ({error.strerror}); the log of the service says more")
+            for attempt in range(1, ATTEMPTS + 1):
+                try:
+                    result = run_child(
+                        command, log=log, timeout_s=self._stage_timeout_s, progress=progress, should_stop=should_stop
+                    )
+                except OSError as error:
+                    _log.error("stage_not_started", job=job.id, stage=stage, exc_info=error)
+                    reason = f"cannot run ({error.strerror}); the log of the service says more"
+                    return ChildResult("failed", error=reason)
+                if not result.killed or attempt == ATTEMPTS or should_stop():
+                    break
+                _log.warning("stage_killed", job=job.id, stage=stage, attempt=attempt)
+            return result
 
         _log.info("stage_started", job=job.id, stage=stage)
         try:
-            result = kind.run(StageRun(job, stage, progress, should_stop, child))
+            result = self._patiently(lambda: kind.run(StageRun(job, stage, progress, should_stop, child)))
         except HilfitError as error:
             result = ChildResult("input", error=str(error))
         except Exception as error:  # whatever it is, the job has to end
@@ -241,16 +295,22 @@ class JobRunner:
             error = f"stage {stage}: {error}" if result.outcome == "failed" else error
         return {"outcome": result.outcome, "stage": stage, "error": error, "summary": result.summary}
 
-    def _finish(self, job: str, result: dict[str, Any]) -> str:
-        """Step: store the outcome; running it twice changes nothing."""
-        row = self._jobs.get(job)
+    def _finish(self, claim: Claim, result: dict[str, Any]) -> str:
+        """Step: store the outcome, once; running it twice changes nothing."""
+        return self._patiently(lambda: self._store(claim, result))
+
+    def _store(self, claim: Claim, result: dict[str, Any]) -> str:
+        row = self._jobs.get(claim.job)
+        if row.state in FINAL:  # killed after it was stored, before the engine knew
+            return row.state
         kind = self._kinds[row.kind]
         error: str | None = None
+        found: Result | None = None
         state: State
         if result["outcome"] == "done":
             state, text = "done", "Done"
             try:
-                kind.finish(row)
+                found = kind.result(row)
             except JobError as failure:
                 state, text, error = "failed", "Failed", str(failure)
         elif result["outcome"] == "stopped":
@@ -258,5 +318,5 @@ class JobRunner:
         else:
             state, text, error = "failed", f"{kind.words(result['stage'])}: failed", result["error"]
         kind.ended(row, state, error)  # first: whoever sees the end of the job sees what follows from it
-        self._jobs.finish(job, state, text, error=error)
+        self._jobs.finish(row.id, state, text, error, claim=claim, result=found)
         return state

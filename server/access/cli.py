@@ -22,6 +22,9 @@ def pair(
     machine: Annotated[list[str] | None, typer.Option(help="Bind the device to this machine; may be repeated.")] = None,
     config: Annotated[Path | None, typer.Option(help="Configuration file of the service.", dir_okay=False)] = None,
     data_dir: Annotated[Path | None, typer.Option(help="Data directory of the service.", file_okay=False)] = None,
+    database_url: Annotated[
+        str | None, typer.Option(help="PostgreSQL of the service; without, the SQLite in --data-dir.")
+    ] = None,
     json: Annotated[bool, typer.Option("--json", help="Print the code as JSON.")] = False,
 ) -> None:
     """Make a code that pairs one device within a quarter of an hour; the service may run meanwhile."""
@@ -37,11 +40,12 @@ def pair(
     found = next((known for known in ROLES if known == role), None)
     if found is None:
         raise StartError(f"--role {role}: is no role; use one of {', '.join(ROLES)}")
-    settings = load_settings(config, **({} if data_dir is None else {"data_dir": data_dir}))
-    place = DataDirectory(settings.data_dir).database
-    if not place.is_file():
+    given = {"data_dir": data_dir, "database_url": database_url}
+    settings = load_settings(config, **{name: value for name, value in given.items() if value is not None})
+    files = DataDirectory(settings.data_dir)
+    if settings.database_url is None and not files.database.is_file():
         raise StartError(f"--data-dir {settings.data_dir}: holds no store; start 'hilfit serve' once")
-    database = Database(place, changed=lambda: None)
+    database = Database(settings.database_url or files.database, changed=lambda: None, backups=files.backups)
     try:
         audit = Audit(database)
         by = Principal("command-line", "command line", "admin", None, "local")

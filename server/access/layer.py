@@ -90,7 +90,8 @@ class Gate:
         token = _token(scope)
         if token is None:
             return None
-        return await run_in_threadpool(self._access.principal, token)
+        known = self._access.known(token)
+        return known if known is not None else await run_in_threadpool(self._access.principal, token)
 
     def _wait(self, scope: Scope, principal: Principal | None, address: str) -> int:
         if scope["path"] == PAIR_PATH:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import hashlib
 import secrets
+import threading
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
@@ -45,6 +46,9 @@ class Holders:
 
     def __init__(self, database: Database) -> None:
         self._database = database
+        self._lock = threading.Lock()
+        self._known: dict[str, Holder] = {}
+        self._changes = 0
 
     def add(
         self, kind: Literal["device", "key"], name: str, role: Role, machines: Sequence[str] | None, created_by: str
@@ -67,9 +71,25 @@ class Holders:
 
     def of_token(self, token: str) -> Holder | None:
         """Who holds a token; None if nobody does."""
+        hashed, changes = _hash(token), self._changes
         with self._database.read() as connection:
-            row = connection.execute(sa.select(principals).where(principals.c.secret_sha256 == _hash(token))).first()
-        return None if row is None else _holder(row)
+            row = connection.execute(sa.select(principals).where(principals.c.secret_sha256 == hashed)).first()
+        if row is None:
+            return None
+        holder = _holder(row)
+        with self._lock:
+            if changes == self._changes:  # else it may have been removed after it was read
+                self._known[hashed] = holder
+        return holder
+
+    def known(self, token: str) -> Holder | None:
+        """Who holds a token, as far as this process knows without asking the store; only the server changes holders."""
+        return self._known.get(_hash(token))
+
+    def _forget(self) -> None:
+        with self._lock:
+            self._changes += 1
+            self._known = {}
 
     def get(self, id: str, kind: Literal["device", "key"]) -> Holder:
         """The device or key; NotFoundError if there is none."""
@@ -103,6 +123,7 @@ class Holders:
             if holder.role == "admin" and self._admins(connection) == 1:
                 raise ConflictError(f"{kind} '{id}' is the last admin; pair another one before removing it")
             connection.execute(principals.delete().where(principals.c.id == id))
+        self._forget()
 
     def has_admin(self) -> bool:
         """Whether anybody can pair others."""

@@ -15,6 +15,7 @@ from server.alarms import lifecycle
 from server.alarms.conditions import KINDS, Severity, Timer, step
 from server.alarms.lifecycle import Alarm
 from server.alarms.store import AlarmStore
+from server.errors import PreconditionError
 from server.store import Database, Page
 
 _log = structlog.stdlib.get_logger(__name__)
@@ -89,20 +90,34 @@ class Alarms:
         """All that are active."""
         return self._store.active()
 
-    def acknowledge(self, id: str, who: str) -> Alarm:
-        """Somebody has seen it; doing it twice changes nothing."""
-        return self._store.change(id, partial(lifecycle.acknowledge, who=who))
+    def acknowledge(self, id: str, who: str, tag: str | None = None) -> Alarm:
+        """Somebody has seen it; doing it twice changes nothing. For ``tag`` see :meth:`unshelve`."""
+        return self._change(id, partial(lifecycle.acknowledge, who=who), tag)
 
-    def shelve(self, id: str, who: str, reason: str, seconds: float) -> Alarm:
-        """Keep it quiet for a while."""
+    def shelve(self, id: str, who: str, reason: str, seconds: float, tag: str | None = None) -> Alarm:
+        """Keep it quiet for a while. For ``tag`` see :meth:`unshelve`."""
         now = self._now()
-        return self._store.change(
-            id, lambda alarm: lifecycle.shelve(alarm, who=who, reason=reason, seconds=seconds, now=now)
+        return self._change(
+            id, lambda alarm: lifecycle.shelve(alarm, who=who, reason=reason, seconds=seconds, now=now), tag
         )
 
-    def unshelve(self, id: str) -> Alarm:
-        """Take it off the shelf; one that is on none stays as it is."""
-        return self._store.change(id, lifecycle.unshelve)
+    def unshelve(self, id: str, tag: str | None = None) -> Alarm:
+        """Take it off the shelf; one that is on none stays as it is.
+
+        Raises
+        ------
+        PreconditionError
+            If ``tag`` is given and the alarm has changed since it had that tag (:func:`server.alarms.lifecycle.tag`).
+        """
+        return self._change(id, lifecycle.unshelve, tag)
+
+    def _change(self, id: str, to: Callable[[Alarm], Alarm], tag: str | None) -> Alarm:
+        def checked(alarm: Alarm) -> Alarm:
+            if tag is not None and lifecycle.tag(alarm) != tag:
+                raise PreconditionError(f"alarm '{id}' has changed meanwhile; read it again")
+            return to(alarm)
+
+        return self._store.change(id, checked)
 
     def _now(self) -> datetime:
         return datetime.fromisoformat(self._database.now()).astimezone(UTC)

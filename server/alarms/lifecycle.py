@@ -11,6 +11,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime, timedelta
 from typing import Literal
@@ -47,6 +48,11 @@ class Alarm:
     shelve_reason: str | None = None
     cleared: str | None = None
     count: int = 1
+
+
+def tag(alarm: Alarm) -> str:
+    """What is another one after every change of the alarm: for ``ETag``."""
+    return hashlib.sha256(repr(alarm).encode()).hexdigest()[:16]
 
 
 def raise_(last: Alarm | None, new: Alarm) -> Alarm:

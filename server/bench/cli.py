@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from server.bench.targets import Outcome
 
 ARMS: tuple[Literal["folding", "slewing"], ...] = ("folding", "slewing")
+DATABASES: tuple[Literal["sqlite", "postgresql"], ...] = ("sqlite", "postgresql")
 #: Name and what it shows; in the order of the list.
 BENCHMARKS = {
     "attribution": "How often the loop is right on random arms, effects, joints and sizes.",
@@ -24,10 +25,12 @@ BENCHMARKS = {
     "demo": "The demonstration: cycles, rate, effect found, error before and after.",
     "stages": "Two stages against one, and what the intervals of parameters are worth, on simulated arms.",
     "speed": "Time and memory of an identification, and how they grow with the recording.",
+    "long": "Hours of recordings with the loop: time, memory, and what it names.",
     "regressor": "Time of the regressor beside a Pinocchio loop.",
     "excitation": "Time of a motion design with every limit, and its condition number beside long searches.",
     "measured": "Identification and loop on measured machines, beside published numbers.",
     "service": "Tablets and readers at the service while numerical work runs: latency, cycles lost.",
+    "storm": "kill -9 of servers, workers, stages and acquisitions: nothing lost, nothing twice.",
 }
 
 
@@ -36,7 +39,7 @@ def register(app: typer.Typer) -> None:
     bench = typer.Typer(help="Benchmarks with targets; exit code 1 if a target is missed.", invoke_without_command=True)
     bench.callback()(_list)
     commands: tuple[Callable[..., None], ...] = (
-        attribution, samples, demo, stages, speed, regressor, excitation, measured, service,
+        attribution, samples, demo, stages, speed, long, regressor, excitation, measured, service, storm,
     )  # fmt: skip
     for name, command in zip(BENCHMARKS, commands, strict=True):
         bench.command(name, help=BENCHMARKS[name])(reported(command))
@@ -198,13 +201,33 @@ def speed(
     """Time and memory of an identification, and how they grow with the recording."""
     from server.bench.speed import speed as run
 
+    _finish("speed", run(_lengths(minutes), loop=not no_loop, show=_shown(json)), json)
+
+
+def _lengths(minutes: str) -> list[float]:
     try:
         lengths = [float(part) for part in minutes.split(",")]
     except ValueError:
         lengths = []
     if not lengths or lengths != sorted(set(lengths)) or lengths[0] < 1:
         raise InputError(f"--minutes {minutes}: write rising numbers of at least 1 with commas, as in 10,30,60")
-    _finish("speed", run(lengths, loop=not no_loop, show=_shown(json)), json)
+    return lengths
+
+
+def long(
+    minutes: Annotated[
+        str, typer.Option(help="Lengths of the training recording in minutes, rising, with commas (600: ten hours).")
+    ] = "10,30,60",
+    effect_minutes: Annotated[
+        float, typer.Option(help="Length of the recording in which a payload comes; 0 leaves it out.", min=0)
+    ] = 120.0,
+    seed: Annotated[int, typer.Option(help="Of arm, motions and noise.")] = 3,
+    json: Annotated[bool, typer.Option("--json", help="Print the checks as JSON.")] = False,
+) -> None:
+    """Hours of recordings with the loop: time, memory, and what it names."""
+    from server.bench.long import long as run
+
+    _finish("long", run(_lengths(minutes), effect_minutes, seed=seed, show=_shown(json)), json)
 
 
 def regressor(
@@ -265,6 +288,23 @@ def service(
     from server.bench.service import run
 
     _finish("service", run(tablets, rate, seconds, _shown(json)), json)
+
+
+def storm(
+    seconds: Annotated[float, typer.Option(help="Seconds of killing.", min=2, max=600)] = 60.0,
+    database: Annotated[str, typer.Option(help="sqlite, or postgresql (started from Debian's packages).")] = "sqlite",
+    seed: Annotated[int, typer.Option(help="Of what is killed when.")] = 0,
+    json: Annotated[bool, typer.Option("--json", help="Print the checks as JSON.")] = False,
+) -> None:
+    """kill -9 of servers, workers, stages and acquisitions: nothing lost, nothing twice."""
+    from server.bench.storm.run import run
+
+    kind = next((known for known in DATABASES if known == database), None)
+    if kind is None:
+        raise InputError(f"--database {database}: write {' or '.join(DATABASES)}")
+    _finish(
+        "storm", run(seconds, kind, seed, _shown(json), kills=round(seconds * 100 / 60), longest=10 * seconds), json
+    )
 
 
 def _shown(json: bool) -> Callable[[str], None]:

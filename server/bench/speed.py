@@ -17,7 +17,6 @@ import os
 import subprocess
 import sys
 import tempfile
-import time
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
@@ -85,7 +84,7 @@ def speed(
         four = [(role, files[stem]) for role, stem in SHORT]
 
         def one(what: str, recordings: list[tuple[str, Path]], with_loop: bool, warm: bool) -> dict[str, float]:
-            took = _identified(machine, recordings, folder / "out", loop=with_loop, warm=warm)
+            took = identified(machine, recordings, folder / "out", loop=with_loop, warm=warm)
             show(f"{what}: {took['cpu']:.1f} s of CPU, {took['wall']:.1f} s of wall time, {took['megabytes']:.0f} MB")
             return took
 
@@ -96,7 +95,7 @@ def speed(
             whole = one("the same with the loop", four, True, False)
             checks.append(_seconds("with the loop, wall time", whole["wall"], 30.0))
             largest = max(largest, whole["megabytes"])
-        checks.append(_memory("four of 60 s", largest))
+        checks.append(memory("four of 60 s", largest))
         times = []
         for length in minutes:
             file = folder / "long.parquet"
@@ -104,13 +103,13 @@ def speed(
             recordings = [("unloaded", files["unloaded"]), ("train", file), ("validate", files["validate"])]
             took = one(f"training recording of {length:g} minutes, both stages", recordings, False, False)
             times.append(took["cpu"])
-            checks.append(_memory(f"{length:g} minutes", took["megabytes"]))
+            checks.append(memory(f"{length:g} minutes", took["megabytes"]))
         if len(minutes) > 1:
-            checks.append(_linear(minutes, times))
+            checks.append(linear(minutes, times))
     return Outcome(tuple(checks))
 
 
-def _linear(minutes: Sequence[float], times: Sequence[float]) -> Check:
+def linear(minutes: Sequence[float], times: Sequence[float]) -> Check:
     """Time of a minute added between the last two lengths beside that of one added between the first two.
 
     Two lengths alone have no other stretch to compare: then it is the average over everything, fixed costs included.
@@ -134,17 +133,19 @@ def _seconds(name: str, value: float, target: float) -> Check:
     return Check(name, value, f"{value:.2f} s", "at most", target, f"{target:g} s")
 
 
-def _memory(name: str, value: float) -> Check:
+def memory(name: str, value: float) -> Check:
+    """Peak memory beside its target, MB."""
     return Check(f"peak memory, {name}", value, f"{value:.0f} MB", "at most", MEMORY, f"{MEMORY:g} MB")
 
 
-def _identified(
+def identified(
     machine: Path, recordings: list[tuple[str, Path]], output: Path, *, loop: bool, warm: bool
 ) -> dict[str, float]:
+    """Time in s and peak memory in MB of an identification in a process of its own; results in ``output/timed``."""
     order = {
         "machine": str(machine),
         "recordings": [(role, str(file)) for role, file in recordings],
-        "output": str(output / f"{time.monotonic_ns()}"),
+        "output": str(output),
         "loop": loop,
         "warm": warm,
     }

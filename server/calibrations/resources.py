@@ -38,7 +38,10 @@ class Parameter(BaseModel):
 
 
 class CalibrationResource(BaseModel):
-    """A calibration; ``errors`` per joint and ``overall`` are the report's, before and after the loop."""
+    """A calibration; ``errors`` per joint and ``overall`` are the report's, before and after the loop.
+
+    ``proposed_by_id`` is the principal that may not approve it.
+    """
 
     id: str
     machine: str
@@ -46,6 +49,7 @@ class CalibrationResource(BaseModel):
     label: str
     state: Literal["proposed", "approved", "rejected", "active", "retired"]
     proposed_by: str
+    proposed_by_id: str
     approved_by: str | None
     created: str
     activated: str | None

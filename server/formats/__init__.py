@@ -6,8 +6,6 @@ Everything that opens a file from outside runs in a child process with bounded m
 - :mod:`server.formats.mcap_file`: MCAP with JSON messages, for writing; needs mcap, the extra ``export``
 - :mod:`server.formats.statistics`: what a recording holds, channel by channel
 - :mod:`server.formats.exports`: the service's side: starts the children, names the files
+
+Nothing is imported here: the children load what their piece of work needs, and not the store.
 """
-
-from server.formats.exports import FORMATS, Exports
-
-__all__ = ["FORMATS", "Exports"]

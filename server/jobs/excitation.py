@@ -17,6 +17,7 @@ from server.jobs.kinds import NUMERICAL, JobError, StageRun
 from server.store import Database, Job, Machines
 from server.store.excitations import Excitation, Excitations
 from server.store.idempotency import IdempotencyKey
+from server.store.jobs import Result
 
 STAGE = "design"
 #: The program that designs: ``[*PROGRAM, REQUEST.json]``.
@@ -88,13 +89,13 @@ class ExcitationKind:
         write_atomically(path, json.dumps(request, indent=1).encode())
         return run.child([*self._program, str(path)], output / "design.log")
 
-    def finish(self, job: Job) -> None:
-        """Store what the design found."""
+    def result(self, job: Job) -> Result:
+        """What the design found."""
         try:
             result = json.loads((self._files.excitations / job.subject / "result.json").read_bytes())
         except (OSError, ValueError):
             raise JobError("The design left no motion that can be read; order it again") from None
-        self._excitations.set_result(job.subject, result)
+        return self._excitations.result(job.subject, result)
 
     def ended(self, job: Job, state: str, error: str | None) -> None:
         """Nobody waits for it here."""

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import cached_property
 from pathlib import Path
 
 from server.children import ChildResult
 from server.files import DataDirectory
 from server.jobs.kinds import NUMERICAL, JobError, StageRun
+from server.shared_recordings import SharedRecordings
 from server.stages import StageProgram, StageRequest, words
 from server.store import Database, Identification, Identifications, Job, Recordings
+from server.store.jobs import Result
 
 
 class IdentificationKind:
@@ -20,13 +22,24 @@ class IdentificationKind:
     Parameters
     ----------
     program : gives the stages and the command that runs one; called when the first job needs it
+    shared : where recordings are fetched from; None: they are in the data directory
+    scratch : directory for what is fetched
     """
 
     name = "identification"
     queue = NUMERICAL
 
-    def __init__(self, database: Database, files: DataDirectory, program: Callable[[], StageProgram]) -> None:
+    def __init__(
+        self,
+        database: Database,
+        files: DataDirectory,
+        program: Callable[[], StageProgram],
+        shared: SharedRecordings | None = None,
+        scratch: Path | None = None,
+    ) -> None:
         self._files = files
+        self._shared = shared
+        self._scratch = scratch or files.root / "scratch"
         self._make_program = program
         self._identifications = Identifications(database)
         self._recordings = Recordings(database)
@@ -48,14 +61,22 @@ class IdentificationKind:
         """One stage in a process of its own."""
         identification = self._identifications.get(run.job.subject)
         output = self._files.identifications / identification.id
-        request = self._request(identification, output).write()
-        return run.child([*self._program.command, str(request), run.stage], output / f"{run.stage}.log")
+        log = output / f"{run.stage}.log"
+        rows = {id: self._recordings.get(id) for id, _ in identification.recordings}
+        # What stays says where the service keeps recordings, also if this host reads copies of them.
+        kept = {id: self._files.recordings / f"{id}.{row.format}" for id, row in rows.items()}
+        request = self._request(identification, kept, output).write()
+        if self._shared is None:
+            return run.child([*self._program.command, str(request), run.stage], log)
+        with self._shared.fetched(tuple(rows.values()), self._scratch) as copies:
+            request = self._request(identification, copies, output).write(self._scratch / f"{identification.id}.json")
+            try:
+                return run.child([*self._program.command, str(request), run.stage], log)
+            finally:
+                request.unlink(missing_ok=True)
 
-    def _request(self, identification: Identification, output: Path) -> StageRequest:
-        recordings = tuple(
-            (role, self._files.recordings / f"{id}.{self._recordings.get(id).format}")
-            for id, role in identification.recordings
-        )
+    def _request(self, identification: Identification, places: Mapping[str, Path], output: Path) -> StageRequest:
+        recordings = tuple((role, places[id]) for id, role in identification.recordings)
         return StageRequest(
             machine=self._files.machine_file(identification.machine, identification.machine_version),
             recordings=recordings,
@@ -63,11 +84,11 @@ class IdentificationKind:
             output=output,
         )
 
-    def finish(self, job: Job) -> None:
-        """Store what the report says."""
+    def result(self, job: Job) -> Result:
+        """What the report says."""
         try:
             report = json.loads((self._files.identifications / job.subject / "report.json").read_bytes())
-            self._identifications.set_result(job.subject, report["loop"]["verdict"], report["overall"])
+            return self._identifications.result(job.subject, report["loop"]["verdict"], report["overall"])
         except (OSError, ValueError, KeyError, TypeError):
             raise JobError("The last stage left no report that can be read") from None
 

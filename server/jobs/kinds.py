@@ -10,6 +10,7 @@ from typing import Protocol
 from daq.errors import HilfitError
 from server.children import ChildResult
 from server.store import Job
+from server.store.jobs import Result
 
 #: Queue of numerical work: one job at a time per process that takes from it, on whatever host.
 NUMERICAL = "identifications"
@@ -56,8 +57,8 @@ class Kind(Protocol):
     def run(self, run: StageRun) -> ChildResult:
         """Run a stage; one that broke off is run again, so it must not do twice what may be done once."""
 
-    def finish(self, job: Job) -> None:
-        """Store the result; doing it twice changes nothing. JobError if there is none."""
+    def result(self, job: Job) -> Result | None:
+        """What its stages left to be stored with the end of the job; None: nothing. JobError if it is not there."""
 
     def ended(self, job: Job, state: str, error: str | None) -> None:
         """The job is about to be over; may be told twice."""

@@ -196,7 +196,7 @@ class RecalibrationKind:
             self._around.calibrations.activate(calibration.id, f"by policy: {sentence(comparison)}")
         return ChildResult("done", summary={"calibration": calibration.id, "activated": adopted})
 
-    def finish(self, job: Job) -> None:
+    def result(self, job: Job) -> None:
         """Everything is stored by the stages."""
 
     def ended(self, job: Job, state: str, error: str | None) -> None:

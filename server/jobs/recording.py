@@ -19,6 +19,8 @@ from server.store.recalibrations import Recalibration, Recalibrations
 FITTED = 2 / 3
 #: A recording that got less than this share of its time is made again.
 ENOUGH = 0.9
+#: Times that it is made: its acquisition may die, and comes back.
+TRIES = 5
 LOOK_S = 0.5
 #: s that a recording is shorter than its motion: it begins a moment later, and afterwards the rods may be pinned.
 MARGIN_S = 1.0
@@ -87,22 +89,32 @@ def record(
         if role in found and _whole(recordings.get(found[role]), seconds * machines.rate_hz(this.machine)):
             continue
         said = _Said(run, number / len(wanted), 1 / len(wanted))
-        if excitation is not None and controller is not None:
-            name = f"{this.id}-{role}-{machines.now().replace(':', '')}"
-            controller.send(name, excitation)
-            while not controller.follows(name):
-                if run.should_stop():
-                    return None
-                _in_time(machines, deadline, "the simulated controller did not begin the motion")
-                said(0.0, "The arm moves to the start of the motion")
-                pause(LOOK_S)
-        row = _started(run, this, machines, role, seconds, deadline, said, pause)
-        if row is None:
-            return None
-        found[role] = row.id
-        store.note(this.id, recordings=found)
-        if not _until_sealed(run, machines, recordings, row.id, seconds, said, pause):
-            return None
+        for attempt in range(1, TRIES + 1):
+            if excitation is not None and controller is not None:
+                name = f"{this.id}-{role}-{machines.now().replace(':', '')}"
+                controller.send(name, excitation)
+                while not controller.follows(name):
+                    if run.should_stop():
+                        return None
+                    _in_time(machines, deadline, "the simulated controller did not begin the motion")
+                    said(0.0, "The arm moves to the start of the motion")
+                    pause(LOOK_S)
+            begun = _started(run, this, machines, role, seconds, deadline, said, pause)
+            if begun is None:
+                return None
+            found[role] = begun.id
+            store.note(this.id, recordings=found)
+            ended = _until_sealed(run, machines, recordings, begun.id, seconds, said, pause)
+            if ended is None:
+                return None
+            if _whole(ended, seconds * machines.rate_hz(this.machine)):
+                break
+            reason = ended.error or f"recording {ended.id} ended early"
+            if attempt == TRIES:
+                raise JobError(f"{reason}, {TRIES} times over; check the machine and run the schedule again")
+            said(0.0, f"Recording again: {reason}")
+            pause(LOOK_S)
+            _in_time(machines, deadline, reason)
     return found
 
 
@@ -166,20 +178,17 @@ def _until_sealed(
     seconds: float,
     said: _Said,
     pause: Callable[[float], Any],
-) -> bool:
+) -> RecordingRow | None:
+    """The recording once it is over, however long it became; None if told to stop."""
     waited = 0.0
     while (row := recordings.get(id)).state == "recording":
         if run.should_stop():
             machines.stop_recording(id)
-            return False
+            return None
         said(min(waited / seconds, 1.0), f"Recording {row.role} for {seconds:.0f} s")
         pause(LOOK_S)
         waited += LOOK_S
-    if run.should_stop():
-        return False
-    if not _whole(row, seconds * machines.rate_hz(row.machine)):
-        raise JobError(row.error or f"recording {id} ended early; check the machine and run the schedule again")
-    return True
+    return None if run.should_stop() else row
 
 
 def _whole(row: RecordingRow, rows: float) -> bool:

@@ -22,6 +22,7 @@ class Revisions:
     ----------
     changes : what wakes those who wait
     read : reads the counters from the store
+    own : the counters that this process wrote last; then the store need not be read for its own writes
     """
 
     def __init__(
@@ -32,25 +33,37 @@ class Revisions:
         clock: Callable[[], float] = time.monotonic,
         poll_s: float = POLL_S,
         heartbeat_s: float = HEARTBEAT_S,
+        own: Callable[[], Mapping[str, int]] | None = None,
     ) -> None:
         self._changes = changes
         self._read = read
         self._clock = clock
         self._poll_s = poll_s
         self._heartbeat_s = heartbeat_s
+        self._own = own
         self._lock = asyncio.Lock()
         self._seen = -1
         self._until = -1.0
         self._counters: Mapping[str, int] = {}
 
     async def current(self) -> Mapping[str, int]:
-        """The counters, read again only if something changed since or they are too old."""
+        """The counters: as new as every write of this process, and not older than ``poll_s`` for those of others."""
+        # While somebody reads, nobody else waits for the store: a writer may hold it for as long as a disk takes.
+        if self._own is None or not self._counters or not self._lock.locked():
+            await self._refresh()
+        own = {} if self._own is None else self._own()
+        if any(number > self._counters.get(name, 0) for name, number in own.items()):
+            self._counters = {**self._counters, **own}
+        return self._counters
+
+    async def _refresh(self) -> None:
+        """Read the store if what is known of it may be too old."""
         async with self._lock:
             number = self._changes.number
-            if number != self._seen or self._clock() >= self._until:
+            told = self._own is None and number != self._seen
+            if told or self._clock() >= self._until:
                 self._counters = await self._read()
                 self._seen, self._until = number, self._clock() + self._poll_s
-            return self._counters
 
     async def follow(self) -> AsyncIterator[tuple[str, int] | None]:
         """Every counter as it is, then each whenever it moves; None now and then, as a sign of life.

@@ -26,6 +26,8 @@ from server.monitor.watcher import Watcher
 
 #: Seconds between two looks at the ring.
 LOOK_S = 0.25
+#: Blocks (of 2 s) after which its state is written down: what a kill costs at most.
+REMEMBER_BLOCKS = 15
 Say = Callable[[Mapping[str, Any]], None]
 
 
@@ -39,10 +41,9 @@ def watch(
     names : of the channels, in the order of the ring's rows
     """
     joints = tuple(joint.name for joint in model.machine.joints)
-    watcher = Watcher.begin(joints, STATISTICS, order.rules).knowing(_remembered(order.memory))
+    watcher = _remembered(order.memory, Watcher.begin(joints, STATISTICS, order.rules))
     units = {joint.name: joint.effort_unit for joint in model.machine.joints}
-    known = watcher.usual()
-    for rows in windows:
+    for number, rows in enumerate(windows, 1):
         time, values = measured(rows, names)
         blocks = model.evaluate(time, values)
         if blocks is None:  # a gap: nothing is known of these seconds
@@ -62,16 +63,21 @@ def watch(
                 "delay_s": model.delay_s,
             }
         )
-        if watcher.usual() != known:
-            known = watcher.usual()
-            write_atomically(order.memory, json.dumps(known).encode())
+        if number % REMEMBER_BLOCKS == 0:
+            _remember(order.memory, watcher)
+    _remember(order.memory, watcher)
 
 
-def _remembered(path: Path) -> dict[str, Any]:
+def _remember(path: Path, watcher: Watcher) -> None:
+    write_atomically(path, json.dumps(watcher.memory()).encode())
+
+
+def _remembered(path: Path, fresh: Watcher) -> Watcher:
+    """The watcher that was remembered; the fresh one without a memory that can be read."""
     try:
-        return dict(json.loads(path.read_text(encoding="utf-8")))
-    except (OSError, ValueError):
-        return {}
+        return fresh.remembering(json.loads(path.read_text(encoding="utf-8")))
+    except (OSError, ValueError, KeyError, TypeError, AttributeError):
+        return fresh
 
 
 def _windows(ring: RingReader, windows: Windows) -> Iterator[npt.NDArray[Any]]:

@@ -98,6 +98,8 @@ class Monitors:
         self._clock = clock
         self._lock = threading.Lock()
         self._watches: dict[str, _Watch] = {}
+        # Machine -> calibration whose drift was told: a monitor that starts again remembers it, and is not heard twice.
+        self._asked: dict[str, str] = {}
         self._stop = threading.Event()
         self._thread: threading.Thread | None = None
 
@@ -215,7 +217,10 @@ class Monitors:
         text = "; ".join(f"{joint['joint']}: {WORDS[joint['statistic']]}" for joint in worst)
         text = f"measured and predicted effort drift apart: {text}; recalibrate, or look for the cause"
         self._alarms.report(machine, "residual_drift", text, "warning", bool(drifting))
-        if found["state"] == "drift" and before != "drift" and self.recalibrate is not None:
+        if found["state"] == "watching":
+            self._asked.pop(machine, None)
+        if found["state"] == "drift" and self._asked.get(machine) != watch.calibration and self.recalibrate is not None:
+            self._asked[machine] = watch.calibration
             try:
                 self.recalibrate(machine, text)
             except HilfitError as error:

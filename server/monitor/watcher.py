@@ -149,14 +149,32 @@ class Watcher:
             "learnt": min(1.0, max((len(s.seen) / self.rules.learn if s.usual is None else 1.0) for s in own)),
         }
 
-    def usual(self) -> dict[str, Any]:
-        """What was learnt, as plain JSON."""
-        return {f"{j}/{s}": vars(own.usual) for (j, s), own in self.series.items() if own.usual is not None}
-
-    def knowing(self, usual: Mapping[str, Mapping[str, Any]]) -> Watcher:
-        """The watcher with what an earlier one learnt; its sums begin at zero."""
+    def memory(self) -> dict[str, Any]:
+        """All that it knows, as plain JSON: what was seen and learnt, where the sums stand, which joints drift."""
         series = {
-            (j, s): replace(own, usual=Usual(**usual[f"{j}/{s}"])) if f"{j}/{s}" in usual else own
-            for (j, s), own in self.series.items()
+            f"{joint}/{statistic}": {
+                "seen": list(own.seen),
+                "usual": None if own.usual is None else vars(own.usual),
+                "sums": vars(own.sums),
+            }
+            for (joint, statistic), own in self.series.items()
         }
-        return replace(self, series=series)
+        return {"series": series, "drifting": sorted(self.drifting)}
+
+    def remembering(self, memory: Mapping[str, Any]) -> Watcher:
+        """The watcher where an earlier one stood; between the two, time is missing, so no number is the last one.
+
+        Raises
+        ------
+        KeyError, TypeError, ValueError
+            If that is no memory.
+        """
+        series = {}
+        for (joint, statistic), own in self.series.items():
+            kept = memory["series"].get(f"{joint}/{statistic}")
+            if kept is not None:
+                usual = None if kept["usual"] is None else Usual(**kept["usual"])
+                own = Series(tuple(float(value) for value in kept["seen"]), usual, None, Sums(**kept["sums"]))
+            series[joint, statistic] = own
+        joints = {joint for joint, _ in series}
+        return replace(self, series=series, drifting=frozenset(memory["drifting"]) & joints)

@@ -17,7 +17,7 @@ from server.access.resources import (
     Pairing,
     PrincipalResource,
 )
-from server.routes.common import Cursor, Limit, ServiceDep, problems
+from server.routes.common import Cursor, Idempotency, Limit, ServiceDep, problems
 
 router = APIRouter(prefix="/access", tags=["access"])
 ADMIN = [require("admin", every_machine=True)]
@@ -31,18 +31,27 @@ def pair(body: Pairing, response: Response, service: ServiceDep) -> Paired:
     return Paired(token=token, principal=PrincipalResource.of(holder.principal))
 
 
-@router.post("/pairing-codes", status_code=201, responses=problems(422, 429), dependencies=ADMIN)
+@router.post("/pairing-codes", status_code=201, responses=problems(409, 422, 429), dependencies=ADMIN)
 def make_pairing_code(
-    body: CodeOrder, request: Request, response: Response, service: ServiceDep, principal: PrincipalDep
+    body: CodeOrder,
+    request: Request,
+    response: Response,
+    service: ServiceDep,
+    principal: PrincipalDep,
+    idempotency_key: Idempotency = None,
 ) -> CodeResource:
-    """Make a code that pairs one device within a quarter of an hour."""
-    code = service.access.open_code(body.role, body.machines, principal)
-    url = pairing_url(str(request.base_url).rstrip("/"), code.digits)
+    """Make a code that pairs one device within a quarter of an hour; one ``Idempotency-Key`` makes one code."""
+
+    def make() -> CodeResource:
+        code = service.access.open_code(body.role, body.machines, principal)
+        url = pairing_url(str(request.base_url).rstrip("/"), code.digits)
+        machines = None if code.machines is None else list(code.machines)
+        return CodeResource(
+            code=code.digits, role=code.role, machines=machines, expires=code.expires, url=url, qr_svg=qr_svg(url)
+        )
+
     response.headers["Cache-Control"] = "no-store"
-    machines = None if code.machines is None else list(code.machines)
-    return CodeResource(
-        code=code.digits, role=code.role, machines=machines, expires=code.expires, url=url, qr_svg=qr_svg(url)
-    )
+    return service.replays.once(principal.id, "pairing-codes", idempotency_key, body.model_dump(), make)
 
 
 @router.get("/me", dependencies=[require("read")])
@@ -75,13 +84,27 @@ def get_key(id: str, service: ServiceDep) -> HolderResource:
     return HolderResource.of(service.access.holders.get(id, "key"))
 
 
-@router.post("/keys", status_code=201, responses=problems(422), dependencies=ADMIN)
-def make_key(body: KeyOrder, response: Response, service: ServiceDep, principal: PrincipalDep) -> NewKey:
-    """Make an API key for a program; its secret is shown this once."""
-    holder, secret = service.access.make_key(body.name, body.role, body.machines, principal)
-    response.headers["Location"] = f"/api/v1/access/keys/{holder.id}"
+@router.post("/keys", status_code=201, responses=problems(409, 422), dependencies=ADMIN)
+def make_key(
+    body: KeyOrder,
+    response: Response,
+    service: ServiceDep,
+    principal: PrincipalDep,
+    idempotency_key: Idempotency = None,
+) -> NewKey:
+    """Make an API key for a program; its secret is shown this once.
+
+    Sent again with its ``Idempotency-Key`` within a quarter of an hour, the request makes no second key.
+    """
+
+    def make() -> NewKey:
+        holder, secret = service.access.make_key(body.name, body.role, body.machines, principal)
+        return NewKey(**HolderResource.of(holder).model_dump(), key=secret)
+
+    made = service.replays.once(principal.id, "keys", idempotency_key, body.model_dump(), make)
+    response.headers["Location"] = f"/api/v1/access/keys/{made.id}"
     response.headers["Cache-Control"] = "no-store"
-    return NewKey(**HolderResource.of(holder).model_dump(), key=secret)
+    return made
 
 
 @router.delete("/keys/{id}", status_code=204, responses=problems(404, 409, 422), dependencies=ADMIN)

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from fastapi import APIRouter, Query
+from fastapi import APIRouter, Header, Query, Response
 
 from server.access.guard import PrincipalDep, require
+from server.alarms.lifecycle import Alarm, tag
 from server.alarms.resources import AlarmList, AlarmResource, Shelf
 from server.routes.common import Cursor, Limit, ServiceDep, problems
 
 router = APIRouter(prefix="/alarms", tags=["alarms"])
+IfMatch = Annotated[str | None, Header(max_length=80, description="`ETag` of the alarm as it was read")]
 
 
 @router.get("", responses=problems(422), dependencies=[require("read")])
@@ -27,24 +29,38 @@ def list_alarms(
 
 
 @router.get("/{id}", responses=problems(404, 422), dependencies=[require("read")])
-def get(id: str, service: ServiceDep) -> AlarmResource:
-    """Read an alarm."""
-    return AlarmResource.of(service.alarms.get(id))
+def get(id: str, response: Response, service: ServiceDep) -> AlarmResource:
+    """Read an alarm; its ``ETag`` is for changing it."""
+    return _tagged(service.alarms.get(id), response)
 
 
-@router.post("/{id}/acknowledge", responses=problems(404, 422), dependencies=[require("operate")])
-def acknowledge(id: str, service: ServiceDep, principal: PrincipalDep) -> AlarmResource:
+@router.post("/{id}/acknowledge", responses=problems(404, 412, 422), dependencies=[require("operate")])
+def acknowledge(
+    id: str, response: Response, service: ServiceDep, principal: PrincipalDep, if_match: IfMatch = None
+) -> AlarmResource:
     """Say that somebody has seen it; the first who says so stays named."""
-    return AlarmResource.of(service.alarms.acknowledge(id, principal.name))
+    return _tagged(service.alarms.acknowledge(id, principal.name, _tag(if_match)), response)
 
 
-@router.post("/{id}/shelve", responses=problems(404, 422), dependencies=[require("operate")])
-def shelve(id: str, shelf: Shelf, service: ServiceDep, principal: PrincipalDep) -> AlarmResource:
+@router.post("/{id}/shelve", responses=problems(404, 412, 422), dependencies=[require("operate")])
+def shelve(
+    id: str, shelf: Shelf, response: Response, service: ServiceDep, principal: PrincipalDep, if_match: IfMatch = None
+) -> AlarmResource:
     """Keep an alarm quiet for a while: it is tracked, but nobody is to be called."""
-    return AlarmResource.of(service.alarms.shelve(id, principal.name, shelf.reason, shelf.seconds))
+    changed = service.alarms.shelve(id, principal.name, shelf.reason, shelf.seconds, _tag(if_match))
+    return _tagged(changed, response)
 
 
-@router.post("/{id}/unshelve", responses=problems(404, 422), dependencies=[require("operate")])
-def unshelve(id: str, service: ServiceDep) -> AlarmResource:
+@router.post("/{id}/unshelve", responses=problems(404, 412, 422), dependencies=[require("operate")])
+def unshelve(id: str, response: Response, service: ServiceDep, if_match: IfMatch = None) -> AlarmResource:
     """Let a shelved alarm be heard again."""
-    return AlarmResource.of(service.alarms.unshelve(id))
+    return _tagged(service.alarms.unshelve(id, _tag(if_match)), response)
+
+
+def _tagged(alarm: Alarm, response: Response) -> AlarmResource:
+    response.headers["ETag"] = f'"{tag(alarm)}"'
+    return AlarmResource.of(alarm)
+
+
+def _tag(if_match: str | None) -> str | None:
+    return None if if_match is None or if_match.strip() == "*" else if_match.strip().strip('"')

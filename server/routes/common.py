@@ -5,19 +5,21 @@ from __future__ import annotations
 from http import HTTPStatus
 from typing import Annotated, Any
 
-from fastapi import Depends, Query, Request
+from fastapi import Depends, Header, Query, Request
 
 from server.problems import MEDIA_TYPE
 from server.service import Service
 
 
-def _service(request: Request) -> Service:
+async def _service(request: Request) -> Service:  # a coroutine: a plain function would run in a thread
     service = request.app.state.service
     assert isinstance(service, Service)
     return service
 
 
 ServiceDep = Annotated[Service, Depends(_service)]
+#: Of a request that makes something: sent again with the same key it makes nothing more.
+Idempotency = Annotated[str | None, Header(alias="idempotency-key", min_length=1, max_length=200)]
 Limit = Annotated[int, Query(ge=1, le=500, description="Most items of a page")]
 Cursor = Annotated[int, Query(ge=0, le=2**53, description="`next` of the page before; 0 starts at the newest")]
 

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal
 
-from fastapi import APIRouter, Header, Query, Response
+from fastapi import APIRouter, Query, Response
 from fastapi.responses import FileResponse
 from pydantic import BaseModel, ConfigDict, Field
 
 from server.access.guard import PrincipalDep, require
 from server.errors import ConflictError
-from server.routes.common import Cursor, Limit, ServiceDep, problems
+from server.routes.common import Cursor, Idempotency, Limit, ServiceDep, problems
 from server.service import Service
 from server.store.excitations import Excitation
 
@@ -85,7 +85,7 @@ def order(
     body: ExcitationOrder,
     response: Response,
     service: ServiceDep,
-    idempotency_key: Annotated[str | None, Header(min_length=1, max_length=200)] = None,
+    idempotency_key: Idempotency = None,
 ) -> ExcitationResource:
     """Order the design of a motion: its job is at ``Location``; one ``Idempotency-Key`` makes one job."""
     options = body.model_dump(exclude={"machine", "label"})

@@ -5,10 +5,11 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Awaitable, Callable
 from functools import partial
-from typing import Annotated, Any
+from typing import Annotated
 
 import anyio
-from fastapi import APIRouter, Query, WebSocket, WebSocketDisconnect
+import orjson
+from fastapi import APIRouter, Query, Response, WebSocket, WebSocketDisconnect
 from fastapi.concurrency import run_in_threadpool
 
 from server.access.guard import PrincipalDep, require
@@ -23,14 +24,24 @@ socket_router = APIRouter(prefix="/live", tags=["live"])
 SUBPROTOCOL = "hilfit.v1"
 #: Close codes (RFC 6455 section 7.4, IANA): going away; policy; try again later.
 GOING_AWAY, POLICY, TRY_AGAIN = 1001, 1008, 1013
+_FRAMES = {"type": "object", "additionalProperties": {"type": "object", "additionalProperties": True}}
 
 
-@router.get("", responses=problems(404, 422, 503), dependencies=[require("read")])
-def snapshot(
+@router.get(
+    "",
+    response_class=Response,
+    responses={200: {"content": {"application/json": {"schema": _FRAMES}}}, **problems(404, 422, 503)},
+    dependencies=[require("read")],
+)
+async def snapshot(
     service: ServiceDep, principal: PrincipalDep, machine: Annotated[str | None, Query(max_length=80)] = None
-) -> dict[str, dict[str, Any]]:
+) -> Response:
     """The newest values, with quality and age, of one machine or of all, by machine name."""
-    return principal.visible(service.live(machine))
+    if machine is not None:
+        await run_in_threadpool(service.machines.get, machine)
+    # A look into shared memory: a thread for it would take longer than it does.
+    content = principal.visible(service.live(machine))
+    return Response(orjson.dumps(content), media_type="application/json")
 
 
 @socket_router.websocket("/stream", dependencies=[require("read")])

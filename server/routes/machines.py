@@ -4,19 +4,22 @@ from __future__ import annotations
 
 from typing import Annotated, Any
 
-from fastapi import APIRouter, Query, Request, Response
+from fastapi import APIRouter, Header, Query, Request, Response
 from fastapi.concurrency import run_in_threadpool
 
 from daq import load_machine
 from server.access.guard import PrincipalDep, require
-from server.errors import NotFoundError
-from server.resources import AcquisitionWish, MachineDetail, MachineList, MachineSummary
+from server.errors import NotFoundError, PreconditionError
+from server.resources import AcquisitionWish, MachineCheck, MachineDetail, MachineList, MachineSummary
 from server.routes.common import Cursor, Limit, ServiceDep, problems
 from server.service import Service
 
 router = APIRouter(prefix="/machines", tags=["machines"])
 YAML = "application/yaml"
 Version = Annotated[int | None, Query(ge=1, le=2**53, description="By default the current one")]
+IfMatch = Annotated[
+    str | None, Header(max_length=40, description="`ETag` of the machine (its current version) as it was read")
+]
 _FILE: dict[str, Any] = {
     "requestBody": {
         "required": True,
@@ -27,15 +30,31 @@ _FILE: dict[str, Any] = {
 
 
 @router.post(
-    "", status_code=201, responses=problems(404, 409, 413, 422), openapi_extra=_FILE, dependencies=[require("engineer")]
+    "",
+    status_code=201,
+    responses={200: {"model": MachineSummary}, **problems(404, 409, 412, 413, 422)},
+    openapi_extra=_FILE,
+    dependencies=[require("engineer")],
 )
-async def upload(request: Request, response: Response, service: ServiceDep, principal: PrincipalDep) -> MachineSummary:
+async def upload(
+    request: Request, response: Response, service: ServiceDep, principal: PrincipalDep, if_match: IfMatch = None
+) -> MachineSummary:
     """Upload a machine file: a new machine or a new version (200 if it is the current version already)."""
     content = await request.body()
-    row, made = await run_in_threadpool(service.upload_machine, content, principal.may_see)
+    expected = _version(if_match)
+    row, made = await run_in_threadpool(service.upload_machine, content, principal.may_see, expected)
     response.status_code = 201 if made else 200
     response.headers["Location"] = f"/api/v1/machines/{row.name}"
+    response.headers["ETag"] = f'"{row.current}"'
     return MachineSummary.of(row)
+
+
+@router.post("/check", responses=problems(404, 409, 413, 422), openapi_extra=_FILE, dependencies=[require("engineer")])
+async def check(request: Request, service: ServiceDep, principal: PrincipalDep) -> MachineCheck:
+    """Check a machine file as an upload of it would; nothing is stored."""
+    content = await request.body()
+    name, version = await run_in_threadpool(service.check_machine, content, principal.may_see)
+    return MachineCheck(name=name, version=version)
 
 
 @router.get("", responses=problems(422), dependencies=[require("read")])
@@ -45,9 +64,11 @@ def list_machines(service: ServiceDep, principal: PrincipalDep, limit: Limit = 5
 
 
 @router.get("/{name}", responses=problems(404, 422), dependencies=[require("read")])
-def get(name: str, service: ServiceDep, version: Version = None) -> MachineDetail:
+def get(name: str, response: Response, service: ServiceDep, version: Version = None) -> MachineDetail:
     """Read a machine: its file, validated, as JSON, and the state of its acquisition."""
-    return _detail(service, name, version)
+    detail = _detail(service, name, version)
+    response.headers["ETag"] = f'"{detail.current}"'
+    return detail
 
 
 @router.get(
@@ -60,7 +81,7 @@ def file(name: str, service: ServiceDep, version: Version = None) -> Response:
     """Read a machine file as it was uploaded."""
     row = service.machines.get(name, version)
     content = service.files.machine_file(name, row.version).read_bytes()
-    return Response(content, media_type=YAML)
+    return Response(content, media_type=YAML, headers={"ETag": f'"{row.current}"'})
 
 
 @router.put("/{name}/acquisition", responses=problems(404, 409, 422), dependencies=[require("engineer")])
@@ -68,6 +89,16 @@ def acquisition(name: str, wish: AcquisitionWish, service: ServiceDep) -> Machin
     """Start or stop acquiring a machine; it stays so over restarts."""
     service.set_acquisition(name, wish.enabled)
     return _detail(service, name, None)
+
+
+def _version(if_match: str | None) -> int | None:
+    """The version that a client expects to be the current one, None for any; a new machine has none (0)."""
+    if if_match is None or if_match.strip() == "*":
+        return None
+    text = if_match.strip().strip('"')
+    if not text.isascii() or not text.isdecimal():
+        raise PreconditionError(f"If-Match {if_match}: is no ETag of a machine; read it again")
+    return int(text)
 
 
 def _detail(service: Service, name: str, version: int | None) -> MachineDetail:

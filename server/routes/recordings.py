@@ -11,11 +11,10 @@ from starlette.background import BackgroundTask
 
 from server.access.guard import PrincipalDep, require
 from server.files import receive
-from server.formats import FORMATS
-from server.formats.exports import Format
+from server.formats.exports import FORMATS, Format
 from server.formats.resources import RecordingStatistics
 from server.resources import RecordingList, RecordingResource, RecordingStart, Role
-from server.routes.common import Cursor, Limit, ServiceDep, problems
+from server.routes.common import Cursor, Idempotency, Limit, ServiceDep, problems
 
 router = APIRouter(prefix="/recordings", tags=["recordings"])
 _BYTES: dict[str, Any] = {"schema": {"type": "string", "format": "binary"}}
@@ -31,11 +30,21 @@ _FILE: dict[str, Any] = {
 
 
 @router.post("", status_code=201, responses=problems(404, 409, 422, 503), dependencies=[require("operate")])
-def start(wish: RecordingStart, response: Response, service: ServiceDep) -> RecordingResource:
-    """Start recording a machine that is being acquired."""
-    row = service.sessions.start(wish.machine, wish.role, wish.label, wish.seconds)
-    response.headers["Location"] = f"/api/v1/recordings/{row.id}"
-    return RecordingResource.of(row)
+def start(
+    wish: RecordingStart,
+    response: Response,
+    service: ServiceDep,
+    principal: PrincipalDep,
+    idempotency_key: Idempotency = None,
+) -> RecordingResource:
+    """Start recording a machine that is being acquired; one ``Idempotency-Key`` starts one recording."""
+
+    def begin() -> str:
+        return service.sessions.start(wish.machine, wish.role, wish.label, wish.seconds).id
+
+    id = service.replays.once(principal.id, "recordings", idempotency_key, wish.model_dump(), begin)
+    response.headers["Location"] = f"/api/v1/recordings/{id}"
+    return RecordingResource.of(service.recordings.get(id))
 
 
 @router.post(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import secrets
 from dataclasses import replace
 from datetime import datetime
+from itertools import islice
 from typing import Annotated
 
 from fastapi import APIRouter, Header, Query, Response
@@ -12,23 +13,44 @@ from fastapi import APIRouter, Header, Query, Response
 from server.access.guard import PrincipalDep, require
 from server.errors import InvalidError, PreconditionError
 from server.resources import JobResource
-from server.routes.common import Cursor, Limit, ServiceDep, problems
+from server.routes.common import Cursor, Idempotency, Limit, ServiceDep, problems
 from server.schedules import slots
-from server.schedules.resources import ScheduleList, ScheduleResource, ScheduleWish, SlotList, SlotResource
+from server.schedules.clock import text
+from server.schedules.resources import (
+    ScheduleList,
+    ScheduleResource,
+    ScheduleWish,
+    SlotList,
+    SlotResource,
+    UpcomingSlots,
+)
 from server.service import Service
 from server.store.schedules import Schedule
 
 router = APIRouter(prefix="/schedules", tags=["schedules"])
+#: Slots that are told ahead.
+UPCOMING = 5
 IfMatch = Annotated[str | None, Header(max_length=40, description="`ETag` of the schedule as it was read")]
 
 
-@router.post("", status_code=201, responses=problems(404, 422), dependencies=[require("engineer")])
-def create(wish: ScheduleWish, response: Response, service: ServiceDep) -> ScheduleResource:
-    """Make a schedule; its first slot is the next one from now."""
-    schedule = _checked(service, wish, f"sch-{secrets.token_hex(8)}", service.now())
-    service.schedules.add(schedule)
-    response.headers["Location"] = f"/api/v1/schedules/{schedule.id}"
-    return _resource(service, schedule, response)
+@router.post("", status_code=201, responses=problems(404, 409, 422), dependencies=[require("engineer")])
+def create(
+    wish: ScheduleWish,
+    response: Response,
+    service: ServiceDep,
+    principal: PrincipalDep,
+    idempotency_key: Idempotency = None,
+) -> ScheduleResource:
+    """Make a schedule; its first slot is the next one from now. One ``Idempotency-Key`` makes one schedule."""
+
+    def make() -> str:
+        schedule = _checked(service, wish, f"sch-{secrets.token_hex(8)}", service.now())
+        service.schedules.add(schedule)
+        return schedule.id
+
+    id = service.replays.once(principal.id, "schedules", idempotency_key, wish.model_dump(), make)
+    response.headers["Location"] = f"/api/v1/schedules/{id}"
+    return _resource(service, service.schedules.get(id), response)
 
 
 @router.get("", responses=problems(422), dependencies=[require("read")])
@@ -42,6 +64,18 @@ def list_schedules(
     """List schedules, newest first."""
     page = service.schedules.list(limit, cursor, machine=machine, machines=principal.machines)
     return ScheduleList(items=[_resource(service, schedule) for schedule in page.items], next=page.next)
+
+
+@router.get("/upcoming", responses=problems(422), dependencies=[require("read")])
+def upcoming(
+    service: ServiceDep,
+    cron: Annotated[str, Query(max_length=200)],
+    timezone: Annotated[str, Query(max_length=64)] = "UTC",
+) -> UpcomingSlots:
+    """When a schedule with this expression would run next; it is refused where a schedule with it would be."""
+    now = datetime.fromisoformat(service.now())
+    slots.check(cron, timezone, now)
+    return UpcomingSlots(slots=[text(slot) for slot in islice(slots.upcoming(cron, timezone, now), UPCOMING)])
 
 
 @router.get("/{id}", responses=problems(404, 422), dependencies=[require("read")])

@@ -80,6 +80,12 @@ class ScheduleList(BaseModel):
     next: int | None
 
 
+class UpcomingSlots(BaseModel):
+    """The next slots of a cron expression, in UTC; fewer where it ends."""
+
+    slots: list[str]
+
+
 class SlotResource(BaseModel):
     """A slot in UTC; ``coalesced``: it had its turn together with a later one."""
 

@@ -53,19 +53,35 @@ def copy_database(url: str, directory: Path, stem: str) -> Path:
     return target
 
 
+def check_restore(source: Path, url: str) -> None:
+    """Look whether a copy can be put in the place of the database, before anything is changed.
+
+    Raises
+    ------
+    StartError
+        If the copy does not fit, PostgreSQL's programs are absent, or somebody uses the database.
+    """
+    sqlite = url.startswith("sqlite")
+    if sqlite != (source.suffix == ".sqlite"):
+        raise StartError(f"{source}: is a copy of another kind of database; set database_url as it was then")
+    if not sqlite:
+        program("pg_restore")
+        _refuse_in_use(url)
+
+
 def restore_database(source: Path, url: str) -> None:
     """Put a copy in the place of the database; what was there is gone.
 
     Raises
     ------
     StartError
-        If the copy does not fit or cannot be read.
+        As :func:`check_restore`, or if the copy cannot be read.
     """
+    check_restore(source, url)
     sqlite = url.startswith("sqlite")
-    if sqlite != (source.suffix == ".sqlite"):
-        raise StartError(f"{source}: is a copy of another kind of database; set database_url as it was then")
     if not sqlite:
-        _run("pg_restore", url, "--clean", "--if-exists", "--no-owner", "--exit-on-error", str(source))
+        # In one transaction: what was there stays if it cannot be restored.
+        _run("pg_restore", url, "--clean", "--if-exists", "--no-owner", "--single-transaction", str(source))
         return
     target = Path(url.removeprefix("sqlite:///"))
     for leftover in ("-journal", "-wal", "-shm"):  # of the database that was there; they would spoil the copy
@@ -76,6 +92,25 @@ def restore_database(source: Path, url: str) -> None:
         os.fsync(file.fileno())
     partial.replace(target)
     sync_directory(target.parent)
+
+
+def _refuse_in_use(url: str) -> None:
+    """Refuse while servers or workers, of whatever host, are connected."""
+    engine = sa.create_engine(url, poolclass=sa.NullPool)
+    try:
+        with engine.connect() as connection:
+            others = connection.execute(
+                sa.text(
+                    "SELECT count(*) FROM pg_stat_activity WHERE datname = current_database()"
+                    " AND pid <> pg_backend_pid() AND backend_type = 'client backend'"
+                )
+            ).scalar()
+    except sa.exc.DBAPIError as error:
+        raise StartError(f"database_url: cannot be reached ({' '.join(str(error.orig).split())})") from None
+    finally:
+        engine.dispose()
+    if others:
+        raise StartError(f"database_url: {others} connections use it; stop the server and all workers first")
 
 
 def _copy_sqlite(source: Path, target: Path) -> None:

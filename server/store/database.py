@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import sqlite3
-from collections.abc import Callable, Iterator, Sequence
+import threading
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -62,7 +63,11 @@ class Database:
         self.name = str(place) if self.is_sqlite else sa.make_url(self.url).render_as_string(hide_password=True)
         self._clock = clock
         self._changed = changed
-        self._engine = sa.create_engine(self.url)
+        self._lock = threading.Lock()
+        self._own: Mapping[str, int] = {}
+        self._alone: sa.Connection | None = None
+        # PostgreSQL may be restarted below us: a connection that it ended is noticed before it is used.
+        self._engine = sa.create_engine(self.url, pool_pre_ping=not self.is_sqlite)
         if self.is_sqlite:
             sa.event.listen(self._engine, "connect", _prepare)
             sa.event.listen(self._engine, "begin", _begin)
@@ -120,10 +125,10 @@ class Database:
         """A transaction that writes; counts a revision of each of ``resources``, then wakes the waiters."""
         with self._engine.connect().execution_options(hilfit_write=True) as connection, connection.begin():
             yield connection
-            for resource in resources:
-                count = sa.update(tables.revisions).where(tables.revisions.c.resource == resource)
-                if connection.execute(count.values(number=tables.revisions.c.number + 1)).rowcount == 0:
-                    connection.execute(tables.revisions.insert().values(resource=resource, number=1))
+            counted = {resource: _count(connection, resource) for resource in resources}
+        with self._lock:  # after the commit: whoever sees the number finds what was written
+            newer = {name: max(number, self._own.get(name, 0)) for name, number in counted.items()}
+            self._own = {**self._own, **newer}
         self._changed()
 
     @contextmanager
@@ -143,7 +148,26 @@ class Database:
                 connection.invalidate()
                 self.close()
                 raise StartError(f"{self.name}: another hilfit server is using it; stop that one")
-            yield
+            self._alone = connection
+            try:
+                yield
+            finally:
+                self._alone = None
+
+    def still_alone(self) -> bool:
+        """Whether :meth:`alone` still holds; the lock goes with its connection, and is taken again if nobody did.
+
+        Raises what the driver raises while the database is away.
+        """
+        if self._alone is None:
+            return True
+        try:
+            self._alone.execute(sa.text("SELECT 1"))
+            return True
+        except sa.exc.DBAPIError:
+            self._alone.invalidate()
+            self._alone.rollback()
+        return bool(self._alone.execute(sa.text(f"SELECT pg_try_advisory_lock({_SERVER})")).scalar())
 
     def now(self) -> str:
         """The time as the store writes it: UTC, milliseconds."""
@@ -155,6 +179,10 @@ class Database:
             rows = connection.execute(sa.select(tables.revisions)).all()
         return {row.resource: row.number for row in rows}
 
+    def own_revisions(self) -> Mapping[str, int]:
+        """Of each resource that this process wrote, its revision after the last of those writes; no read."""
+        return self._own
+
     def check(self) -> None:
         """Read one row; raises what the driver raises when the database is gone."""
         with self.read() as connection:
@@ -163,6 +191,17 @@ class Database:
     def close(self) -> None:
         """Close all connections."""
         self._engine.dispose()
+
+
+def _count(connection: sa.Connection, resource: str) -> int:
+    """Count a revision; the new number."""
+    column = tables.revisions.c.number
+    count = sa.update(tables.revisions).where(tables.revisions.c.resource == resource).values(number=column + 1)
+    number = connection.execute(count.returning(column)).scalar()
+    if number is None:
+        connection.execute(tables.revisions.insert().values(resource=resource, number=1))
+        return 1
+    return int(number)
 
 
 def page(

@@ -10,7 +10,7 @@ import sqlalchemy as sa
 from server.errors import NotFoundError
 from server.store.database import Database, Page, page
 from server.store.idempotency import IdempotencyKey, earlier, remember
-from server.store.jobs import Jobs
+from server.store.jobs import Jobs, Result
 from server.store.tables import excitations
 
 
@@ -70,10 +70,10 @@ class Excitations:
             rows, cursor = page(connection, query, excitations.c.number, limit, after)
         return Page(tuple(_excitation(row) for row in rows), cursor)
 
-    def set_result(self, id: str, result: dict[str, Any]) -> None:
-        """Store what the design found; storing it again changes nothing."""
-        with self._database.write("excitations") as connection:
-            connection.execute(excitations.update().where(excitations.c.id == id).values(result=result))
+    @staticmethod
+    def result(id: str, found: dict[str, Any]) -> Result:
+        """What the design found, to be stored with the end of the job."""
+        return Result("excitations", excitations.update().where(excitations.c.id == id).values(result=found))
 
 
 def _get(connection: sa.Connection, id: str) -> Excitation:

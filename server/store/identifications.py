@@ -11,6 +11,7 @@ import sqlalchemy as sa
 from server.errors import ConflictError, NotFoundError
 from server.store.database import Database, Page, page
 from server.store.idempotency import IdempotencyKey, earlier, remember
+from server.store.jobs import Result
 from server.store.tables import identification_recordings, identifications, recordings
 
 
@@ -92,12 +93,11 @@ class Identifications:
             rows, cursor = page(connection, query, identifications.c.number, limit, after)
             return Page(tuple(_get(connection, row.id) for row in rows), cursor)
 
-    def set_result(self, id: str, verdict: str, overall: dict[str, Any]) -> None:
-        """Store what the report says; storing it again changes nothing."""
-        with self._database.write("identifications") as connection:
-            connection.execute(
-                identifications.update().where(identifications.c.id == id).values(verdict=verdict, overall=overall)
-            )
+    @staticmethod
+    def result(id: str, verdict: str, overall: dict[str, Any]) -> Result:
+        """What the report says, to be stored with the end of the job."""
+        change = identifications.update().where(identifications.c.id == id).values(verdict=verdict, overall=overall)
+        return Result("identifications", change)
 
 
 def _get(connection: sa.Connection, id: str) -> Identification:

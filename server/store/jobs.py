@@ -12,6 +12,7 @@ from typing import Any, Literal
 import sqlalchemy as sa
 
 from server.errors import NotFoundError
+from server.store.claims import Claim
 from server.store.database import Database, Page, page
 from server.store.tables import job_events, jobs
 
@@ -51,8 +52,19 @@ class JobEvent:
     text: str
 
 
+@dataclass(frozen=True)
+class Result:
+    """What a job found: a change of one resource, in the transaction that ends the job."""
+
+    resource: str
+    change: sa.Update
+
+
 class Jobs:
-    """Repository of jobs."""
+    """Repository of jobs.
+
+    What whoever runs a job stores goes with its claim: TakenOver, and nothing is stored, if that holds no more.
+    """
 
     def __init__(self, database: Database) -> None:
         self._database = database
@@ -112,7 +124,7 @@ class Jobs:
         with self._database.read() as connection:
             return {state: int(count) for state, count in connection.execute(query)}
 
-    def progress(self, id: str, stage: str, fraction: float, text: str) -> bool:
+    def progress(self, id: str, stage: str, fraction: float, text: str, claim: Claim | None = None) -> bool:
         """A queued or running job does ``text``; its fraction never goes back.
 
         Returns
@@ -120,6 +132,8 @@ class Jobs:
         False if the job has ended or somebody asked to cancel it: the caller should stop.
         """
         with self._database.write("jobs") as connection:
+            if claim is not None:
+                claim.check(connection)
             row = connection.execute(sa.select(jobs).where(jobs.c.id == id)).one()
             if row.state in FINAL or row.cancel_requested:
                 return False
@@ -138,9 +152,11 @@ class Jobs:
             self._event(connection, id, "running", stage, fraction, text)
         return True
 
-    def cancelling(self, id: str) -> bool:
+    def cancelling(self, id: str, claim: Claim | None = None) -> bool:
         """Whether somebody asked to cancel the job."""
         with self._database.read() as connection:
+            if claim is not None:
+                claim.check(connection)
             return bool(connection.execute(sa.select(jobs.c.cancel_requested).where(jobs.c.id == id)).scalar())
 
     def request_cancel(self, id: str) -> Job:
@@ -157,23 +173,45 @@ class Jobs:
                 jobs.update().where(jobs.c.id == id, jobs.c.state.not_in(FINAL)).values(cancel_requested=True)
             )
         if state == "queued":
-            self._finish_if(id, {"queued"}, "cancelled", "Cancelled before it started", None)
+            self._finish_if(id, {"queued"}, "cancelled", "Cancelled before it started")
         return self.get(id)
 
-    def finish(self, id: str, state: State, text: str, error: str | None = None) -> bool:
-        """End a job; only the first call counts.
+    def finish(
+        self,
+        id: str,
+        state: State,
+        text: str,
+        error: str | None = None,
+        *,
+        claim: Claim | None = None,
+        result: Result | None = None,
+    ) -> bool:
+        """End a job and store its result, in one transaction; only the first call counts.
 
         Returns
         -------
         Whether this call ended it.
         """
-        return self._finish_if(id, {"queued", "running"}, state, text, error)
+        return self._finish_if(id, {"queued", "running"}, state, text, error, claim, result)
 
-    def _finish_if(self, id: str, states: set[str], state: State, text: str, error: str | None) -> bool:
-        with self._database.write("jobs") as connection:
+    def _finish_if(
+        self,
+        id: str,
+        states: set[str],
+        state: State,
+        text: str,
+        error: str | None = None,
+        claim: Claim | None = None,
+        result: Result | None = None,
+    ) -> bool:
+        with self._database.write("jobs", *([] if result is None else [result.resource])) as connection:
+            if claim is not None:
+                claim.check(connection)
             row = connection.execute(sa.select(jobs).where(jobs.c.id == id)).one()
             if row.state not in states:
                 return False
+            if result is not None:
+                connection.execute(result.change)
             fraction = 1.0 if state == "done" else row.fraction
             connection.execute(
                 jobs.update()

@@ -24,8 +24,29 @@ def _to_2(connection: sa.Connection) -> None:
         connection.exec_driver_sql(statement)
 
 
+#: PostgreSQL refuses to change, delete or truncate the audit log. A rule would do nothing and say nothing.
+AUDIT_APPEND_ONLY = (
+    "CREATE OR REPLACE FUNCTION audit_log_append_only() RETURNS trigger LANGUAGE plpgsql AS "
+    "$$ BEGIN RAISE EXCEPTION 'the audit log is append-only'; END $$",
+    "CREATE TRIGGER audit_log_append_only BEFORE UPDATE OR DELETE OR TRUNCATE ON audit_log "
+    "FOR EACH STATEMENT EXECUTE FUNCTION audit_log_append_only()",
+)
+
+
+def _to_3(connection: sa.Connection) -> None:
+    """The audit log of PostgreSQL was protected by rules, which let TRUNCATE through and refused without a word."""
+    if connection.dialect.name != "postgresql" or not sa.inspect(connection).has_table("audit_log"):
+        return
+    for statement in (
+        "DROP RULE IF EXISTS audit_log_no_update ON audit_log",
+        "DROP RULE IF EXISTS audit_log_no_delete ON audit_log",
+        *AUDIT_APPEND_ONLY,
+    ):
+        connection.exec_driver_sql(statement)
+
+
 #: Per version, the step to the next one.
-STEPS: Mapping[int, Callable[[sa.Connection], None]] = {1: _to_2}
+STEPS: Mapping[int, Callable[[sa.Connection], None]] = {1: _to_2, 2: _to_3}
 
 
 def migrate(connection: sa.Connection, found: int, wanted: int) -> None:

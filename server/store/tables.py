@@ -6,9 +6,11 @@ from typing import Any
 
 import sqlalchemy as sa
 
+from server.store import migrations
+
 #: Raised by one whenever a table that was there changes (a new table needs nothing); :mod:`server.store.migrations`
 #: brings an older store up to date, a newer one is refused.
-SCHEMA_VERSION = 2
+SCHEMA_VERSION = 3
 
 metadata = sa.MetaData()
 
@@ -213,6 +215,15 @@ executors = sa.Table(
     sa.Column("seen", sa.String, nullable=False),
 )
 
+#: Who works on a job: a fencing token (:mod:`server.store.claims`).
+job_claims = sa.Table(
+    "job_claims",
+    metadata,
+    sa.Column("job", sa.String, sa.ForeignKey("jobs.id"), primary_key=True),
+    sa.Column("number", sa.Integer, nullable=False),  # one higher with every holder
+    sa.Column("holder", sa.String),  # executor; none: free
+)
+
 #: Paired devices and API keys; of what they send only a hash is kept.
 principals = sa.Table(
     "principals",
@@ -252,16 +263,18 @@ audit_log = sa.Table(
     sa.Column("detail", sa.String, nullable=False),  # JSON as it was hashed
     sa.Column("hash", sa.String, nullable=False),
 )
-_ddl: Any = sa.DDL  # its constructor has no types
-for _event in ("UPDATE", "DELETE"):
-    _name = f"audit_log_no_{_event.lower()}"
-    _trigger = _ddl(
-        f"CREATE TRIGGER {_name} BEFORE {_event} ON audit_log "
+_APPEND_ONLY = {
+    "sqlite": tuple(
+        f"CREATE TRIGGER audit_log_no_{event.lower()} BEFORE {event} ON audit_log "
         "BEGIN SELECT RAISE(ABORT, 'the audit log is append-only'); END"
-    )
-    _rule = _ddl(f"CREATE RULE {_name} AS ON {_event} TO audit_log DO INSTEAD NOTHING")
-    sa.event.listen(audit_log, "after_create", _trigger.execute_if(dialect="sqlite"))
-    sa.event.listen(audit_log, "after_create", _rule.execute_if(dialect="postgresql"))
+        for event in ("UPDATE", "DELETE")
+    ),
+    "postgresql": migrations.AUDIT_APPEND_ONLY,
+}
+_ddl: Any = sa.DDL  # its constructor has no types
+for _dialect, _statements in _APPEND_ONLY.items():
+    for _statement in _statements:
+        sa.event.listen(audit_log, "after_create", _ddl(_statement).execute_if(dialect=_dialect))
 
 calibrations = sa.Table(
     "calibrations",

@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from daq import RecordingError, parse_machine, read_recording, recording_files
 from daq.errors import InputError
 from daq.recording_files import read_table
-from daq.scratch import Scratch, ScratchColumns
+from daq.scratch import Scratch, ScratchArrays, ScratchColumns
 
 MACHINE = parse_machine(plain())
 
@@ -142,3 +142,19 @@ def test_what_is_refused_short_is_refused_long(both: tuple[Path, pytest.MonkeyPa
     path.write_bytes(damaged)
     with pytest.raises(RecordingError, match="cut short or damaged"):
         read_recording(path, MACHINE, "train")
+
+
+def test_arrays_by_number_are_kept_and_replaced() -> None:
+    arrays = ScratchArrays()
+    first, second = np.arange(6.0).reshape(2, 3), np.ones((2, 3))
+    arrays[None], arrays[3] = first, second
+    assert len(arrays) == 2 and list(arrays) == [None, 3]
+    taken = arrays[None]
+    taken[0] = 9.0  # what was read belongs to the reader
+    assert np.array_equal(arrays[None], first)
+    arrays[None] = taken
+    assert np.array_equal(arrays[None], taken) and np.array_equal(arrays[3], second)
+    arrays[None] = np.zeros((4, 1))
+    assert arrays[None].shape == (4, 1) and np.array_equal(arrays[3], second)
+    del arrays[3]
+    assert list(arrays) == [None]

@@ -122,7 +122,7 @@ def test_what_is_of_a_foreign_machine_does_not_exist(guarded: Guarded, method: s
     elif "machine" in queried:
         answer = guarded.client.request(method, path, params={"machine": "lever"}, headers=headers)
         assert answer.status_code == 404
-    elif method == "POST" and resource in OF_A_MACHINE and path != f"{API}/machines":
+    elif method == "POST" and resource in OF_A_MACHINE and path not in (f"{API}/machines", f"{API}/machines/check"):
         body = {"machine": "lever", "identification": "idn-of-lever"}
         assert guarded.client.post(path, json=body, headers=headers).status_code == 404
     elif path.startswith((f"{API}/access/", f"{API}/audit", f"{API}/backups", "/metrics")) and not path.endswith("/me"):
@@ -154,9 +154,10 @@ def test_a_bound_principal_has_its_own_machine_and_sees_no_other(guarded: Guarde
 
 def test_a_bound_engineer_changes_the_file_of_its_machine_only(guarded: Guarded) -> None:
     file = guarded.client.get(f"{API}/machines/lever/file", headers=guarded.bearer("viewer")).content
-    place = f"{API}/machines"
-    assert guarded.client.post(place, content=file, headers=guarded.bearer("engineer", ("other",))).status_code == 404
-    assert guarded.client.post(place, content=file, headers=guarded.bearer("engineer", ("lever",))).status_code == 200
+    for place in (f"{API}/machines", f"{API}/machines/check"):
+        for machine, status in (("other", 404), ("lever", 200)):
+            headers = guarded.bearer("engineer", (machine,))
+            assert guarded.client.post(place, content=file, headers=headers).status_code == status
 
 
 @pytest.mark.parametrize(

@@ -76,6 +76,7 @@ def test_the_database_refuses_changes(audit: Audit, place: Path, statement: str)
     assert audit.verify().intact
 
 
+@pytest.mark.slow
 @settings(max_examples=12, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(column=st.sampled_from(COLUMNS), number=st.integers(1, 6), text=st.text("abc0", min_size=1, max_size=4))
 def test_any_change_shows_where_it_was_made(

@@ -20,6 +20,7 @@ def contents(directory: Path) -> dict[str, bytes]:
     return {str(path.relative_to(directory)): path.read_bytes() for path in directory.rglob("*") if path.is_file()}
 
 
+@pytest.mark.slow
 def test_a_backup_of_a_running_service_is_restored_elsewhere_and_jobs_are_there(tmp_path: Path, csv: bytes) -> None:
     data_dir = tmp_path / "data"
     with running_service(data_dir, Fakes()) as running:

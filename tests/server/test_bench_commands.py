@@ -49,6 +49,7 @@ def test_without_a_name_they_are_listed(run: Run) -> None:
         (("samples", "--only", "rust"), "--only rust: is no sample"),
         (("samples", "no-such-directory"), "no-such-directory: no such directory"),
         (("speed", "--minutes", "60,10"), "--minutes 60,10: write rising numbers"),
+        (("long", "--minutes", "60,10"), "--minutes 60,10: write rising numbers"),
         (("excitation", "--arm", "left"), "--arm left"),
         (("dance",), "No such command 'dance'"),
     ],

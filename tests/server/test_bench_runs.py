@@ -93,6 +93,7 @@ def test_every_effect_has_a_largest_size_on_every_joint(arm: Any) -> None:
             assert largest(effect, plan, joint) > 0
 
 
+@pytest.mark.slow
 def test_effects_outside_the_catalogue_say_what_shows_them() -> None:
     assert set(OUTSIDE) >= {"bent_guide", "threshold_spring"}
     case = make_case(CaseKey("outside", 0), Selection(only="bent_guide", seconds=20.0))
@@ -117,6 +118,7 @@ def test_a_cached_case_is_the_case(tmp_path: Path) -> None:
     assert 5.2 < made.effects[0].seen < 11.3
 
 
+@pytest.mark.slow
 def test_an_unfinished_folder_of_the_cache_is_made_again(tmp_path: Path) -> None:
     key = CaseKey("null", 0)
     made = case_files.stored_case(tmp_path, key, SHORT)

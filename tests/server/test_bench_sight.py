@@ -50,6 +50,7 @@ def standing(plan):
     return force - force.mean()
 
 
+@pytest.mark.slow
 def test_the_noise_has_the_covariance_of_the_formula(plan, standing) -> None:
     expected = noise_covariance(plan.machine, plan.truth, QUALITY, 0, 50)
     for lag in (0, 1, 2, 5):
@@ -80,6 +81,7 @@ def test_what_the_base_model_can_take_is_invisible(plan, bare, sight, what: str)
     assert sight.force(changed) < 0.5
 
 
+@pytest.mark.slow
 def test_lambda_grows_with_the_size_and_sits_at_the_joint(plan, sight) -> None:
     one, two = (
         sight.force(ideal(plan, EffectSpec("position_dependent_friction", "joint2", size))) for size in (20.0, 40.0)
@@ -89,6 +91,7 @@ def test_lambda_grows_with_the_size_and_sits_at_the_joint(plan, sight) -> None:
     assert sight.force(ideal(plan, EffectSpec("position_dependent_friction", "joint2", 0.0))) == 0.0
 
 
+@pytest.mark.slow
 def test_lambda_falls_with_the_noise(plan, bare) -> None:
     effect = ideal(plan, EffectSpec("gas_spring", "joint3", 200.0))
     quiet, loud = (

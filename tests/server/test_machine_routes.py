@@ -29,6 +29,40 @@ def test_upload_makes_versions(running: Running) -> None:
     assert old["machine"]["joints"][0]["limits"]["velocity"] == 1.0
 
 
+def test_two_who_change_one_file_do_not_overwrite_each_other(running: Running) -> None:
+    new = running.client.post(MACHINES, content=named("shared"), headers={"If-Match": '"0"'})
+    assert (new.status_code, new.headers["etag"]) == (201, '"1"')
+    read = running.client.get(f"{MACHINES}/shared/file").headers["etag"]
+    assert running.client.get(f"{MACHINES}/shared").headers["etag"] == read == '"1"'
+    mine, other = (named("shared").replace("velocity: 1.0", f"velocity: {speed}") for speed in (1.5, 2.5))
+    assert running.client.post(MACHINES, content=other, headers={"If-Match": read}).status_code == 201
+    refused = running.client.post(MACHINES, content=mine, headers={"If-Match": read})
+    assert refused.status_code == 412
+    assert "version 2 by now, not 1" in refused.json()["detail"]
+    assert running.client.get(f"{MACHINES}/shared/file").text == other
+    # The same text again changes nothing: it is no conflict, whoever sent it.
+    assert running.client.post(MACHINES, content=other, headers={"If-Match": read}).status_code == 200
+    now = running.client.get(f"{MACHINES}/shared", params={"version": 1}).headers["etag"]
+    assert running.client.post(MACHINES, content=mine, headers={"If-Match": now}).json()["version"] == 3
+    assert running.client.post(MACHINES, content=mine + "#", headers={"If-Match": "mine"}).status_code == 412
+    taken = running.client.post(MACHINES, content=named("shared") + "# new\n", headers={"If-Match": '"0"'})
+    assert taken.status_code == 412
+
+
+def test_a_check_says_what_an_upload_would_and_stores_nothing(running: Running) -> None:
+    before = running.client.get(MACHINES).json()
+    check = running.client.post(f"{MACHINES}/check", content=named("draft"))
+    assert (check.status_code, check.json()) == (200, {"name": "draft", "version": 1})
+    assert running.client.get(MACHINES).json() == before
+    running.client.post(MACHINES, content=named("draft"))
+    assert running.client.post(f"{MACHINES}/check", content=named("draft")).json()["version"] == 1
+    assert running.client.post(f"{MACHINES}/check", content=named("draft") + "#").json()["version"] == 2
+    wrong = named("draft").replace("a: 1.0", "a: far")
+    refused = running.client.post(f"{MACHINES}/check", content=wrong)
+    assert refused.status_code == 422
+    assert refused.json()["detail"] == running.client.post(MACHINES, content=wrong).json()["detail"]
+
+
 def test_the_file_comes_back_as_it_was_sent(running: Running) -> None:
     text = "# a comment stays\n" + named("verbatim")
     running.client.post(MACHINES, content=text)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import json
 import math
 
 import numpy as np
@@ -128,13 +129,32 @@ def test_what_is_said_of_a_joint_is_the_rate_of_its_own_statistics() -> None:
     assert (said[0]["learnt"], said[1]["learnt"]) == (1.0, 0.0)
 
 
-def test_what_was_learnt_outlives_a_restart() -> None:
-    watcher = Watcher.begin(("a",), ("offset",), Rules(learn=10))
-    for value in np.random.default_rng(1).standard_normal(10):
-        watcher = watcher.step({"a": {"offset": float(value)}})
-    again = Watcher.begin(("a",), ("offset",), Rules(learn=10)).knowing(watcher.usual())
-    assert again.state == "watching"
-    assert again.usual() == watcher.usual()
+@pytest.mark.parametrize("blocks", [4, 10, 13, 60])
+def test_what_it_knows_and_where_it_stands_outlive_a_restart(blocks: int) -> None:
+    def watcher_after(values: np.ndarray, watcher: Watcher) -> Watcher:
+        for value in values:
+            watcher = watcher.step({"a": {"offset": float(value)}})
+        return watcher
+
+    fresh = Watcher.begin(("a",), ("offset",), Rules(learn=10))
+    chance = np.random.default_rng(1)
+    # A drift of six standard deviations after what is learnt from: little is learnt, so much is allowed.
+    values = np.concatenate([chance.standard_normal(10), 6.0 + chance.standard_normal(50)])[:blocks]
+    before = watcher_after(values, fresh)
+    again = fresh.remembering(json.loads(json.dumps(before.memory())))
+    assert again.memory() == before.memory()
+    assert (again.state, again.drifting) == (before.state, before.drifting)
+    assert again.joint("a") == before.joint("a"), "the sums stand where they stood"
+    assert (blocks == 60) == (again.state == "drift")
+    assert again.step({"a": None}).memory() == before.step({"a": None}).memory()
+
+
+def test_a_memory_of_other_joints_is_no_memory_of_these() -> None:
+    known = Watcher.begin(("a",), ("offset",), Rules(learn=10)).step({"a": {"offset": 1.0}})
+    other = Watcher.begin(("b",), ("offset",), Rules(learn=10))
+    assert other.remembering(known.memory()) == other
+    with pytest.raises(KeyError):
+        other.remembering({"a/offset": {}})
 
 
 def test_what_is_usual_is_on_the_careful_side() -> None:

@@ -3,12 +3,20 @@
 from __future__ import annotations
 
 import json
+from typing import Any
+
+import pytest
 
 from server.openapi import PLACE, describe, text_of
 
 
-def test_the_interface_has_not_changed_unannounced() -> None:
-    committed, now = json.loads(PLACE.read_text(encoding="utf-8")), describe()
+@pytest.fixture(scope="module")
+def description() -> dict[str, Any]:
+    return describe()
+
+
+def test_the_interface_has_not_changed_unannounced(description: dict[str, Any]) -> None:
+    committed, now = json.loads(PLACE.read_text(encoding="utf-8")), description
     changed = sorted(
         path for path in committed["paths"] | now["paths"] if committed["paths"].get(path) != now["paths"].get(path)
     )
@@ -16,8 +24,7 @@ def test_the_interface_has_not_changed_unannounced() -> None:
     assert PLACE.read_text(encoding="utf-8") == text_of(now), "run 'python -m server.openapi' and review the difference"
 
 
-def test_every_operation_says_what_it_does_and_how_it_fails() -> None:
-    description = describe()
+def test_every_operation_says_what_it_does_and_how_it_fails(description: dict[str, Any]) -> None:
     for path, operations in description["paths"].items():
         for method, operation in operations.items():
             assert operation.get("description"), f"{method} {path} has no description"

@@ -22,7 +22,7 @@ def problem(response: Any, status: int) -> dict[str, Any]:
 @pytest.mark.parametrize(
     ("method", "path", "status"),
     [
-        ("GET", "/nothing", 404),
+        ("GET", f"{API}/nothing", 404),
         ("GET", f"{API}/machines/absent", 404),
         ("GET", f"{API}/machines/absent/file", 404),
         ("GET", f"{API}/recordings/absent", 404),

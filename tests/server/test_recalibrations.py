@@ -87,13 +87,13 @@ class Setting:
 
 
 @contextmanager
-def setting(data_dir: Path) -> Iterator[Setting]:
+def setting(data_dir: Path, **settings: Any) -> Iterator[Setting]:
     fakes, calibrations = Fakes(), FakeCalibrations()
     script = Path(__file__).with_name("fake_comparison.py")
     fakes.parts = replace(
         fakes.parts, comparison=(sys.executable, str(script)), calibrations=lambda service: calibrations
     )
-    with running_service(data_dir, fakes) as running:
+    with running_service(data_dir, fakes, **settings) as running:
         running.service.schedule_clock.stop()  # the test's own clock is the only one
         running.service.upload_machine(MACHINE.encode())
         running.service.set_acquisition("lever", True)
@@ -129,6 +129,7 @@ def test_a_slot_has_its_turn_once_and_proposes_a_calibration(site: Setting) -> N
     assert site.running.follow(second)[-1]["state"] == "done"
 
 
+@pytest.mark.slow
 def test_missed_slots_have_their_turn_together(site: Setting) -> None:
     schedule = site.schedule()
     (job,) = site.later(5.5)
@@ -139,6 +140,7 @@ def test_missed_slots_have_their_turn_together(site: Setting) -> None:
     site.running.follow(job)
 
 
+@pytest.mark.slow
 def test_there_are_never_two_on_one_machine_and_slots_wait_meanwhile(site: Setting) -> None:
     (site.service.files.root / "steer.json").write_text('{"block": "check"}')
     schedule, other = site.schedule(), site.schedule("30 * * * *")
@@ -165,6 +167,7 @@ def test_a_slot_of_a_machine_that_is_not_acquired_is_missed_and_says_why(site: S
     assert "not being acquired" in slot.note
 
 
+@pytest.mark.slow
 def test_two_servers_that_look_at_once_order_one(site: Setting) -> None:
     schedule = site.schedule()
     seen = site.service.schedules.get(schedule.id)
@@ -177,6 +180,7 @@ def test_two_servers_that_look_at_once_order_one(site: Setting) -> None:
     assert len(site.slots(schedule)) == 1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("policy", "better", "activated"), [("if_better", True, 1), ("if_better", False, 0), ("never", True, 0)]
 )
@@ -205,6 +209,7 @@ def identified(site: Setting) -> str:
     return next(iter(site.calibrations.proposed))
 
 
+@pytest.mark.slow
 def test_a_recalibration_that_fails_raises_an_alarm_and_the_next_good_one_clears_it(site: Setting) -> None:
     site.running.fakes.recorder.fail = "the bus went away"
     schedule = site.schedule()
@@ -235,6 +240,7 @@ def test_a_recalibration_goes_on_after_a_restart_without_recording_again(tmp_pat
         assert len(again.service.identifications.list(10).items) == 1
 
 
+@pytest.mark.slow
 def test_the_standard_motion_of_a_real_machine_waits_for_a_person_and_says_what_to_do(site: Setting) -> None:
     site.schedule(plan=replace(PLAN, motion="standard", excitations=("exc-1",)))
     site.service.site.motion_seconds = lambda excitation: 11.0  # type: ignore[method-assign]

@@ -43,6 +43,7 @@ def table_of(content: bytes, suffix: str, directory: Path) -> Table:
     return read_table(path)
 
 
+@pytest.mark.slow
 def test_all_four_forms_hold_the_same_numbers(running: Running, sealed: str, tmp_path: Path) -> None:
     original = table_of(download(running, sealed, "parquet"), ".parquet", tmp_path)
     csv = table_of(download(running, sealed, "csv"), ".csv", tmp_path)
@@ -62,11 +63,13 @@ def test_all_four_forms_hold_the_same_numbers(running: Running, sealed: str, tmp
     assert {channel.topic for channel in reader.get_summary().channels.values()} == {"/hilfit/frame"}  # type: ignore[union-attr]
 
 
+@pytest.mark.slow
 def test_nothing_is_left_of_a_conversion(running: Running, sealed: str) -> None:
     download(running, sealed, "mcap")
     assert not list(running.service.files.recordings.glob(".incoming-*"))
 
 
+@pytest.mark.slow
 def test_an_mdf_file_comes_back_as_the_recording_that_it_was(running: Running, sealed: str, tmp_path: Path) -> None:
     content = download(running, sealed, "mdf4")
     id = running.upload(content, "validate", "again.mf4")
@@ -77,6 +80,7 @@ def test_an_mdf_file_comes_back_as_the_recording_that_it_was(running: Running, s
         np.testing.assert_array_equal(second.columns[name], values)
 
 
+@pytest.mark.slow
 def test_units_of_an_mdf_file_count_and_other_channels_do_not(running: Running, tmp_path: Path) -> None:
     time, values = motion(10)
     with MDF(version="4.10") as file:
@@ -115,6 +119,7 @@ HOSTILE = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("content", HOSTILE.values(), ids=list(HOSTILE))
 @pytest.mark.parametrize("name", ["x.mf4", "x.parquet", "x.csv"])
 def test_a_hostile_upload_costs_one_line(running: Running, sealed: str, content: bytes, name: str) -> None:
@@ -129,6 +134,7 @@ def test_a_hostile_upload_costs_one_line(running: Running, sealed: str, content:
     assert not list(running.service.files.recordings.glob(".incoming-*"))
 
 
+@pytest.mark.slow
 def test_a_truncated_upload_is_refused_in_every_form(running: Running, sealed: str) -> None:
     for format, name in (("parquet", "x.parquet"), ("mdf4", "x.mf4")):
         content = download(running, sealed, format)
@@ -176,6 +182,7 @@ def test_statistics_go_with_the_recording(running: Running, csv: bytes) -> None:
     assert running.client.get(f"{API}/recordings/{id}/statistics").status_code == 404
 
 
+@pytest.mark.slow
 def test_a_missing_library_says_what_to_install(
     running: Running, sealed: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:

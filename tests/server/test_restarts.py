@@ -12,6 +12,7 @@ from service_fakes import API, MACHINE, Fakes, Running, running_service
 from test_machine_routes import acquire
 
 from server.store import Jobs, RecordingRow
+from server.store.tables import recordings
 
 RECORDINGS = f"{API}/recordings"
 
@@ -48,10 +49,18 @@ def test_a_cut_recording_is_recovered_at_the_next_start(tmp_path: Path) -> None:
         cut = second.client.get(f"{RECORDINGS}/rec-cut").json()
         assert (cut["state"], cut["statistics"]) == ("sealed", {"rows": 500, "recovered": True})
         second.service.recordings.add(replace(row, id="rec-empty"))
+        # Killed when the file was whole, before the store knew.
+        second.service.recordings.add(replace(row, id="rec-whole", machine="lever", role="validate", state="failed"))
+        with second.service._database.write() as connection:
+            connection.execute(recordings.update().where(recordings.c.id == "rec-whole").values(state="recording"))
+        directory = second.service.files.recordings
+        (directory / "rec-whole.parquet").write_bytes((directory / "rec-cut.parquet").read_bytes())
     with running_service(tmp_path, Fakes()) as third:
         empty = third.client.get(f"{RECORDINGS}/rec-empty").json()
         assert empty["state"] == "failed"
         assert "record it again" in empty["error"]
+        whole = third.client.get(f"{RECORDINGS}/rec-whole").json()
+        assert (whole["state"], whole["statistics"]) == ("sealed", {"rows": 500, "recovered": True})
 
 
 def outcome(running: Running, job: str) -> dict[str, Any]:

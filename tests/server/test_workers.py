@@ -7,18 +7,26 @@ import select
 import signal
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import pytest
+import sqlalchemy as sa
 from postgresql_server import PostgreSQL
 from service_fakes import Fakes, ran, running_service
+from sqlalchemy.exc import OperationalError, ProgrammingError
 
-from server.errors import StartError
+from server.errors import StartError, TakenOver
 from server.executors import SILENT_S, Presence, Silence
 from server.settings import Settings
-from server.store import Database
+from server.store import Database, Jobs
+from server.store.claims import Claims
+from server.store.jobs import Result
+from server.store.patience import patiently
+from server.store.tables import executors
 from server.worker import work
 
 SCRIPT = Path(__file__).with_name("work_with_fakes.py")
@@ -65,6 +73,123 @@ def test_what_a_killed_worker_was_doing_is_taken_over_without_doing_a_finished_s
 
 
 @pytest.mark.slow
+def test_a_worker_that_was_stopped_wakes_up_and_leaves_alone_what_another_one_took_over(
+    tmp_path: Path, csv: bytes, postgresql: PostgreSQL
+) -> None:
+    data_dir, url = tmp_path / "data", postgresql.new_database()
+    half = "Half of cylinder_stage"
+    with running_service(data_dir, Fakes(), database_url=url, local_jobs=False) as running:
+        runner, directory = running.service.runner, running.service.files.identifications
+        with worker(data_dir, url, "one") as one:
+            order = running.order(csv, block="cylinder_stage")
+            running.follow(order.job, lambda event: event["text"] == half)
+            stage = os.pidfd_open(int((directory / order.id / "ran.txt").read_text().splitlines()[-1].split()[1]))
+            one.send_signal(signal.SIGSTOP)  # its stage goes on
+            assert runner.take_over(lambda executor: executor == "worker-one") == (order.job,)
+            with worker(data_dir, url, "two") as two:
+                seen: list[str] = []
+
+                def again(event: dict[str, Any]) -> bool:
+                    seen.append(event["text"])
+                    return seen.count(half) == 2
+
+                running.follow(order.job, again)
+                one.send_signal(signal.SIGCONT)
+                assert select.select([stage], [], [], 30)[0], "whoever lost a job has to end its stage"
+                os.close(stage)
+                (directory / order.id / "go").touch()
+                events = running.follow(order.job)
+                assert [event["state"] for event in events if event["state"] != "running"] == ["queued", "done"]
+                two.send_signal(signal.SIGTERM)
+                assert two.wait(30) == 0
+            assert ran(running, order.id) == ["check", "cylinder_stage", "cylinder_stage", "report"]
+            # And it is well: there is nobody else now.
+            second = running.order(csv)
+            assert running.follow(second.job)[-1]["state"] == "done"
+            one.send_signal(signal.SIGTERM)
+            assert one.wait(30) == 0
+        assert running.follow(order.job) == events, "nothing was added"
+
+
+@pytest.fixture(params=["sqlite", "postgresql"])
+def database(tmp_path: Path, request: pytest.FixtureRequest) -> Iterator[Database]:
+    """The same store on either."""
+    sqlite = request.param == "sqlite"
+    place = tmp_path / "s.sqlite" if sqlite else request.getfixturevalue("postgresql").new_database()
+    database = Database(place, changed=lambda: None)
+    yield database
+    database.close()
+
+
+def queued(database: Database) -> Jobs:
+    """A store with one job."""
+    jobs = Jobs(database)
+    with database.write() as connection:
+        jobs.insert(connection, id="job-1", kind="k", label="", subject="idn-1", stages=("fit",))
+    return jobs
+
+
+def test_a_claim_that_holds_no_more_stores_nothing(database: Database) -> None:
+    jobs, claims = queued(database), Claims(database)
+    late = claims.take("job-1", "one")
+    assert late is not None
+    assert jobs.progress("job-1", "fit", 0.1, "before", late)
+    assert claims.take("job-1", "two") is None, "it is held"
+    assert claims.revoke(lambda holder: holder == "two") == ()
+    assert claims.revoke(lambda holder: holder == "one") == ("job-1",)
+    mine = claims.take("job-1", "two")
+    assert mine is not None and mine.number > late.number
+    change: Any = executors.insert().values(id="trace", host="", started="", seen="")
+    attempts: list[Callable[[], object]] = [
+        lambda: jobs.progress("job-1", "fit", 0.9, "late", late),
+        lambda: jobs.cancelling("job-1", late),
+        lambda: jobs.finish("job-1", "done", "late", claim=late, result=Result("executors", change)),
+    ]
+    before = (jobs.get("job-1"), jobs.events("job-1"), database.revisions())
+    for attempt in attempts:
+        with pytest.raises(TakenOver):
+            attempt()
+    claims.give_back(late)  # is not its to give
+    assert claims.take("job-1", "three") is None
+    assert (jobs.get("job-1"), jobs.events("job-1"), database.revisions()) == before
+    with database.read() as connection:
+        assert connection.execute(sa.select(executors)).all() == []
+    assert jobs.finish("job-1", "done", "Done", claim=mine)
+    assert not jobs.finish("job-1", "done", "Done", claim=mine, result=Result("executors", change)), "a job ends once"
+    with database.read() as connection:
+        assert connection.execute(sa.select(executors)).all() == []
+
+
+def test_of_many_that_reach_for_a_job_at_once_one_gets_it(database: Database) -> None:
+    queued(database)
+    claims = Claims(database)
+    with ThreadPoolExecutor(8) as pool:
+        taken = list(pool.map(lambda number: claims.take("job-1", f"worker-{number}"), range(8)))
+    (winner,) = [claim for claim in taken if claim is not None]
+    restarted = claims.take("job-1", winner.holder)
+    assert restarted is not None and restarted.number == winner.number + 1, "a holder that starts again has it still"
+    claims.give_back(restarted)
+    assert claims.take("job-1", "anybody") is not None
+
+
+def test_a_database_that_is_away_is_waited_for_and_a_wrong_question_is_not() -> None:
+    pauses: list[float] = []
+    answers: list[Exception | str] = [OperationalError("SELECT", {}, Exception("gone"))] * 3 + ["there"]
+
+    def ask() -> str:
+        answer = answers.pop(0)
+        if isinstance(answer, Exception):
+            raise answer
+        return answer
+
+    assert patiently(ask, pauses.append) == "there"
+    assert len(pauses) == 3
+    with pytest.raises(ProgrammingError):
+        answers.append(ProgrammingError("SELECT", {}, Exception("no such column")))
+        patiently(ask, pauses.append)
+
+
+@pytest.mark.slow
 def test_a_service_on_postgresql_runs_jobs_itself_and_refuses_a_second_server(
     tmp_path: Path, csv: bytes, postgresql: PostgreSQL
 ) -> None:
@@ -101,6 +226,23 @@ def test_silence_is_what_changes_nothing_for_a_while(tmp_path: Path) -> None:
     now += SILENT_S
     assert not silence.silent("worker-one")
     assert silence.silent("worker-never-heard")
+    database.close()
+
+
+def test_a_time_in_which_the_database_was_away_is_nobody_s_silence(tmp_path: Path) -> None:
+    now = 0.0
+    database = Database(tmp_path / "s.sqlite", changed=lambda: None)
+    silence = Silence(database, lambda: now)
+    one = Presence(database, "worker-one")
+    one.say()
+    silence.look()
+    now += 4 * SILENT_S  # nobody could look, nobody could say anything
+    silence.look()
+    assert not silence.silent("worker-one")
+    for _ in range(3):  # now it can speak, and does not
+        now += SILENT_S / 2
+        silence.look()
+    assert silence.silent("worker-one")
     database.close()
 
 

@@ -1,0 +1,107 @@
+"""A PostgreSQL server for benchmarks and tests, from Debian's programs; loopback only, gone afterwards."""
+
+from __future__ import annotations
+
+import os
+import pwd
+import shutil
+import socket
+import subprocess
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from daq.errors import HilfitError
+
+PROGRAMS = Path("/usr/lib/postgresql")
+OWNER = "tests"
+
+
+class AbsentError(HilfitError):
+    """PostgreSQL is not installed here; the text says what is missing."""
+
+
+class PostgreSQL:
+    """A running server; every user takes a database of its own.
+
+    Attributes
+    ----------
+    programs : directory of its programs
+    """
+
+    def __init__(self, port: int, programs: Path) -> None:
+        self.programs = programs
+        self._address = f"postgresql://{OWNER}@127.0.0.1:{port}"
+        self._count = 0
+
+    def new_database(self) -> str:
+        """URL of an empty database."""
+        import psycopg
+
+        self._count += 1
+        name = f"store{self._count}"
+        with psycopg.connect(f"{self._address}/postgres", autocommit=True) as connection:
+            connection.execute(f'CREATE DATABASE "{name}"'.encode())
+        return f"{self._address}/{name}"
+
+
+def _free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
+@contextmanager
+def postgresql_server() -> Iterator[PostgreSQL]:
+    """Start one in a temporary directory; stopped and removed at the end.
+
+    Raises
+    ------
+    AbsentError
+        If its server programs, or the driver, are not installed.
+    """
+    found = sorted(PROGRAMS.glob("*/bin/initdb"), key=lambda path: int(path.parts[-3]))
+    if not found:
+        raise AbsentError(f"PostgreSQL's server programs are not installed in {PROGRAMS}; install Debian's postgresql")
+    try:
+        import psycopg  # noqa: F401
+    except ModuleNotFoundError:
+        raise AbsentError("psycopg is not installed; run: pip install 'hilfit[postgresql]'") from None
+    programs = found[-1].parent
+    account: dict[str, Any] = {}
+    if os.geteuid() == 0:  # it refuses to run as root
+        nobody = pwd.getpwnam("nobody")
+        account = {"user": nobody.pw_uid, "group": nobody.pw_gid, "extra_groups": []}
+    # Not below a directory of ours, which other accounts may not enter.
+    directory = Path(tempfile.mkdtemp(prefix="hilfit-postgresql-"))
+
+    def run(name: str, *arguments: str) -> None:
+        done = subprocess.run(
+            [str(programs / name), *arguments],
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.PIPE,
+            timeout=120,
+            cwd=directory,
+            env={"LC_ALL": "C.UTF-8", "PATH": os.environ["PATH"]},
+            **account,
+        )
+        if done.returncode != 0:
+            raise AbsentError(f"{name} failed: {' '.join(done.stderr.decode(errors='replace').split())}")
+
+    try:
+        if account:
+            os.chown(directory, account["user"], account["group"])
+        data, port = directory / "data", _free_port()
+        run("initdb", "-D", str(data), "-U", OWNER, "--auth=trust", "--no-sync", "-E", "UTF8")
+        options = (
+            f"-p {port} -c listen_addresses=127.0.0.1 -c unix_socket_directories= -c fsync=off -c max_connections=60"
+        )
+        run("pg_ctl", "-D", str(data), "-w", "-t", "60", "-l", str(directory / "log"), "-o", options, "start")
+        try:
+            yield PostgreSQL(port, programs)
+        finally:
+            run("pg_ctl", "-D", str(data), "-m", "immediate", "-w", "stop")
+    finally:
+        shutil.rmtree(directory, ignore_errors=True)

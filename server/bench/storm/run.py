@@ -1,0 +1,249 @@
+"""Kill servers, workers, stages and acquisitions at random for a while; then look whether anything was lost or doubled.
+
+The simulated machine is power and iron, not software of ours, so it is not killed: it is started here, and servers
+acquire from it over its buses. Everything else is killed, also while it starts.
+"""
+
+from __future__ import annotations
+
+import json
+import random
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, nullcontext, suppress
+from dataclasses import asdict
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any, Literal
+
+from server.bench.postgresql import PostgreSQL, postgresql_server
+from server.bench.storm.checks import all_checks, amcheck, count_results
+from server.bench.storm.host import HostOrder
+from server.bench.storm.processes import Herd, Host
+from server.bench.storm.traffic import Client, NoAnswerError, Told, Traffic
+from server.bench.targets import Check, Outcome, fact
+from server.files import DataDirectory
+from server.store import Database
+from sim_backends import SimulatedMachine, default_machine
+
+#: Kills that are aimed at, for every one that there should be: now and then there is nothing to kill.
+AIM = 1.15
+#: Least seconds between two kills.
+BREATH_S = 0.3
+#: How often each kind is chosen, where one is there.
+WEIGHTS = {"server": 8, "worker": 6, "acquisition": 6, "stage": 2}
+#: Seconds that a host works at least before it is killed, drawn at its start, and that an acquisition is there; longer
+#: on a computer so busy that a host takes longer than usual to start, or nothing would ever get to work.
+LIFE_S = (2.0, 12.0)
+ACQUISITION_S = 3.0
+USUAL_START_S = 2.5
+#: Share of the stages that are spared: three kills fail a job.
+SPARED = 0.5
+#: Share of starts that are killed within so many seconds, up or not.
+DOOMED, DOOM_S = 0.4, 4.0
+#: Machine seconds per second.
+SPEED = 4.0
+#: Seconds until the machine is acquired, recorded and scheduled, before the first kill.
+READY_S = 240.0
+#: Seconds until everything that was ordered has to be over, after the last kill.
+QUIET_S = 180.0
+WORKERS = 2
+Say = Callable[[str], None]
+
+
+def run(
+    seconds: float, kind: Literal["sqlite", "postgresql"], seed: int, say: Say, *, kills: int, longest: float
+) -> Outcome:
+    """The whole storm.
+
+    Parameters
+    ----------
+    seconds : of killing, at least
+    kills : that there should be; a computer that is busy with other work starts processes slowly, so the storm goes on
+        until then
+    longest : seconds that it goes on at most
+
+    Raises
+    ------
+    server.bench.postgresql.AbsentError
+        If PostgreSQL is asked for and not installed.
+    """
+    with (
+        postgresql_server() if kind == "postgresql" else nullcontext() as server,
+        tempfile.TemporaryDirectory(prefix="hilfit-storm-") as name,
+    ):
+        directory = Path(name)
+        machine, truth = default_machine()
+        with SimulatedMachine(machine, truth, speed=SPEED, workdir=directory / "machine") as simulated:
+            return _storm(directory, simulated.machine_path, server, seconds, longest, seed, say, kills)
+
+
+def _storm(
+    directory: Path,
+    machine: Path,
+    postgresql: PostgreSQL | None,
+    seconds: float,
+    longest: float,
+    seed: int,
+    say: Say,
+    kills: int,
+) -> Outcome:
+    url = None if postgresql is None else postgresql.new_database()
+    files = DataDirectory(directory / "data")
+    began = datetime.now(UTC)
+    order = directory / "order.json"
+    order.write_text(json.dumps(asdict(HostOrder(str(files.root), url, began.isoformat()))), encoding="utf-8")
+    herd, told = Herd(order, 0 if url is None else WORKERS, directory), Told()
+    client = Client(lambda: herd.server.said if herd.server.up.is_set() else None, told)
+    try:
+        with _database(files, url, herd) as database:
+            name, recording = _prepare(client, machine)
+            count_results(database)
+        traffic = Traffic(client, told, name, recording)
+        traffic.start()
+        say(f"{seconds:g} s of kill -9; light stages stand for the stages of an identification, all else is real")
+        starts, lasted = _kill(herd, random.Random(seed), (seconds, longest), kills, say)
+        traffic.stop()
+        before = time.monotonic()
+        whole = herd.wait_up()
+        quiet = whole and _quiet(client)
+        say(f"quiet {time.monotonic() - before:.1f} s after the last kill")
+        left = {kind: len(pids) for kind, pids in herd.children().items()}
+        codes = herd.stop()
+        with _database(files, url) as database:
+            checks = list(all_checks(database, files, told))
+        if url is not None and postgresql is not None:
+            checks.append(amcheck(url, postgresql.programs))
+    finally:
+        for host in herd.hosts:
+            if host.process is not None and host.process.poll() is None:
+                host.process.kill()
+                host.process.wait()
+    total = sum(herd.killed.values())
+    shown = ", ".join(f"{count} {kind}" for kind, count in herd.killed.items() if count)
+    errors = ", ".join(f"{count} {event}" for event, count in sorted(herd.log_events().items())) or "none"
+    shown = f"{total} ({shown}; {herd.starting} of them while they started) in {lasted:.0f} s"
+    answers = ", ".join(f"{count} x {status}" for status, count in sorted(told.answers.items()))
+    return Outcome(
+        (
+            Check("processes killed", total, shown, "at least", float(kills), str(kills)),
+            fact("quiet in time", quiet, f"after {starts} starts"),
+            fact("one acquisition, no stage afterwards", left == {"acquisition": 1, "stage": 0}, str(left)),
+            fact("hosts stop in order", not any(codes), f"exit codes {codes}"),
+            *checks,
+            Check("errors in the logs", None, errors),
+            Check("answers by status (0: none)", None, answers),
+        ),
+    )
+
+
+@contextmanager
+def _database(files: DataDirectory, url: str | None, herd: Herd | None = None) -> Iterator[Database]:
+    """The store, seen from here; ``herd``: whose server makes it."""
+    if herd is not None and not herd.wait_up():
+        raise RuntimeError(f"the service did not start; {herd.server.log.read_text()[-2000:]}")
+    database = Database(url or files.database, changed=lambda: None)
+    try:
+        yield database
+    finally:
+        database.close()
+
+
+def _prepare(client: Client, machine: Path) -> tuple[str, str]:
+    """Acquire the machine, record what identifications are made of, and make the schedule; machine and recording."""
+    content, yaml = machine.read_bytes(), {"Content-Type": "application/yaml"}
+    name = str(_answer(lambda: client.ask("POST", "/machines", content, yaml)[1], READY_S)["name"])
+    _answer(lambda: client.ask("PUT", f"/machines/{name}/acquisition", {"enabled": True}), READY_S)
+    body: dict[str, Any] = {"machine": name, "role": "operation", "label": "before", "seconds": 4.0}
+    recording = _answer(lambda: _created(client, "/recordings", body), READY_S)
+    place = f"/recordings/{recording['id']}"
+    _answer(lambda: client.ask("GET", place)[1]["state"] == "sealed", READY_S)
+    wish = {"machine": name, "cron": "*/5 * * * *", "timezone": "UTC", "motion": "operation", "duration_s": 30.0}
+    _answer(lambda: _created(client, "/schedules", wish), READY_S)
+    return name, str(recording["id"])
+
+
+def _created(client: Client, path: str, body: dict[str, Any]) -> Any:
+    status, answer = client.ask("POST", path, body)
+    return answer if status == 201 else None
+
+
+def _answer(ask: Callable[[], Any], seconds: float) -> Any:
+    deadline = time.monotonic() + seconds
+    while time.monotonic() < deadline:
+        with suppress(NoAnswerError):
+            if answer := ask():
+                return answer
+        time.sleep(0.2)
+    raise RuntimeError(f"the service was not ready for the storm in {seconds:g} s")
+
+
+def _kill(herd: Herd, chance: random.Random, seconds: tuple[float, float], kills: int, say: Say) -> tuple[int, float]:
+    """Kill for so long; how many times a host was started in all, and how many seconds it took."""
+    began = time.monotonic()
+    due, told, rate = began, began, AIM * kills / seconds[0]
+    while (past := (now := time.monotonic()) - began) < seconds[0] or (
+        sum(herd.killed.values()) < kills and past < seconds[1]
+    ):
+        for host in herd.revive():
+            host.doom_s = chance.uniform(0.0, DOOM_S) if chance.random() < DOOMED else None
+            host.life_s = chance.uniform(*LIFE_S) * _slowness(herd)
+        if now >= due and _kill_one(herd, chance):
+            # From when it was due: a storm that falls behind catches up.
+            due = max(due + chance.expovariate(rate), now + BREATH_S)
+        if now - told > 10.0:
+            told = now
+            say(f"{now - began:3.0f} s: {sum(herd.killed.values())} killed")
+        time.sleep(0.02)
+    return sum(host.starts for host in herd.hosts), time.monotonic() - began
+
+
+def _kill_one(herd: Herd, chance: random.Random) -> bool:
+    """Kill one process of a kind that is there; False if there is none, or it was gone."""
+    children = herd.children()
+    ages = herd.ages(children["acquisition"])
+    children["acquisition"] = [pid for pid, age in ages.items() if age > ACQUISITION_S * _slowness(herd)]
+    herd.spared = {pid: herd.spared.get(pid, chance.random() < SPARED) for pid in children["stage"]}
+    children["stage"] = [pid for pid, spared in herd.spared.items() if not spared]
+    # Not all at their start: a host that never works does nothing that could go wrong.
+    hosts: dict[str, list[Host]] = {"server": [herd.server], "worker": herd.workers}
+    up = {kind: [host for host in found if host.due] for kind, found in hosts.items()}
+    there = [kind for kind in WEIGHTS if children.get(kind) or up.get(kind)]
+    if not there:
+        return False
+    kind = chance.choices(there, [WEIGHTS[kind] for kind in there])[0]
+    if kind in up:
+        return herd.kill_host(chance.choice(up[kind]))
+    return herd.kill_child(kind, chance.choice(children[kind]))
+
+
+def _slowness(herd: Herd) -> float:
+    """How many times longer than usual the server took to start, at least 1."""
+    return max(1.0, herd.server.took / USUAL_START_S)
+
+
+def _quiet(client: Client) -> bool:
+    """Wait until no job is open and nothing is recorded, the schedule switched off; False if that takes too long."""
+    deadline = time.monotonic() + QUIET_S
+    off = False
+    while time.monotonic() < deadline:
+        try:
+            if not off:
+                _, found = client.ask("GET", "/schedules")
+                for schedule in found["items"]:
+                    wish = {
+                        key: value for key, value in schedule.items() if key not in ("id", "created", "next", "last")
+                    }
+                    code, _ = client.ask("PUT", f"/schedules/{schedule['id']}", wish | {"enabled": False})
+                    off = code == 200
+            _, status = client.ask("GET", "/status")
+            _, found = client.ask("GET", "/recordings?state=recording")
+            acquired = all(state["state"] == "running" for state in status["acquisition"].values())
+            busy = sum(status["jobs"].get(state, 0) for state in ("queued", "running"))
+            if off and acquired and not busy and not found["items"]:
+                return True
+        except NoAnswerError:
+            pass
+        time.sleep(0.3)
+    return False

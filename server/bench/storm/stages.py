@@ -1,0 +1,41 @@
+"""``python stages.py REQUEST.json STAGE``: a stage that does nothing but take its time, and leaves a line for each run.
+
+A line of ``runs.txt`` is the stage, when it began (UNIX time in ms) and the process. It never answers from a result
+that is there already, so a finished stage that is run again shows. Standard library only: it is started hundreds of
+times.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+import time
+from pathlib import Path
+
+STAGES = ("check", "fit", "residual", "report")
+WORK_S = 0.25
+REPORT = {
+    "schema": "hilfit/report/1",
+    "loop": {"verdict": "nothing_missing"},
+    "overall": {"before": 1.0, "after": 0.9, "change_percent": -10.0, "ci95_percent": [-12.0, -8.0]},
+}
+
+
+def main(request: Path, stage: str) -> None:
+    """Run one stage."""
+    output = Path(json.loads(request.read_text())["output"])
+    with (output / "runs.txt").open("a") as file:
+        file.write(f"{stage} {time.time_ns() // 1_000_000} {os.getpid()}\n")
+    for part in range(1, 4):
+        time.sleep(WORK_S / 3)
+        print(json.dumps({"fraction": part / 4, "text": f"{stage} {part}"}), flush=True)
+    if stage == STAGES[-1]:
+        partial = output / ".report.json.partial"
+        partial.write_text(json.dumps(REPORT))
+        partial.replace(output / "report.json")
+    print(json.dumps({"summary": {"stage": stage}}), flush=True)
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]), sys.argv[2])

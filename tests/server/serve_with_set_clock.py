@@ -1,0 +1,36 @@
+"""``python serve_with_set_clock.py DIRECTORY``: the real service with the simulated machine and access control.
+
+Its schedules go by the computer's clock plus the hours in ``DIRECTORY/hours``, so that a test need not wait for them.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from dataclasses import replace
+from datetime import datetime, timedelta
+from pathlib import Path
+
+from server.parts import installed_parts
+from server.serve import serve
+from server.settings import Settings
+from server.store.database import utc_now
+
+#: Machine seconds per second.
+SPEED = 4.0
+
+
+def ready(url: str) -> None:
+    print(json.dumps({"url": url}), flush=True)
+
+
+if __name__ == "__main__":
+    place = Path(sys.argv[1])
+
+    def clock() -> datetime:
+        return utc_now() + timedelta(hours=float((place / "hours").read_text()))
+
+    settings = Settings(
+        data_dir=place / "data", port=0, simulate=True, simulation_speed=SPEED, access="required", local_jobs=True
+    )
+    serve(settings, ready, lambda: replace(installed_parts(), clock=clock))
