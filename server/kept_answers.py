@@ -35,7 +35,7 @@ LISTS: dict[str, tuple[str, ...]] = {
 }
 #: Answers that are kept, and the largest: queries are a client's to choose.
 MOST, LARGEST_BYTES = 256, 2**18
-Stamp = tuple[int | None, ...]
+Stamp = tuple[int, ...]
 Key = tuple[str, bytes, tuple[str, ...] | None]
 
 
@@ -75,12 +75,16 @@ class KeptAnswers:
             return
         key = (scope["path"], scope["query_string"], principal.machines)
         try:
-            answer: _Kept | list[Message] | None = self._true(key, await self._stamp(depends))
+            asked = await self._stamp(depends)
+            answer: _Kept | list[Message] | None = self._true(key, asked)
             if answer is None:
                 # When a list changes many ask at once; one of them asks the store, and the others wait for that answer.
+                # It need be as new as the moment at which they asked, no newer: a list that changes faster than it is
+                # made would else be made for each in turn.
                 async with self._making.setdefault(key, asyncio.Lock()):
-                    stamp = await self._stamp(depends)
-                    answer = self._true(key, stamp) or await self._made(scope, receive, key, stamp)
+                    answer = self._true(key, asked)
+                    if answer is None:
+                        answer = await self._made(scope, receive, key, await self._stamp(depends))
         except SQLAlchemyError:  # the route says it in a problem document
             await self._app(scope, receive, send)
             return
@@ -93,11 +97,13 @@ class KeptAnswers:
 
     async def _stamp(self, depends: tuple[str, ...]) -> Stamp:
         counters = await self._revisions()
-        return tuple(counters.get(name) for name in depends)
+        return tuple(counters.get(name, 0) for name in depends)
 
-    def _true(self, key: Key, stamp: Stamp) -> _Kept | None:
+    def _true(self, key: Key, asked: Stamp) -> _Kept | None:
+        """The answer that is kept, if it was made when nothing was older than ``asked``."""
         kept = self._kept.get(key)
-        return kept if kept is not None and kept.stamp == stamp else None
+        new = kept is not None and all(had >= need for had, need in zip(kept.stamp, asked, strict=True))
+        return kept if new else None
 
     async def _made(self, scope: Scope, receive: Receive, key: Key, stamp: Stamp) -> _Kept | list[Message]:
         """What the route answers, kept from now on; as it is if it is no list, or too large to be kept."""

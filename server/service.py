@@ -297,10 +297,11 @@ class Service:
         """The service at a glance."""
         revisions = await self.revisions.current()
         number = revisions.get("jobs", 0)  # 0: there never was one
-        if self._jobs_counted[0] != number:
-            async with self._counting:  # one of those who ask counts for all
-                if self._jobs_counted[0] != number:
-                    self._jobs_counted = number, await run_in_threadpool(self.jobs.counts)
+        if self._jobs_counted[0] < number:
+            async with self._counting:  # one of those who ask counts for all who asked before it began
+                if self._jobs_counted[0] < number:
+                    newest = (await self.revisions.current()).get("jobs", 0)
+                    self._jobs_counted = newest, await run_in_threadpool(self.jobs.counts)
         return Status(
             version=self._version,
             started=self._started,

@@ -22,7 +22,7 @@ PATIENCE_MS = 60_000
 LANDSCAPE, PORTRAIT = {"width": 1280, "height": 800}, {"width": 800, "height": 1280}
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def browser() -> Iterator[Any]:
     """Chromium of the system, driven by Playwright."""
     playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed (extra 'test')")
@@ -35,7 +35,7 @@ def browser() -> Iterator[Any]:
         browser.close()
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def site(tmp_path_factory: pytest.TempPathFactory, browser: Any) -> Iterator[Site]:
     """A site with the lever, acquired, open to this computer."""
     site = Site(tmp_path_factory.mktemp("site"))

@@ -101,11 +101,11 @@ def test_what_is_in_no_catalogue_is_a_law_of_the_right_variable(
 
 
 def test_cost_that_grows_faster_than_the_recording_is_told() -> None:
-    even = speed._linear((10, 30, 60), (3 + 1 * 10, 3 + 1 * 30, 3 + 1 * 60))
-    square = speed._linear((10, 30, 60), (100, 900, 3600))
+    even = speed.linear((10, 30, 60), (3 + 1 * 10, 3 + 1 * 30, 3 + 1 * 60))
+    square = speed.linear((10, 30, 60), (100, 900, 3600))
     assert isinstance(even, Check) and even.met and even.measured == pytest.approx(1.0)
     assert square.met is False and square.measured == pytest.approx(90 / 40)
-    assert speed._linear((10, 60), (3 + 10, 3 + 60)).measured == pytest.approx(60 / 63)
+    assert speed.linear((10, 60), (3 + 10, 3 + 60)).measured == pytest.approx(60 / 63)
 
 
 def test_long_recordings_have_no_jump_between_their_pieces() -> None:
