@@ -88,7 +88,8 @@ def write_motion(path: str | Path, motion: Motion) -> None:
     ]
     table = np.column_stack([motion.time, *motion.columns.values()])
     lines += [",".join(f"{value:.9g}" for value in row) for row in table]
-    part = path.with_name(path.name + ".part")
+    # Hidden: a controller that watches the folder takes every other file for a motion.
+    part = path.with_name(f".{path.name}.part")
     try:
         part.write_text("\n".join(lines) + "\n", encoding="utf-8")
         part.replace(path)

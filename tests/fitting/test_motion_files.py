@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from arm_examples import driven_arm
@@ -129,3 +131,18 @@ def test_nothing_half_is_left_where_writing_fails(tmp_path, monkeypatch):
         write_motion(tmp_path / "m.csv", pinned())
     assert (tmp_path / "m.csv").read_text() == "the old one"
     assert [path.name for path in tmp_path.iterdir()] == ["m.csv"]
+
+
+def test_a_file_that_is_being_written_is_hidden(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    # A controller watches the folder and takes what it sees for a motion.
+    seen: list[str] = []
+    write_text = Path.write_text
+
+    def watched(self: Path, *args: object, **options: object) -> int:
+        seen.append(self.name)
+        return write_text(self, *args, **options)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(Path, "write_text", watched)
+    write_motion(tmp_path / "a.csv", Motion("arm", "pinned", np.array([0.0, 0.02]), {"joint1": np.zeros(2)}))
+    assert seen == [".a.csv.part"]
+    assert [path.name for path in tmp_path.iterdir()] == ["a.csv"]

@@ -1,6 +1,6 @@
 /** Where things stand: panels, tables, dialogs, and the place of what is not there. */
 import type { ComponentChildren } from "preact";
-import { useEffect, useId, useRef } from "preact/hooks";
+import { useId, useLayoutEffect, useRef } from "preact/hooks";
 import { Button } from "./controls";
 
 export interface PanelProps {
@@ -80,10 +80,12 @@ export interface ConfirmProps {
 export function Confirm({ title, text, confirm, kind = "primary", busy = false, onYes, onNo }: ConfirmProps) {
   const id = useId();
   const dialog = useRef<HTMLDialogElement>(null);
-  useEffect(() => {
+  useLayoutEffect(() => {
+    const shown = dialog.current;
     const before = document.activeElement;
-    dialog.current?.showModal();
+    shown?.showModal();
     return () => {
+      shown?.close?.(); // while it is open nothing else can have the focus
       if (before instanceof HTMLElement && before.isConnected) before.focus();
     };
   }, []);
