@@ -105,7 +105,7 @@ def test_a_question_holds_the_focus_and_escape_says_no(page: Any, site: Site) ->
     assert page.evaluate("document.querySelector('dialog').contains(document.activeElement)")
     page.keyboard.press("Escape")
     dialog.wait_for(state="detached")
-    page.wait_for_function("document.activeElement.textContent.trim() === 'End this guide'")
+    page.locator(":focus", has_text="End this guide").wait_for()
     end.click()
     page.get_by_role("button", name="End it").click()
     page.get_by_role("button", name="Begin").wait_for()

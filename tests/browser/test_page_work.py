@@ -106,7 +106,7 @@ def test_a_schedule_is_made_switched_changed_and_deleted(page: Any, site: Site) 
     page.get_by_label("Time zone").select_option("Europe/Vienna")
     page.get_by_label("Time of day").fill("02:30")
     times = page.locator(".next-times li")
-    page.wait_for_function("document.querySelectorAll('.next-times li').length === 5")
+    times.nth(4).wait_for()
     page.get_by_role("button", name="Make the schedule").click()
     page.get_by_text("Every day at 02:30").wait_for()
     made = site.ask("GET", "/schedules")["items"][0]
