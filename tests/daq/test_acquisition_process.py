@@ -126,6 +126,7 @@ def machine_at(server: FakeModbus, extra: str = "") -> Machine:
     return parse_machine(modbus(server.port, timeout_s=1.0) + extra)
 
 
+@pytest.mark.slow
 def test_the_process_acquires_and_is_recorded(server: FakeModbus, tmp_path: Path) -> None:
     machine = machine_at(server)
     with AcquisitionProcess(machine) as acquisition:

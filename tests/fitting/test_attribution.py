@@ -42,6 +42,7 @@ def strange() -> Attribution:
     return run(session_with(lambda s, i: 60.0 * np.exp(-(((s.x[:, 1] - 0.13) / 0.012) ** 2))))
 
 
+@pytest.mark.slow
 def test_what_is_in_no_catalogue_becomes_a_law_of_its_variable(strange: Attribution) -> None:
     assert strange.verdict == "unexplained"
     laws = [a.score.term for a in strange.accepted if isinstance(a.score.term.content, Law)]

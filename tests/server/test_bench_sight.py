@@ -13,6 +13,8 @@ from sim_backends.plant import Plant
 from sim_backends.truth import SensorQuality
 from sim_backends.undeclared import EffectSpec
 
+pytestmark = pytest.mark.slow
+
 QUALITY = SensorQuality(knock_rate=0.05)
 
 

@@ -17,6 +17,8 @@ from server.calibrations.comparison import compare_errors, compare_parameters
 from server.calibrations.content import content_of
 from server.identify import Wish
 
+pytestmark = pytest.mark.slow
+
 PLACE = f"{API}/calibrations"
 
 

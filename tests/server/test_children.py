@@ -59,6 +59,7 @@ def test_a_child_that_takes_too_long_is_ended(tmp_path: Path) -> None:
     assert result.error == "took longer than 2 s and was ended"
 
 
+@pytest.mark.slow
 def test_a_child_that_ignores_sigterm_is_killed_with_its_own_children(tmp_path: Path) -> None:
     inner = """
 import json, os, signal, time

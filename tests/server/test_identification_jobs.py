@@ -16,6 +16,8 @@ from server.children import ChildResult
 from server.resources import IdentificationOptions
 from server.store import Identification
 
+pytestmark = pytest.mark.slow
+
 IDENTIFICATIONS = f"{API}/identifications"
 
 
@@ -31,7 +33,6 @@ def let_go(running: Running, order: Identification, stage: str) -> None:
     (running.service.files.identifications / order.id / "go").touch()
 
 
-@pytest.mark.slow
 def test_an_identification_runs_every_stage_and_stores_the_result(running: Running, csv: bytes) -> None:
     order = running.order(csv)
     events = running.follow(order.job)

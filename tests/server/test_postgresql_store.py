@@ -46,6 +46,7 @@ def backups_of(files: DataDirectory, url: str) -> Backups:
     return Backups(files, copies.postgresql_url(url), lambda: datetime(2026, 1, 1, tzinfo=UTC))
 
 
+@pytest.mark.slow
 def test_a_backup_is_restored_as_it_was_the_engine_s_tables_and_the_audit_log_included(
     tmp_path: Path, url: str, postgresql: PostgreSQL
 ) -> None:

@@ -107,6 +107,7 @@ def site(tmp_path: Path) -> Iterator[Setting]:
         yield made
 
 
+@pytest.mark.slow
 def test_a_slot_has_its_turn_once_and_proposes_a_calibration(site: Setting) -> None:
     schedule = site.schedule()
     assert site.later(0.5) == ()
@@ -255,6 +256,7 @@ def test_the_standard_motion_of_a_real_machine_waits_for_a_person_and_says_what_
     assert site.running.follow(job)[-1]["state"] == "done", site.service.jobs.get(job)
 
 
+@pytest.mark.slow
 def test_a_person_who_does_not_come_is_no_reason_to_wait_for_ever(site: Setting) -> None:
     site.service.site.motion_seconds = lambda excitation: 11.0  # type: ignore[method-assign]
     site.schedule(plan=replace(PLAN, motion="standard", excitations=("exc-1",), deadline_s=0.0))

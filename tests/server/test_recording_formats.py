@@ -171,6 +171,7 @@ def test_a_channel_of_nothing_has_statistics_of_nothing() -> None:
     assert "joint1.angle" not in found["channels"]
 
 
+@pytest.mark.slow
 def test_statistics_go_with_the_recording(running: Running, csv: bytes) -> None:
     running.client.post(f"{API}/machines", content=MACHINE)
     id = running.upload(csv, "train")
@@ -195,6 +196,7 @@ def test_a_missing_library_says_what_to_install(
     assert "pip install 'hilfit[export]'" in response.json()["detail"]
 
 
+@pytest.mark.slow
 def test_parquet_from_elsewhere_is_read_without_our_metadata(running: Running, sealed: str) -> None:
     time, values = motion(10)
     buffer = io.BytesIO()

@@ -10,6 +10,8 @@ import pytest
 from service_fakes import API, MACHINE, Running, recording_bytes
 from test_machine_routes import acquire
 
+pytestmark = pytest.mark.slow
+
 RECORDINGS = f"{API}/recordings"
 
 

@@ -17,6 +17,7 @@ from server.store.tables import recordings
 RECORDINGS = f"{API}/recordings"
 
 
+@pytest.mark.slow
 def test_stopping_the_service_seals_what_is_being_recorded(tmp_path: Path) -> None:
     with running_service(tmp_path, Fakes()) as first:
         acquire(first, "lever")
@@ -101,6 +102,7 @@ def test_a_job_that_was_stored_but_never_queued_is_taken_up(
         assert outcome(second, order.job)["state"] == "done"
 
 
+@pytest.mark.slow
 def test_two_services_in_one_process_are_refused(tmp_path: Path) -> None:
     with (
         running_service(tmp_path / "one", Fakes()),

@@ -123,6 +123,7 @@ def test_a_motion_is_there_when_its_design_is_done_and_a_real_arm_gets_no_file(r
         assert "real one" in refusal(running.client.post(f"{place}/send"), 409)
 
 
+@pytest.mark.slow
 def test_two_recordings_at_once_and_deleting_what_is_in_use(running: Running, csv: bytes) -> None:
     running.service.set_acquisition("lever", True)
     assert running.fakes.acquisition.up.wait(30)
@@ -174,6 +175,7 @@ def test_an_alarm_that_changed_meanwhile_is_not_changed_by_surprise(running: Run
     assert running.client.post(f"{place}/unshelve", headers={"If-Match": "*"}).status_code == 200
 
 
+@pytest.mark.slow
 def test_a_list_is_answered_from_memory_until_it_changes(running: Running, csv: bytes, tmp_path: Path) -> None:
     ask = running.client.get
     first = ask(f"{API}/recordings")

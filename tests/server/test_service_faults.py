@@ -49,6 +49,7 @@ def test_a_locked_store_is_a_503_for_writers_while_readers_go_on(running: Runnin
     engine.dispose()
 
 
+@pytest.mark.slow
 def test_an_acquisition_that_dies_is_an_alarm_until_it_is_back(
     running: Running, monkeypatch: pytest.MonkeyPatch
 ) -> None:

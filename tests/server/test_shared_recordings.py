@@ -101,6 +101,7 @@ def test_a_copy_that_was_cut_short_is_put_again(url: str, local: Path) -> None:
     assert files.cat_file(f"{root}/rec-1.parquet") == CONTENT
 
 
+@pytest.mark.slow
 def test_a_host_without_the_server_s_recordings_reads_them_from_there(tmp_path: Path, csv: bytes) -> None:
     """What a worker on another host does, with the server's files of recordings out of its reach."""
     url = f"file://{tmp_path}/shared"

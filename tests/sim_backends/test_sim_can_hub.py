@@ -9,6 +9,8 @@ import can
 import pytest
 from sim_bus_client import SYNC, connect, receive
 
+pytestmark = pytest.mark.slow
+
 
 def talk(port: int, *commands: bytes) -> list[bytes]:
     """Raw socketcand: each command, each answer."""

@@ -20,6 +20,8 @@ from sim_backends.canopen_device import OPERATIONAL, PRE_OPERATIONAL, STOPPED, S
 from sim_backends.device_plans import NodeObject, NodePlan, Signal, nodes_from_dict, nodes_to_dict
 from sim_backends.wiring import wire
 
+pytestmark = pytest.mark.slow
+
 EDS = Path(sim_backends.__file__).parent / "eds"
 ENCODER, CYLINDER, PRESSURE = 11, 21, 31
 NOT_VALID = 1 << 31

@@ -21,6 +21,8 @@ from sim_backends import (
 from sim_backends.undeclared import check_spec, parse_spec
 from sim_backends.undeclared.base import UndeclaredEffect
 
+pytestmark = pytest.mark.slow
+
 QUIET = SensorQuality.perfect()
 JOINT = "joint2"
 
@@ -122,7 +124,6 @@ def test_unloaded(effect, unpinned):
         assert names & {f"{JOINT}.head_pressure", f"{JOINT}.rod_pressure"}
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("effect", sorted(SIZES))
 def test_size_zero_is_no_effect_at_all(effect):
     machine, truth = slewing_arm(4)

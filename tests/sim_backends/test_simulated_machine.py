@@ -38,6 +38,8 @@ from sim_backends import (
     write_motion,
 )
 
+pytestmark = pytest.mark.slow
+
 MACHINE, TRUTH = default_machine()
 NODE = 31
 
@@ -207,7 +209,6 @@ def test_an_order_that_makes_no_sense_is_refused(machine):
     machine.check()
 
 
-@pytest.mark.slow
 def test_a_process_that_dies_is_noticed_and_the_rest_ends_cleanly(tmp_path):
     with SimulatedMachine(MACHINE, TRUTH, workdir=tmp_path) as running:
         pids = running.pids
@@ -219,7 +220,6 @@ def test_a_process_that_dies_is_noticed_and_the_rest_ends_cleanly(tmp_path):
     assert not any(alive(pid) for pid in pids.values())
 
 
-@pytest.mark.slow
 def test_a_hub_that_does_not_start_is_blamed_and_not_those_that_follow_it(tmp_path, monkeypatch):
     monkeypatch.setitem(simulated_machine._MODULES, "hub", "sim_backends.there_is_no_such_module")
     with pytest.raises(SimulationError, match=r"^simulated hub: its process \d+ ended \(exit code 1\)") as caught:
@@ -227,7 +227,6 @@ def test_a_hub_that_does_not_start_is_blamed_and_not_those_that_follow_it(tmp_pa
     assert str(tmp_path / "log" / "hub.log") in str(caught.value)
 
 
-@pytest.mark.slow
 def test_a_recording_over_the_buses_is_what_the_plant_did(tmp_path):
     """The real drivers, four times faster than real time: every value of every cycle, against the same plant here."""
     motion = random_motion(MACHINE, np.random.default_rng(4), 6.0)
