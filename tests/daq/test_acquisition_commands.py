@@ -193,6 +193,7 @@ def test_the_progress_bar_takes_unknown_totals(capsys: pytest.CaptureFixture[str
     assert "quiet" not in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_reading_files_loads_no_bus_library() -> None:
     program = "import sys, daq, daq.cli; print(sorted({'can', 'canopen', 'pymodbus', 'serial'} & set(sys.modules)))"
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True, timeout=60)

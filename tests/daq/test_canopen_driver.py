@@ -181,6 +181,7 @@ def test_a_short_pdo_is_found_at_the_start(bench: Bench) -> None:
     assert "node 6" in problem and "TPDO1 has 4 bytes instead of 8" in problem
 
 
+@pytest.mark.slow
 def test_a_short_pdo_in_service_is_never_taken_for_a_value(bench: Bench) -> None:
     bench.driver.start()
     bench.until(fresh)

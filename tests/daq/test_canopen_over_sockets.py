@@ -79,6 +79,7 @@ def test_values_come_through_the_socket(bench: Bench, capfd: pytest.CaptureFixtu
     assert capfd.readouterr().err == ""  # the stock interface warns about every frame that comes in two parts
 
 
+@pytest.mark.slow
 def test_a_connection_that_is_cut_is_noticed_and_made_again(bench: Bench) -> None:
     bench.driver.start()
     bench.until(fresh)

@@ -55,6 +55,7 @@ def test_round_trip(text: str) -> None:
     assert parse_machine(machine_to_yaml(machine)) == machine
 
 
+@pytest.mark.slow
 def test_sample_machines_load() -> None:
     files = sorted(SAMPLES.glob("*/machine.yaml"))
     if not files:

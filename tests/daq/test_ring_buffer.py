@@ -116,6 +116,7 @@ def _write_rows(name: str, count: int) -> None:
         writer.finish()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("slots", [4, 64])
 def test_no_row_is_torn_between_processes(slots: int) -> None:
     count = 20_000

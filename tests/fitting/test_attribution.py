@@ -50,6 +50,7 @@ def test_what_is_in_no_catalogue_becomes_a_law_of_its_variable(strange: Attribut
     assert {t.content.variable(("joint1", "joint2")) for t in laws if isinstance(t.content, Law)} == {"piston_position"}
 
 
+@pytest.mark.slow
 def test_a_law_has_the_shape_of_what_was_put_in(strange: Attribution) -> None:
     model = strange.model
     number = next(n for n, t in enumerate(model.terms) if isinstance(t.content, Law))

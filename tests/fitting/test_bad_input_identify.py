@@ -158,6 +158,7 @@ BAD = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", BAD)
 def test_bad_input_is_one_line_and_nothing_is_written(
     name: str, arm: Path, run: Callable[[list[str]], Outcome]

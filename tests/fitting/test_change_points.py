@@ -93,6 +93,7 @@ def test_no_other_moment_gains_more() -> None:
     assert max(explicit_gain(data, point)[0] for point in near) <= best.gain * (1 + 1e-12)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("column", ["1", "f_c", "f_v", "load"])
 @pytest.mark.parametrize("kind", ["once", "lasting", "every"])
 def test_a_change_is_found_with_column_kind_and_moment(column: str, kind: str) -> None:

@@ -32,6 +32,7 @@ def choice(options: Options) -> Choice:
     return chosen(options, reduce_parameters(machine), geometry_of(machine))
 
 
+@pytest.mark.slow
 def test_all_registered_estimators_load_and_conform() -> None:
     assert set(IDS) <= set(estimator_ids())
     for name in estimator_ids():

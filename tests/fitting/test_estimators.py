@@ -46,6 +46,7 @@ ESTIMATORS: tuple[Estimator, ...] = (
 )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("estimator", ESTIMATORS, ids=repr)
 def test_conforms(estimator: Estimator) -> None:
     check_estimator(estimator)

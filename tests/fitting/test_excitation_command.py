@@ -37,6 +37,7 @@ def run(tmp_path):
     return call
 
 
+@pytest.mark.slow
 def test_command_writes_a_motion_and_says_what_it_uses(run, tmp_path):
     out = tmp_path / "m.csv"
     result = run("-o", str(out), "--seconds", "8", "--starts", "1", "--json")
@@ -113,6 +114,7 @@ def test_command_says_where_limits_are_missing(run, tmp_path):
     assert all("hydraulics." in note for note in report["notes"])
 
 
+@pytest.mark.slow
 def test_command_takes_parameters_from_a_report(run, tmp_path):
     """Pressures are then those of the identified arm, not of the guess."""
     machine = driven_arm(2)
@@ -152,6 +154,7 @@ def test_command_takes_parameters_from_a_report(run, tmp_path):
         assert force / joint.cylinder.head_area < reached < (force + 300.0 + 10.0) / joint.cylinder.rod_area
 
 
+@pytest.mark.slow
 def test_command_makes_several_motions_that_complement_each_other(run, tmp_path):
     report = json.loads(run("-o", str(tmp_path / "m.csv"), *SHORT, "--count", "2").stdout)
     files = [motion["file"] for motion in report["motions"]]

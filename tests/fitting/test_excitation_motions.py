@@ -80,6 +80,7 @@ def test_the_reported_condition_number_is_that_of_the_motion():
     assert found.not_told == ()
 
 
+@pytest.mark.slow
 def test_designing_beats_the_best_of_many_random_series():
     machine = driven_arm(4)
     base = reduce_parameters(machine)
@@ -189,6 +190,7 @@ def test_the_default_search_is_near_the_best_of_several_long_runs():
     assert found.condition_number <= 1.1 * best
 
 
+@pytest.mark.slow
 def test_under_a_pressure_limit_the_home_is_searched_too():
     """Holding mid-range alone already takes more than the limit; another pose does not."""
     machine = driven_arm(3)

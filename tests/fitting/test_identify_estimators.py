@@ -54,6 +54,7 @@ def test_the_default_is_the_joint_refit_with_least_squares_beside_it(usual: dict
     assert "price_percent" not in body and "joint_refit" not in body["parameters"][0]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["ols", "wls", "huber", "iv", "rls", "consistent"])
 def test_the_report_says_which_estimator_and_what_it_costs(
     arm: Path, usual: dict[str, Any], tmp_path: Path, name: str

@@ -41,6 +41,7 @@ def test_two_honest_encoders_show_nothing() -> None:
     assert corrections == Corrections(clean_session(2).machine)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("offset", [0.002, -0.03])
 def test_an_encoder_offset_is_named_measured_and_rebuilt(offset: float) -> None:
     session = with_reading(lambda q: q + offset)
@@ -55,6 +56,7 @@ def test_an_encoder_offset_is_named_measured_and_rebuilt(offset: float) -> None:
     assert after < 2e-5
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("n", [2, 4])
 def test_an_eccentric_encoder_is_named_with_its_harmonic(n: int) -> None:
     session = with_reading(lambda q: q + 0.004 * np.sin(n * q) + 0.002 * np.cos(n * q))
@@ -66,6 +68,7 @@ def test_an_eccentric_encoder_is_named_with_its_harmonic(n: int) -> None:
     assert before > 10 * after and after < 2e-5
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("parameter", "shift"), [("b", 0.004), ("a", -0.006), ("retracted", 0.003)])
 def test_a_shifted_pin_is_named_and_the_linkage_rebuilt(parameter: str, shift: float) -> None:
     machine = planar_machine(2)

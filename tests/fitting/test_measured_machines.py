@@ -42,6 +42,7 @@ def test_the_loop_finds_asymmetric_friction_on_emps(tmp_path: Path) -> None:
     assert cross <= 5.4
 
 
+@pytest.mark.slow
 def test_tx40_tells_61_parameters(tmp_path: Path) -> None:
     folder = data("staubli_tx40")
     session = staubli.session_of(staubli.recording(folder, tmp_path))
@@ -131,6 +132,7 @@ def test_the_weighted_line_and_its_standard_deviation() -> None:
     assert seals.line(bent)[2] > 1.5 * np.median(stds)  # a law that is not straight says so
 
 
+@pytest.mark.slow
 def test_figures_do_not_depend_on_the_day() -> None:
     x = np.linspace(-1, 1, 500)
     first, second = (figures.residuals(x, np.sin(9 * x), 0.1 * x, "speed [m/s]", "N") for _ in range(2))

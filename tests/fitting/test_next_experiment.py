@@ -55,6 +55,7 @@ def test_separation_is_what_the_wrong_rival_leaves_in_a_refit(seed):
     assert found.share == pytest.approx(wrong[worst] / own[worst], rel=1e-8)
 
 
+@pytest.mark.slow
 def test_the_lead_of_the_right_rival_has_the_mean_and_spread_that_are_promised():
     """Monte Carlo: both are fitted to noisy data that the first one made."""
     A, rivals, table, parts = random_problem(7)
@@ -221,6 +222,7 @@ def test_rivals_that_no_motion_separates_get_the_catalogues_experiments():
     assert "no motion tells them apart" in content["why"]
 
 
+@pytest.mark.slow
 def test_supply_limits_are_kept():
     session = clean_session()
     machine = session.machine
@@ -243,6 +245,7 @@ def test_supply_limits_are_kept():
             assert all(use.used <= 1.02 for use in used_by(machine, option.motion, limits, base)), option.kind
 
 
+@pytest.mark.slow
 def test_without_limits_given_those_of_the_machine_file_are_kept():
     """Loads and friction are then the fitted ones."""
     machine = planar_machine(2)

@@ -62,6 +62,7 @@ def test_a_score_against_its_null_has_the_bias_taken_off() -> None:
     assert unbiased.calibrated <= unbiased.score
 
 
+@pytest.mark.slow
 def test_replicas_of_a_clean_arm_scatter_as_the_theory_says() -> None:
     """Values of a friction term on replicas: mean near zero, spread near its standard deviation; repeatable."""
     session = clean_session(2)

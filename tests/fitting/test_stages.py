@@ -80,6 +80,7 @@ def test_one_by_one_is_the_same_as_at_once(
     assert (request.output / "report.html").stat().st_size > 1000
 
 
+@pytest.mark.slow
 def test_the_report_is_that_of_the_contract(at_once: tuple[dict[str, Any], Path, list[float]]) -> None:
     report, output, _ = at_once
     assert report["schema"] == "hilfit/report/1" and report["machine"] == "test-arm"

@@ -93,6 +93,7 @@ def test_every_route_has_a_scope_that_fits_its_method(method: str, path: str, ro
     assert method in ("GET", "WEBSOCKET") or scope != "read", "what changes something is not for viewers"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("method", "path", "route"), REQUESTS, ids=name)
 def test_roles(guarded: Guarded, method: str, path: str, route: Any) -> None:
     least = LEAST_ROLE[scope_or_fail(method, path, route)]
@@ -135,6 +136,7 @@ def test_what_is_of_a_foreign_machine_does_not_exist(guarded: Guarded, method: s
         assert "lever" not in answer.text
 
 
+@pytest.mark.slow
 def test_a_bound_principal_has_its_own_machine_and_sees_no_other(guarded: Guarded, tmp_path: Path) -> None:
     content = recording_bytes(tmp_path)
     parameters = {"machine": "lever", "role": "train", "name": "made.csv"}

@@ -107,6 +107,7 @@ def test_the_newest_entries_cut_off_show_against_a_noted_hash(audit: Audit, plac
     assert (now.entries, now.last_hash) != (noted.entries, noted.last_hash)
 
 
+@pytest.mark.slow
 def test_requests_that_change_something_are_noted_and_others_are_not(tmp_path: Path) -> None:
     with guarded_service(tmp_path) as guarded:
         admin, engineer = guarded.bearer("admin"), guarded.bearer("engineer")

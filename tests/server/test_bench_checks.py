@@ -108,6 +108,7 @@ def test_cost_that_grows_faster_than_the_recording_is_told() -> None:
     assert speed.linear((10, 60), (3 + 10, 3 + 60)).measured == pytest.approx(60 / 63)
 
 
+@pytest.mark.slow
 def test_long_recordings_have_no_jump_between_their_pieces() -> None:
     case = simulate_case("folding", 2, seconds=20.0)
     table = speed._long(case, 1.0)

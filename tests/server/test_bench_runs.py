@@ -147,6 +147,7 @@ def test_one_case_from_end_to_end_twice_alike(tmp_path: Path) -> None:
     assert again["said"] == line["said"] and again["parameters"] == line["parameters"]
 
 
+@pytest.mark.slow
 def test_what_the_fit_throws_is_a_result(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     def broken(*_: Any) -> None:
         raise ZeroDivisionError("nothing to divide")

@@ -53,6 +53,7 @@ def test_ends(tmp_path: Path, code: str, outcome: str, error: str) -> None:
     assert (result.outcome, result.error) == (outcome, error)
 
 
+@pytest.mark.slow
 def test_a_child_that_takes_too_long_is_ended(tmp_path: Path) -> None:
     seconds = count()  # every look at the clock is a second later
     result = child("import time; time.sleep(60)", tmp_path, timeout_s=2.0, clock=lambda: float(next(seconds)))

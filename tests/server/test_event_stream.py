@@ -106,6 +106,7 @@ def test_over_http_it_is_an_event_stream(running: Running) -> None:
     assert response.text == ""
 
 
+@pytest.mark.slow
 def test_its_lines_are_json(running: Running) -> None:
     from server.routes.events import _lines
 

@@ -229,6 +229,7 @@ def test_clients_are_let_go_when_the_service_stops_or_the_reader_breaks() -> Non
     assert asyncio.run(run(Hub(Broken(), lambda: False)))
 
 
+@pytest.mark.slow
 def test_the_socket_speaks_the_protocol(running: Running) -> None:
     running.client.post(f"{API}/machines", content=MACHINE)
     running.fakes.acquisition.up.clear()

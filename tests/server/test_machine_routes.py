@@ -78,6 +78,7 @@ def test_json_is_yaml(running: Running) -> None:
     assert running.client.post(MACHINES, json=content).status_code == 201
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("content", "says"),
     [

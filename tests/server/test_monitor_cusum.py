@@ -31,6 +31,7 @@ def simulated_run_length(threshold: float, allowance: float, shift: float, chain
     return float(lengths.mean())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("threshold", "allowance"), [(3.0, 0.5), (4.0, 0.5), (5.0, 0.5), (3.0, 0.75)])
 def test_siegmunds_formula_against_simulation(threshold: float, allowance: float) -> None:
     simulated = simulated_run_length(threshold, allowance, 0.0, 4000, 1)
@@ -85,6 +86,7 @@ def coloured(count: int, correlation: float, seed: int) -> np.ndarray:
     return 3.0 + 2.0 * series
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("correlation", [0.0, 0.5])
 def test_false_alarms_stay_below_the_stated_rate_though_everything_was_learnt(correlation: float) -> None:
     """Thirty machines that never change; mean, colour and size of each are estimated from 120 numbers."""

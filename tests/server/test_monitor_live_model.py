@@ -81,6 +81,7 @@ def test_residuals_of_an_unchanged_machine_are_noise(live: LiveModel) -> None:
     assert np.median([effective(block) for block in blocks]) == pytest.approx(TORQUE_STD * share, rel=0.25)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("change", "statistic", "size"),
     [({"coulomb": COULOMB + 4.0}, "direction", 4.0), ({"bias": 4.0}, "offset", 4.0)],

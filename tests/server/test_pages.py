@@ -151,6 +151,7 @@ def test_the_types_are_of_this_description_of_the_interface() -> None:
         assert file.readline() == f"// docs/openapi.json sha256 {digest}\n", REBUILD
 
 
+@pytest.mark.slow
 def test_the_lock_file_names_no_registry() -> None:
     lock: dict[str, Any] = json.loads((WEB / "package-lock.json").read_text())
     assert not [name for name, entry in lock["packages"].items() if "resolved" in entry]

@@ -82,6 +82,7 @@ def test_a_backup_is_restored_as_it_was_the_engine_s_tables_and_the_audit_log_in
             run_sql(target, "DELETE FROM audit_log")
 
 
+@pytest.mark.slow
 def test_a_damaged_dump_changes_nothing_and_a_copy_of_sqlite_does_not_fit(tmp_path: Path, url: str) -> None:
     database = Database(url, changed=nothing, backups=tmp_path)
     Machines(database).add("lever", 1, "hash")
@@ -113,6 +114,7 @@ def test_without_postgresql_s_programs_a_backup_is_refused_and_says_why(
     assert list(files.backups.iterdir()) == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("statement", CHANGES)
 def test_the_database_refuses_to_change_the_audit_log(tmp_path: Path, url: str, statement: str) -> None:
     database = Database(url, changed=nothing, backups=tmp_path)

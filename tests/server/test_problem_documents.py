@@ -117,6 +117,7 @@ def test_pages_from_elsewhere_are_refused(running: Running, headers: dict[str, s
     problem(running.client.get(f"{API}/machines", headers=headers), 403)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "headers",
     [{"origin": "http://127.0.0.1:8350"}, {"host": "localhost:80"}, {"host": "[::1]:8350"}, {"host": "127.0.0.1"}],

@@ -159,6 +159,7 @@ def test_there_are_never_two_on_one_machine_and_slots_wait_meanwhile(site: Setti
     assert [slot.state for slot in site.slots(other)] == ["done", "coalesced", "coalesced"]
 
 
+@pytest.mark.slow
 def test_a_slot_of_a_machine_that_is_not_acquired_is_missed_and_says_why(site: Setting) -> None:
     schedule = site.schedule()
     site.service.set_acquisition("lever", False)

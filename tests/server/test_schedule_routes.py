@@ -33,6 +33,7 @@ def made(running: Running, **changes: Any) -> tuple[str, str]:
     return response.headers["location"], response.headers["etag"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("changes", "status", "said"),
     [
@@ -158,6 +159,7 @@ def test_an_answer_is_kept_for_its_own_asker_and_for_a_while() -> None:
     assert once() > 4, "the oldest went"
 
 
+@pytest.mark.slow
 def test_an_alarm_that_changed_meanwhile_is_not_changed_by_surprise(running: Running) -> None:
     running.service.alarms.report("lever", "recalibration_failed", "of a test", "warning", True)
     (row,) = [a for a in running.client.get(f"{API}/alarms").json()["items"] if a["text"] == "of a test"]

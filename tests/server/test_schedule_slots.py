@@ -51,6 +51,7 @@ def test_the_hour_stays_the_same_on_the_wall_all_year() -> None:
     assert {(b - a) for a, b in pairwise(slots)} == {timedelta(hours=hours) for hours in (23, 24, 25)}
 
 
+@pytest.mark.slow
 @settings(max_examples=25, deadline=None)
 @given(
     start=st.datetimes(datetime(2024, 1, 1), datetime(2030, 1, 1)),
@@ -67,6 +68,7 @@ def test_a_daily_schedule_has_one_slot_for_every_day_of_the_calendar(
     assert slots[0] > start.replace(tzinfo=UTC)
 
 
+@pytest.mark.slow
 def test_what_is_due_is_later_than_before_and_not_later_than_now() -> None:
     found = due("0 * * * *", "UTC", at("2026-01-01T00:00"), at("2026-01-01T03:00"), 50)
     assert [slot.hour for slot in found] == [1, 2, 3]

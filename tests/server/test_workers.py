@@ -129,6 +129,7 @@ def queued(database: Database) -> Jobs:
     return jobs
 
 
+@pytest.mark.slow
 def test_a_claim_that_holds_no_more_stores_nothing(database: Database) -> None:
     jobs, claims = queued(database), Claims(database)
     late = claims.take("job-1", "one")

@@ -20,6 +20,7 @@ def plan():
     return plan_case("folding", 6, seconds=10.0)
 
 
+@pytest.mark.slow
 def test_a_plan_records_what_the_case_has(plan) -> None:
     effects = (EffectSpec("stribeck", "joint2", 40.0),)
     case = simulate_case("folding", 6, effects, QUALITY, 10.0)
@@ -55,6 +56,7 @@ def test_an_effect_keeps_its_hidden_shape_behind_one_of_size_zero(plan) -> None:
     np.testing.assert_allclose(both[name] - bare[name], alone[name] - bare[name], atol=1e-3)
 
 
+@pytest.mark.slow
 def test_effects_outside_the_catalogue_say_which_signals_show_them(plan) -> None:
     ids = {effect for effect, kind in UNDECLARED.items() if kind.__module__ == outside.__name__}
     rng = np.random.default_rng(0)

@@ -47,6 +47,7 @@ def expected(unit: int, state: np.ndarray) -> tuple[float, ...]:
     return tuple(found)
 
 
+@pytest.mark.slow
 def test_registers_hold_the_latched_state(simulated, client, bus, idle_states):
     bus.send(SYNC)
     values = {unit: pair(client, unit) for unit in UNITS}

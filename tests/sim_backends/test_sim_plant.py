@@ -139,6 +139,7 @@ def test_a_fit_on_a_quiet_unloaded_recording_finds_all_five_parameters():
         np.testing.assert_allclose(theta, [law.m, law.K, law.f_c, law.f_v, law.f_s], rtol=5e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("arm", [folding_arm, slewing_arm])
 def test_a_fit_on_a_noisy_unloaded_recording_finds_stiffness_and_friction(arm):
     """60 s with default noise, filtered at 3 Hz. The mass is not asked for: its force is below the disturbance."""
@@ -186,6 +187,7 @@ def test_unpinned_rods_leave_the_arm_parked_and_unloaded():
         assert np.abs(hydraulic_force(table, joint)).max() < 1500.0
 
 
+@pytest.mark.slow
 @settings(max_examples=12, deadline=None)
 @given(seed=st.integers(0, 10_000), slewing=st.booleans(), unpinned=st.booleans())
 def test_random_motions_keep_all_limits_and_use_them(seed, slewing, unpinned):

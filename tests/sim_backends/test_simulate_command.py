@@ -24,6 +24,7 @@ register(APP)
 APP.command("other")(lambda: None)  # with one command only, typer takes no command name
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [
