@@ -88,6 +88,7 @@ class JobRunner:
         if not _ENGINE.acquire(blocking=False):
             raise RuntimeError("the workflow engine exists once per process, and another service has it")
         self._started = True
+        self._claims.release(self._executor)
         DBOS(
             config={
                 "name": "hilfit",
@@ -194,8 +195,8 @@ class JobRunner:
         return state
 
     def _give_back(self, claim: Claim) -> None:
-        with suppress(DBAPIError):  # else the server revokes it, or we take it again at the next start
-            self._claims.give_back(claim)
+        with suppress(ServiceStopping):  # it is released at the next start, or revoked if there is none
+            self._patiently(lambda: self._claims.give_back(claim))
 
     def _claim(self, job: str) -> Claim:
         """Take a job's claim; waits while somebody else, who woke up late, still holds it."""

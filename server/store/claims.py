@@ -5,7 +5,8 @@ one has its jobs. So whoever begins to run a job takes its *claim*, a number one
 that it then stores about the job is stored in a transaction that first looks whether the claim still holds.
 
 A claim is taken only while nobody else holds it: its holder gave it back, or the server revoked it because the holder
-fell silent. A holder that starts again under its name takes its own claim anew.
+fell silent. A holder that starts again under its name works on nothing yet, so it releases what it held before: the job
+may have been given to somebody else meanwhile, who waits for the claim.
 """
 
 from __future__ import annotations
@@ -61,6 +62,10 @@ class Claims:
                 .where(job_claims.c.job == claim.job, job_claims.c.number == claim.number)
                 .values(holder=None)
             )
+
+    def release(self, holder: str) -> tuple[str, ...]:
+        """Let go of whatever an earlier process of this name held; the jobs. That process stores nothing more."""
+        return self.revoke(lambda other: other == holder)
 
     def revoke(self, silent: Callable[[str], bool]) -> tuple[str, ...]:
         """Take the claims of holders that are ``silent`` away from them; the jobs."""

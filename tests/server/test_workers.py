@@ -7,6 +7,7 @@ import select
 import signal
 import subprocess
 import sys
+import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
@@ -15,12 +16,14 @@ from typing import Any
 
 import pytest
 import sqlalchemy as sa
+from dbos import DBOS
 from postgresql_server import PostgreSQL
 from service_fakes import Fakes, ran, running_service
 from sqlalchemy.exc import OperationalError, ProgrammingError
 
 from server.errors import StartError, TakenOver
 from server.executors import SILENT_S, Presence, Silence
+from server.jobs.kinds import NUMERICAL
 from server.settings import Settings
 from server.store import Database, Jobs
 from server.store.claims import Claims
@@ -111,6 +114,32 @@ def test_a_worker_that_was_stopped_wakes_up_and_leaves_alone_what_another_one_to
         assert running.follow(order.job) == events, "nothing was added"
 
 
+@pytest.mark.slow
+def test_a_worker_that_starts_again_releases_what_somebody_else_was_given_meanwhile(
+    tmp_path: Path, csv: bytes, postgresql: PostgreSQL
+) -> None:
+    data_dir, url = tmp_path / "data", postgresql.new_database()
+    with running_service(data_dir, Fakes(), database_url=url, local_jobs=False) as running:
+        with worker(data_dir, url, "one") as process:
+            order = running.order(csv, block="cylinder_stage")
+            running.follow(order.job, lambda event: event["text"] == "Half of cylinder_stage")
+            process.kill()
+            process.wait()
+        (running.service.files.identifications / order.id / "go").touch()
+        # As when it was claimed once more between the claims of the silent and their workflows being taken away.
+        DBOS.resume_workflow(order.job, queue_name=NUMERICAL)
+        with worker(data_dir, url, "two"):
+            pause = threading.Event()
+            for _ in range(300):
+                if getattr(DBOS.get_workflow_status(order.job), "executor_id", None) == "worker-two":
+                    break
+                pause.wait(0.1)
+            assert running.client.get(f"/api/v1/jobs/{order.job}").json()["state"] == "running"
+            with worker(data_dir, url, "one"):
+                assert running.follow(order.job)[-1]["state"] == "done"
+        assert ran(running, order.id) == ["check", "cylinder_stage", "cylinder_stage", "report"]
+
+
 @pytest.fixture(params=["sqlite", "postgresql"])
 def database(tmp_path: Path, request: pytest.FixtureRequest) -> Iterator[Database]:
     """The same store on either."""
@@ -170,7 +199,13 @@ def test_of_many_that_reach_for_a_job_at_once_one_gets_it(database: Database) ->
     restarted = claims.take("job-1", winner.holder)
     assert restarted is not None and restarted.number == winner.number + 1, "a holder that starts again has it still"
     claims.give_back(restarted)
-    assert claims.take("job-1", "anybody") is not None
+    theirs = claims.take("job-1", "anybody")
+    assert theirs is not None
+    assert claims.release(winner.holder) == ()
+    assert claims.release("anybody") == ("job-1",)
+    assert claims.take("job-1", "somebody else") is not None
+    with pytest.raises(TakenOver), database.read() as connection:
+        theirs.check(connection)
 
 
 def test_a_database_that_is_away_is_waited_for_and_a_wrong_question_is_not() -> None:

@@ -28,18 +28,18 @@ from server.store import Database
 from sim_backends import SimulatedMachine, default_machine
 
 #: Kills that are aimed at, for every one that there should be: now and then there is nothing to kill.
-AIM = 1.15
+AIM = 1.8
 #: Least seconds between two kills.
-BREATH_S = 0.3
+BREATH_S = 0.15
 #: How often each kind is chosen, where one is there.
 WEIGHTS = {"server": 8, "worker": 6, "acquisition": 6, "stage": 2}
 #: Seconds that a host works at least before it is killed, drawn at its start, and that an acquisition is there; longer
 #: on a computer so busy that a host takes longer than usual to start, or nothing would ever get to work.
 LIFE_S = (2.0, 12.0)
-ACQUISITION_S = 3.0
+ACQUISITION_S = 2.0
 USUAL_START_S = 2.5
 #: Share of the stages that are spared: three kills fail a job.
-SPARED = 0.5
+SPARED = 0.4
 #: Share of starts that are killed within so many seconds, up or not.
 DOOMED, DOOM_S = 0.4, 4.0
 #: Machine seconds per second.
