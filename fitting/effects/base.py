@@ -32,6 +32,7 @@ from daq.machine_file import Machine
 from fitting.base_parameters import BaseParameters, base_regressor
 from fitting.drive import expected_power, expected_sign
 from fitting.preparation import PositionNoise, Segment
+from fitting.quiet_motion import quiet_motion
 from fitting.signals import FilterBank
 
 FloatArray = npt.NDArray[np.float64]
@@ -87,6 +88,7 @@ class DriveView:
     base, base_values : the base parameters and their present estimate
     loaded_recordings : numbers of the fitted recordings with a load
     cache : scratch for columns that several shapes share
+    shared : scratch that all joints of the segment share
     """
 
     machine: Machine
@@ -103,6 +105,7 @@ class DriveView:
     base_values: FloatArray
     loaded_recordings: tuple[int, ...]
     cache: dict[str, FloatArray] = field(default_factory=dict, repr=False, compare=False)
+    shared: dict[str, FloatArray] = field(default_factory=dict, repr=False, compare=False)
 
     def __len__(self) -> int:
         return len(self.segment)
@@ -150,6 +153,14 @@ class DriveView:
     def load(self) -> FloatArray:
         """``F_l``, the model's load force at the piston."""
         return self.loads[:, self.joint]
+
+    @property
+    def quiet_torque(self) -> FloatArray:
+        """The model's load torque, N m (N), for further derivatives: see :mod:`fitting.quiet_motion`."""
+        if "quiet_torques" not in self.shared:
+            motion = quiet_motion(self.segment, self.noise, self.bank)
+            self.shared["quiet_torques"] = base_regressor(self.machine, self.base, *motion) @ self.base_values
+        return self.shared["quiet_torques"][:, self.joint]
 
     @property
     def p1(self) -> FloatArray:

@@ -223,7 +223,7 @@ def _like(first: FloatArray, second: FloatArray) -> bool:
 def _turned(view: DriveView) -> DriveView:
     """The view with every speed turned round; positions, accelerations and forces as they were."""
     segment = replace(view.segment, v=-view.segment.v, qd=-view.segment.qd)
-    return replace(view, segment=segment, cache={})
+    return replace(view, segment=segment, cache={}, shared={})
 
 
 def _stronger(view: DriveView) -> DriveView:
@@ -236,6 +236,7 @@ def _stronger(view: DriveView) -> DriveView:
         rod_pressures=lambda: 2 * view.rod_pressures(),
         base_values=2 * view.base_values,
         cache={},
+        shared={},
     )
 
 

@@ -27,5 +27,4 @@ class StructuralFlexibility(Effect):
         """Columns (N, n, 1): what the bending of this joint does to all efforts."""
         if not view.segment.loaded:
             return np.zeros((len(view), len(view.machine.joints), 1))
-        torque = view.load * view.r
-        return view.body_change(-torque)[:, :, None]
+        return view.body_change(-view.quiet_torque)[:, :, None]

@@ -106,6 +106,7 @@ def views_of_segment(
     loaded_recordings: tuple[int, ...],
 ) -> tuple[DriveView, ...]:
     """Views of all joints in one segment, from forces and loads (N, n); ``starts`` has the recordings' first times."""
+    shared: dict[str, FloatArray] = {}
     return tuple(
         DriveView(
             machine=design.machine,
@@ -121,6 +122,7 @@ def views_of_segment(
             base=design.parameters.base,
             base_values=theta[design.parameters.base_slice],
             loaded_recordings=loaded_recordings,
+            shared=shared,
         )
         for joint in range(len(design.machine.joints))
     )
