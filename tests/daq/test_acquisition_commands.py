@@ -149,7 +149,9 @@ def test_record_fails_in_one_line_when_a_device_is_gone(bench: tuple[Path, FakeM
 @pytest.mark.slow
 def test_an_interrupted_recording_is_sealed(bench: tuple[Path, FakeModbus], tmp_path: Path) -> None:
     output = tmp_path / "r.parquet"
-    program = "import typer; from daq import cli; app = typer.Typer(); cli.register(app); app()"
+    # Started in the background of a shell, the tests would hand on that interrupts are ignored.
+    heed = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler); "
+    program = heed + "import typer; from daq import cli; app = typer.Typer(); cli.register(app); app()"
     order = ["record", str(bench[0]), "--role", "operation", "--seconds", "600", "-o", str(output)]
     with subprocess.Popen([sys.executable, "-c", program, *order], stdout=subprocess.PIPE, text=True) as process:
         server = bench[1]
