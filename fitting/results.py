@@ -271,6 +271,7 @@ def _loop(session: Session, results: Results, model: Model, terms: list[Term]) -
             {**limit, "joint": None if limit["joint"] is None else names[limit["joint"]]} for limit in found["limits"]
         ],
         "changes": found["changes"],
+        "looked": found.get("looked", True),
         "next_experiment": experiment or _next_experiment(effects),
     }
 

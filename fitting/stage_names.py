@@ -11,3 +11,5 @@ WORDS = {
     "report": "writing the report",
 }
 STAGES: tuple[str, ...] = tuple(WORDS)
+#: File that the last stage leaves beside the report if it designed a motion.
+NEXT_MOTION = "next-experiment.csv"

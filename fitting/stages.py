@@ -51,15 +51,13 @@ from fitting.residual.surfaces import second_variable
 from fitting.residual.terms import Model
 from fitting.results import build_report
 from fitting.session import Options, Request, Session
-from fitting.stage_names import STAGES, WORDS
+from fitting.stage_names import NEXT_MOTION, STAGES, WORDS
 from fitting.stage_two import choice, chosen_refit, comparison, rigid_body_stage, std
 
 FloatArray = npt.NDArray[np.float64]
 Progress = Callable[[float, str], None]
 #: Chance with which an effect of the size of its detection limit is found.
 LIMIT_POWER = 0.95
-#: File of the next experiment's motion, beside the report.
-NEXT_MOTION = "next-experiment.csv"
 Results = Mapping[str, dict[str, Any]]
 
 
@@ -144,7 +142,7 @@ def attribution(session: Session, results: Results, progress: Progress) -> dict[
     if not session.options.loop:
         nothing: dict[str, Any] = {key: [] for key in ("accepted", "candidates", "limits", "warnings")}
         nothing |= {key: [] for key in ("unconfirmed", "lines", "changes")}
-        return nothing | {"verdict": "nothing_missing", "next_experiment": None}
+        return nothing | {"verdict": "nothing_missing", "looked": False, "next_experiment": None}
     corrections, search = _corrections(session, results), session.search
     found = run_attribution(search.session, corrections, progress)
     warnings = list(found.warnings)
@@ -155,6 +153,7 @@ def attribution(session: Session, results: Results, progress: Progress) -> dict[
     names = tuple(joint.name for joint in session.machine.joints)
     result = {
         "verdict": found.verdict,
+        "looked": True,
         "accepted": [_accepted(a) for a in found.accepted],
         "candidates": [
             {"id": c.id, "joint": c.joint, "score": c.score, "status": c.status, "reason": c.reason}

@@ -87,7 +87,7 @@ def render_html(report: Mapping[str, Any], figures: Figures) -> str:
             report=report,
             result=report["loop"],
             sentence=wording.verdict_sentence(report, titles),
-            label=wording.LABELS[report["loop"]["verdict"]],
+            label=wording.label(report["loop"]),
             titles=titles,
             drawn=_drawn(report, figures),
             over_noise=wording.over_noise,

@@ -40,7 +40,7 @@ def presented(report: Mapping[str, Any], figures: Figures) -> dict[str, Any]:
     return {
         **report,
         "summary": {
-            "label": wording.LABELS[loop["verdict"]],
+            "label": wording.label(loop),
             "sentence": wording.verdict_sentence(report, titles),
         },
         "figures": {

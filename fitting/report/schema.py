@@ -171,6 +171,7 @@ class Loop(_Part):
     unexplained: list[Unexplained] = []
     candidates: list[Candidate] = []
     detection_limits: list[DetectionLimit] = []
+    looked: bool = True
     next_experiment: dict[str, Any] | str | None = None
 
 

@@ -16,6 +16,9 @@ LABELS = {
     "unexplained": "Something is missing, no known cause fits",
 }
 
+#: Where nobody looked for what is missing, "nothing" would not be true.
+NOT_LOOKED = "Fitted only: what is missing was not looked for"
+
 MEANINGS = {
     "m": "moving mass",
     "K": "stiffness",
@@ -181,6 +184,11 @@ def _signals(law: Mapping[str, Any]) -> str:
     return words(str(law["variable"])) + (f" together with the {words(str(second))}" if second else "")
 
 
+def label(loop: Mapping[str, Any]) -> str:
+    """The verdict in a few words, of the report's ``loop``."""
+    return LABELS[loop["verdict"]] if loop.get("looked", True) else NOT_LOOKED
+
+
 def verdict_sentence(report: Mapping[str, Any], titles: Mapping[str, str]) -> str:
     """The verdict in one sentence.
 
@@ -196,6 +204,9 @@ def verdict_sentence(report: Mapping[str, Any], titles: Mapping[str, str]) -> st
     verdict = loop["verdict"]
     if verdict == "nothing_missing":
         times = over_noise(report, "after")
+        if not loop.get("looked", True):
+            error = f": on the validation motion the error is {number(times)} times the noise" if times else ""
+            return f"The model was fitted, and nobody looked for what it may lack{error}."
         noise = f": on the validation motion the error is {number(times)} times that noise" if times else ""
         return f"No joint shows anything above its measurement noise that the model does not explain{noise}."
     if verdict == "effect_added":

@@ -33,13 +33,19 @@ class Content:
     model: dict[str, Any]
 
 
+def verdict_of(report: Mapping[str, Any]) -> str:
+    """The report's verdict; ``not_looked_for`` where the loop was left out and "nothing is missing" says nothing."""
+    loop = report["loop"]
+    return str(loop["verdict"]) if loop.get("looked", True) else "not_looked_for"
+
+
 def content_of(report: Mapping[str, Any]) -> Content:
     """The content that a report stands for; parts that it lacks are empty."""
     loop = report["loop"]
     model = {"schema": MODEL_SCHEMA} | {key: report[key] for key in _MODEL if key in report}
     model |= {key: loop[key] for key in _LOOP if key in loop}
     return Content(
-        verdict=loop["verdict"],
+        verdict=verdict_of(report),
         overall=dict(report["overall"]),
         errors=dict(report.get("errors", {})),
         parameters=list(_parameters(report)),

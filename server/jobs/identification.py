@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping
 from functools import cached_property
 from pathlib import Path
 
+from server.calibrations.content import verdict_of
 from server.children import ChildResult
 from server.files import DataDirectory
 from server.jobs.kinds import NUMERICAL, JobError, StageRun
@@ -88,7 +89,7 @@ class IdentificationKind:
         """What the report says."""
         try:
             report = json.loads((self._files.identifications / job.subject / "report.json").read_bytes())
-            return self._identifications.result(job.subject, report["loop"]["verdict"], report["overall"])
+            return self._identifications.result(job.subject, verdict_of(report), report["overall"])
         except (OSError, ValueError, KeyError, TypeError):
             raise JobError("The last stage left no report that can be read") from None
 

@@ -7,8 +7,9 @@ from typing import Annotated
 from fastapi import APIRouter, Header, Query, Response
 from fastapi.responses import FileResponse
 
+from fitting.stage_names import NEXT_MOTION
 from server.access.guard import PrincipalDep, require
-from server.errors import ConflictError
+from server.errors import ConflictError, NotFoundError
 from server.identify import Wish
 from server.resources import IdentificationList, IdentificationOrder, IdentificationResource
 from server.routes.common import Cursor, Limit, ServiceDep, problems
@@ -81,6 +82,21 @@ def report_page(id: str, service: ServiceDep) -> FileResponse:
     response = _report(service, id, "report.html", "text/html")
     response.headers["Content-Security-Policy"] = REPORT_POLICY
     return response
+
+
+@router.get(
+    "/{id}/next-experiment.csv",
+    response_class=FileResponse,
+    responses={200: {"content": {"text/csv": {}}}, **problems(404, 409, 422)},
+    dependencies=[require("read")],
+)
+def next_experiment(id: str, service: ServiceDep) -> FileResponse:
+    """The motion that would tell apart what these recordings could not (a motion file); 404 if none was designed."""
+    _report(service, id, "report.json", "application/json")  # is it done?
+    path = service.files.identifications / id / NEXT_MOTION
+    if not path.is_file():
+        raise NotFoundError(f"identification '{id}' designed no next experiment: nothing was left to be told apart")
+    return FileResponse(path, media_type="text/csv", filename=f"{id}-{NEXT_MOTION}")
 
 
 def _report(service: Service, id: str, name: str, media_type: str) -> FileResponse:

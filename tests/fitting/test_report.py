@@ -316,6 +316,15 @@ def test_nothing_missing_is_said_with_the_distance_to_the_noise(pages: dict[str,
     assert "None of 5 was accepted" in page_text(pages["nothing_missing"])
 
 
+def test_what_nobody_looked_for_is_not_said_to_be_nothing(tmp_path: Path) -> None:
+    report = sample_report("nothing_missing")
+    report["loop"]["looked"] = False
+    _, page = written(report, Figures(), tmp_path)
+    assert sentence_of(page).startswith("The model was fitted, and nobody looked for what it may lack")
+    assert "Fitted only: what is missing was not looked for" in page_text(page)
+    assert "Nothing is missing" not in page_text(page)
+
+
 def test_an_ambiguous_verdict_names_the_whole_set_and_the_experiment_that_would_tell(pages: dict[str, str]) -> None:
     sentence = sentence_of(pages["ambiguous"])
     assert (

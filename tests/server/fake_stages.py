@@ -65,7 +65,11 @@ def main(request_file: Path, stage: str) -> int:
     if options.get("silent") == stage:
         return 0
     if stage == "report" and not options.get("no_report"):
-        (output / "report.json").write_text(json.dumps(REPORT))
+        loop = REPORT["loop"] | {"looked": options.get("looked", True)}
+        content = REPORT if loop["looked"] else REPORT | {"loop": loop}
+        (output / "report.json").write_text(json.dumps(content))
+        if options.get("next_experiment"):
+            (output / "next-experiment.csv").write_text("# schema: hilfit/motion/1\n")
         (output / "report.html").write_text("<!doctype html><title>report</title>")
     stored.write_text(json.dumps({"stage": stage}))
     say(summary={"stage": stage})

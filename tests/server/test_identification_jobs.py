@@ -48,11 +48,27 @@ def test_an_identification_runs_every_stage_and_stores_the_result(running: Runni
     assert identification["verdict"] == "nothing_missing"
     assert identification["overall"] == REPORT["overall"]
     assert running.client.get(f"{IDENTIFICATIONS}/{order.id}/report.json").json() == REPORT
+    missing = running.client.get(f"{IDENTIFICATIONS}/{order.id}/next-experiment.csv")
+    assert (missing.status_code, "designed no next experiment" in missing.json()["detail"]) == (404, True)
     page = running.client.get(f"{IDENTIFICATIONS}/{order.id}/report.html")
     assert page.headers["content-type"].startswith("text/html")
     assert "default-src 'none'" in page.headers["content-security-policy"]
     assert running.client.get(IDENTIFICATIONS).json()["items"][0]["id"] == order.id
     assert running.client.get(f"{API}/jobs", params={"state": "done"}).json()["items"][0]["id"] == order.job
+
+
+def test_the_motion_of_the_next_experiment_and_that_nobody_looked(running: Running, csv: bytes) -> None:
+    order = running.order(csv, next_experiment=True, looked=False)
+    place = f"{IDENTIFICATIONS}/{order.id}"
+    assert running.client.get(f"{place}/next-experiment.csv").status_code in (409, 200), "before the end there is none"
+    running.follow(order.job)
+    motion = running.client.get(f"{place}/next-experiment.csv")
+    assert (motion.status_code, motion.headers["content-type"]) == (200, "text/csv; charset=utf-8")
+    assert motion.text.startswith("# schema: hilfit/motion/1")
+    assert f"{order.id}-next-experiment.csv" in motion.headers["content-disposition"]
+    assert running.client.get(place).json()["verdict"] == "not_looked_for"
+    made = running.client.post(f"{API}/calibrations", json={"identification": order.id, "label": ""})
+    assert made.json()["verdict"] == "not_looked_for"
 
 
 def test_stages_run_at_the_lowest_priority_in_processes_of_their_own(running: Running, csv: bytes) -> None:

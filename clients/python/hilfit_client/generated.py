@@ -9,7 +9,7 @@ from typing import Any, Literal, NotRequired, TypedDict, Unpack
 from hilfit_client.transport import Transport
 
 #: SHA-256 of the description that this was made from.
-SOURCE_SHA256 = "ba4223398f3f2288dca56d740a970fec293dbd8d7c4aeca4166ee327cb8321ed"
+SOURCE_SHA256 = "c373cf07bce2eddfe309f0344463bae89689c1ca624928736038b91b60d6463f"
 
 
 class AcquisitionWish(TypedDict):
@@ -918,6 +918,10 @@ class IdentificationsApi:
             "GET", f"/api/v1/identifications/{self._transport.quoted(id)}"
         )
         return answer
+
+    def next_experiment(self, id: str) -> str:
+        """The motion that would tell apart what these recordings could not (a motion file); 404 if none was designed."""
+        return self._transport.text("GET", f"/api/v1/identifications/{self._transport.quoted(id)}/next-experiment.csv")
 
     def report_page(self, id: str) -> str:
         """The result as a self-contained page."""

@@ -4,12 +4,13 @@ import { CommandNotice, useCommand, useSession } from "../../session";
 import { Button } from "../../ui/controls";
 import { duration } from "../../ui/format";
 import { Panel } from "../../ui/layout";
+import { Downloads } from "../downloads";
 import type { NextExperiment as Experiment, Report } from "./report";
 import { readable, title } from "./wording";
 
 type Excitation = components["schemas"]["ExcitationResource"];
 
-export function NextExperiment({ report }: { report: Report }) {
+export function NextExperiment({ id, report }: { id: string; report: Report }) {
   const next = report.loop.next_experiment;
   if (next === null || next === "") return null;
   if (typeof next === "string")
@@ -37,6 +38,17 @@ export function NextExperiment({ report }: { report: Report }) {
             ))}
           </ul>
         </details>
+      )}
+      {next.motion_file && (
+        <Downloads
+          files={[
+            {
+              title: "this motion (CSV)",
+              path: `/identifications/${encodeURIComponent(id)}/next-experiment.csv`,
+              name: `${report.machine}-${id}-${next.motion_file}`,
+            },
+          ]}
+        />
       )}
       <Design machine={report.machine} next={next} />
     </Panel>

@@ -44,6 +44,7 @@ export interface NextExperiment {
   why?: string | null;
   separates?: string[];
   kind?: string | null;
+  motion_file?: string | null;
   rods?: "pinned" | "unpinned" | null;
   seconds?: number | null;
   recordings?: number | null;

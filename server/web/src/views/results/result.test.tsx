@@ -133,6 +133,7 @@ describe("a result", () => {
       separates: ["stribeck"],
       rods: "unpinned",
       seconds: 90,
+      motion_file: "next-experiment.csv",
     };
     fake.resources["/identifications/idn-1/report.json"] = {
       ...content,
@@ -142,6 +143,7 @@ describe("a result", () => {
     fake.show(<ResultPage id="idn-1" />);
     const panel = await screen.findByRole("region", { name: "Next experiment" });
     expect(panel.textContent).toContain("Move joint2 slowly");
+    expect(within(panel).getByRole("button", { name: "Download this motion (CSV)" })).toBeTruthy();
     fireEvent.click(within(panel).getByRole("button", { name: /Design a motion of 1 min 30 s/ }));
     await within(panel).findByText(/is being designed/);
     expect(fake.sent[0]?.json).toMatchObject({ machine: content.machine, rods: "unpinned", duration_s: 90 });

@@ -44,7 +44,7 @@ export function ResultPage({ id }: { id: string }) {
       {report !== null && <Verdict report={report} />}
       {report !== null && report.warnings.length > 0 && <Warnings report={report} />}
       {found !== null && done && <ResultActions identification={found} />}
-      {report !== null && <Sections report={report} />}
+      {report !== null && <Sections id={id} report={report} />}
       <p>
         <a href="#/results">All results</a>
       </p>
@@ -52,10 +52,10 @@ export function ResultPage({ id }: { id: string }) {
   );
 }
 
-function Sections({ report }: { report: Report }) {
+function Sections({ id, report }: { id: string; report: Report }) {
   return (
     <>
-      <NextExperiment report={report} />
+      <NextExperiment id={id} report={report} />
       <JointErrors report={report} />
       <Found report={report} />
       <Residuals report={report} />

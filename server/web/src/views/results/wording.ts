@@ -67,6 +67,7 @@ export const NOT_LOOKED: [NoticeKind, string] = ["info", "Fitted only: what is m
 
 /** Of a verdict that may be newer than this page. */
 export function verdictWords(verdict: string): [NoticeKind, string] {
+  if (verdict === "not_looked_for") return NOT_LOOKED;
   return VERDICTS[verdict as Verdict] ?? ["info", words(verdict)];
 }
 
