@@ -6,7 +6,7 @@ position. The regressor then holds the noise of the residual that it is to expla
 zero or below it, and a compliance that is there is not found.
 
 So such a regressor is built from what can be told of the motion: each joint's acceleration is kept up to the frequency
-where its spectrum falls to five times the known spectrum of its noise, and cut above that. What is cut is lost to the
+where its spectrum falls to ten times the known spectrum of its noise, and cut above that. What is cut is lost to the
 regressor but not false in it: the coefficient stays what it is (regression calibration).
 
 Source: R. J. Carroll and others, Measurement Error in Nonlinear Models, 2006, chapter 4.
@@ -26,7 +26,7 @@ from fitting.signals import FilterBank
 FloatArray = npt.NDArray[np.float64]
 
 #: Signal and noise over noise from which a line of the spectrum counts for the motion.
-_STANDS_OUT = 5.0
+_STANDS_OUT = 10.0
 #: Order of the cut, and the edge's share at which it is half way down: a line at the edge keeps 82 % of itself.
 _ORDER, _ROOM = 8, 1.1
 
@@ -54,7 +54,7 @@ def motion_edge(acceleration: FloatArray, position_std: float, bank: FilterBank)
     """Frequency in Hz above which an acceleration (N,) holds more noise than motion; 0 if it holds none at all.
 
     White position noise of ``position_std`` has the density ``2 std^2 |K|^2 / rate`` behind the second derivative's
-    kernel. The edge is where the sum of (spectrum over noise - 5) is largest: single lines that stand out by chance do
+    kernel. The edge is where the sum of (spectrum over noise - 10) is largest: single lines that stand out by chance do
     not make up for the noise below them, and gaps between lines of the motion do not end it.
     """
     frequency, power = signal.periodogram(signal.detrend(acceleration), bank.rate_hz, window="hann")
