@@ -50,7 +50,7 @@ LINK_PARAMETERS = ("m", "mx", "my", "mz", "Ixx", "Ixy", "Ixz", "Iyy", "Iyz", "Iz
 JOINT_PARAMETERS = (*LINK_PARAMETERS, "f_c", "f_v", "J")
 
 # Samples per pass: long enough that the arithmetic outweighs the calls, short enough for the caches.
-_CHUNK = 8192
+_CHUNK = 16384
 COUPLED_PARAMETERS = ("f_cm", "f_vm", "Jm")
 _ZERO: Vector = (0.0, 0.0, 0.0)
 
