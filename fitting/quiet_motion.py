@@ -21,7 +21,7 @@ import numpy.typing as npt
 from scipy import signal
 
 from fitting.preparation import PositionNoise, Segment
-from fitting.signals import FilterBank
+from fitting.signals import FilterBank, white_noise_density
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -53,15 +53,15 @@ def quiet_motion(
 def motion_edge(acceleration: FloatArray, position_std: float, bank: FilterBank) -> float:
     """Frequency in Hz above which an acceleration (N,) holds more noise than motion; 0 if it holds none at all.
 
-    White position noise of ``position_std`` has the density ``2 std^2 |K|^2 / rate`` behind the second derivative's
-    kernel. The edge is where the sum of (spectrum over noise - 10) is largest: single lines that stand out by chance do
-    not make up for the noise below them, and gaps between lines of the motion do not end it.
+    The noise is that of white positions of ``position_std`` behind the second derivative's kernel. The edge is where
+    the sum of (spectrum over noise - 10) is largest: single lines that stand out by chance do not make up for the noise
+    below them, and gaps between lines of the motion do not end it.
     """
     frequency, power = signal.periodogram(signal.detrend(acceleration), bank.rate_hz, window="hann")
     inside = (frequency > 0.0) & (frequency <= bank.bandwidth_hz)
     if position_std <= 0.0 or not inside.any():
         return bank.bandwidth_hz
     frequency, power = frequency[inside], power[inside]
-    _, response = signal.freqz(bank.second, worN=frequency, fs=bank.rate_hz)
-    told = np.cumsum(power / (2.0 * position_std**2 * np.abs(response) ** 2 / bank.rate_hz) - _STANDS_OUT)
+    noise = white_noise_density(frequency, bank.rate_hz, position_std, bank.second)
+    told = np.cumsum(power / noise - _STANDS_OUT)
     return float(frequency[np.argmax(told)]) if told.max() > 0.0 else 0.0

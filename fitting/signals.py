@@ -181,6 +181,14 @@ def white_noise_of(stretches: Sequence[FloatArray]) -> float:
     return float(np.sqrt(np.mean(differences**2) / 70.0)) if len(differences) else 0.0
 
 
+def white_noise_density(
+    frequency: FloatArray, rate_hz: float, std: float, kernel: npt.ArrayLike = (1.0,)
+) -> FloatArray:
+    """Power density at frequencies in Hz of white noise of ``std`` behind a kernel: ``2 std^2 |K|^2 / rate``."""
+    _, response = signal.freqz(np.asarray(kernel), worN=frequency, fs=rate_hz)
+    return np.asarray(2.0 * std**2 * np.abs(response) ** 2 / rate_hz)
+
+
 def edge_frequency(
     series: Sequence[FloatArray],
     rate_hz: float,
@@ -190,8 +198,8 @@ def edge_frequency(
 ) -> float:
     """Frequency in Hz below which ``share`` of the power of some stretches of a signal lies; 0 of nothing.
 
-    White noise of ``white_std`` that went through ``kernel`` has the density ``2 white_std^2 |K|^2 / rate``, which is
-    taken off: a noisy encoder would else pass for a fast motion. What only trembles has no such frequency (0).
+    White noise of ``white_std`` that went through ``kernel`` is taken off: a noisy encoder would else pass for a fast
+    motion. What only trembles has no such frequency (0).
     """
     found = [signal.periodogram(part, rate_hz, detrend="constant", window="hann") for part in series]
     frequency = np.concatenate([own for own, _ in found])
@@ -199,9 +207,8 @@ def edge_frequency(
     power = np.concatenate(
         [density * (len(part) / len(density)) for part, (_, density) in zip(series, found, strict=True)]
     )
-    _, response = signal.freqz(np.asarray(kernel), worN=frequency, fs=rate_hz)
     lengths = np.concatenate([np.full(len(d), len(p) / len(d)) for p, (_, d) in zip(series, found, strict=True)])
-    noise = 2.0 * white_std**2 * np.abs(response) ** 2 / rate_hz * lengths
+    noise = white_noise_density(frequency, rate_hz, white_std, kernel) * lengths
     order = np.argsort(frequency, kind="stable")
     total = np.cumsum((power - noise)[order])
     largest = float(total.max(initial=0.0))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Annotated
 
 from fastapi import APIRouter, Header, Query, Response
@@ -92,17 +93,21 @@ def report_page(id: str, service: ServiceDep) -> FileResponse:
 )
 def next_experiment(id: str, service: ServiceDep) -> FileResponse:
     """The motion that would tell apart what these recordings could not (a motion file); 404 if none was designed."""
-    _report(service, id, "report.json", "application/json")  # is it done?
-    path = service.files.identifications / id / NEXT_MOTION
+    path = _written(service, id, "report.json").with_name(NEXT_MOTION)
     if not path.is_file():
         raise NotFoundError(f"identification '{id}' designed no next experiment: nothing was left to be told apart")
     return FileResponse(path, media_type="text/csv", filename=f"{id}-{NEXT_MOTION}")
 
 
 def _report(service: Service, id: str, name: str, media_type: str) -> FileResponse:
+    return FileResponse(_written(service, id, name), media_type=media_type)
+
+
+def _written(service: Service, id: str, name: str) -> Path:
+    """A file that every identification which is done has."""
     identification = service.identifications.get(id)
     job = service.jobs.get(identification.job)
     path = service.files.identifications / id / name
     if job.state != "done" or not path.is_file():
         raise ConflictError(f"identification '{id}' has no {name}: its job {job.id} is {job.state}")
-    return FileResponse(path, media_type=media_type)
+    return path

@@ -18,14 +18,14 @@ import pytest
 import sqlalchemy as sa
 from dbos import DBOS
 from postgresql_server import PostgreSQL
-from service_fakes import Fakes, ran, running_service
+from service_fakes import Fakes, Running, ran, running_service
 from sqlalchemy.exc import OperationalError, ProgrammingError
 
 from server.errors import StartError, TakenOver
 from server.executors import SILENT_S, Presence, Silence
 from server.jobs.kinds import NUMERICAL
 from server.settings import Settings
-from server.store import Database, Jobs
+from server.store import Database, Identification, Jobs
 from server.store.claims import Claims
 from server.store.jobs import Result
 from server.store.patience import patiently
@@ -49,6 +49,16 @@ def worker(data_dir: Path, url: str, name: str) -> Iterator[subprocess.Popen[byt
             process.kill()
 
 
+HALF = "Half of cylinder_stage"
+
+
+def in_the_middle(running: Running, csv: bytes) -> Identification:
+    """An identification in the middle of its second stage, which goes on once there is a file ``go``."""
+    order = running.order(csv, block="cylinder_stage")
+    running.follow(order.job, lambda event: event["text"] == HALF)
+    return order
+
+
 @pytest.mark.slow
 def test_what_a_killed_worker_was_doing_is_taken_over_without_doing_a_finished_stage_again(
     tmp_path: Path, csv: bytes, postgresql: PostgreSQL
@@ -56,8 +66,7 @@ def test_what_a_killed_worker_was_doing_is_taken_over_without_doing_a_finished_s
     data_dir, url = tmp_path / "data", postgresql.new_database()
     with running_service(data_dir, Fakes(), database_url=url, local_jobs=False) as running:
         with worker(data_dir, url, "one") as process:
-            order = running.order(csv, block="cylinder_stage")
-            running.follow(order.job, lambda event: event["text"] == "Half of cylinder_stage")
+            order = in_the_middle(running, csv)
             path = running.service.files.identifications / order.id / "ran.txt"
             stage = os.pidfd_open(int(path.read_text().splitlines()[-1].split()[1]))
             process.send_signal(signal.SIGKILL)
@@ -80,12 +89,10 @@ def test_a_worker_that_was_stopped_wakes_up_and_leaves_alone_what_another_one_to
     tmp_path: Path, csv: bytes, postgresql: PostgreSQL
 ) -> None:
     data_dir, url = tmp_path / "data", postgresql.new_database()
-    half = "Half of cylinder_stage"
     with running_service(data_dir, Fakes(), database_url=url, local_jobs=False) as running:
         runner, directory = running.service.runner, running.service.files.identifications
         with worker(data_dir, url, "one") as one:
-            order = running.order(csv, block="cylinder_stage")
-            running.follow(order.job, lambda event: event["text"] == half)
+            order = in_the_middle(running, csv)
             stage = os.pidfd_open(int((directory / order.id / "ran.txt").read_text().splitlines()[-1].split()[1]))
             one.send_signal(signal.SIGSTOP)  # its stage goes on
             assert runner.take_over(lambda executor: executor == "worker-one") == (order.job,)
@@ -94,7 +101,7 @@ def test_a_worker_that_was_stopped_wakes_up_and_leaves_alone_what_another_one_to
 
                 def again(event: dict[str, Any]) -> bool:
                     seen.append(event["text"])
-                    return seen.count(half) == 2
+                    return seen.count(HALF) == 2
 
                 running.follow(order.job, again)
                 one.send_signal(signal.SIGCONT)
@@ -121,8 +128,7 @@ def test_a_worker_that_starts_again_releases_what_somebody_else_was_given_meanwh
     data_dir, url = tmp_path / "data", postgresql.new_database()
     with running_service(data_dir, Fakes(), database_url=url, local_jobs=False) as running:
         with worker(data_dir, url, "one") as process:
-            order = running.order(csv, block="cylinder_stage")
-            running.follow(order.job, lambda event: event["text"] == "Half of cylinder_stage")
+            order = in_the_middle(running, csv)
             process.kill()
             process.wait()
         (running.service.files.identifications / order.id / "go").touch()
