@@ -23,6 +23,8 @@ Clock = Callable[[], datetime]
 _WRITERS = 0x68696C666974
 #: And of the one that the server holds while it runs.
 _SERVER = _WRITERS + 1
+#: s: longest that PostgreSQL waits within a transaction for a process that was stopped there, or whose host was.
+FROZEN_S = 10
 Item = TypeVar("Item")
 
 
@@ -46,7 +48,8 @@ class Database:
     that starts reading and then writes would fail at once with "database is locked" instead of waiting. Rollback
     journal and ``synchronous=FULL``: the write-ahead log of the SQLite that Debian 12 ships has a corruption bug with
     several processes. PostgreSQL: writers take one advisory lock, so what is checked in a transaction still holds
-    when it is written, as on SQLite; transactions are a few rows long.
+    when it is written, as on SQLite; transactions are a few rows long. A process that is stopped in one would hold up
+    all the others: after ``FROZEN_S`` PostgreSQL ends its connection, and what it had not committed never happened.
 
     Parameters
     ----------
@@ -58,9 +61,9 @@ class Database:
     def __init__(
         self, place: Path | str, *, clock: Clock = utc_now, changed: Callable[[], None], backups: Path | None = None
     ) -> None:
-        self.url = f"sqlite:///{place}" if isinstance(place, Path) else postgresql_url(place)
+        self.url = f"sqlite:///{place}" if isinstance(place, Path) else _not_frozen(postgresql_url(place))
         self.is_sqlite = isinstance(place, Path)
-        self.name = str(place) if self.is_sqlite else sa.make_url(self.url).render_as_string(hide_password=True)
+        self.name = str(place) if isinstance(place, Path) else sa.make_url(place).render_as_string(hide_password=True)
         self._clock = clock
         self._changed = changed
         self._lock = threading.Lock()
@@ -231,6 +234,14 @@ def _begin(connection: sa.Connection) -> None:
 def _begin_postgresql(connection: sa.Connection) -> None:
     if connection.get_execution_options().get("hilfit_write", False):
         connection.exec_driver_sql(f"SELECT pg_advisory_xact_lock({_WRITERS})")
+
+
+def _not_frozen(url: str) -> str:
+    """A URL whose sessions, the workflow engine's too, are ended when their client is stopped in a transaction."""
+    address = sa.make_url(url)
+    given = address.query.get("options", "")
+    options = [*([given] if isinstance(given, str) else given), f"-c idle_in_transaction_session_timeout={FROZEN_S}s"]
+    return address.update_query_dict({"options": " ".join(options).strip()}).render_as_string(hide_password=False)
 
 
 def _version(connection: sa.Connection) -> int | None:

@@ -20,7 +20,9 @@ from server.cli import main
 from server.errors import StartError
 from server.files import DataDirectory
 from server.store import Database, Machines, copies, tables
+from server.store import database as database_module
 from server.store.idempotency import IdempotencyKey, earlier
+from server.store.patience import away
 
 CHANGES = ("UPDATE audit_log SET subject = 'x'", "DELETE FROM audit_log", "TRUNCATE audit_log")
 
@@ -211,6 +213,25 @@ def test_a_server_whose_lock_went_with_its_connection_takes_it_again_or_learns_w
             assert not first.still_alone()
         third.close()
     first.close()
+
+
+def test_a_process_that_is_stopped_while_it_writes_does_not_hold_up_the_others(
+    tmp_path: Path, url: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(database_module, "FROZEN_S", 1)
+    stopped, other = (Database(f"{url}?options=-c%20lock_timeout%3D60s", changed=nothing) for _ in range(2))
+    count = sa.select(sa.func.count()).select_from(tables.executors)
+    with pytest.raises(sa.exc.DBAPIError) as caught, stopped.write() as connection:  # and is stopped in the middle:
+        connection.execute(tables.executors.insert().values(id="stopped", host="h", started="", seen=""))
+        with other.write() as meanwhile:
+            meanwhile.execute(tables.executors.insert().values(id="other", host="h", started="", seen=""))
+        connection.execute(count)
+    assert away(caught.value), "it is done again, like anything that the database was away for"
+    with stopped.write() as connection:
+        assert connection.execute(count).scalar() == 1
+        assert connection.exec_driver_sql("SHOW lock_timeout").scalar() == "1min", "the user's own options hold"
+    for each in (stopped, other):
+        each.close()
 
 
 @pytest.mark.slow
