@@ -297,13 +297,15 @@ class _Selection:
 
     def _take_back(self, number: int, reason: str) -> None:
         """An accepted name was wrong; its joint gets a law, not another name."""
-        family = self.accepted.pop(number).score.term.family
-        self.refuted_joints.add(family[1])
-        self.table[family] = replace(
-            self.table[family],
-            status="rejected",
-            reason=f"{reason}: it is not this effect",
-        )
+        self.refuted_joints.add(self.accepted[number].score.term.joint)
+        self._drop(number, f"{reason}: it is not this effect")
+
+    def _drop(self, number: int, reason: str) -> None:
+        """Refit without an accepted term; those that stood in a set with it fall with it."""
+        item = self.accepted.pop(number)
+        for score in (item.score, *item.rivals):
+            family = score.term.family
+            self.table[family] = replace(self.table[family], status="rejected", reason=reason)
         self.model = self.signals.refit([item.score.term for item in self.accepted])
 
     def _doubt(self) -> bool:
@@ -402,10 +404,7 @@ class _Selection:
             weakest = int(np.argmin(worth))
             if worth[weakest] >= ACCUSE / 2:
                 break
-            family = self.accepted.pop(weakest).score.term.family
-            reason = "not needed any more beside the effects added later"
-            self.table[family] = replace(self.table[family], status="rejected", reason=reason)
-            self.model = self.signals.refit([item.score.term for item in self.accepted])
+            self._drop(weakest, "not needed any more beside the effects added later")
 
     def _worth(self, number: int) -> float:
         """Chi-square that dropping an accepted term would cost, less the price of its parameters (Wald's)."""

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from scipy import stats
 
 from fitting.noise import Pairing
 from fitting.regression import REST_SHARE, effort_errors, full_residual, whitened
@@ -17,8 +18,8 @@ FloatArray = npt.NDArray[np.float64]
 
 _BLOCK_SECONDS = 3.0
 _DRAWS = 1000
-#: Share by which no joint may get worse on `validate`, and the standard errors from which on it is no accident.
-MOST_WORSE, SIGNIFICANT = 0.01, 3.0
+#: Share by which no joint may get worse on `validate`, and the chance that a right model is refused for any joint.
+MOST_WORSE, REFUSES_RIGHT = 0.01, 0.001
 
 
 def overall_change(
@@ -122,12 +123,14 @@ def misfit(model: Model, pairs: Sequence[Pairing], joint: int) -> Misfit:
 def worse_joint(before: Model, after: Model, validate: Sequence[int]) -> tuple[int, float] | None:
     """The joint whose error on the validation segments rises most, if by more than :data:`MOST_WORSE`, and by how much.
 
-    The rise has to be significant as well. If the new model is right, its whitened residual ``u`` is noise and what its
-    parameters' errors make, of covariance ``V = I + X C X'``; the old model's is ``u - d``. The chi-square then changes
-    by ``2 u'd - d'd``, with ``2 sqrt(d'V d)`` as standard deviation. A refit moves every joint's error, and a joint
-    whose parameters were lucky loses that luck.
+    The rise has to be significant as well, with all joints looked at. If the new model is right, its whitened residual
+    ``u`` is noise and what its parameters' errors make, of covariance ``V = s^2 (I + X C X')``; the old model's is
+    ``u - d``. The chi-square then changes by ``2 u'd - d'd``, with ``2 sqrt(d'V d)`` as standard deviation. A refit
+    moves every joint's error, and a joint whose parameters were lucky loses that luck. ``s^2`` is what the better of
+    the two leaves per row: more than 1 where the validation motion is noisier than those that were fitted.
     """
     worst: tuple[int, float] | None = None
+    significant = float(stats.norm.isf(REFUSES_RIGHT / len(before.design.machine.joints)))
     errors = [effort_errors(m.design, m.fit.theta, validate, m.extra) for m in (before, after)]
     for joint, (first, second) in enumerate(zip(*errors, strict=True)):
         if not len(first) or not len(second) or not np.std(first) > 0:
@@ -136,7 +139,7 @@ def worse_joint(before: Model, after: Model, validate: Sequence[int]) -> tuple[i
         if (
             rise > MOST_WORSE
             and (worst is None or rise > worst[1])
-            and _loss(before, after, validate, joint) > SIGNIFICANT
+            and _loss(before, after, validate, joint) > significant
         ):
             worst = joint, rise
     return worst
@@ -144,19 +147,21 @@ def worse_joint(before: Model, after: Model, validate: Sequence[int]) -> tuple[i
 
 def _loss(before: Model, after: Model, validate: Sequence[int], joint: int) -> float:
     """Standard errors by which a joint's chi-square on the validation segments is above what a right model allows."""
-    change, moved, seen = 0.0, 0.0, np.zeros(len(after.fit.theta))
+    left, change, moved, rows, seen = 0.0, 0.0, 0.0, 0, np.zeros(len(after.fit.theta))
     for index in validate:
         old, new = (_white_residual(model, index, joint) for model in (before, after))
         if len(old) != len(new):  # a signal that is moved in time has other rows at rest
             continue
-        rows = whitened(after.design, after.noise, (index,), after.extra)[joint].A
         difference = new - old
+        left += float(old @ old)
         change += float(new @ new - old @ old)
         moved += float(difference @ difference)
-        seen += rows.T @ difference
+        rows += len(new)
+        seen += whitened(after.design, after.noise, (index,), after.extra)[joint].A.T @ difference
     if moved <= 0.0:
         return 0.0
-    return (change + moved) / (2.0 * float(np.sqrt(moved + seen @ after.fit.covariance @ seen)))
+    scale = max(1.0, min(left, left + change) / rows)
+    return (change + moved) / (2.0 * float(np.sqrt(scale * (moved + seen @ after.fit.covariance @ seen))))
 
 
 def validate_gain(before: Model, after: Model, validate: Sequence[int]) -> float:

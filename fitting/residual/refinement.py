@@ -43,9 +43,8 @@ def _limits(model: Model, term: Term, key: str) -> tuple[float, float]:
     """Between what values a shape may be searched: the grid's, and somewhat beyond."""
     assert isinstance(term.content, Effect)
     grid = term.content.shapes(model.views[model.fitted[0]][term.joint or 0])
-    values = [shape[key] for shape in grid if key in shape] + [term.shape[key]]
-    bounds = [value * factor for value in values for factor in (_BEYOND, 1 / _BEYOND)]
-    return min(bounds), max(bounds)
+    bounds = [shape[key] * factor for shape in grid if key in shape for factor in (_BEYOND, 1 / _BEYOND)]
+    return min(bounds, default=term.shape[key]), max(bounds, default=term.shape[key])
 
 
 def _searched(model: Model, best: Score, key: str, span: float, limits: tuple[float, float]) -> Score:

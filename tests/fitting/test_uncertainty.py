@@ -102,7 +102,7 @@ def test_a_search_does_not_leave_what_is_plausible() -> None:
     model = session.base_model
     cushion = Term(effect("end_cushion"), 1, {"side": 1.0, "share": 0.25, "n": 1.0})
     (score,) = score_terms(model, [cushion], [1])
-    found = refined(model, score)
+    found = refined(model, refined(model, score))
     assert found.gain >= score.gain
-    assert found.term.shape["share"] <= 0.25 * 1.25
+    assert found.term.shape["share"] <= 0.25 * 1.25 + 1e-12, "nor does a second search, from where the first ended"
     assert 0.8 <= found.term.shape["n"] <= 2.5
