@@ -8,7 +8,7 @@ weighted by the inverse variance of its own white noise. The drive effort of a j
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -27,6 +27,8 @@ PositionError = Callable[[FloatArray], FloatArray]
 REST_SPEED = 5.0
 # Rest shorter than this is a reversal; the expected sign (see `expected_sign`) handles it.
 REST_SECONDS = 0.3
+# The first stretch of a recording that tells at what speed it begins.
+_FIRST_SECONDS = 0.2
 # Samples of all joints together in one piece of a long recording: three minutes of six joints at 50 Hz, some 60 MB.
 PIECE_SAMPLES = 60_000
 
@@ -67,6 +69,8 @@ class Segment:
     temperature : (N,) K, or None
     gap : (N, n) m, smoothed piston position less x(joint position), NaN where one of the two is not measured
     external : (N, n) N, smoothed measured forces from outside the arm, positive against extension; None without any
+    lead : (M, n) joint accelerations up to sample 0, over the samples that the filter loses at the start, for what
+        remembers them; the machine went on at constant speed, or stood, before. None: it stood
     """
 
     recording: int
@@ -89,6 +93,7 @@ class Segment:
     gap: FloatArray
     # Made by a function: a default of the class would be found before what a stored segment reads.
     external: FloatArray | None = field(default_factory=lambda: None)
+    lead: FloatArray | None = field(default_factory=lambda: None)
 
     def __len__(self) -> int:
         return len(self.t)
@@ -219,18 +224,12 @@ def _segment(
     columns: dict[str, list[FloatArray]] = {
         key: [] for key in ("q", "qd", "qdd", "x", "v", "a", "r", "y", "p1", "p2", "gap")
     }
-    rest = []
+    rest, lead = [], []
+    before = _with_start(machine, recording, bank)
     for number, joint in enumerate(machine.joints):
-        motion, gap = _motion(
-            machine,
-            joint,
-            recording,
-            part,
-            bank,
-            weights[number],
-            position_error.get(joint.name),
-            joint.name in separate,
-        )
+        error = position_error.get(joint.name)
+        motion, gap = _motion(machine, joint, recording, part, bank, weights[number], error, joint.name in separate)
+        lead.append(_motion(machine, joint, *before, bank, weights[number], error, joint.name in separate)[0][2])
         for key, value in zip(("q", "qd", "qdd", "x", "v", "a"), motion, strict=True):
             columns[key].append(value)
         columns["gap"].append(gap)
@@ -265,7 +264,21 @@ def _segment(
         temperature=None if temperature is None else bank.smoothed(recording.values[temperature][part]),
         gap=stacked["gap"],
         external=_external(machine, recording, part, bank),
+        lead=np.stack(lead, axis=1),
     )
+
+
+def _with_start(machine: Machine, recording: Recording, bank: FilterBank) -> tuple[Recording, slice]:
+    """The recording's start and the straight line that leads there: smoothed, it gives the samples up to the first."""
+    count = max(2, round(_FIRST_SECONDS * bank.rate_hz))
+    clock = np.arange(-bank.margin, count)
+    values = {}
+    for channel in machine.channels:
+        if channel.quantity in ("joint_position", "piston_position"):
+            own = recording.values[channel.name][: 2 * bank.margin]
+            line = np.polynomial.Polynomial.fit(clock[bank.margin :], own[:count], 1)
+            values[channel.name] = np.concatenate([line(clock[: bank.margin]), own])
+    return replace(recording, values=values), slice(0, 3 * bank.margin)
 
 
 def _external(machine: Machine, recording: Recording, part: slice, bank: FilterBank) -> FloatArray | None:

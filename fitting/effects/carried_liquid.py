@@ -37,7 +37,8 @@ class CarriedLiquid(Effect):
         # Bilinear transform of H(s), s = rate (1 - z^-1) / (1 + z^-1).
         numerator = w**2 * np.array([1.0, 2.0, 1.0])
         denominator = [rate**2 + 2 * zeta * w * rate + w**2, 2 * (w**2 - rate**2), rate**2 - 2 * zeta * w * rate + w**2]
-        acceleration = view.segment.qdd[:, view.joint]
-        response = np.asarray(signal.lfilter(numerator, denominator, acceleration))
+        acceleration, lead = view.segment.qdd[:, view.joint], view.segment.lead
+        before = acceleration[:0] if lead is None else lead[:, view.joint]  # a swing lasts longer than a filter
+        response = signal.lfilter(numerator, denominator, np.concatenate([before, acceleration]))[len(before) :]
         pull = np.column_stack([response, acceleration]) / view.r[:, None]
         return pull if view.segment.loaded else np.zeros_like(pull)

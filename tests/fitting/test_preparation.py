@@ -164,3 +164,20 @@ def test_standing_still_is_marked_and_a_reversal_is_not() -> None:
     assert rest[standing].mean() > 0.99
     assert np.any(np.diff(np.sign(segment.v[moving, 0])) != 0)
     assert not rest[moving].any()
+
+
+@pytest.mark.parametrize("speed", [0.0, 0.3])
+def test_the_samples_that_the_filter_loses_at_the_start_are_known_to_what_remembers_them(speed: float) -> None:
+    machine = planar_machine(kinds="rr")
+    (recording,) = make_recordings(machine, ARM, (("train", 2),), noise=QUIET)
+    clock = (np.arange(len(recording.time) + BANK.margin) - BANK.margin) / BANK.rate_hz
+    # At one speed before the recording and in its first quarter of a second, which it does not know.
+    swing = np.maximum(clock - 0.25, 0.0)
+    longer = np.column_stack([speed * clock + 0.3 * (1 - np.cos(k * swing)) for k in (1.0, 2.0)])
+    channels = [machine.channel("joint_position", joint.name) for joint in machine.joints]
+    seen = {c.name: longer[BANK.margin :, j] for j, c in enumerate(channels) if c is not None}
+    (segment,) = prepare(machine, [replace(recording, values={**recording.values, **seen})], BANK)
+    assert segment.lead is not None and segment.start == BANK.margin == len(segment.lead)
+    for joint in range(2):
+        expected = BANK.smooth(longer[:, joint])[2]
+        assert np.concatenate([segment.lead, segment.qdd])[:, joint] == pytest.approx(expected, abs=1e-9)
