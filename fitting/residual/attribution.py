@@ -15,7 +15,7 @@ import numpy.typing as npt
 from fitting.effects.base import Effect
 from fitting.prior import Prior
 from fitting.residual import rules
-from fitting.residual.confirmation import Misfit, validate_gain, worse_joint
+from fitting.residual.confirmation import Misfit, on_validate, worse_joint
 from fitting.residual.cross_validation import HeldOut, held_out_gain
 from fitting.residual.findings import Accepted, Attribution, Candidate, Family, Unconfirmed
 from fitting.residual.laws import Law
@@ -132,7 +132,7 @@ class _Selection:
         self.table: dict[Family, Candidate] = {}
         for item in known:
             family = item.score.term.family
-            self.table[family] = Candidate(*family, item.score.score, "accepted", rules.why(item.score))
+            self.table[family] = Candidate(*family, item.score.score, "accepted", rules.why(item.score, None))
         self.limits: tuple[Score, ...] = ()
         self.scored: Model | None = None
         self.unconfirmed: list[Unconfirmed] = []
@@ -358,8 +358,9 @@ class _Selection:
         family = choice.term.family
         held_out = self._held_out(trial)
         confirming = self.validate and not choice.term.confined
-        gain = validate_gain(self.model, trial, self.validate) if confirming else None
-        reason = rules.objection(choice, held_out, gain)
+        seen = on_validate(self.model, trial, self.validate) if confirming else None
+        gain = None if seen is None else seen.gain
+        reason = rules.objection(choice, held_out, seen)
         worse = worse_joint(self.model, trial, self.validate) if confirming else None
         if worse is not None and not reason:
             name = self.base.design.parameters.joints[worse[0]]
@@ -371,7 +372,7 @@ class _Selection:
             return reason
         rivals = () if isinstance(choice.term.content, Law) else rules.rivals(choice, self.named, self.refused)
         self.accepted.append(Accepted(choice, rivals, held_out, gain, witnessed))
-        self.table[family] = Candidate(*family, choice.score, "accepted", rules.why(choice))
+        self.table[family] = Candidate(*family, choice.score, "accepted", rules.why(choice, seen))
         for rival in rivals:
             words = f"within {choice.score - rival.score:.1f} of {choice.term.id}: this data cannot tell them apart"
             self.table[rival.term.family] = Candidate(*rival.term.family, rival.score, "indistinguishable", words)

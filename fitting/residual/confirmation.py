@@ -20,6 +20,8 @@ _BLOCK_SECONDS = 3.0
 _DRAWS = 1000
 #: Share by which no joint may get worse on `validate`, and the chance that a right model is refused for any joint.
 MOST_WORSE, REFUSES_RIGHT = 0.01, 0.001
+#: Chance that `validate` shows no gain of a right model, up to which it counts as a motion that can tell.
+MISSES_RIGHT = 0.01
 
 
 def overall_change(
@@ -123,11 +125,8 @@ def misfit(model: Model, pairs: Sequence[Pairing], joint: int) -> Misfit:
 def worse_joint(before: Model, after: Model, validate: Sequence[int]) -> tuple[int, float] | None:
     """The joint whose error on the validation segments rises most, if by more than :data:`MOST_WORSE`, and by how much.
 
-    The rise has to be significant as well, with all joints looked at. If the new model is right, its whitened residual
-    ``u`` is noise and what its parameters' errors make, of covariance ``V = s^2 (I + X C X')``; the old model's is
-    ``u - d``. The chi-square then changes by ``2 u'd - d'd``, with ``2 sqrt(d'V d)`` as standard deviation. A refit
-    moves every joint's error, and a joint whose parameters were lucky loses that luck. ``s^2`` is what the better of
-    the two leaves per row: more than 1 where the validation motion is noisier than those that were fitted.
+    The rise has to be more than a right model allows (:class:`OnValidate`), with all joints looked at: a refit moves
+    every joint's error, and a joint whose parameters were lucky loses that luck.
     """
     worst: tuple[int, float] | None = None
     significant = float(stats.norm.isf(REFUSES_RIGHT / len(before.design.machine.joints)))
@@ -139,29 +138,70 @@ def worse_joint(before: Model, after: Model, validate: Sequence[int]) -> tuple[i
         if (
             rise > MOST_WORSE
             and (worst is None or rise > worst[1])
-            and _loss(before, after, validate, joint) > significant
+            and _on_validate(before, after, validate, (joint,)).short > significant
         ):
             worst = joint, rise
     return worst
 
 
-def _loss(before: Model, after: Model, validate: Sequence[int], joint: int) -> float:
-    """Standard errors by which a joint's chi-square on the validation segments is above what a right model allows."""
-    left, change, moved, rows, seen = 0.0, 0.0, 0.0, 0, np.zeros(len(after.fit.theta))
-    for index in validate:
-        old, new = (_white_residual(model, index, joint) for model in (before, after))
+@dataclass(frozen=True)
+class OnValidate:
+    """What a better model does to the whitened residual of the validation segments.
+
+    If it is right, the residual it leaves, ``u``, is noise and what its parameters' errors make, of covariance ``V =
+    s^2 (I + X C X')``; the other model's is ``u - d``. The chi-square then falls by ``d'd - 2 u'd``.
+
+    Attributes
+    ----------
+    gain : chi-square that falls
+    expected : what falls on average if it is right, ``d'd``; infinite where the two models have not the same rows
+    spread : the standard deviation of that, ``2 sqrt(d'V d)``; ``s^2`` is what the better of the two leaves per row:
+        more than 1 where the validation motion is noisier than those that were fitted
+    """
+
+    gain: float
+    expected: float
+    spread: float
+
+    @property
+    def short(self) -> float:
+        """Standard deviations by which it falls by less than expected; 0 where nothing can be expected."""
+        known = self.spread > 0.0 and np.isfinite(self.expected)
+        return (self.expected - self.gain) / self.spread if known else 0.0
+
+    @property
+    def tells(self) -> bool:
+        """Whether a right model would have fallen, but for one case in a hundred."""
+        return self.expected > float(stats.norm.isf(MISSES_RIGHT)) * self.spread
+
+    @property
+    def refutes(self) -> bool:
+        """Whether it falls by less than a right model's does."""
+        return self.short > float(stats.norm.isf(REFUSES_RIGHT))
+
+
+def on_validate(before: Model, after: Model, validate: Sequence[int]) -> OnValidate:
+    """What the validation segments say of ``after`` beside ``before``, all joints together."""
+    return _on_validate(before, after, validate, range(len(before.design.machine.joints)))
+
+
+def _on_validate(before: Model, after: Model, validate: Sequence[int], joints: Sequence[int]) -> OnValidate:
+    gain, expected, own, seen = 0.0, 0.0, 0.0, np.zeros(len(after.fit.theta))
+    for joint in joints:
+        residuals = [[_white_residual(model, index, joint) for index in validate] for model in (before, after)]
+        old, new = (np.concatenate(parts) for parts in residuals)
+        left = float(old @ old), float(new @ new)
+        gain += left[0] - left[1]
         if len(old) != len(new):  # a signal that is moved in time has other rows at rest
+            expected = np.inf
             continue
         difference = new - old
-        left += float(old @ old)
-        change += float(new @ new - old @ old)
-        moved += float(difference @ difference)
-        rows += len(new)
-        seen += whitened(after.design, after.noise, (index,), after.extra)[joint].A.T @ difference
-    if moved <= 0.0:
-        return 0.0
-    scale = max(1.0, min(left, left + change) / rows)
-    return (change + moved) / (2.0 * float(np.sqrt(scale * (moved + seen @ after.fit.covariance @ seen))))
+        scale = max(1.0, min(left) / max(len(old), 1))
+        rows = np.vstack([whitened(after.design, after.noise, (i,), after.extra)[joint].A for i in validate])
+        expected += float(difference @ difference)
+        own += scale * float(difference @ difference)
+        seen += np.sqrt(scale) * (rows.T @ difference)
+    return OnValidate(gain, expected, 2.0 * float(np.sqrt(own + seen @ after.fit.covariance @ seen)))
 
 
 def validate_gain(before: Model, after: Model, validate: Sequence[int]) -> float:

@@ -22,6 +22,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from fitting.effects.base import Effect
+from fitting.residual.confirmation import OnValidate
 from fitting.residual.cross_validation import HeldOut
 from fitting.residual.findings import Accepted, Candidate, Family
 from fitting.residual.laws import Law
@@ -63,21 +64,30 @@ REFUTED_SHARE = 0.25
 OUTDONE_SHARE, SERIES_SHARE, OVERLAP = 0.02, 0.06, 1 / 3
 
 
-def objection(choice: Score, held_out: HeldOut, validate: float | None) -> str:
-    """Why a term is not to be added; empty if there is nothing against it."""
+def objection(choice: Score, held_out: HeldOut, validate: OnValidate | None) -> str:
+    """Why a term is not to be added; empty if there is nothing against it.
+
+    A validation motion that could not show a right effect is as good as none, unless it shows that this one is wrong.
+    """
     if choice.term.confined:  # most blocks know nothing of it, and no other recording does: it has to be plain
         if held_out.gain >= HELD_SHARE * choice.gain and choice.score > 2 * ACCUSE:
             return ""
         return "it acts in one recording only, and is not significant enough to be believed without another"
-    alone = validate is None
+    blind = validate is not None and is_blind(choice, validate)
+    alone = validate is None or blind
     if not (held_out.gain > 0 and held_out.z >= LEAST_Z_ALONE if alone else _holds(choice.gain, held_out, LEAST_Z)):
         return (
             f"it does not hold on blocks that were left out of the fit (chi-square {held_out.gain:+.1f}, "
             f"{held_out.z:.1f} standard errors)"
         )
-    if validate is not None and validate <= 0:
-        return f"it does not help on the validation motion (chi-square {validate:+.1f})"
+    if validate is not None and validate.gain <= 0 and not blind:
+        return f"it does not help on the validation motion (chi-square {validate.gain:+.1f})"
     return ""
+
+
+def is_blind(choice: Score, validate: OnValidate) -> bool:
+    """Whether the validation motion has nothing to say of a plain effect: no gain, and none to be expected."""
+    return validate.gain <= 0 and not validate.tells and not validate.refutes and choice.score > 2 * ACCUSE
 
 
 def _holds(gain: float, held_out: HeldOut, least_z: float) -> bool:
@@ -226,5 +236,7 @@ def record(
             table[family] = Candidate(score.term.id, score.term.joint, score.score, status, reason)
 
 
-def why(score: Score) -> str:
-    return f"gains {score.gain:.0f} of chi-square for {score.live} parameter{'s' if score.live > 1 else ''}"
+def why(score: Score, validate: OnValidate | None) -> str:
+    unseen = validate is not None and not score.term.confined and is_blind(score, validate)
+    words = "; the validation motion can hardly show it" if unseen else ""
+    return f"gains {score.gain:.0f} of chi-square for {score.live} parameter{'s' if score.live > 1 else ''}{words}"

@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from synthetic_arm import clean_session, exact_views, make_session, planar_machine, truth
 
 from fitting.effects import effect, effects
 from fitting.loop import SessionSignals, final_model, moves, run_attribution, term_from_json, term_to_json
+from fitting.residual import rules
 from fitting.residual.attribution import attribute
-from fitting.residual.confirmation import overall_change, validate_gain, worse_joint
+from fitting.residual.confirmation import OnValidate, on_validate, overall_change, validate_gain, worse_joint
+from fitting.residual.cross_validation import HeldOut
 from fitting.residual.findings import Attribution
 from fitting.residual.kinematics import Corrections
 from fitting.residual.laws import Law
 from fitting.residual.rules import ACCUSE
+from fitting.residual.scoring import Score, score_terms
 from fitting.residual.terms import Term, fit_model
 from fitting.session import Session
 
@@ -152,6 +157,10 @@ def test_validate_gain_is_the_fall_of_the_whitened_chi_square() -> None:
     gain = validate_gain(before, after, session.plain.validate)
     assert gain > 100
     assert validate_gain(after, before, session.plain.validate) == pytest.approx(-gain)
+    seen = on_validate(before, after, session.plain.validate)
+    assert seen.gain == pytest.approx(gain)
+    # The effect is right: it helps by what was to be expected of it.
+    assert abs(seen.short) < 4 and seen.tells and not seen.refutes
 
 
 def test_no_joint_may_get_worse_on_the_validation_motion() -> None:
@@ -169,6 +178,41 @@ def test_no_joint_may_get_worse_on_the_validation_motion() -> None:
     found = worse_joint(base, trial, validate)
     assert found is not None and found[0] == 1 and found[1] > 0.01
     assert worse_joint(trial, base, validate) is None
+    assert on_validate(base, trial, validate).refutes
+
+
+PLAIN = HeldOut(gain=60.0, z=3.5, blocks=40)
+
+
+@pytest.fixture(scope="module")
+def plain() -> Score:
+    """An effect that is far beyond noise on the fitted motions."""
+    session = session_with(lambda s, i: 900.0 * (s.x[:, 1] - 0.15) * np.sign(s.v[:, 1]))
+    return score_terms(session.base_model, [Term(effect("position_dependent_friction"), 1)], [1])[0]
+
+
+@pytest.mark.parametrize(
+    ("held_out", "validate", "words"),
+    [
+        (PLAIN, OnValidate(gain=5.0, expected=10.0, spread=6.4), ""),
+        # Nothing is gained, and one right effect in twenty would gain nothing here: the motion has no say.
+        (PLAIN, OnValidate(gain=-3.8, expected=10.0, spread=6.4), ""),
+        (replace(PLAIN, z=2.5), OnValidate(gain=-3.8, expected=10.0, spread=6.4), "left out of the fit"),
+        # A right effect would have shown itself here; or what is seen is worse than a right effect can be.
+        (PLAIN, OnValidate(gain=-3.8, expected=60.0, spread=16.0), "does not help"),
+        (PLAIN, OnValidate(gain=-17.7, expected=17.8, spread=8.5), "does not help"),
+        (PLAIN, OnValidate(gain=-3.8, expected=np.inf, spread=6.4), "does not help"),
+    ],
+)
+def test_a_validation_motion_that_could_not_show_an_effect_is_as_good_as_none(
+    plain: Score, held_out: HeldOut, validate: OnValidate, words: str
+) -> None:
+    said = rules.objection(plain, held_out, validate)
+    assert words in said and bool(words) == bool(said)
+    if not said:
+        assert ("can hardly show it" in rules.why(plain, validate)) == (validate.gain < 0)
+    faint = replace(plain, gain=ACCUSE + 8.0, score=ACCUSE + 2.0)
+    assert bool(rules.objection(faint, held_out, validate)) == (validate.gain <= 0), "noise may look like it"
 
 
 def test_overall_change_is_the_ratio_of_root_mean_squares_with_a_block_interval() -> None:
