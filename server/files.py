@@ -7,12 +7,14 @@
     ├── lock                     held by the one server that uses this directory
     ├── machines/<name>/<version>.yaml
     ├── recordings/<id>.parquet|.csv, with .journal while being recorded, .incoming-* while being uploaded
-    ├── excitations/<id>/        request.json, motion.csv, result.json, design.log
-    ├── recalibrations/<id>/     request and log of the comparison
+    ├── excitations/<id>/<place>/        request.json, motion.csv, result.json, design.log
+    ├── recalibrations/<id>/<place>/     request and log of the comparison
     ├── backups/<time>/          copies of everything that cannot be made again
-    ├── identifications/<id>/    request.json, artefacts of the stages, report.json, report.html, <stage>.log
+    ├── identifications/<id>/<place>/    request.json, artefacts of the stages, report.json, report.html, <stage>.log
     ├── monitor/                 what monitors learnt, per calibration, and their logs
     └── simulation/              machine file and inbox of the simulated machine
+
+A place is the directory of one execution of a stage (:mod:`server.jobs.places`).
 """
 
 from __future__ import annotations

@@ -197,7 +197,8 @@ class JobResource(BaseModel):
     @classmethod
     def of(cls, job: Job) -> JobResource:
         """From the store."""
-        return cls(**{**job.__dict__, "stages": list(job.stages)})
+        values = {key: value for key, value in job.__dict__.items() if key != "place"}
+        return cls(**{**values, "stages": list(job.stages)})
 
 
 class JobList(BaseModel):

@@ -34,6 +34,7 @@ from server.jobs.excitation import PROGRAM as DESIGN
 from server.jobs.excitation import ExcitationKind
 from server.jobs.identification import IdentificationKind
 from server.jobs.kinds import AT_MACHINES
+from server.jobs.places import Results
 from server.jobs.recalibration import PROGRAM as COMPARISON
 from server.jobs.recalibration import Calibrations as CalibrationsOfJobs
 from server.jobs.recalibration import RecalibrationKind, Surroundings, new_recalibration
@@ -100,6 +101,7 @@ class Service:
         self.recordings = Recordings(self._database)
         self.jobs = Jobs(self._database)
         self.identifications = Identifications(self._database)
+        self.results = Results(self._database, self.files)
         self.calibrations = Calibrations(self._database, self.files)
         self.exports = Exports(self.files)
         self._shared = None if settings.recordings_url is None else SharedRecordings(settings.recordings_url)
@@ -126,6 +128,7 @@ class Service:
             self.acquisition,
             self.machines,
             self.files,
+            self.results.identification,
             self.alarms,
             self._database.now,
             recalibrate=self.recalibrate_drifted if settings.recalibrate_on_drift else None,

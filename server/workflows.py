@@ -20,9 +20,10 @@ from sqlalchemy.exc import DBAPIError
 
 from daq.errors import HilfitError
 from server.children import GRACE_S, LOOK_S, ChildResult, run_child
-from server.errors import ServiceStopping
+from server.errors import ServiceStopping, TakenOver
 from server.files import DataDirectory
 from server.jobs.kinds import AT_MACHINES, NUMERICAL, JobError, Kind, StageRun
+from server.jobs.places import begin, place_name, seal, tidy
 from server.store import Database, Job, Jobs
 from server.store.claims import Claim, Claims
 from server.store.jobs import FINAL, Result, State
@@ -184,19 +185,24 @@ class JobRunner:
         result: dict[str, Any] = {"outcome": "done"}
         try:
             for index, stage in enumerate(stages):
-                result = DBOS.run_step({"name": stage}, self._run_stage, claim, stage, index, len(stages))
+                before = result.get("place")
+                result = DBOS.run_step({"name": stage}, self._run_stage, claim, stage, index, len(stages), before)
                 if result["outcome"] != "done":
                     break
             state = str(DBOS.run_step({"name": "finish"}, self._finish, claim, result))
-        except Exception:  # of the engine: it has given the workflow to somebody else
-            self._give_back(claim)
+        except (Exception, TakenOver):  # somebody else has it: the engine knows it, or the store
+            self._leave(claim)
             raise
-        self._give_back(claim)
+        self._leave(claim)
         return state
 
-    def _give_back(self, claim: Claim) -> None:
-        with suppress(ServiceStopping):  # it is released at the next start, or revoked if there is none
+    def _leave(self, claim: Claim) -> None:
+        """Let go of a job; if it is over, remove the files that do not count, whoever wrote them."""
+        with suppress(ServiceStopping):  # the claim is released at the next start, or revoked if there is none
             self._patiently(lambda: self._claims.give_back(claim))
+            row = self._patiently(lambda: self._jobs.get(claim.job))
+            if row.place is not None:
+                tidy(self._kinds[row.kind].directory(row), row.place)
 
     def _claim(self, job: str) -> Claim:
         """Take a job's claim; waits while somebody else, who woke up late, still holds it."""
@@ -228,19 +234,33 @@ class JobRunner:
                 self._at_work -= 1
                 self._idle.notify_all()
 
-    def _run_stage(self, claim: Claim, stage: str, index: int, count: int) -> dict[str, Any]:
-        """Step: one stage."""
+    def _run_stage(self, claim: Claim, stage: str, index: int, count: int, before: str | None) -> dict[str, Any]:
+        """Step: one stage, after one that left its files in the place ``before``."""
         row = self._patiently(lambda: self._jobs.get(claim.job))
         kind = self._kinds[row.kind]
+        directory, name = kind.directory(row), place_name(claim, stage)
         with self._working(kind):
-            return self._work(row, claim, kind, stage, index, count)
+            if self._stopping.is_set():
+                raise ServiceStopping
+            said = kind.words(stage)
+            if not self._patiently(lambda: self._jobs.progress(row.id, stage, index / count, said, claim)):
+                return {"outcome": "stopped", "stage": stage, "error": None, "place": before}
+            try:
+                whole = begin(directory, name, before)
+                result = self._work(row, claim, kind, stage, index, count, directory / name, whole)
+                seal(directory / name)
+                if self._stopping.is_set() and result.outcome != "done":
+                    raise ServiceStopping
+            except OSError as error:
+                reason = f"its files cannot be kept ({error.strerror or error}); free some space and order it again"
+                result = ChildResult("failed", error=reason)
+        _log.info("stage_ended", job=row.id, stage=stage, outcome=result.outcome, error=result.error)
+        return self._outcome(stage, result) | {"place": name}
 
-    def _work(self, job: Job, claim: Claim, kind: Kind, stage: str, index: int, count: int) -> dict[str, Any]:
-        if self._stopping.is_set():
-            raise ServiceStopping
+    def _work(
+        self, job: Job, claim: Claim, kind: Kind, stage: str, index: int, count: int, place: Path, whole: bool
+    ) -> ChildResult:
         words = kind.words(stage)
-        if not self._patiently(lambda: self._jobs.progress(job.id, stage, index / count, words, claim)):
-            return {"outcome": "stopped", "stage": stage, "error": None}
 
         # A database that is away does not end a stage: it goes on, and is recorded when the database is back.
         def progress(fraction: float, text: str) -> None:
@@ -276,16 +296,12 @@ class JobRunner:
 
         _log.info("stage_started", job=job.id, stage=stage)
         try:
-            result = self._patiently(lambda: kind.run(StageRun(job, stage, progress, should_stop, child)))
+            return self._patiently(lambda: kind.run(StageRun(job, stage, progress, should_stop, child, place, whole)))
         except HilfitError as error:
-            result = ChildResult("input", error=str(error))
+            return ChildResult("input", error=str(error))
         except Exception as error:  # whatever it is, the job has to end
             _log.error("stage_broke", job=job.id, stage=stage, exc_info=error)
-            result = ChildResult("failed", error="broke unexpectedly; the log of the service says why")
-        if self._stopping.is_set() and result.outcome != "done":
-            raise ServiceStopping
-        _log.info("stage_ended", job=job.id, stage=stage, outcome=result.outcome, error=result.error)
-        return self._outcome(stage, result)
+            return ChildResult("failed", error="broke unexpectedly; the log of the service says why")
 
     def _outcome(self, stage: str, result: ChildResult) -> dict[str, Any]:
         """What the engine records of a stage; an error of the input stands for itself, any other names the stage."""
@@ -304,14 +320,14 @@ class JobRunner:
         row = self._jobs.get(claim.job)
         if row.state in FINAL:  # killed after it was stored, before the engine knew
             return row.state
-        kind = self._kinds[row.kind]
+        kind, place = self._kinds[row.kind], result.get("place")
         error: str | None = None
         found: Result | None = None
         state: State
         if result["outcome"] == "done":
             state, text = "done", "Done"
             try:
-                found = kind.result(row)
+                found = kind.result(row, kind.directory(row) / (place or ""))
             except JobError as failure:
                 state, text, error = "failed", "Failed", str(failure)
         elif result["outcome"] == "stopped":
@@ -319,5 +335,5 @@ class JobRunner:
         else:
             state, text, error = "failed", f"{kind.words(result['stage'])}: failed", result["error"]
         kind.ended(row, state, error)  # first: whoever sees the end of the job sees what follows from it
-        self._jobs.finish(row.id, state, text, error, claim=claim, result=found)
+        self._jobs.finish(row.id, state, text, error, claim=claim, result=found, place=place)
         return state

@@ -10,6 +10,7 @@ from server.calibrations.content import content_of
 from server.calibrations.store import Calibration, CalibrationStore
 from server.errors import ConflictError, InvalidError
 from server.files import DataDirectory
+from server.jobs.places import Results
 from server.store import Database, Identifications, Jobs
 
 
@@ -18,7 +19,7 @@ class Calibrations(CalibrationStore):
 
     def __init__(self, database: Database, files: DataDirectory) -> None:
         super().__init__(database)
-        self._files = files
+        self._results = Results(database, files)
         self._identifications = Identifications(database)
         self._jobs = Jobs(database)
 
@@ -36,7 +37,7 @@ class Calibrations(CalibrationStore):
         """
         source = self._identifications.get(identification)
         state = self._jobs.get(source.job).state
-        path = self._files.identifications / identification / "report.json"
+        path = self._results.identification(identification) / "report.json"
         if state != "done" or not path.is_file():
             raise ConflictError(f"identification '{identification}' has no report: its job {source.job} is {state}")
         try:

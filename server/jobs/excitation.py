@@ -14,6 +14,7 @@ from server.children import ChildResult
 from server.errors import InvalidError
 from server.files import DataDirectory, write_atomically
 from server.jobs.kinds import NUMERICAL, JobError, StageRun
+from server.jobs.places import Results
 from server.store import Database, Job, Machines
 from server.store.excitations import Excitation, Excitations
 from server.store.idempotency import IdempotencyKey
@@ -40,6 +41,7 @@ class ExcitationKind:
         self._files = files
         self._program = tuple(program)
         self._excitations = Excitations(database)
+        self._results = Results(database, files)
 
     def order(self, machine: str, options: dict[str, Any], label: str, key: str | None) -> Excitation:
         """Check a wish and store it with its queued job.
@@ -69,30 +71,33 @@ class ExcitationKind:
         return self._excitations.add(new, (STAGE,), IdempotencyKey.of(key, "excitation", machine, options, label))
 
     def motion(self, id: str) -> Path:
-        """Where the motion file is once it is designed."""
-        return self._files.excitations / id / "motion.csv"
+        """Where the motion file is once it is designed; NotFoundError if there is no such excitation."""
+        return self._results.excitation(id) / "motion.csv"
 
     def words(self, stage: str) -> str:
         """What a person reads while it runs."""
         return "Designing the motion"
 
+    def directory(self, job: Job) -> Path:
+        """Where the design gets its place."""
+        return self._files.excitations / job.subject
+
     def run(self, run: StageRun) -> ChildResult:
-        """Design; a design that was finished before a crash is not made again."""
+        """Design."""
         excitation = self._excitations.get(run.job.subject)
-        output = self._files.excitations / excitation.id
         request = {
             "machine": str(self._files.machine_file(excitation.machine, excitation.machine_version)),
-            "output": str(output),
+            "output": str(run.place),
             "options": excitation.options,
         }
-        path = output / "request.json"
+        path = run.place / "request.json"
         write_atomically(path, json.dumps(request, indent=1).encode())
-        return run.child([*self._program, str(path)], output / "design.log")
+        return run.child([*self._program, str(path)], run.place / "design.log")
 
-    def result(self, job: Job) -> Result:
+    def result(self, job: Job, place: Path) -> Result:
         """What the design found."""
         try:
-            result = json.loads((self._files.excitations / job.subject / "result.json").read_bytes())
+            result = json.loads((place / "result.json").read_bytes())
         except (OSError, ValueError):
             raise JobError("The design left no motion that can be read; order it again") from None
         return self._excitations.result(job.subject, result)

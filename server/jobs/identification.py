@@ -58,23 +58,33 @@ class IdentificationKind:
         """What a person reads while ``stage`` runs."""
         return words(stage)
 
+    def directory(self, job: Job) -> Path:
+        """Where the stages get their places."""
+        return self._files.identifications / job.subject
+
     def run(self, run: StageRun) -> ChildResult:
-        """One stage in a process of its own."""
+        """One stage in a process of its own; those before it again if their files are gone."""
         identification = self._identifications.get(run.job.subject)
-        output = self._files.identifications / identification.id
-        log = output / f"{run.stage}.log"
         rows = {id: self._recordings.get(id) for id, _ in identification.recordings}
         # What stays says where the service keeps recordings, also if this host reads copies of them.
         kept = {id: self._files.recordings / f"{id}.{row.format}" for id, row in rows.items()}
-        request = self._request(identification, kept, output).write()
+        request = self._request(identification, kept, run.place).write()
         if self._shared is None:
-            return run.child([*self._program.command, str(request), run.stage], log)
+            return self._stages_of(run, request)
         with self._shared.fetched(tuple(rows.values()), self._scratch) as copies:
-            request = self._request(identification, copies, output).write(self._scratch / f"{identification.id}.json")
+            scratch = self._scratch / f"{identification.id}.json"
             try:
-                return run.child([*self._program.command, str(request), run.stage], log)
+                return self._stages_of(run, self._request(identification, copies, run.place).write(scratch))
             finally:
-                request.unlink(missing_ok=True)
+                scratch.unlink(missing_ok=True)
+
+    def _stages_of(self, run: StageRun, request: Path) -> ChildResult:
+        stages = (run.stage,) if run.whole else self.stages[: self.stages.index(run.stage) + 1]
+        for stage in stages:
+            result = run.child([*self._program.command, str(request), stage], run.place / f"{stage}.log")
+            if result.outcome != "done":
+                break
+        return result
 
     def _request(self, identification: Identification, places: Mapping[str, Path], output: Path) -> StageRequest:
         recordings = tuple((role, places[id]) for id, role in identification.recordings)
@@ -85,10 +95,10 @@ class IdentificationKind:
             output=output,
         )
 
-    def result(self, job: Job) -> Result:
+    def result(self, job: Job, place: Path) -> Result:
         """What the report says."""
         try:
-            report = json.loads((self._files.identifications / job.subject / "report.json").read_bytes())
+            report = json.loads((place / "report.json").read_bytes())
             return self._identifications.result(job.subject, verdict_of(report), report["overall"])
         except (OSError, ValueError, KeyError, TypeError):
             raise JobError("The last stage left no report that can be read") from None

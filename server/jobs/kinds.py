@@ -31,6 +31,8 @@ class StageRun:
     progress : takes the fraction of the stage (0 to 1) and what is being done
     should_stop : whether somebody cancelled the job, or the service stops
     child : runs a command with a log file to its end (:func:`server.children.run_child`)
+    place : directory that nobody else writes to, with all that the stages before left (:mod:`server.jobs.places`)
+    whole : whether what they left is there; False also for the first stage
     """
 
     job: Job
@@ -38,6 +40,8 @@ class StageRun:
     progress: Callable[[float, str], None]
     should_stop: Callable[[], bool]
     child: Callable[[Sequence[str], Path], ChildResult]
+    place: Path
+    whole: bool
 
 
 class Kind(Protocol):
@@ -54,11 +58,14 @@ class Kind(Protocol):
     def words(self, stage: str) -> str:
         """What a person reads while a stage runs."""
 
+    def directory(self, job: Job) -> Path:
+        """Where a job's stages get their places."""
+
     def run(self, run: StageRun) -> ChildResult:
         """Run a stage; one that broke off is run again, so it must not do twice what may be done once."""
 
-    def result(self, job: Job) -> Result | None:
-        """What its stages left to be stored with the end of the job; None: nothing. JobError if it is not there."""
+    def result(self, job: Job, place: Path) -> Result | None:
+        """What the last stage left to be stored with the end of the job; None: nothing. JobError if it is not there."""
 
     def ended(self, job: Job, state: str, error: str | None) -> None:
         """The job is about to be over; may be told twice."""

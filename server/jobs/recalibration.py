@@ -12,6 +12,7 @@ import sys
 import threading
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, Protocol
 
 from server.children import ChildResult
@@ -19,6 +20,7 @@ from server.files import DataDirectory, write_atomically
 from server.identify import Wish
 from server.jobs.comparison import sentence
 from server.jobs.kinds import AT_MACHINES, JobError, StageRun
+from server.jobs.places import Results
 from server.jobs.recording import Machines, record
 from server.store import Database, Identification, Identifications, Job, Jobs, Recordings
 from server.store.jobs import FINAL
@@ -102,6 +104,7 @@ class RecalibrationKind:
         self._recordings = Recordings(database)
         self._identifications = Identifications(database)
         self._recalibrations = Recalibrations(database)
+        self._results = Results(database, files)
         self._stages: dict[str, Callable[[StageRun, Recalibration], ChildResult]] = {
             "record": self._record,
             "identify": self._identify,
@@ -112,6 +115,10 @@ class RecalibrationKind:
     def words(self, stage: str) -> str:
         """What a person reads while ``stage`` runs."""
         return WORDS.get(stage, stage)
+
+    def directory(self, job: Job) -> Path:
+        """Where the stages get their places; only the comparison leaves files."""
+        return self._files.recalibrations / job.subject
 
     def run(self, run: StageRun) -> ChildResult:
         """One stage."""
@@ -155,10 +162,9 @@ class RecalibrationKind:
             "active": self._judged(active.identification),
             "new": self._judged(this.identification),
         }
-        directory = self._files.recalibrations / this.id
-        path = directory / "request.json"
+        path = run.place / "request.json"
         write_atomically(path, json.dumps(request, indent=1).encode())
-        result = run.child([*self._program, str(path)], directory / "compare.log")
+        result = run.child([*self._program, str(path)], run.place / "compare.log")
         if result.outcome == "input":
             # A calibration that cannot be compared can still be looked at by a person.
             note = f"the two calibrations cannot be compared: {result.error}"
@@ -173,7 +179,7 @@ class RecalibrationKind:
         held_out = [id for id, role in recordings if role == "validate"]
         chosen = held_out or [id for id, role in recordings if role == "operation"]
         return {
-            "request": str(self._files.identifications / identification / "request.json"),
+            "request": str(self._results.identification(identification) / "request.json"),
             "recordings": [str(self._files.recordings / f"{id}.{self._recordings.get(id).format}") for id in chosen],
         }
 
@@ -196,7 +202,7 @@ class RecalibrationKind:
             self._around.calibrations.activate(calibration.id, f"by policy: {sentence(comparison)}")
         return ChildResult("done", summary={"calibration": calibration.id, "activated": adopted})
 
-    def result(self, job: Job) -> None:
+    def result(self, job: Job, place: Path) -> None:
         """Everything is stored by the stages."""
 
     def ended(self, job: Job, state: str, error: str | None) -> None:

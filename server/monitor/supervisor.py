@@ -69,6 +69,7 @@ class Monitors:
 
     Parameters
     ----------
+    results : directory of the files that an identification left
     recalibrate : asked once when a drift begins, if given
     clock : s, monotonic
     """
@@ -79,6 +80,7 @@ class Monitors:
         acquisition: Acquisition,
         machines: Machines,
         files: DataDirectory,
+        results: Callable[[str], Path],
         alarms: Alarms,
         now: Callable[[], str],
         *,
@@ -91,6 +93,7 @@ class Monitors:
         self._acquisition = acquisition
         self._machines = machines
         self._files = files
+        self._results = results
         self._directory = files.root / "monitor"
         self._alarms = alarms
         self._now = now
@@ -180,8 +183,7 @@ class Monitors:
             _, feed = self._acquisition.feed(machine)
         except HilfitError:
             return None
-        request = self._files.identifications / calibration.identification / "request.json"
-        return (calibration.id, feed.ring_name), request
+        return (calibration.id, feed.ring_name), self._results(calibration.identification) / "request.json"
 
     def _watch(self, machine: str, watch: _Watch, order: Order) -> None:
         path = self._directory / f"{machine}.order"

@@ -107,7 +107,7 @@ def _written(service: Service, id: str, name: str) -> Path:
     """A file that every identification which is done has."""
     identification = service.identifications.get(id)
     job = service.jobs.get(identification.job)
-    path = service.files.identifications / id / name
+    path = service.results.identification(id) / name
     if job.state != "done" or not path.is_file():
         raise ConflictError(f"identification '{id}' has no {name}: its job {job.id} is {job.state}")
     return path

@@ -22,7 +22,10 @@ FINAL = frozenset({"done", "failed", "cancelled"})
 
 @dataclass(frozen=True)
 class Job:
-    """A job as it is now; ``fraction`` is 0 to 1 over all stages, ``text`` says in words what it does."""
+    """A job as it is now; ``fraction`` is 0 to 1 over all stages, ``text`` says in words what it does.
+
+    ``place``: name of the directory in which it left its files, once it is over (:mod:`server.jobs.places`).
+    """
 
     id: str
     kind: str
@@ -38,6 +41,7 @@ class Job:
     created: str
     started: str | None
     ended: str | None
+    place: str | None = None
 
 
 @dataclass(frozen=True)
@@ -185,14 +189,15 @@ class Jobs:
         *,
         claim: Claim | None = None,
         result: Result | None = None,
+        place: str | None = None,
     ) -> bool:
-        """End a job and store its result, in one transaction; only the first call counts.
+        """End a job and store its result, and where its files are, in one transaction; only the first call counts.
 
         Returns
         -------
         Whether this call ended it.
         """
-        return self._finish_if(id, {"queued", "running"}, state, text, error, claim, result)
+        return self._finish_if(id, {"queued", "running"}, state, text, error, claim, result, place)
 
     def _finish_if(
         self,
@@ -203,6 +208,7 @@ class Jobs:
         error: str | None = None,
         claim: Claim | None = None,
         result: Result | None = None,
+        place: str | None = None,
     ) -> bool:
         with self._database.write("jobs", *([] if result is None else [result.resource])) as connection:
             if claim is not None:
@@ -216,7 +222,7 @@ class Jobs:
             connection.execute(
                 jobs.update()
                 .where(jobs.c.id == id)
-                .values(state=state, text=text, error=error, fraction=fraction, ended=self._database.now())
+                .values(state=state, text=text, error=error, fraction=fraction, ended=self._database.now(), place=place)
             )
             self._event(connection, id, state, row.stage, fraction, text)
         return True

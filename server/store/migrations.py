@@ -45,8 +45,13 @@ def _to_3(connection: sa.Connection) -> None:
         connection.exec_driver_sql(statement)
 
 
+def _to_4(connection: sa.Connection) -> None:
+    """Every execution of a stage has a directory of its own; a job says which of them counts."""
+    connection.exec_driver_sql("ALTER TABLE jobs ADD COLUMN place VARCHAR")
+
+
 #: Per version, the step to the next one.
-STEPS: Mapping[int, Callable[[sa.Connection], None]] = {1: _to_2, 2: _to_3}
+STEPS: Mapping[int, Callable[[sa.Connection], None]] = {1: _to_2, 2: _to_3, 3: _to_4}
 
 
 def migrate(connection: sa.Connection, found: int, wanted: int) -> None:

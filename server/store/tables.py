@@ -10,7 +10,7 @@ from server.store import migrations
 
 #: Raised by one whenever a table that was there changes (a new table needs nothing); :mod:`server.store.migrations`
 #: brings an older store up to date, a newer one is refused.
-SCHEMA_VERSION = 3
+SCHEMA_VERSION = 4
 
 metadata = sa.MetaData()
 
@@ -80,6 +80,7 @@ jobs = sa.Table(
     sa.Column("created", sa.String, nullable=False),
     sa.Column("started", sa.String),
     sa.Column("ended", sa.String),
+    sa.Column("place", sa.String),  # directory, below that of the job, in which its last stage left its files
 )
 
 job_events = sa.Table(

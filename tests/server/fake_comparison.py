@@ -10,4 +10,4 @@ if __name__ == "__main__":
     request = Path(sys.argv[1])
     content = json.loads(request.read_text())
     assert set(content) == {"active", "new"}
-    print(json.dumps({"summary": json.loads((request.parents[2] / "comparison.json").read_text())}), flush=True)
+    print(json.dumps({"summary": json.loads((request.parents[3] / "comparison.json").read_text())}), flush=True)

@@ -2,10 +2,12 @@
 
 It is steered by the request's options, or by ``steer.json`` in the data directory.
 
-``block``: this stage waits until the file ``go`` is in the output directory. ``fail``: ``[stage, exit code, text]``.
+``block``: this stage waits until the file ``go``, or ``go-<its process>``, is beside the output directory.
+``signed``: the report names the process that wrote it. ``fail``: ``[stage, exit code, text]``.
 ``crash``: this stage kills itself. ``silent``: this stage ends without a result. ``no_report``: the last one
 writes none.
-Every run of a stage leaves a line in ``ran.txt``; a stage that finished answers from its stored summary.
+Every run of a stage leaves a line in ``ran.txt`` beside the output directory; a stage that finished answers from its
+stored summary.
 """
 
 from __future__ import annotations
@@ -30,10 +32,10 @@ def say(**content: Any) -> None:
     print(json.dumps(content), flush=True)
 
 
-def wait_for(path: Path) -> None:
+def wait_for(*paths: Path) -> None:
     """At most a minute, so that nothing stays behind whatever a test does."""
     deadline = time.monotonic() + 60
-    while not path.exists():
+    while not any(path.exists() for path in paths):
         if time.monotonic() > deadline:
             sys.exit(1)
         time.sleep(0.02)
@@ -42,7 +44,7 @@ def wait_for(path: Path) -> None:
 def main(request_file: Path, stage: str) -> int:
     request = json.loads(request_file.read_text())
     output, options = Path(request["output"]), request["options"]
-    steer = output.parents[1] / "steer.json"
+    steer = output.parents[2] / "steer.json"
     if steer.exists():
         options |= json.loads(steer.read_text())
     stored = output / f"summary-{stage}.json"
@@ -50,11 +52,11 @@ def main(request_file: Path, stage: str) -> int:
         say(summary=json.loads(stored.read_text()))
         return 0
     print("a library that prints to standard output")
-    with (output / "ran.txt").open("a") as file:
+    with (output.parent / "ran.txt").open("a") as file:
         file.write(f"{stage} {os.getpid()} {os.nice(0)}\n")
     say(fraction=0.5, text=f"Half of {stage}")  # last: whoever hears it may look into the file
     if options.get("block") == stage:
-        wait_for(output / "go")
+        wait_for(output.parent / "go", output.parent / f"go-{os.getpid()}")
     if options.get("fail", [None])[0] == stage:
         _, code, text = options["fail"]
         print("details for the log", file=sys.stderr)
@@ -66,7 +68,9 @@ def main(request_file: Path, stage: str) -> int:
         return 0
     if stage == "report" and not options.get("no_report"):
         loop = REPORT["loop"] | {"looked": options.get("looked", True)}
-        content = REPORT if loop["looked"] else REPORT | {"loop": loop}
+        content: dict[str, Any] = REPORT if loop["looked"] else REPORT | {"loop": loop}
+        if options.get("signed"):
+            content = content | {"process": os.getpid()}
         (output / "report.json").write_text(json.dumps(content))
         if options.get("next_experiment"):
             (output / "next-experiment.csv").write_text("# schema: hilfit/motion/1\n")

@@ -64,7 +64,7 @@ def identified(guarded: Guarded, recordings: tuple[tuple[str, None], ...]) -> An
         running: Running = guarded.running
         identification = running.service.identify(Wish("lever", recordings, {}, "of a test"), None)
         assert running.follow(identification.job)[-1]["state"] == "done"
-        path = running.service.files.identifications / identification.id / "report.json"
+        path = running.service.results.identification(identification.id) / "report.json"
         path.write_text(json.dumps(content))
         return identification.id
 
@@ -166,7 +166,7 @@ def test_only_what_is_done_can_be_proposed(guarded: Guarded, identified: Any) ->
     assert propose(guarded, "idn-nowhere").status_code == 404
     broken = identified({"loop": {}})
     assert propose(guarded, broken).status_code == 422
-    path = guarded.running.service.files.identifications / broken / "report.json"
+    path = guarded.running.service.results.identification(broken) / "report.json"
     path.unlink()
     assert propose(guarded, broken).status_code == 409
 

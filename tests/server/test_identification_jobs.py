@@ -114,7 +114,7 @@ def test_a_stage_that_fails_ends_the_job_and_says_why(
 def test_the_log_of_a_stage_keeps_its_standard_error(running: Running, csv: bytes) -> None:
     order = running.order(csv, fail=["check", 1, "it failed"])
     outcome(running, order)
-    log = running.service.files.identifications / order.id / "check.log"
+    log = running.service.results.identification(order.id) / "check.log"
     assert "details for the log" in log.read_text()
 
 
@@ -218,7 +218,7 @@ def test_the_event_stream_ends_with_the_job_and_resumes_where_a_client_left(runn
 def test_the_request_that_a_stage_gets(running: Running, csv: bytes) -> None:
     order = running.order(csv, anything=[1, 2])
     running.follow(order.job)
-    output = running.service.files.identifications / order.id
+    output = running.service.results.identification(order.id)
     request = json.loads((output / "request.json").read_text())
     assert request["options"] == {"anything": [1, 2]}
     assert request["output"] == str(output)

@@ -148,7 +148,15 @@ class World:
         self.ring_name: str | None = None
         self.asked: list[tuple[str, str]] = []
         self.monitors = Monitors(
-            self, self, self, self.files, self.alarms, self.database.now, recalibrate=self._recalibrate, rules=RULES
+            self,
+            self,
+            self,
+            self.files,
+            lambda id: self.files.identifications / id,
+            self.alarms,
+            self.database.now,
+            recalibrate=self._recalibrate,
+            rules=RULES,
         )
 
     def active(self, machine: str) -> Any:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -61,7 +62,9 @@ class Site:
 
     def record(self) -> dict[str, str] | None:
         store: Any = self
-        run = StageRun(JOB, "record", lambda fraction, text: self.said.append(text), lambda: False, store)
+        run = StageRun(
+            JOB, "record", lambda fraction, text: self.said.append(text), lambda: False, store, Path(), False
+        )
         return record(run, THIS, self, store, store, self.pause)
 
 

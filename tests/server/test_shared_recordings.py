@@ -125,12 +125,12 @@ def test_a_host_without_the_server_s_recordings_reads_them_from_there(tmp_path: 
 
         database, files = running.service._database, DataDirectory(tmp_path / "data")
         kind = IdentificationKind(database, files, fakes.parts.program, SharedRecordings(url), tmp_path / "scratch")
-        job = running.service.jobs.get(order.job)
-        assert kind.run(StageRun(job, "check", lambda *_: None, lambda: False, child)).outcome == "done"
+        job, place = running.service.jobs.get(order.job), running.service.results.identification(order.id)
+        assert kind.run(StageRun(job, "check", lambda *_: None, lambda: False, child, place, True)).outcome == "done"
         assert seen["bytes"] == content
         assert Path(seen["recordings"][0][1]).is_relative_to(tmp_path / "scratch")
         assert list((tmp_path / "scratch").iterdir()) == [], "nothing is left of it"
-        request = json.loads((files.identifications / order.id / "request.json").read_text())
+        request = json.loads((place / "request.json").read_text())
         assert request["recordings"][0][1] == str(kept), "what stays names the server's file"
         # Storage that is gone: the order is refused, and no job is made.
         fsspec.filesystem("file").rm(f"{tmp_path}/shared", recursive=True)

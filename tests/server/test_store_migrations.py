@@ -9,7 +9,9 @@ from pathlib import Path
 import pytest
 
 from server.errors import ConflictError, StartError
-from server.store import Database, tables
+from server.files import DataDirectory
+from server.jobs.places import Results
+from server.store import Database, Jobs, tables
 from server.store.idempotency import IdempotencyKey, earlier
 
 #: What version 1 had and version 2 changed, as SQLAlchemy wrote it then, with the tables that it points to.
@@ -58,6 +60,9 @@ def test_what_was_there_is_there_and_the_copy_is_what_it_was(old: Path) -> None:
         with pytest.raises(ConflictError):
             earlier(connection, IdempotencyKey("tablet-1", "another"))
     assert database.revisions() == {"jobs": 7}
+    assert Jobs(database).get("job-1").place is None
+    directory = Results(database, DataDirectory(old.parent)).identification("idn-1")
+    assert directory == old.parent / "identifications" / "idn-1", "where it left its files then"
     database.close()
     assert version(old) == tables.SCHEMA_VERSION
     (copy,) = (old.parent / "backups").iterdir()

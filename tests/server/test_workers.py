@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import select
 import signal
@@ -119,6 +120,71 @@ def test_a_worker_that_was_stopped_wakes_up_and_leaves_alone_what_another_one_to
             one.send_signal(signal.SIGTERM)
             assert one.wait(30) == 0
         assert running.follow(order.job) == events, "nothing was added"
+
+
+def processes(directory: Path) -> list[int]:
+    """Of the stages that ran, in order."""
+    return [int(line.split()[1]) for line in (directory / "ran.txt").read_text().splitlines()]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("when", ["before the other one's end", "after it"])
+def test_what_the_stage_of_a_stopped_worker_goes_on_to_write_changes_nothing_that_is_read(
+    tmp_path: Path, csv: bytes, postgresql: PostgreSQL, when: str
+) -> None:
+    data_dir, url = tmp_path / "data", postgresql.new_database()
+    with running_service(data_dir, Fakes(), database_url=url, local_jobs=False) as running:
+        half = "Half of report"
+        with worker(data_dir, url, "one") as one:
+            order = running.order(csv, block="report", signed=True)
+            running.follow(order.job, lambda event: event["text"] == half)
+            directory = running.service.files.identifications / order.id
+            late, its_own = processes(directory)[-1], None
+            stage = os.pidfd_open(late)
+
+            def let_it_write() -> None:
+                (directory / f"go-{late}").touch()
+                assert select.select([stage], [], [], 30)[0], "the late stage has to end"
+                os.close(stage)
+
+            def read() -> Any:
+                (kept,) = (path for path in directory.iterdir() if path.is_dir())
+                result = f"/api/v1/identifications/{order.id}"
+                answers = [running.client.get(result + what).text for what in ("", "/report.json", "/report.html")]
+                return answers, {path: path.read_bytes() for path in kept.rglob("*") if path.is_file()}
+
+            one.send_signal(signal.SIGSTOP)  # its stage goes on
+            assert running.service.runner.take_over(lambda executor: executor == "worker-one") == (order.job,)
+            with worker(data_dir, url, "two") as two:
+                seen: list[str] = []
+
+                def again(event: dict[str, Any]) -> bool:
+                    seen.append(event["text"])
+                    return seen.count(half) == 2
+
+                running.follow(order.job, again)
+                mine = processes(directory)[-1]
+                if when != "after it":
+                    let_it_write()
+                    (written,) = directory.rglob("report.json")
+                    assert json.loads(written.read_text())["process"] == late
+                    its_own = written.parent
+                (directory / f"go-{mine}").touch()
+                assert running.follow(order.job)[-1]["state"] == "done"
+                two.send_signal(signal.SIGTERM)
+                assert two.wait(30) == 0
+            before = read()
+            assert its_own not in {path.parent for path in before[1]}
+            assert json.loads(before[0][1])["process"] == mine
+            if when == "after it":
+                let_it_write()
+            assert read() == before
+            one.send_signal(signal.SIGCONT)
+            second = running.order(csv)  # it is well
+            assert running.follow(second.job)[-1]["state"] == "done"
+            one.send_signal(signal.SIGTERM)
+            assert one.wait(30) == 0
+        assert read() == before, "what the late one wrote is gone"
 
 
 @pytest.mark.slow

@@ -1,8 +1,8 @@
 """``python stages.py REQUEST.json STAGE``: a stage that does nothing but take its time, and leaves a line for each run.
 
-A line of ``runs.txt`` is the stage, when it began (UNIX time in ms) and the process. It never answers from a result
-that is there already, so a finished stage that is run again shows. Standard library only: it is started hundreds of
-times.
+A line of ``runs.txt``, beside the places of the stages, is the stage, when it began (UNIX time in ms) and the process.
+It never answers from a result that is there already, so a finished stage that is run again shows. Standard library
+only: it is started hundreds of times.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ REPORT = {
 def main(request: Path, stage: str) -> None:
     """Run one stage."""
     output = Path(json.loads(request.read_text())["output"])
-    with (output / "runs.txt").open("a") as file:
+    with (output.parent / "runs.txt").open("a") as file:
         file.write(f"{stage} {time.time_ns() // 1_000_000} {os.getpid()}\n")
     for part in range(1, 4):
         time.sleep(WORK_S / 3)

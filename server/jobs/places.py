@@ -1,0 +1,88 @@
+"""Where jobs keep files: a directory for every execution of a stage, so that whoever comes late spoils nothing.
+
+::
+
+    identifications/<id>/
+    ├── 1-check/      what the stage `check` wrote, under claim 1
+    ├── 1-fit/        its files again, and what `fit` was writing when its worker fell silent
+    ├── 3-fit/        the same stage by whoever took over
+    └── 3-report/     the last one: all that stays when the job is over
+
+No two executions have the same number (:mod:`server.store.claims`), so nobody else writes there, whatever still runs.
+Which directory counts is no question of the file system: the engine records it with the stage, and the store with the
+end of the job, each only from whoever has the job. What is recorded is written by nobody any more.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+from contextlib import suppress
+from pathlib import Path
+
+from server.files import DataDirectory, sync_directory
+from server.store import Database, Identifications, Jobs
+from server.store.claims import Claim
+from server.store.excitations import Excitations
+
+
+def place_name(claim: Claim, stage: str) -> str:
+    """Name of the directory of one execution."""
+    return f"{claim.number}-{stage}"
+
+
+def begin(directory: Path, name: str, before: str | None) -> bool:
+    """Make a place below a job's ``directory`` with what the stage before left; False if that is gone.
+
+    Parameters
+    ----------
+    before : name of the place of the stage before; None: nothing was recorded of one
+    """
+    if before is None or not (directory / before).is_dir():
+        (directory / name).mkdir(parents=True)
+        return False
+    # No hard links: a late process may write on in a file that is there.
+    shutil.copytree(directory / before, directory / name)
+    return True
+
+
+def seal(place: Path) -> None:
+    """Make sure that a power cut takes nothing of it, before it is recorded."""
+    for path in sorted(place.rglob("*"), reverse=True):
+        if path.is_dir():
+            sync_directory(path)
+        else:
+            with path.open("rb") as file:
+                os.fsync(file.fileno())
+    sync_directory(place)
+    sync_directory(place.parent)
+
+
+def tidy(directory: Path, keep: str) -> None:
+    """Remove every place but the one that counts."""
+    with suppress(OSError):
+        for path in directory.iterdir():
+            if path.is_dir() and path.name != keep:
+                shutil.rmtree(path, ignore_errors=True)
+
+
+class Results:
+    """Where jobs that are over left their files, by what they made."""
+
+    def __init__(self, database: Database, files: DataDirectory) -> None:
+        self._files = files
+        self._jobs = Jobs(database)
+        self._identifications = Identifications(database)
+        self._excitations = Excitations(database)
+
+    def identification(self, id: str) -> Path:
+        """Directory of its request, the results of its stages and its report; NotFoundError if there is none."""
+        return self._place(self._files.identifications / id, self._identifications.get(id).job)
+
+    def excitation(self, id: str) -> Path:
+        """Directory of its motion; NotFoundError if there is none."""
+        return self._place(self._files.excitations / id, self._excitations.get(id).job)
+
+    def _place(self, directory: Path, job: str) -> Path:
+        # Jobs of store version 3 and before had one directory for all executions.
+        return directory / (self._jobs.get(job).place or "")
