@@ -16,6 +16,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+import secrets
 import shutil
 import threading
 from collections.abc import Callable
@@ -29,8 +30,9 @@ import structlog
 
 from daq.errors import HilfitError
 from server.errors import StartError
-from server.files import DataDirectory, sync_directory, write_atomically
-from server.store.copies import check_restore, copy_database, restore_database
+from server.files import DataDirectory, sync_directory, sync_tree, write_atomically
+from server.store.copies import check_restore, copy_database, newer, restore_database
+from server.store.tables import SCHEMA_VERSION
 
 MANIFEST = "manifest.json"
 FOLDERS = ("machines", "recordings", "excitations", "identifications")
@@ -95,6 +97,7 @@ class Backups:
                     "hilfit": version("hilfit"),
                     "created": moment.isoformat(timespec="milliseconds").replace("+00:00", "Z"),
                     "kind": kind,
+                    "store": SCHEMA_VERSION,
                     "files": _files_of(partial),
                 }
                 write_atomically(partial / MANIFEST, json.dumps(manifest, indent=1).encode())
@@ -153,40 +156,80 @@ class DailyBackups:
                 _log.error("backup_failed", error=str(error))
 
 
-def restore(backup: Path, files: DataDirectory, url: str) -> int:
-    """Put a backup in the place of what is there; the number of files.
-
-    The caller holds the lock of the data directory. Files that are there and not in the backup stay.
+def manifest_of(backup: Path) -> dict[str, str]:
+    """SHA-256 of every file of a backup, by its path in there.
 
     Raises
     ------
     StartError
-        If it is no backup, or a file of it is damaged; nothing is changed then.
+        If it is no backup, or was made by a newer hilfit.
     """
+    if not backup.is_dir():
+        what = "is a file" if backup.exists() else "there is no such directory"
+        raise StartError(f"{backup}: {what}; give the directory of a backup, the one with {MANIFEST}")
     try:
         manifest = json.loads((backup / MANIFEST).read_text(encoding="utf-8"))
-        wanted: dict[str, str] = {entry["path"]: entry["sha256"] for entry in manifest["files"]}
-    except (OSError, ValueError, KeyError, TypeError):
-        raise StartError(f"{backup}: is no backup of hilfit ({MANIFEST} is missing or damaged)") from None
+        wanted = {str(entry["path"]): str(entry["sha256"]) for entry in manifest["files"]}
+        store = int(manifest.get("store", 0))
+    except (OSError, ValueError, KeyError, TypeError, AttributeError):
+        raise StartError(
+            f"{backup}: is no backup of hilfit ({MANIFEST} is missing or damaged); use another backup"
+        ) from None
+    if store > SCHEMA_VERSION:
+        raise StartError(newer(backup, store))
+    return wanted
+
+
+def restore(backup: Path, files: DataDirectory, url: str) -> int:
+    """Put a backup in the place of what is there; the number of files.
+
+    The caller holds the lock of the data directory. Files that are there and not in the backup stay. Everything is
+    copied beside the data first, so what can go wrong does before anything is changed.
+
+    Raises
+    ------
+    StartError
+        If it is no backup, a file of it is damaged, or it cannot be written here; nothing is changed then.
+    """
+    wanted = manifest_of(backup)
+    stores = [name for name in wanted if name.startswith("store.") and "/" not in name]
+    if len(stores) != 1:
+        raise StartError(f"{backup}: has no copy of the store; use another backup")
     for name, expected in wanted.items():
+        if name not in stores and (name.split("/")[0] not in FOLDERS or ".." in name.split("/")):
+            raise StartError(f"{backup}: {name} has no place in a backup of hilfit; use another backup")
         path = backup / name
         if not path.resolve().is_relative_to(backup.resolve()) or not path.is_file():
             raise StartError(f"{backup}: {name} is missing; use another backup")
-        if _sha256(path) != expected:
+        if _read(path, _sha256) != expected:
             raise StartError(f"{backup}: {name} is damaged; use another backup")
-    stores = [name for name in wanted if name.startswith("store.")]
-    if len(stores) != 1:
-        raise StartError(f"{backup}: has no copy of the store; use another backup")
     check_restore(backup / stores[0], url)
-    for name in wanted:
-        if name not in stores:
-            target = files.root / name
-            target.parent.mkdir(parents=True, exist_ok=True)
-            partial = target.with_name(f".{target.name}.partial")
-            shutil.copyfile(backup / name, partial)
-            partial.replace(target)
-    restore_database(backup / stores[0], url)
+    staged = files.root / f".restoring-{secrets.token_hex(4)}"
+    try:
+        for name in wanted:
+            (staged / name).parent.mkdir(parents=True, exist_ok=True)
+            shutil.copyfile(backup / name, staged / name)
+            (files.root / name).parent.mkdir(parents=True, exist_ok=True)
+        sync_tree(staged)
+        for name in wanted:
+            if name not in stores:
+                (staged / name).replace(files.root / name)
+        restore_database(staged / stores[0], url)
+    except OSError as error:
+        raise StartError(
+            f"{files.root}: {backup} cannot be restored here ({error.strerror}); free some space, or give another "
+            "--data-dir, and restore again"
+        ) from None
+    finally:
+        shutil.rmtree(staged, ignore_errors=True)
     return len(wanted)
+
+
+def _read(path: Path, how: Callable[[Path], str]) -> str:
+    try:
+        return how(path)
+    except OSError as error:
+        raise StartError(f"{path}: cannot be read ({error.strerror}); mend that or use another backup") from None
 
 
 def _copy_tree(source: Path, target: Path) -> None:

@@ -46,11 +46,12 @@ def backup(
     """Make a backup; the service may run meanwhile."""
     from server.backups import Backups
     from server.errors import StartError
-    from server.files import DataDirectory
+    from server.files import DATABASE_FILE, DataDirectory
     from server.store.database import utc_now
 
     settings = _settings(config, data_dir=data_dir, database_url=database_url)
-    if not settings.data_dir.is_dir():
+    missing = settings.database_url is None and not (settings.data_dir / DATABASE_FILE).is_file()
+    if missing or not settings.data_dir.is_dir():
         raise StartError(f"--data-dir {settings.data_dir}: there is nothing to back up; name the service's directory")
     files = DataDirectory(settings.data_dir)
     backups = Backups(files, settings.database(files), utc_now, output or settings.backup_dir)
@@ -69,10 +70,12 @@ def restore(
     database_url: DatabaseUrl = None,
 ) -> None:
     """Put a backup in the place of what is there; the service has to be stopped."""
+    from server.backups import manifest_of
     from server.backups import restore as put_back
     from server.files import DataDirectory
 
     settings = _settings(config, data_dir=data_dir, database_url=database_url)
+    manifest_of(source)  # before a data directory is made
     files = DataDirectory(settings.data_dir)
     with files.locked():
         count = put_back(source, files, settings.database(files))

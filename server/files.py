@@ -31,6 +31,7 @@ from server.errors import ConflictError, StartError, TooLargeError
 
 #: Bytes gathered before one write to disk; small enough to be nothing in memory.
 WRITE_BYTES = 2**20
+DATABASE_FILE = "hilfit.sqlite"
 
 
 class DataDirectory:
@@ -54,7 +55,7 @@ class DataDirectory:
     @property
     def database(self) -> Path:
         """The SQLite file."""
-        return self.root / "hilfit.sqlite"
+        return self.root / DATABASE_FILE
 
     def machine_file(self, name: str, version: int) -> Path:
         """Text of one version of a machine file; never changed once written."""
@@ -80,7 +81,13 @@ class DataDirectory:
         StartError
             If another server holds it.
         """
-        with (self.root / "lock").open("a") as file:
+        try:
+            opened = (self.root / "lock").open("a")
+        except OSError as error:
+            raise StartError(
+                f"--data-dir {self.root}: cannot be written ({error.strerror}); give another directory"
+            ) from None
+        with opened as file:
             try:
                 fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
             except OSError:
@@ -113,6 +120,18 @@ def sync_directory(directory: Path) -> None:
         os.fsync(descriptor)
     finally:
         os.close(descriptor)
+
+
+def sync_tree(directory: Path) -> None:
+    """Make every file below ``directory`` and the directory itself survive a power cut."""
+    for path in sorted(directory.rglob("*"), reverse=True):
+        if path.is_dir():
+            sync_directory(path)
+        else:
+            with path.open("rb") as file:
+                os.fsync(file.fileno())
+    sync_directory(directory)
+    sync_directory(directory.parent)
 
 
 async def receive(

@@ -21,9 +21,9 @@ from sqlalchemy.exc import DBAPIError
 from daq.errors import HilfitError
 from server.children import GRACE_S, LOOK_S, ChildResult, run_child
 from server.errors import ServiceStopping, TakenOver
-from server.files import DataDirectory
+from server.files import DataDirectory, sync_tree
 from server.jobs.kinds import AT_MACHINES, NUMERICAL, JobError, Kind, StageRun
-from server.jobs.places import begin, place_name, seal, tidy
+from server.jobs.places import begin, place_name, tidy
 from server.store import Database, Job, Jobs
 from server.store.claims import Claim, Claims
 from server.store.jobs import FINAL, Result, State
@@ -248,7 +248,7 @@ class JobRunner:
             try:
                 whole = begin(directory, name, before)
                 result = self._work(row, claim, kind, stage, index, count, directory / name, whole)
-                seal(directory / name)
+                sync_tree(directory / name)  # before it is recorded
                 if self._stopping.is_set() and result.outcome != "done":
                     raise ServiceStopping
             except OSError as error:

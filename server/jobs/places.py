@@ -15,12 +15,11 @@ end of the job, each only from whoever has the job. What is recorded is written 
 
 from __future__ import annotations
 
-import os
 import shutil
 from contextlib import suppress
 from pathlib import Path
 
-from server.files import DataDirectory, sync_directory
+from server.files import DataDirectory
 from server.store import Database, Identifications, Jobs
 from server.store.claims import Claim
 from server.store.excitations import Excitations
@@ -44,18 +43,6 @@ def begin(directory: Path, name: str, before: str | None) -> bool:
     # No hard links: a late process may write on in a file that is there.
     shutil.copytree(directory / before, directory / name)
     return True
-
-
-def seal(place: Path) -> None:
-    """Make sure that a power cut takes nothing of it, before it is recorded."""
-    for path in sorted(place.rglob("*"), reverse=True):
-        if path.is_dir():
-            sync_directory(path)
-        else:
-            with path.open("rb") as file:
-                os.fsync(file.fileno())
-    sync_directory(place)
-    sync_directory(place.parent)
 
 
 def tidy(directory: Path, keep: str) -> None:

@@ -17,6 +17,7 @@ import sqlalchemy as sa
 
 from server.errors import StartError
 from server.files import sync_directory
+from server.store.tables import SCHEMA_VERSION
 
 #: Where Debian keeps PostgreSQL's programs.
 _DEBIAN = Path("/usr/lib/postgresql")
@@ -64,13 +65,40 @@ def check_restore(source: Path, url: str) -> None:
     sqlite = url.startswith("sqlite")
     if sqlite != (source.suffix == ".sqlite"):
         raise StartError(f"{source}: is a copy of another kind of database; set database_url as it was then")
-    if not sqlite:
+    if sqlite:
+        _check_sqlite(source)
+    else:
         program("pg_restore")
         _refuse_in_use(url)
 
 
+def newer(source: Path, version: int) -> str:
+    """What is said of a copy that was made by a newer hilfit."""
+    return (
+        f"{source}: is of store version {version}, this hilfit reads version {SCHEMA_VERSION} and before; "
+        "restore it with the hilfit that made it"
+    )
+
+
+def _check_sqlite(source: Path) -> None:
+    try:
+        with closing(sqlite3.connect(f"{source.resolve().as_uri()}?mode=ro&immutable=1", uri=True)) as copy:
+            (broken,) = copy.execute("PRAGMA quick_check").fetchone()
+            (version,) = copy.execute("SELECT version FROM store_version").fetchone()
+    except (sqlite3.Error, TypeError) as error:
+        raise StartError(f"{source}: is no copy of a store ({error}); use another backup") from None
+    if broken != "ok":
+        raise StartError(f"{source}: the copy of the store is damaged ({broken}); use another backup")
+    if version > SCHEMA_VERSION:
+        raise StartError(newer(source, version))
+
+
 def restore_database(source: Path, url: str) -> None:
     """Put a copy in the place of the database; what was there is gone.
+
+    Parameters
+    ----------
+    source : one of SQLite is moved, so it has to be on the database's file system and synced
 
     Raises
     ------
@@ -86,11 +114,7 @@ def restore_database(source: Path, url: str) -> None:
     target = Path(url.removeprefix("sqlite:///"))
     for leftover in ("-journal", "-wal", "-shm"):  # of the database that was there; they would spoil the copy
         target.with_name(target.name + leftover).unlink(missing_ok=True)
-    partial = target.with_name(f".{target.name}.partial")
-    shutil.copyfile(source, partial)
-    with partial.open("rb") as file:
-        os.fsync(file.fileno())
-    partial.replace(target)
+    source.replace(target)
     sync_directory(target.parent)
 
 

@@ -2,18 +2,25 @@
 
 from __future__ import annotations
 
+import hashlib
+import json
+import os
 import shutil
+import sqlite3
+from collections.abc import Callable
+from contextlib import closing
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 import pytest
 from service_fakes import MACHINE, Fakes, running_service
 
-from server.backups import KEPT, Backups, restore
+from server.backups import KEPT, MANIFEST, Backups, restore
 from server.cli import main
 from server.errors import StartError
 from server.files import DataDirectory
 from server.store import Database, Machines, Recordings
+from server.store.tables import SCHEMA_VERSION
 
 
 def contents(directory: Path) -> dict[str, bytes]:
@@ -141,3 +148,194 @@ def test_the_commands(files: DataDirectory, tmp_path: Path, capsys: pytest.Captu
         main(["restore", str(backup), "--data-dir", str(files.root)])
     assert ended.value.code == 2
     assert "another hilfit server" in capsys.readouterr().err
+
+
+def refused(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
+    """What a command says that ends with exit code 2: one line."""
+    with pytest.raises(SystemExit) as ended:
+        main(list(arguments))
+    said = capsys.readouterr()
+    assert (ended.value.code, said.out) == (2, "")
+    (line,) = said.err.strip().splitlines()
+    return line
+
+
+def as_if_whole(backup: Path, name: str, **more: object) -> None:
+    """Write a manifest in which a file is what it is now; ``more``: into the manifest."""
+    manifest = json.loads((backup / MANIFEST).read_text())
+    manifest["files"] = [entry for entry in manifest["files"] if entry["path"] != name]
+    sha256 = hashlib.sha256((backup / name).read_bytes()).hexdigest()
+    manifest["files"].append({"path": name, "sha256": sha256, "bytes": 0})
+    (backup / MANIFEST).write_text(json.dumps(manifest | more))
+
+
+def absent(backup: Path) -> None:
+    shutil.rmtree(backup)
+
+
+def a_file(backup: Path) -> None:
+    shutil.rmtree(backup)
+    backup.write_bytes(b"tar")
+
+
+def empty(backup: Path) -> None:
+    shutil.rmtree(backup)
+    backup.mkdir()
+
+
+def empty_manifest(backup: Path) -> None:
+    (backup / MANIFEST).write_text("")
+
+
+def cut_manifest(backup: Path) -> None:
+    (backup / MANIFEST).write_text((backup / MANIFEST).read_text()[:100])
+
+
+def other_manifest(backup: Path) -> None:
+    (backup / MANIFEST).write_text("[1]")
+
+
+def cut_store(backup: Path) -> None:
+    os.truncate(backup / "store.sqlite", 6000)
+
+
+def cut_store_that_was_copied_so(backup: Path) -> None:
+    cut_store(backup)
+    as_if_whole(backup, "store.sqlite")
+
+
+def empty_store(backup: Path) -> None:
+    os.truncate(backup / "store.sqlite", 0)
+    as_if_whole(backup, "store.sqlite")
+
+
+def outside(backup: Path) -> None:
+    (backup.parent / "evil.yaml").write_text("name: evil")
+    as_if_whole(backup, "../evil.yaml")
+
+
+def through_a_folder(backup: Path) -> None:
+    (backup.parent.parent / "evil.yaml").write_text("name: evil")
+    as_if_whole(backup, "machines/../../../evil.yaml")
+
+
+def absolute(backup: Path) -> None:
+    (backup.parent / "evil.yaml").write_text("name: evil")
+    as_if_whole(backup, str(backup.parent / "evil.yaml"))
+
+
+def by_a_link(backup: Path) -> None:
+    (backup.parent / "evil.yaml").write_text("name: evil")
+    (backup / "machines" / "evil.yaml").symlink_to(backup.parent / "evil.yaml")
+    as_if_whole(backup, "machines/evil.yaml")
+
+
+def onto_the_lock(backup: Path) -> None:
+    (backup / "lock").write_text("")
+    as_if_whole(backup, "lock")
+
+
+def newer_store(backup: Path) -> None:
+    with closing(sqlite3.connect(backup / "store.sqlite")) as connection:
+        connection.execute("UPDATE store_version SET version = version + 1")
+        connection.commit()
+    as_if_whole(backup, "store.sqlite")
+
+
+def newer_manifest(backup: Path) -> None:
+    as_if_whole(backup, "store.sqlite", store=SCHEMA_VERSION + 1)
+
+
+def two_stores(backup: Path) -> None:
+    (backup / "store.pgdump").write_bytes(b"PGDMP")
+    as_if_whole(backup, "store.pgdump")
+
+
+@pytest.mark.parametrize(
+    ("harm", "says"),
+    [
+        (absent, "there is no such directory; give the directory of a backup"),
+        (a_file, "is a file; give the directory of a backup"),
+        (empty, "manifest.json is missing or damaged); use another backup"),
+        (empty_manifest, "manifest.json is missing or damaged); use another backup"),
+        (cut_manifest, "manifest.json is missing or damaged); use another backup"),
+        (other_manifest, "manifest.json is missing or damaged); use another backup"),
+        (cut_store, "store.sqlite is damaged; use another backup"),
+        (cut_store_that_was_copied_so, "store.sqlite: is no copy of a store"),
+        (empty_store, "store.sqlite: is no copy of a store"),
+        (outside, "../evil.yaml has no place in a backup"),
+        (through_a_folder, "machines/../../../evil.yaml has no place in a backup"),
+        (absolute, "evil.yaml has no place in a backup"),
+        (by_a_link, "machines/evil.yaml is missing; use another backup"),
+        (onto_the_lock, "lock has no place in a backup"),
+        (newer_store, "restore it with the hilfit that made it"),
+        (newer_manifest, "restore it with the hilfit that made it"),
+        (two_stores, "has no copy of the store; use another backup"),
+    ],
+)
+def test_what_cannot_be_restored_is_said_in_one_line_and_nothing_is_changed(
+    files: DataDirectory,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    harm: Callable[[Path], None],
+    says: str,
+) -> None:
+    made = Backups(files, f"sqlite:///{files.database}", lambda: datetime(2026, 1, 1, tzinfo=UTC), tmp_path / "kept")
+    backup = made.directory / made.make().id
+    harm(backup)
+    with files.locked():  # else its file would be new
+        before = contents(files.root)
+    line = refused(capsys, "restore", str(backup), "--data-dir", str(files.root))
+    assert str(backup) in line and says in line
+    assert contents(files.root) == before
+    assert sorted(path.name for path in files.root.parent.iterdir()) in (
+        ["data", "kept"],
+        ["data", "evil.yaml", "kept"],
+    )
+
+
+@pytest.mark.parametrize("breaks", ["copyfile", "replace"])
+def test_a_disk_that_is_full_or_closed_while_restoring_changes_nothing(
+    files: DataDirectory, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], breaks: str
+) -> None:
+    made = Backups(files, f"sqlite:///{files.database}", lambda: datetime(2026, 1, 1, tzinfo=UTC))
+    backup = made.directory / made.make().id
+    (files.machines / "lever" / "2.yaml").write_text("since then")
+    with files.locked():
+        before = contents(files.root)
+    copied = []
+
+    def fail(*arguments: str | Path) -> None:
+        copied.append(arguments)
+        if breaks == "replace":
+            raise PermissionError(13, "Permission denied")
+        if len(copied) == 2:
+            raise OSError(28, "No space left on device")
+        Path(arguments[1]).write_bytes(b"half")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(*((shutil, "copyfile") if breaks == "copyfile" else (Path, "replace")), fail)
+        line = refused(capsys, "restore", str(backup), "--data-dir", str(files.root))
+    assert str(files.root) in line and "free some space, or give another --data-dir" in line
+    assert contents(files.root) == before
+    restore(backup, files, f"sqlite:///{files.database}")
+    assert contents(files.root) == before | {"hilfit.sqlite": files.database.read_bytes()}
+
+
+def test_a_directory_that_is_no_service_s_is_not_backed_up_and_gets_nothing(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for place in (tmp_path / "other", tmp_path / "absent"):
+        (tmp_path / "other").mkdir(exist_ok=True)
+        line = refused(capsys, "backup", "--data-dir", str(place))
+        assert str(place) in line and "there is nothing to back up; name the service's directory" in line
+    assert [path.name for path in tmp_path.rglob("*")] == ["other"]
+
+
+def test_a_store_that_is_damaged_is_not_backed_up(
+    files: DataDirectory, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    os.truncate(files.database, 6000)
+    line = refused(capsys, "backup", "--data-dir", str(files.root), "--output", str(tmp_path / "kept"))
+    assert "store.sqlite: the backup cannot be written" in line
+    assert list((tmp_path / "kept").iterdir()) == []
