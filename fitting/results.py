@@ -16,7 +16,7 @@ from fitting.flags import mark
 from fitting.identifiability import Telling, statement, tellings
 from fitting.loop import corrections_from_json, final_model, term_from_json
 from fitting.report.model import Figures
-from fitting.residual.drawing_data import friction_curves, law_curve, scatter, worst_seconds
+from fitting.residual.drawing_data import friction_curves, law_curve, scatters, worst_seconds
 from fitting.residual.laws import Law
 from fitting.residual.surfaces import second_variable
 from fitting.residual.terms import Model, Term
@@ -424,7 +424,7 @@ def _figures(session: Session, results: Results, prepared: Prepared, model: Mode
     before = session.base_model
     shown = session.plain.validate or session.plain.design.indices("train", "operation")
     return Figures(
-        scatter=tuple(scatter(before, model, number, shown) for number, term in enumerate(terms)),
+        scatter=scatters(before, model, shown),
         worst=worst_seconds(before, model, shown, results["residual"]["noise_floor"]),
         friction=friction_curves(before, model),
     )

@@ -5,7 +5,7 @@ from __future__ import annotations
 from fitting.report.html import write_report
 from fitting.report.model import Figures, FrictionCurve, Scatter, Worst
 from fitting.report.presented import presented
-from fitting.report.schema import SCHEMA, Report, ReportError, clean, json_schema, validate_report
+from fitting.report.schema import SCHEMA, Report, ReportError, clean, json_schema, looked, validate_report
 
 __all__ = [
     "SCHEMA",
@@ -17,6 +17,7 @@ __all__ = [
     "Worst",
     "clean",
     "json_schema",
+    "looked",
     "presented",
     "validate_report",
     "write_report",

@@ -124,6 +124,8 @@ def _environment() -> jinja2.Environment:
         unit=text.unit,
         words=lambda value: text.words(str(value)),
         title_of=wording.title,
+        capital=wording.capital,
+        follows=wording.follows,
         lower_first=wording.lower,
         place=wording.place,
         readable=wording.readable,

@@ -175,6 +175,11 @@ class Loop(_Part):
     next_experiment: dict[str, Any] | str | None = None
 
 
+def looked(loop: Mapping[str, Any]) -> bool:
+    """Whether anybody looked for what the model lacks, of a report's ``loop``; without the key somebody did."""
+    return bool(loop.get("looked", True))
+
+
 class Shift(_Part):
     """How far a parameter moved when the effects were added."""
 

@@ -137,8 +137,8 @@ def listed(items: Sequence[str], last: str = "and") -> str:
 
 
 def unit(text: Any) -> str:
-    """A unit with real exponents: ``kg m^2`` as ``kg m\u00b2``."""
-    out = str(text or "")
+    """A unit with real exponents: ``kg m^2`` as ``kg m\u00b2``; nothing for a number without one."""
+    out = "" if text in (None, "1") else str(text).replace("^(1/3)", "\u00b9\u2044\u00b3")
     for power in "23456":
         out = out.replace(f"^{power}", power.translate(_SUPERSCRIPT))
     return out

@@ -7,6 +7,7 @@ import re
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from fitting.report.schema import looked
 from fitting.report.text import change, listed, moved, number, percent, unit, with_std, words
 
 LABELS = {
@@ -71,7 +72,14 @@ EVIDENCE = {
     "gap_before": "disagreement of the two position sensors before [m]",
     "gap_after": "disagreement of the two position sensors after [m]",
     "blocks_better": "blocks that became better",
+    "witness": "unloaded recordings against loaded ones",
+    "cutoffs": "fitted again with other filters",
+    "replicas": "replicas of the recordings without it that were drawn",
+    "inflation": "factor of chi-square by those replicas",
 }
+
+#: A name in a text that may be the id of an effect.
+_NAME = re.compile(r"(?<![A-Za-z0-9_.])[a-z]+(?:_[a-z]+)+(?![A-Za-z0-9_])")
 
 # Measured and derived signals as programs write them; joints and files may be called anything else with underscores.
 _SIGNAL = re.compile(
@@ -97,14 +105,30 @@ def lower(text: str) -> str:
     return text[:1].lower() + text[1:] if text[1:2].islower() else text
 
 
-def readable(text: str) -> str:
-    """Names of signals in a text with spaces: ``joint2.piston_position`` as ``joint2 piston position``."""
+def readable(text: str, titles: Mapping[str, str] | None = None) -> str:
+    """Names of signals in a text with spaces, effects by their titles.
+
+    ``joint2.piston_position`` becomes ``joint2 piston position``, and ``load_dependent_friction`` what ``titles`` (of
+    effect ids) calls it; names that are neither stay.
+    """
+    if titles:
+        text = _NAME.sub(lambda found: lower(titles.get(found[0], found[0])), text)
     return _SIGNAL.sub(lambda found: words(found[0]), re.sub(rf"(?<=\w)\.(?={_SIGNAL.pattern})", " ", text))
+
+
+def capital(text: str) -> str:
+    """Text with a large first letter, for the beginning of a line."""
+    return text[:1].upper() + text[1:]
 
 
 def evidence(entries: Mapping[str, Any]) -> dict[str, Any]:
     """What speaks for an effect, by names for people."""
-    return {EVIDENCE.get(key, key): entry for key, entry in entries.items()}
+    return {EVIDENCE.get(key, key): _cutoffs(entry) if key == "cutoffs" else entry for key, entry in entries.items()}
+
+
+def _cutoffs(entries: Sequence[Mapping[str, Any]]) -> list[str]:
+    """``0.0141 \u00b1 0.0001 at 3.0 Hz`` each."""
+    return [f"{with_std(e.get('value'), e.get('std'))} at {number(e.get('hz'), 2)} Hz" for e in entries]
 
 
 def place(joint: str | None) -> str:
@@ -184,9 +208,15 @@ def _signals(law: Mapping[str, Any]) -> str:
     return words(str(law["variable"])) + (f" together with the {words(str(second))}" if second else "")
 
 
+def follows(law: Mapping[str, Any]) -> str:
+    """``the error at joint1 follows the piston position``: what an unexplained law says."""
+    turns = ", and turns its sign with the direction of motion" if law.get("times_sign_of_speed") else ""
+    return f"the error {place(law.get('joint'))} follows the {_signals(law)}{turns}"
+
+
 def label(loop: Mapping[str, Any]) -> str:
     """The verdict in a few words, of the report's ``loop``."""
-    return LABELS[loop["verdict"]] if loop.get("looked", True) else NOT_LOOKED
+    return LABELS[loop["verdict"]] if looked(loop) else NOT_LOOKED
 
 
 def verdict_sentence(report: Mapping[str, Any], titles: Mapping[str, str]) -> str:
@@ -204,7 +234,7 @@ def verdict_sentence(report: Mapping[str, Any], titles: Mapping[str, str]) -> st
     verdict = loop["verdict"]
     if verdict == "nothing_missing":
         times = over_noise(report, "after")
-        if not loop.get("looked", True):
+        if not looked(loop):
             error = f": on the validation motion the error is {number(times)} times the noise" if times else ""
             return f"The model was fitted, and nobody looked for what it may lack{error}."
         noise = f": on the validation motion the error is {number(times)} times that noise" if times else ""

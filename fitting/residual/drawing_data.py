@@ -57,8 +57,60 @@ def _with_band(basis: FloatArray, values: FloatArray, covariance: FloatArray) ->
     return {"value": (basis @ values).tolist(), "std": std.tolist()}
 
 
-def scatter(before: Model, after: Model, number: int, shown: Sequence[int]) -> Scatter:
-    """Residual drive effort against the variable that term ``number`` of the final model is about."""
+def scatters(before: Model, after: Model, shown: Sequence[int]) -> tuple[Scatter, ...]:
+    """Residual drive effort against the variable of each term of the final model.
+
+    Two laws of one signal at one joint, one the same both ways and one that turns its sign with the direction of
+    motion, are drawn once: what was found is their sum forth and their difference back.
+    """
+    pairs = _pairs(after)
+    second = set(pairs.values())
+    return tuple(
+        _scatter(before, after, number, shown, pairs.get(number))
+        for number in range(len(after.terms))
+        if number not in second
+    )
+
+
+def _pairs(model: Model) -> dict[int, int]:
+    """Number of a law to that of the one with the other sign, of the same signal at the same joint."""
+    found: dict[tuple[Any, ...], int] = {}
+    pairs = {}
+    for number, term in enumerate(model.terms):
+        law = term.content
+        if not isinstance(law, Law) or isinstance(law, Surface):
+            continue
+        first = found.setdefault((term.joint, law.signal, law.other), number)
+        if first != number and first not in pairs and _law(model, first).signed != law.signed:
+            pairs[first] = number
+    return pairs
+
+
+def _law(model: Model, number: int) -> Law:
+    law = model.terms[number].content
+    assert isinstance(law, Law)
+    return law
+
+
+def _both_ways(model: Model, numbers: tuple[int, int]) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Grid, the law forth and back, and the larger of their standard deviations, of two laws that add up."""
+    laws = [_law(model, number) for number in numbers]
+    grid = np.linspace(max(law.knots[0] for law in laws), min(law.knots[-1] for law in laws), _GRID)
+    part = np.concatenate([np.arange(s.start, s.stop) for s in map(model.term_slice, numbers)])
+    theta, covariance = model.fit.theta[part], model.fit.covariance[np.ix_(part, part)]
+    bases = [evaluate(np.asarray(law.knots), grid) for law in laws]
+    ways = [
+        _with_band(
+            np.hstack([way * b if law.signed else b for b, law in zip(bases, laws, strict=True)]), theta, covariance
+        )
+        for way in (1.0, -1.0)
+    ]
+    std = np.maximum(*(np.asarray(way["std"]) for way in ways))
+    return grid, np.asarray(ways[0]["value"]), np.asarray(ways[1]["value"]), std
+
+
+def _scatter(before: Model, after: Model, number: int, shown: Sequence[int], other: int | None) -> Scatter:
+    """Residual against the variable of term ``number``, and of the law ``other`` that adds to it."""
     term = after.terms[number]
     design = after.design
     joint = _joint_of(after, number)
@@ -83,7 +135,9 @@ def scatter(before: Model, after: Model, number: int, shown: Sequence[int]) -> S
         odd = term.content.parity.startswith("odd")
     law_back = None
     law_std = np.zeros(0)
-    if isinstance(term.content, Law):
+    if other is not None:
+        law_x, law_y, law_back, law_std = _both_ways(after, (number, other))
+    elif isinstance(term.content, Law):
         curve = law_curve(term.content, after, part)
         law_x, law_y, law_std = (np.asarray(curve[key]) for key in ("grid", "value", "std"))
         law_back = -law_y if odd else None
@@ -103,7 +157,7 @@ def scatter(before: Model, after: Model, number: int, shown: Sequence[int]) -> S
         law_y=law_y,
         law_std=law_std if len(law_std) else np.zeros_like(law_x),
         effort_unit=unit_effort,
-        direction=np.concatenate(direction) if odd else None,
+        direction=None if law_back is None else np.concatenate(direction),
         law_back=law_back,
     )
 

@@ -6,6 +6,8 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from fitting.report import looked
+
 MODEL_SCHEMA = "hilfit/model/1"
 #: Parts of a report that are the model, or say what it was made of; the rest is evidence.
 _MODEL = ("machine", "created", "software", "bandwidth_hz", "reduction", "cylinders", "rigid_body", "errors")
@@ -36,7 +38,7 @@ class Content:
 def verdict_of(report: Mapping[str, Any]) -> str:
     """The report's verdict; ``not_looked_for`` where the loop was left out and "nothing is missing" says nothing."""
     loop = report["loop"]
-    return str(loop["verdict"]) if loop.get("looked", True) else "not_looked_for"
+    return str(loop["verdict"]) if looked(loop) else "not_looked_for"
 
 
 def content_of(report: Mapping[str, Any]) -> Content:

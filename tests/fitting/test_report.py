@@ -25,8 +25,8 @@ from fitting.report import (
     validate_report,
     write_report,
 )
-from fitting.report.text import moment, moved, number, percent, with_std
-from fitting.report.wording import readable, sizes
+from fitting.report.text import moment, moved, number, percent, unit, with_std
+from fitting.report.wording import follows, readable, sizes
 
 JOINTS = tuple(f"joint{i}" for i in range(1, 7))
 FLOORS = (41.0, 52.3, 30.1, 11.2, 4.31, 0.874)
@@ -660,6 +660,29 @@ def test_signals_are_named_in_words_and_other_names_stay() -> None:
     )
 
 
+def test_effects_in_a_text_are_named_by_their_titles() -> None:
+    titles = {"load_dependent_friction": "Friction that grows with the load"}
+    text = "within 31.5 of load_dependent_friction: compare joint_2.load_dependent_friction and no_such_effect"
+    assert readable(text, titles) == (
+        "within 31.5 of friction that grows with the load: compare joint_2.load_dependent_friction and no_such_effect"
+    )
+
+
+def test_a_law_that_turns_with_the_motion_says_so() -> None:
+    law = {"joint": "joint1", "variable": "piston_position", "times_sign_of_speed": False}
+    assert follows(law) == "the error at joint1 follows the piston position"
+    turning = law | {"times_sign_of_speed": True, "second_variable": "oil_temperature"}
+    assert follows(turning) == (
+        "the error at joint1 follows the piston position together with the oil temperature, "
+        "and turns its sign with the direction of motion"
+    )
+
+
+def test_a_number_without_a_unit_has_none() -> None:
+    assert [unit("1"), unit(None)] == ["", ""]
+    assert [unit("N (s/m)^(1/3)"), unit("kg m^2")] == ["N (s/m)\u00b9\u2044\u00b3", "kg m\u00b2"]
+
+
 def test_up_to_four_parameters_stand_in_the_sentence() -> None:
     entries = {f"f_{i}": {"value": 10.0 * i, "std": 1.0, "unit": "N"} for i in range(1, 7)}
     assert sizes(entries) == "f_1 = 10.0 ± 1.0 N, f_2 = 20.0 ± 1.0 N, f_3 = 30.0 ± 1.0 N, f_4 = 40.0 ± 1.0 N"
@@ -672,7 +695,7 @@ def test_evidence_and_estimator_are_in_plain_words(pages: dict[str, str]) -> Non
         "gain on the validation motion",
         "generalised least squares (gls)",
         "of 78 standard parameters; friction and drive inertia are identified with the drives",
-        "may lie beside the law by a constant",
+        "lie beside the law where those had taken its place",
         "2 March 2026, 09:14 UTC",
     ):
         assert phrase in text, phrase

@@ -11,6 +11,7 @@ import pytest
 import yaml
 from arm_examples import SHARED
 
+from fitting.report import Figures
 from fitting.results import build_report
 from fitting.session import Request, Session
 from fitting.stages import _COMPUTE
@@ -27,8 +28,8 @@ ROLES = {
 
 
 @cache
-def report(case: str) -> dict[str, Any]:
-    """The report of one case; computed once for all tests."""
+def made(case: str) -> tuple[dict[str, Any], Figures]:
+    """The report of one case and its figures; computed once for all tests."""
     directory = SHARED / "samples" / case
     if not directory.exists():
         pytest.skip(f"sample {case} is not there")
@@ -37,7 +38,12 @@ def report(case: str) -> dict[str, Any]:
     results: dict[str, dict[str, Any]] = {}
     for stage, compute in _COMPUTE.items():
         results[stage] = compute(session, results, lambda fraction, text: None)
-    return build_report(session, results)[0]
+    return build_report(session, results)
+
+
+def report(case: str) -> dict[str, Any]:
+    """The report of one case."""
+    return made(case)[0]
 
 
 def truth_of(case: str) -> dict[str, Any]:
@@ -134,6 +140,18 @@ def test_a_bent_guide_is_in_no_catalogue_and_gets_no_name() -> None:
     law = content["loop"]["unexplained"][0]["law"]
     assert len(law["grid"]) == len(law["value"]) == len(law["std"]) > 10
     assert content["errors"]["joint1"]["after"]["validate"] < 0.5 * content["errors"]["joint1"]["before"]["validate"]
+
+
+def test_two_laws_of_one_signal_are_drawn_once_as_what_they_add_up_to() -> None:
+    content, figures = made("bent-guide-joint1")
+    even, odd = sorted(content["loop"]["unexplained"], key=lambda law: law["times_sign_of_speed"])
+    assert (even["times_sign_of_speed"], odd["times_sign_of_speed"]) == (False, True)
+    (drawn,) = figures.scatter
+    assert drawn.direction is not None and drawn.law_back is not None and set(drawn.direction) <= {-1.0, 0.0, 1.0}
+    same, turning = (np.interp(drawn.law_x, law["law"]["grid"], law["law"]["value"]) for law in (even, odd))
+    scale = float(np.ptp(drawn.law_y))
+    assert drawn.law_y == pytest.approx(same + turning, abs=1e-2 * scale)  # both grids are interpolated
+    assert drawn.law_back == pytest.approx(same - turning, abs=1e-2 * scale)
 
 
 def test_a_tilted_base_is_one_effect_of_the_whole_machine() -> None:

@@ -15,14 +15,23 @@ export function number(value: number | null | undefined, digits = 4): string {
 /** How many: a whole number, all its digits in groups of three. */
 export function count(value: number | null | undefined): string {
   if (value === null || value === undefined || !Number.isFinite(value)) return DASH;
-  return minus(String(Math.round(value)).replace(/\B(?=(\d{3})+(?!\d))/g, "\u202f"));
+  return minus(thousands(String(Math.round(value))));
 }
+
+const thousands = (whole: string): string => whole.replace(/\B(?=(\d{3})+(?!\d))/g, "\u202f");
 
 /** A number with fixed decimals, which does not jump while it changes. */
 export function fixed(value: number | null | undefined, decimals: number): string {
   if (value === null || value === undefined || !Number.isFinite(value)) return DASH;
   const text = value.toFixed(decimals);
   return minus(Number(text) === 0 ? (0).toFixed(decimals) : text); // no minus before zero
+}
+
+/** Labels of an axis: no more decimals than its places need, thousands apart, a real minus. */
+export function ticks(places: number[]): string[] {
+  const needed = places.map((place) => place.toFixed(12).replace(/0+$/, "").split(".")[1]?.length ?? 0);
+  const decimals = Math.max(0, ...needed);
+  return places.map((place) => fixed(place, decimals).replace(/\d+/, (whole) => thousands(whole)));
 }
 
 /** A value with its standard deviation, as many digits as the deviation makes sense of (two of it). */

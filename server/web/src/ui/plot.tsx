@@ -1,7 +1,7 @@
 /** A drawing with axes (uPlot), drawn again when the theme or the size changes; a table says the same in words. */
 import { useEffect, useRef } from "preact/hooks";
 import uPlot from "uplot";
-import { number } from "./format";
+import { number, ticks } from "./format";
 import { colours, theme, transparent } from "./theme";
 
 export interface PlotSeries {
@@ -127,6 +127,7 @@ function options(
     ticks: { stroke: colour.grid, width: 1 },
     font: colour.font,
     labelFont: colour.font,
+    values: (_plot, places) => ticks(places),
   };
   return {
     width: Math.max(160, width),

@@ -41,10 +41,11 @@ export class FakeService {
 
   constructor(role: Principal["role"], principal: Partial<Principal> = {}) {
     const who: Principal = { id: "prn-me", name: "Me", kind: "device", machines: null, role, ...principal };
+    const machine = signal<string | null>("arm");
     this.session = {
       client: this.client(),
       principal: signal<Principal | null>(who),
-      machine: signal<string | null>("arm"),
+      machine,
       machines: signal([]),
       online: this.online,
       access: signal("known"),
@@ -52,7 +53,9 @@ export class FakeService {
       renewals: signal(0),
       token: () => null,
       may: (scope) => NEEDED[scope].includes(role),
-      choose: () => undefined,
+      choose: (name) => {
+        machine.value = name;
+      },
       paired: () => undefined,
       forget: () => undefined,
     };

@@ -11,8 +11,8 @@ import { unit, words } from "./wording";
 export function Residuals({ report }: { report: Report }) {
   return (
     <>
-      {report.figures.scatter.map((scatter) => (
-        <Residual key={`${scatter.joint}.${scatter.variable}`} scatter={scatter} report={report} />
+      {report.figures.scatter.map((scatter, at) => (
+        <Residual key={at} scatter={scatter} report={report} />
       ))}
     </>
   );
@@ -29,7 +29,7 @@ function Residual({ scatter, report }: { scatter: Scatter; report: Report }) {
         Each point is a moment of the validation motion: measured less predicted. A model that lacks nothing leaves a
         cloud around zero without a shape.
         {added(report) &&
-          " Other parameters moved too when the law was fitted, so the points before may lie beside it."}
+          " Other parameters moved too when the law was fitted: the points before lie beside it where those had taken its place."}
       </p>
       <div class="pair">
         <Plot

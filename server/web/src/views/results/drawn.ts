@@ -39,12 +39,14 @@ export function cloud(scatter: Scatter): Cloud {
       { label: "back", values: only(-1), kind: "points" },
     ];
   };
-  const known = [...scatter.before, ...scatter.after].filter((value): value is number => value !== null);
+  const found = laws(scatter, x);
+  const drawn = found.flatMap((law) => [...law.values, ...(law.band ?? []).flat()]);
+  const known = [...scatter.before, ...scatter.after, ...drawn].filter((value): value is number => value !== null);
   const low = Math.min(0, ...known);
   const high = Math.max(0, ...known);
   const margin = 0.05 * (high - low || 1);
   return {
-    before: { x, series: [...points(scatter.before), ...laws(scatter, x)] },
+    before: { x, series: [...points(scatter.before), ...found] },
     after: { x, series: points(scatter.after) },
     range: [low - margin, high + margin],
     spread: { before: deviation(scatter.before), after: deviation(scatter.after) },

@@ -4,7 +4,7 @@ import { number, withStd } from "../../ui/format";
 import { Empty, Panel, Table, type Row } from "../../ui/layout";
 import { type CandidateRow, type ShiftRow, candidates, limitGroups, shifts } from "./model";
 import type { Report } from "./report";
-import { STATUSES, amount, capital, place, readable, title, unit, words } from "./wording";
+import { STATUSES, amount, capital, follows, place, title, unit } from "./wording";
 
 export function Found({ report }: { report: Report }) {
   const { effects, unexplained } = report.loop;
@@ -43,13 +43,10 @@ export function Found({ report }: { report: Report }) {
         </section>
       ))}
       {unexplained.map((law) => (
-        <section key={`${law.joint ?? ""} ${law.variable}`}>
-          <h3>
-            Unexplained: the error {law.joint === null ? "of the whole machine" : `at ${law.joint}`} follows the{" "}
-            {words(law.variable)}
-          </h3>
+        <section key={follows(law)}>
+          <h3>Unexplained: {follows(law)}</h3>
           <p>
-            No effect of the catalogue fits. What was measured describes these recordings and is not a cause.
+            No effect of the catalogue fits. The law that was measured describes these recordings and is not a cause.
             {!law.added && " It does not hold on the validation motion, so it was not added to the model."}
           </p>
         </section>
@@ -68,6 +65,9 @@ export function Candidates({ report }: { report: Report }) {
       ) : (
         <CandidateTable rows={kept} caption="Causes that count, with reasons" />
       )}
+      <p class="hint">
+        Chi-square counts in units of the noise: it is how much of the squared error a cause takes away.
+      </p>
       {refused.length > 0 && (
         <details>
           <summary>{refused.length} rejected, with reasons</summary>
@@ -93,7 +93,7 @@ function CandidateTable({ rows, caption }: { rows: CandidateRow[]; caption: stri
         status: <Mark kind={STATUSES[row.status][0]}>{STATUSES[row.status][1]}</Mark>,
         title: capital(row.title),
         joint: place(row.joint),
-        reason: readable(row.reason),
+        reason: row.reason,
       }))}
     />
   );
@@ -145,7 +145,7 @@ function ShiftTable({ rows, caption }: { rows: ShiftRow[]; caption: string }) {
         ),
         before: number(row.before),
         after: number(row.after),
-        unit: unit(row.unit),
+        unit: <span class="number-cell">{unit(row.unit)}</span>,
         sigmas: row.far ? <Mark kind="warning">{number(row.sigmas, 2)}</Mark> : number(row.sigmas, 2),
       }))}
     />

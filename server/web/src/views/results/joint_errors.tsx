@@ -46,7 +46,7 @@ export function JointErrors({ report }: { report: Report }) {
           ),
           before: number(row.before, 3),
           after: <strong>{number(row.after, 3)}</strong>,
-          unit: unit(row.unit),
+          unit: <span class="number-cell">{unit(row.unit)}</span>,
           noise: number(row.noise, 3),
           change: <span class="number-cell">{change(row.change)}</span>,
           overNoise: row.overNoise === null ? number(null) : <OverNoise value={row.overNoise} />,

@@ -5,7 +5,7 @@ import { Mark, Notice } from "../../ui/controls";
 import { time } from "../../ui/format";
 import { Empty, Panel, Table } from "../../ui/layout";
 import { jobWords } from "../../words";
-import { NOT_LOOKED, change, verdictWords } from "./wording";
+import { change, verdictWords } from "./wording";
 
 type List = components["schemas"]["IdentificationList"];
 type Jobs = components["schemas"]["JobList"];
@@ -41,12 +41,7 @@ export function ResultList() {
               ]}
               rows={items.map((one) => {
                 const state = states.get(one.job)?.state;
-                const [kind, words] =
-                  one.verdict !== null
-                    ? one.options.loop === false
-                      ? NOT_LOOKED
-                      : verdictWords(one.verdict)
-                    : jobWords(state ?? "queued");
+                const [kind, words] = one.verdict !== null ? verdictWords(one.verdict) : jobWords(state ?? "queued");
                 return {
                   key: one.id,
                   label: (

@@ -1,8 +1,8 @@
 import { describe, expect, it } from "vitest";
-import { added, candidates, jointRows, limitGroups, looked, overall, shifts } from "./model";
+import { added, candidates, jointRows, limitGroups, overall, shifts } from "./model";
 import { type Report, readReport } from "./report";
 import content from "./report.fixture.json";
-import { change, readable, title, unit } from "./wording";
+import { change, follows, readable, title, unit } from "./wording";
 
 const report = (): Report => readReport(structuredClone(content)) as Report;
 
@@ -30,10 +30,10 @@ describe("a report", () => {
 });
 
 it("says that nobody looked where nobody did", () => {
-  const fitted = report();
-  expect(looked(fitted)).toBe(true);
-  fitted.loop = { ...fitted.loop, verdict: "nothing_missing", effects: [], candidates: [], detection_limits: [] };
-  expect(looked(fitted)).toBe(false);
+  // What was found says nothing of it: who looked may have found nothing at all.
+  const loop = { verdict: "nothing_missing", effects: [], candidates: [], detection_limits: [] };
+  expect(readReport({ ...content, loop })?.loop.looked).toBe(true);
+  expect(readReport({ ...content, loop: { ...loop, looked: false } })?.loop.looked).toBe(false);
 });
 
 describe("errors of joints", () => {
@@ -108,6 +108,20 @@ describe("what was tried, moved, and could not be seen", () => {
     expect(rows.filter((row) => row.far).every((row) => Math.abs(row.sigmas ?? 0) > 3)).toBe(true);
   });
 
+  it("finds the unit of a shift by either name of its parameter, and says the name once", () => {
+    const one = report();
+    one.rigid_body.parameters = [
+      { name: "MX1", expression: "MX1 + 0.9 m2", value: 1, std: 1, unit: "kg m" },
+      { name: "MY1", expression: "MY1", value: 1, std: 1, unit: "kg m" },
+    ];
+    one.parameter_shifts = ["MX1", "MX1 + 0.9 m2", "MY1"].map((name) => ({ name, before: 0, after: 1, sigmas: 1 }));
+    expect(shifts(one).map((row) => [row.unit, row.meaning])).toEqual([
+      ["kg m", "MX1 + 0.9 m2"],
+      ["kg m", ""],
+      ["kg m", ""],
+    ]);
+  });
+
   it("groups detection limits by effect and loses none", () => {
     const groups = limitGroups(report());
     expect(groups.flatMap((group) => group.limits).length).toBe(content.loop.detection_limits.length);
@@ -118,8 +132,16 @@ describe("what was tried, moved, and could not be seen", () => {
 describe("words", () => {
   it("are those of people", () => {
     expect(unit("kg m^2")).toBe("kg m²");
-    expect(unit(null)).toBe("");
+    expect([unit(null), unit("1"), unit("N (s/m)^(1/3)")]).toEqual(["", "", "N (s/m)¹⁄³"]);
     expect(readable("joint2: a structure in piston_position is left")).toContain("in piston position");
+    expect(readable("within 31.5 of position_dependent_friction: see joint2.f_c", report())).toMatch(
+      /^within 31.5 of friction that depends on the piston position: see joint2.f_c$/,
+    );
+    const law = { joint: "joint1", variable: "piston_position", added: true };
+    expect(follows(law)).toBe("the error at joint1 follows the piston position");
+    expect(follows({ ...law, times_sign_of_speed: true })).toMatch(
+      /, and turns its sign with the direction of motion$/,
+    );
     expect([change(-65.2), change(5.34), change(0.01), change(null)]).toEqual(["−65 %", "+5.3 %", "0 %", "–"]);
     expect(title({ id: "position_dependent_friction", joint: null }, report())).toContain(
       "depends on the piston position",

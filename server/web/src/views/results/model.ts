@@ -1,6 +1,6 @@
 /** What the result page shows, worked out from a report: values only, no drawing. */
 import type { Candidate, Limit, Report } from "./report";
-import { PARAMETERS, title } from "./wording";
+import { PARAMETERS, readable, title } from "./wording";
 
 /** A parameter that moved by more than so many standard deviations is pointed at. */
 export const FLAG_SIGMAS = 3;
@@ -24,12 +24,6 @@ export interface JointRow {
 /** Whether anything was added to the model: before and after differ only then. */
 export function added(report: Report): boolean {
   return report.loop.effects.length > 0 || report.loop.unexplained.some((law) => law.added);
-}
-
-/** Whether anybody looked for what the model lacks: an identification can be ordered without that. */
-export function looked(report: Report): boolean {
-  const { candidates, detection_limits, effects, unexplained } = report.loop;
-  return candidates.length + detection_limits.length + effects.length + unexplained.length > 0;
 }
 
 /** On which motion the errors are: the one that was not fitted, where there is one. */
@@ -115,7 +109,7 @@ export function candidates(report: Report): { kept: CandidateRow[]; refused: Can
       title: title(one, report),
       joint: one.joint,
       status: one.status,
-      reason: one.reason,
+      reason: readable(one.reason, report),
       score: one.score,
     }))
     .sort(
@@ -139,19 +133,30 @@ export interface ShiftRow {
 
 /** Parameters that the addition moved, the farthest first. */
 export function shifts(report: Report): ShiftRow[] {
-  const body = new Map(report.rigid_body.parameters.map((one) => [one.name ?? one.expression, one]));
+  const body = new Map(
+    report.rigid_body.parameters.flatMap((one) => [
+      [one.expression, one],
+      [one.name ?? one.expression, one],
+    ]),
+  );
   return report.parameter_shifts
     .map((shift) => {
       const [joint = "", parameter = ""] = split(shift.name);
       const known = report.cylinders[joint]?.parameters[parameter];
       return {
         ...shift,
-        meaning: known === undefined ? (body.get(shift.name)?.expression ?? "") : (PARAMETERS[parameter] ?? ""),
+        meaning:
+          known === undefined ? spelt(shift.name, body.get(shift.name)?.expression) : (PARAMETERS[parameter] ?? ""),
         unit: known?.unit ?? body.get(shift.name)?.unit ?? "",
         far: shift.sigmas !== null && Math.abs(shift.sigmas) > FLAG_SIGMAS,
       };
     })
     .sort((a, b) => Math.abs(b.sigmas ?? 0) - Math.abs(a.sigmas ?? 0));
+}
+
+/** The expression that a short name stands for; nothing where the name is the expression. */
+function spelt(name: string, expression = ""): string {
+  return expression === name ? "" : expression;
 }
 
 function split(name: string): [string, string] {

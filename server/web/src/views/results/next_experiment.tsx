@@ -1,42 +1,51 @@
-/** What to record next to tell apart what these recordings could not, and a way to have its motion designed. */
-import type { components } from "../../net/api.gen";
-import { CommandNotice, useCommand, useSession } from "../../session";
-import { Button } from "../../ui/controls";
-import { duration } from "../../ui/format";
+/** What to record next to tell apart what these recordings could not: a motion where one helps, else what else does. */
 import { Panel } from "../../ui/layout";
 import { Downloads } from "../downloads";
 import type { NextExperiment as Experiment, Report } from "./report";
-import { readable, title } from "./wording";
-
-type Excitation = components["schemas"]["ExcitationResource"];
+import { capital, readable, title } from "./wording";
 
 export function NextExperiment({ id, report }: { id: string; report: Report }) {
   const next = report.loop.next_experiment;
   if (next === null || next === "") return null;
+  const said = (text: string): string => capital(readable(text, report));
   if (typeof next === "string")
     return (
       <Panel title="Next experiment">
-        <p>{readable(next)}</p>
+        <p>{said(next)}</p>
       </Panel>
     );
-  const separates = (next.separates ?? []).map((id) => title({ id, joint: null }, report));
+  const motion = next.kind != null;
+  // Where no motion helps, its text is the list of what else does.
+  const otherwise = (next.otherwise ?? []).length > 0 ? (next.otherwise ?? []) : motion ? [] : [next.motion ?? ""];
+  const other = (
+    <ul class="plain-list">
+      {otherwise.filter(Boolean).map((text) => (
+        <li key={text}>{said(text)}</li>
+      ))}
+    </ul>
+  );
   return (
     <Panel title="Next experiment">
-      {next.motion && (
+      {motion ? (
         <p>
-          <strong>{readable(next.motion)}</strong>
+          <strong>{said(next.motion ?? "")}</strong>
         </p>
+      ) : (
+        <>
+          <p>
+            <strong>
+              To tell {rivals(next, report)} apart, record once more and change what a motion alone cannot change:
+            </strong>
+          </p>
+          {other}
+        </>
       )}
-      {next.why && <p>{readable(next.why)}</p>}
-      {separates.length > 0 && <p class="hint">It tells apart: {separates.join(", ")}.</p>}
-      {(next.otherwise ?? []).length > 0 && (
+      {next.why && <p>{said(next.why)}.</p>}
+      {motion && <p class="hint">It tells apart: {rivals(next, report)}.</p>}
+      {motion && otherwise.length > 0 && (
         <details>
           <summary>What else would tell them apart</summary>
-          <ul class="plain-list">
-            {(next.otherwise ?? []).map((text) => (
-              <li key={text}>{readable(text)}</li>
-            ))}
-          </ul>
+          {other}
         </details>
       )}
       {next.motion_file && (
@@ -50,46 +59,16 @@ export function NextExperiment({ id, report }: { id: string; report: Report }) {
           ]}
         />
       )}
-      <Design machine={report.machine} next={next} />
+      <div class="actions">
+        <a class="button" href="#/recalibrate">
+          Record it in the guide
+        </a>
+      </div>
     </Panel>
   );
 }
 
-function Design({ machine, next }: { machine: string; next: Experiment }) {
-  const session = useSession();
-  const command = useCommand();
-  if (!session.may("engineer"))
-    return <p class="hint">An engineer can have a motion designed; an operator records it.</p>;
-  const rods = next.rods ?? "pinned";
-  const seconds = next.seconds ?? null;
-  return (
-    <>
-      <CommandNotice of={command} />
-      <div class="actions">
-        <Button
-          busy={command.busy}
-          disabled={!session.online.value}
-          onClick={() => {
-            const json = {
-              machine,
-              rods,
-              label: "Next experiment",
-              ...(seconds === null ? {} : { duration_s: seconds }),
-            };
-            void command.run<Excitation>({ method: "POST", path: "/excitations", json }, (made) =>
-              command.say({ kind: "good", text: `The motion “${made.label}” is being designed; see Jobs.` }),
-            );
-          }}
-        >
-          Design a motion{seconds === null ? "" : ` of ${duration(seconds)}`}
-        </Button>
-        <a class="button" href="#/recalibrate">
-          Record it in the guide
-        </a>
-        <a class="button" href="#/jobs">
-          Jobs
-        </a>
-      </div>
-    </>
-  );
+function rivals(next: Experiment, report: Report): string {
+  const names = (next.separates ?? []).map((id) => title({ id, joint: null }, report));
+  return names.length === 0 ? "them" : names.join(" and ");
 }

@@ -62,7 +62,7 @@ function cells(one: Value): Row {
   const hardly = one.value !== null && one.std !== null && one.std > FLAG * Math.abs(one.value);
   return {
     value: <span class="number-cell">{withStd(one.value, one.std)}</span>,
-    unit: unit(one.unit),
+    unit: <span class="number-cell">{unit(one.unit)}</span>,
     flag: hardly ? <Mark kind="warning">hardly known</Mark> : "",
   };
 }

@@ -28,6 +28,9 @@ export interface Effect extends Named {
 export interface Law {
   joint: string | null;
   variable: string;
+  second_variable?: string | null;
+  /** Whether the law turns its sign with the direction of motion. */
+  times_sign_of_speed?: boolean;
   added: boolean;
 }
 export interface Candidate extends Named {
@@ -45,9 +48,6 @@ export interface NextExperiment {
   separates?: string[];
   kind?: string | null;
   motion_file?: string | null;
-  rods?: "pinned" | "unpinned" | null;
-  seconds?: number | null;
-  recordings?: number | null;
   otherwise?: string[];
 }
 export interface Shift {
@@ -103,6 +103,8 @@ export interface Report {
   };
   loop: {
     verdict: Verdict;
+    /** Whether anybody looked for what the model lacks: an identification can be ordered without that. */
+    looked: boolean;
     effects: Effect[];
     unexplained: Law[];
     candidates: Candidate[];
@@ -141,6 +143,7 @@ export function readReport(content: unknown): Report | null {
     overall: given.overall,
     loop: {
       verdict: loop.verdict,
+      looked: loop.looked ?? true,
       effects: (loop.effects ?? []).map((effect) => ({
         ...effect,
         parameters: effect.parameters ?? {},

@@ -51,7 +51,7 @@ describe("a result", () => {
 
   it("that was only fitted does not claim that nothing is missing", async () => {
     const fake = service("viewer");
-    const loop = { ...content.loop, verdict: "nothing_missing", effects: [], candidates: [], detection_limits: [] };
+    const loop = { ...content.loop, verdict: "nothing_missing", looked: false, effects: [] };
     fake.resources["/identifications/idn-1/report.json"] = { ...content, loop };
     fake.show(<ResultPage id="idn-1" />);
     await screen.findByText(/nobody looked for what it may lack\. The error is .* times the measurement noise/);
@@ -128,24 +128,44 @@ describe("a result", () => {
   it("leads to the next experiment", async () => {
     const fake = service("engineer");
     const next = {
-      motion: "Move joint2 slowly",
-      why: "they differ by 1.2",
-      separates: ["stribeck"],
-      rods: "unpinned",
-      seconds: 90,
+      kind: "slow_reversals",
+      motion: "reversals of joint2",
+      why: "position_dependent_friction and stribeck differ by 1.2",
+      separates: ["position_dependent_friction", "stribeck"],
       motion_file: "next-experiment.csv",
     };
     fake.resources["/identifications/idn-1/report.json"] = {
       ...content,
       loop: { ...content.loop, verdict: "ambiguous", next_experiment: next },
     };
-    fake.answers["POST /excitations"] = done({ label: "Next experiment" });
     fake.show(<ResultPage id="idn-1" />);
     const panel = await screen.findByRole("region", { name: "Next experiment" });
-    expect(panel.textContent).toContain("Move joint2 slowly");
+    expect(panel.textContent).toContain("Reversals of joint2");
+    expect(panel.textContent).toContain("Friction that depends on the piston position and");
     expect(within(panel).getByRole("button", { name: "Download this motion (CSV)" })).toBeTruthy();
-    fireEvent.click(within(panel).getByRole("button", { name: /Design a motion of 1 min 30 s/ }));
-    await within(panel).findByText(/is being designed/);
-    expect(fake.sent[0]?.json).toMatchObject({ machine: content.machine, rods: "unpinned", duration_s: 90 });
+  });
+
+  it("that no motion helps says what else does, and offers none", async () => {
+    const fake = service("engineer");
+    const otherwise = ["the same stroke with two loads", "change the back-pressure at constant load"];
+    const next = { kind: null, motion: otherwise.join("; or "), why: "no motion tells them apart", otherwise };
+    const loop = { ...content.loop, verdict: "ambiguous", next_experiment: next };
+    fake.resources["/identifications/idn-1/report.json"] = { ...content, loop };
+    fake.show(<ResultPage id="idn-1" />);
+    const panel = await screen.findByRole("region", { name: "Next experiment" });
+    expect(
+      within(panel)
+        .getAllByRole("listitem")
+        .map((one) => one.textContent),
+    ).toEqual(["The same stroke with two loads", "Change the back-pressure at constant load"]);
+    expect(within(panel).queryByRole("button")).toBeNull();
+    expect(within(panel).queryByRole("group")).toBeNull(); // nothing is said twice
+  });
+
+  it("of a machine that is not looked at turns to that machine", async () => {
+    const fake = service("viewer");
+    fake.resources["/identifications/idn-1"] = { ...IDENTIFICATION, machine: "other" };
+    fake.show(<ResultPage id="idn-1" />);
+    await waitFor(() => expect(fake.session.machine.value).toBe("other"));
   });
 });

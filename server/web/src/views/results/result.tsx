@@ -1,7 +1,7 @@
 /** One result, from the verdict down to the recordings. */
-import { useMemo } from "preact/hooks";
+import { useEffect, useMemo } from "preact/hooks";
 import type { components } from "../../net/api.gen";
-import { useResource } from "../../session";
+import { useResource, useSession } from "../../session";
 import { Mark, Notice } from "../../ui/controls";
 import { number, time } from "../../ui/format";
 import { Panel } from "../../ui/layout";
@@ -10,19 +10,24 @@ import { ResultActions } from "./actions";
 import { Frictions, Residuals } from "./drawings";
 import { Candidates, Found, Limits, Moved } from "./findings";
 import { JointErrors } from "./joint_errors";
-import { looked, overall } from "./model";
+import { overall } from "./model";
 import { NextExperiment } from "./next_experiment";
 import { DataUsed, Parameters } from "./parameters";
 import { type Report, readReport } from "./report";
-import { NOT_LOOKED, VERDICTS, change, readable } from "./wording";
+import { change, readable, verdictWords } from "./wording";
 
 type Identification = components["schemas"]["IdentificationResource"];
 type Job = components["schemas"]["JobResource"];
 
 export function ResultPage({ id }: { id: string }) {
+  const session = useSession();
   const place = `/identifications/${encodeURIComponent(id)}`;
   const identification = useResource<Identification>(place, ["identifications", "jobs"]);
   const found = identification.value;
+  // Who comes by a link goes on to the guide or the calibrations of the machine that is shown.
+  useEffect(() => {
+    if (found !== null) session.choose(found.machine);
+  }, [found?.machine]);
   const done = found !== null && found.verdict !== null;
   const job = useResource<Job>(found === null || done ? null : `/jobs/${encodeURIComponent(found.job)}`, "jobs");
   const content = useResource<unknown>(done ? `${place}/report.json` : null, []);
@@ -70,8 +75,8 @@ function Sections({ id, report }: { id: string; report: Report }) {
 }
 
 function Verdict({ report }: { report: Report }) {
-  const searched = looked(report);
-  const [kind, words] = searched ? VERDICTS[report.loop.verdict] : NOT_LOOKED;
+  const searched = report.loop.looked;
+  const [kind, words] = verdictWords(searched ? report.loop.verdict : "not_looked_for");
   const all = overall(report);
   return (
     <section class={`panel verdict ${kind}`} aria-label="Verdict">
@@ -127,7 +132,7 @@ function Warnings({ report }: { report: Report }) {
     <Panel title={`Warnings (${report.warnings.length})`}>
       <ul class="plain-list">
         {report.warnings.map((warning) => (
-          <li key={warning}>{readable(warning)}</li>
+          <li key={warning}>{readable(warning, report)}</li>
         ))}
       </ul>
     </Panel>

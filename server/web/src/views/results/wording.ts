@@ -1,16 +1,21 @@
 /** Names, units and changes of reports as a person reads them. */
 import type { NoticeKind } from "../../ui/controls";
 import { DASH, number } from "../../ui/format";
-import type { Candidate, Named, Report, Verdict } from "./report";
+import type { Candidate, Law, Named, Report, Verdict } from "./report";
 
 const SUPERSCRIPT: Record<string, string> = { "2": "²", "3": "³", "4": "⁴", "5": "⁵", "6": "⁶" };
 // Measured and derived signals as programs write them; joints and files may be called anything else with underscores.
 const SIGNAL =
   /(joint|piston|head|rod|supply|tank|cylinder|oil|base)_(position|speed|acceleration|effort|pressure|force|temperature|roll|pitch)/g;
 
-/** A unit with real exponents: `kg m^2` as `kg m²`. */
+/** A name in a text that may be the id of an effect. */
+const NAME = /(?<![\w.])[a-z]+(?:_[a-z]+)+(?!\w)/g;
+
+/** A unit with real exponents: `kg m^2` as `kg m²`; nothing for a number without one. */
 export function unit(text: string | null | undefined): string {
-  return (text ?? "").replace(/\^([2-6])/g, (_all, power: string) => SUPERSCRIPT[power] ?? power);
+  return (text === "1" ? "" : (text ?? ""))
+    .replace("^(1/3)", "¹⁄³")
+    .replace(/\^([2-6])/g, (_all, power: string) => SUPERSCRIPT[power] ?? power);
 }
 
 /** `piston_position` as `piston position`. */
@@ -18,9 +23,19 @@ export function words(name: string): string {
   return name.replace(/_/g, " ");
 }
 
-/** Names of signals in a text with spaces. */
-export function readable(text: string): string {
-  return text.replace(SIGNAL, "$1 $2");
+/** Names of signals in a text with spaces; effects of the report by their titles. */
+export function readable(text: string, report?: Report): string {
+  const { candidates = [], effects = [] } = report?.loop ?? {};
+  const titles = new Map([...candidates, ...effects].map((one) => [one.id, one.title ?? words(one.id)]));
+  return text.replace(NAME, (name) => titles.get(name) ?? name).replace(SIGNAL, "$1 $2");
+}
+
+/** What an unexplained law says: `the error at joint1 follows the piston position`. */
+export function follows(law: Law): string {
+  const where = law.joint === null ? "of the whole machine" : `at ${law.joint}`;
+  const second = law.second_variable ? ` together with the ${words(law.second_variable)}` : "";
+  const turns = law.times_sign_of_speed ? ", and turns its sign with the direction of motion" : "";
+  return `the error ${where} follows the ${words(law.variable)}${second}${turns}`;
 }
 
 export function capital(text: string): string {

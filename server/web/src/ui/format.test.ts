@@ -1,0 +1,11 @@
+import { expect, it } from "vitest";
+import { ticks } from "./format";
+
+it("labels an axis alike: decimals that are needed, thousands apart, a real minus", () => {
+  expect(ticks([-200, 0, 200])).toEqual(["−200", "0", "200"]);
+  expect(ticks([0.1, 0.15, 0.2])).toEqual(["0.10", "0.15", "0.20"]);
+  expect(ticks([8000, 10000])).toEqual(["8\u202f000", "10\u202f000"]);
+  expect(ticks([0.30000000000000004, 0.6])).toEqual(["0.3", "0.6"]);
+  expect(ticks([1234.5, 2000])).toEqual(["1\u202f234.5", "2\u202f000.0"]);
+  expect(ticks([1e-7, 2e-7])).toEqual(["0.0000001", "0.0000002"]);
+});
