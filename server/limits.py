@@ -15,9 +15,10 @@ from server.settings import is_loopback
 
 #: What is data is no page: nothing in it may do anything (Content Security Policy, level 3).
 API_POLICY = "default-src 'none'; frame-ancestors 'none'; base-uri 'none'; form-action 'none'"
-#: The page loads its own files only and talks to its own service only. Style attributes are set by its drawings.
+#: The page loads its own files only and talks to its own service only. Its drawings set styles by the object model
+#: (``element.style``), which a policy does not govern; styles written in markup are refused.
 PAGE_POLICY = (
-    "default-src 'none'; script-src 'self'; style-src 'self' 'unsafe-inline'; img-src 'self' data: blob:; "
+    "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data: blob:; "
     "font-src 'self'; connect-src 'self'; manifest-src 'self'; frame-src 'self' blob:; "
     "frame-ancestors 'none'; base-uri 'none'; form-action 'none'"
 )

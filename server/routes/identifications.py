@@ -18,7 +18,8 @@ from server.service import Service
 
 router = APIRouter(prefix="/identifications", tags=["identifications"])
 #: The report is a page of ours, but it shows names from machine files: it may run no script and load nothing
-#: from elsewhere.
+#: from elsewhere. It is one file that is read without the service too, so its style sheet stands in it; without
+#: scripts and requests an inline style can do no more than look wrong.
 REPORT_POLICY = "default-src 'none'; style-src 'unsafe-inline'; img-src data:; font-src data:; sandbox"
 
 

@@ -73,6 +73,28 @@ def test_a_view_has_no_serious_fault_of_access_and_large_enough_targets(tablet: 
     assert grave == []
 
 
+_REFUSED = """addEventListener("securitypolicyviolation", (event) => {
+  (globalThis.refused ??= []).push(`${event.effectiveDirective} ${event.sourceFile}:${event.lineNumber}`);
+});"""
+
+
+def test_no_view_does_what_the_policy_refuses(browser: Any, site: Site) -> None:
+    with browser.new_context() as context:
+        context.set_default_timeout(60_000)
+        context.add_init_script(_REFUSED)
+        page = context.new_page()
+        policy = page.goto(f"{site.url}/").headers["content-security-policy"]
+        assert "unsafe" not in policy
+        page.locator(".strip canvas").first.wait_for()
+        for view in VIEWS:
+            show(page, site, view)
+        assert page.evaluate("globalThis.refused ?? []") == []
+        # A style in markup is refused, and is seen here.
+        page.evaluate("document.body.insertAdjacentHTML('beforeend', '<p style=\"color: red\">no</p>')")
+        page.wait_for_timeout(100)
+        assert [each.split()[0] for each in page.evaluate("globalThis.refused")] == ["style-src-attr"]
+
+
 def test_the_keyboard_is_enough(page: Any, site: Site) -> None:
     page.goto(f"{site.url}/#/live")
     page.get_by_role("region", name="Joint positions").get_by_text("fresh").wait_for()
