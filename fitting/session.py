@@ -35,6 +35,8 @@ FloatArray = npt.NDArray[np.float64]
 
 #: Roles that parameters are fitted on. `validate` is never among them.
 FITTED_ROLES = ("unloaded", "train", "repeat", "operation")
+#: s for which a joint has to move without a rest: noise alone passes for less.
+_MOVING_S = 0.5
 _BANDWIDTH_FACTOR = 5.0
 _LEAST_BANDWIDTH = 3.0
 #: Samples of all joints together above which signals and columns are kept in a file (eight minutes of six joints at
@@ -276,15 +278,28 @@ class Session:
         """Joint fit of the base model on a design."""
         return fit_model(prepared.design, prepared.noise, prepared.fitted, (), self.prior)
 
+    def _require_motion(self, roles: tuple[str, ...], consequence: str) -> None:
+        """Refuse recordings in none of which a joint moves; noise alone seems to move for a moment now and then."""
+        design = self.plain.design
+        indices, least = design.indices(*roles), _MOVING_S * self.bank.reduced_rate_hz
+        if indices and not any(_longest(blocks[i].keep) >= least for i in indices for blocks in design.blocks):
+            files = ", ".join(r.file for r in self.recordings if r.role in roles)
+            raise RecordingError(
+                f"{files}: no joint moves, so {consequence}; record while the machine works, or let it follow a motion"
+            )
+
     def require_excitation(self) -> None:
-        """Refuse a motion that cannot tell the base parameters.
+        """Refuse recordings without motion, and a motion that cannot tell the base parameters.
 
         Raises
         ------
         RecordingError
-            Naming the parameters that cannot be told. Recordings of role `operation` are never refused.
+            Naming the recordings in which nothing moves, or the parameters that cannot be told. Recordings of role
+            `operation` are not refused for what they cannot tell.
         """
         design = self.plain.design
+        self._require_motion(("train", "repeat", "operation"), "nothing can be fitted")
+        self._require_motion(("validate",), "nothing can be judged")
         indices = design.indices("train", "repeat")
         if not indices or design.indices("operation"):
             return
@@ -304,3 +319,9 @@ class Session:
                 f"{files}: this motion does not excite {names}; move more joints, or design a motion with "
                 "'hilfit excite'"
             )
+
+
+def _longest(chosen: npt.NDArray[np.bool_]) -> int:
+    """Length of the longest run of True."""
+    ends = np.flatnonzero(np.diff(np.concatenate([[False], chosen, [False]]).astype(np.int8)))
+    return int(np.max(ends[1::2] - ends[::2], initial=0))

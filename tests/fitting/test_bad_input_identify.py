@@ -33,6 +33,8 @@ def good(tmp_path_factory: pytest.TempPathFactory) -> Path:
     write_recording(directory / "another.parquet", other, "train", recording.time, recording.values)
     one = make_recordings(machine, truth(2), (("train", 2),), seconds=15.0, moving=[1])[0]
     write_recording(directory / "one-joint.parquet", machine, "train", one.time, one.values)
+    still = make_recordings(machine, truth(2), (("validate", 3),), seconds=15.0, moving=[])[0]
+    write_recording(directory / "still.parquet", machine, "validate", still.time, still.values)
     return directory
 
 
@@ -181,6 +183,7 @@ def test_bad_input_is_one_line_and_nothing_is_written(
         ({"train": "unloaded.parquet"}, ["unloaded.parquet", "unloaded", "train"]),
         ({"unloaded": "train.parquet"}, ["train.parquet", "unloaded"]),
         ({"validate": "copy.parquet"}, ["copy.parquet", "train.parquet", "another motion"]),
+        ({"validate": "still.parquet"}, ["still.parquet", "no joint moves", "nothing can be judged"]),
         ({"train": "one-joint.parquet", "repeat": None}, ["one-joint.parquet", "ZZ1", "hilfit excite"]),
     ],
 )

@@ -164,6 +164,7 @@ def test_a_site_from_design_to_recalibration(tmp_path: Path) -> None:
         first = recalibrate_by_hand(place, recorded)
         exports(who, recorded[1])
         schedule_fires_twice(place, [designs["train"], designs["validate"]], first)
+        a_days_work_is_compared(place, [designs["train"], designs["validate"]], first)
         assert place.admin.get("/audit/verification")["intact"]
         counts = who.get("/status")["acquisition"][MACHINE]["counts"]
         assert counts["skipped"] == 0
@@ -257,3 +258,36 @@ def schedule_fires_twice(place: SiteOfTest, excitations: list[str], active: str)
         assert compared["parameters"]
     assert [row["id"] for row in who.get("/calibrations", machine=MACHINE, state="active")["items"]] == [active]
     assert not [a for a in who.get("/alarms", state="active")["items"] if a["kind"] == "recalibration_failed"]
+    who.ask("DELETE", path, 204)
+
+
+def a_days_work_is_compared(place: SiteOfTest, work: list[str], active: str) -> None:
+    """A schedule that records normal operation: nobody tells the machine to move, and the slot waits for nobody.
+
+    The machine has work of its own: its controller got motions from elsewhere, longer than what is recorded.
+    """
+    who = place.engineer
+    wish = {
+        "machine": MACHINE,
+        "label": "by day",
+        "cron": "30 * * * *",
+        "motion": "operation",
+        "duration_s": 1.5 * SECONDS,
+        "options": OPTIONS,
+    }
+    path = f"/schedules/{who.post('/schedules', 201, wish)['id']}"
+    for excitation in 2 * work:
+        who.post(f"/excitations/{excitation}/send", 202)
+    place.later(3.0)
+    slot = wait_until("the slot has its turn", lambda: who.get(f"{path}/slots")["items"])[0]
+    job = who.done(slot["job"])
+    found = who.get(f"/recalibrations/{job['subject']}")
+    rows = {role: who.get(f"/recordings/{id}/statistics")["rows"] for role, id in found["recordings"].items()}
+    assert rows.keys() == {"operation", "validate"}
+    assert rows["operation"] == pytest.approx(2 * rows["validate"], rel=0.2), "two thirds are fitted"
+    report = who.get(f"/identifications/{found['identification']}/report.json")
+    assert {entry["role"] for entry in report["data"]} == {"operation", "validate"}
+    assert found["comparison"]["active"] == active
+    assert all(table["after"] > 0 for table in found["comparison"]["joints"].values())
+    assert who.get(f"/calibrations/{found['calibration']}")["state"] == "proposed"
+    assert [row["id"] for row in who.get("/calibrations", machine=MACHINE, state="active")["items"]] == [active]
