@@ -6,9 +6,9 @@ from typing import Annotated, Any, Literal, get_args
 
 from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag, field_validator, model_validator
 
-from daq.machine_file_errors import did_you_mean
+from daq.machine_file_errors import NAME_PATTERN, did_you_mean
 
-Name = Annotated[str, Field(pattern=r"^[A-Za-z_][A-Za-z0-9_.\-]*$", max_length=80)]
+Name = Annotated[str, Field(pattern=NAME_PATTERN, max_length=80)]
 DataType = Literal["int8", "uint8", "int16", "uint16", "int32", "uint32", "int64", "uint64", "float32", "float64"]
 
 

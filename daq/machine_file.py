@@ -341,7 +341,9 @@ def parse_machine(text: str, name: str = "machine file") -> Machine:
         mark = getattr(error, "problem_mark", None)
         line = f":{mark.line + 1}" if mark is not None else ""
         problem = " ".join(str(getattr(error, "problem", None) or "cannot be parsed").split())
-        raise MachineFileError(f"{name}{line}: not valid YAML: {problem}") from None
+        raise MachineFileError(
+            f"{name}{line}: not valid YAML: {problem}; docs/machine-file.md shows a whole file"
+        ) from None
     if not isinstance(content, dict):
         raise MachineFileError(f"{name}: not a machine file; it must start with 'schema: {SCHEMA}'")
     if content.get("schema") != SCHEMA:

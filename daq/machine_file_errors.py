@@ -11,6 +11,11 @@ from pydantic import ValidationError
 
 _UNION_TAGS = frozenset(("three_pin", "rack", "direct", "polynomial", "canopen", "modbus_tcp", "modbus_rtu", "other"))
 
+#: What machines, joints, channels and buses may be called.
+NAME_PATTERN = r"^[A-Za-z_][A-Za-z0-9_.\-]*$"
+#: Characters of what was found that are shown.
+_SHOWN = 60
+
 
 def did_you_mean(word: str, options: Sequence[str]) -> str:
     """``; did you mean '...'?`` or nothing."""
@@ -40,10 +45,17 @@ def one_line(name: str, tree: yaml.Node | None, error: ValidationError, keys: Se
     elif problem["type"] == "missing":
         what = "this key is missing"
     elif isinstance(problem.get("input"), str | int | float | bool):
-        what = f"{what[0].lower()}{what[1:]} (found {problem['input']!r})"
+        if problem["type"] == "string_pattern_mismatch" and problem["ctx"]["pattern"] == NAME_PATTERN:
+            what = "write letters, digits, '_', '-' and '.', beginning with a letter or '_'"
+        what = f"{what[0].lower()}{what[1:]} (found {_short(repr(problem['input']))})"
     more = f" (and {len(problems) - 1} more)" if len(problems) > 1 else ""
     place = f"{name}:{line}" if line else name
     return " ".join(f"{place}: {key}: {what}{more}".replace(": : ", ": ").split())
+
+
+def _short(text: str) -> str:
+    """A text that fits into a line, cut in its middle."""
+    return text if len(text) <= _SHOWN else f"{text[: _SHOWN // 2]}\u2026{text[-_SHOWN // 4 :]}"
 
 
 def _place(text: str, tree: yaml.Node | None) -> list[str | int]:

@@ -46,7 +46,8 @@ def check(cron: str, timezone: str, now: datetime) -> None:
         if second is None:
             return
         if second - first < SHORTEST:
-            raise InvalidError(f"cron '{cron}' comes more often than every {SHORTEST.seconds // 60} minutes")
+            least = SHORTEST.seconds // 60
+            raise InvalidError(f"cron '{cron}' comes more often than every {least} minutes; hourly is '0 * * * *'")
         first = second
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 
 import numpy as np
@@ -80,10 +81,15 @@ def test_files_that_cannot_be_read(tmp_path: Path) -> None:
 
 
 def test_text_that_is_no_machine_file() -> None:
-    refuse("joints: [", "not valid YAML")
+    refuse("joints: [", "not valid YAML", "docs/machine-file.md")
     refuse("just a text", "not a machine file")
     refuse("schema: hilfit/machine/7", "hilfit/machine/7")
     refuse("", "not a machine file")
+
+
+def test_a_name_that_cannot_be_is_shown_short_with_what_it_may_be() -> None:
+    refuse(re.sub("^name: .*$", "name: ../x y", plain(), flags=re.M), ":3: name: write letters, digits", "'../x y'")
+    refuse(re.sub("^name: .*$", f"name: {'n' * 300}", plain(), flags=re.M), "at most 80 characters", "nnn\u2026nnn")
 
 
 def test_unknown_keys_are_named_with_their_line_and_a_guess() -> None:

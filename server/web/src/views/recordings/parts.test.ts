@@ -116,7 +116,9 @@ describe("an upload", () => {
   it("is refused before a byte is sent where the service would refuse it", () => {
     expect(refusal({ name: "a.CSV", size: 1 })).toBeNull();
     expect(refusal({ name: "a.xlsx", size: 1 })).toContain(".parquet");
-    expect(refusal({ name: "a.mf4", size: 0 })).toContain("empty");
+    expect(refusal({ name: "a.mf4", size: 0 })).toContain("is empty; export");
+    expect(refusal({ name: `${"x".repeat(196)}.csv`, size: 1 })).toBeNull();
+    expect(refusal({ name: `${"x".repeat(197)}.csv`, size: 1 })).toContain("more than 200 characters");
   });
 
   it("is sent once, with who sends it, and tells how far it is", async () => {

@@ -5,6 +5,8 @@ import type { components } from "../../net/api.gen";
 type Recording = components["schemas"]["RecordingResource"];
 
 export const ENDINGS = [".csv", ".parquet", ".mf4"];
+/** Characters of a file's name that the service keeps. */
+const LONGEST = 200;
 const UNKNOWN =
   "Unknown whether the file arrived: the connection was lost before the answer. Look at the list before it is sent again.";
 
@@ -19,7 +21,9 @@ export interface UploadOrder {
 export function refusal(file: { name: string; size: number }): string | null {
   if (!ENDINGS.some((ending) => file.name.toLowerCase().endsWith(ending)))
     return `“${file.name}” is none of ${ENDINGS.join(", ")}; export the recording as one of them.`;
-  if (file.size === 0) return `“${file.name}” is empty.`;
+  if (file.name.length > LONGEST)
+    return `“${file.name.slice(0, 40)}…” has a name of more than ${LONGEST} characters; give the file a shorter one.`;
+  if (file.size === 0) return `“${file.name}” is empty; export the recording again.`;
   return null;
 }
 

@@ -18,7 +18,7 @@ export function UploadPanel({ machine, onDone }: { machine: string; onDone: () =
 
   const send = async (): Promise<void> => {
     setNotices([]);
-    for (const file of files) {
+    for (const [at, file] of files.entries()) {
       setNow({ name: file.name, fraction: 0 });
       const order = { file, machine, role, headers: session.client.headers() };
       const sent = upload(order, (fraction) => setNow({ name: file.name, fraction }));
@@ -30,7 +30,12 @@ export function UploadPanel({ machine, onDone }: { machine: string; onDone: () =
           ? { kind: "good", text: `“${file.name}” is stored.` }
           : { kind: outcome.kind === "refused" ? "bad" : "warning", text: outcome.text };
       setNotices((before) => [...before, notice]);
-      if (outcome.kind !== "done") break; // whoever stands there decides whether the others shall follow
+      if (outcome.kind === "done") continue;
+      // Whoever stands there decides whether the others shall follow.
+      const rest = files.slice(at + 1).map((one) => `“${one.name}”`);
+      if (rest.length > 0)
+        setNotices((before) => [...before, { kind: "info", text: `Not sent: ${rest.join(", ")}. Choose again.` }]);
+      break;
     }
     setNow(null);
     setFiles([]);

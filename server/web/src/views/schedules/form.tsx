@@ -6,7 +6,7 @@ import { Button, Field, type InputEvent, Notice, type SelectEvent } from "../../
 import { duration } from "../../ui/format";
 import { Panel } from "../../ui/layout";
 import { cronOf, ownZone, planOf } from "./cron";
-import { When } from "./when";
+import { When, useUpcoming } from "./when";
 
 type Schedule = components["schemas"]["ScheduleResource"];
 type Wish = components["schemas"]["ScheduleWish"];
@@ -36,6 +36,7 @@ export function ScheduleForm({ machine, schedule, onEnd }: FormProps) {
   const designed = useResource<Excitations>(place, ["excitations", "jobs"]);
   const motions = (designed.value?.items ?? []).filter((one) => one.state === "done" && one.rods !== "unpinned");
 
+  const upcoming = useUpcoming(plan, zone);
   const seconds = 60 * Number(minutes);
   const deadline = 60 * Number(wait);
   const wrong = {
@@ -43,7 +44,9 @@ export function ScheduleForm({ machine, schedule, onEnd }: FormProps) {
     wait: deadline >= 10 && deadline <= 86400 ? null : "Between 1 and 1440 minutes.",
     fit: motion === "standard" && fit === "" ? "Choose the motion that is fitted." : null,
   };
-  const good = wrong.wait === null && (motion === "operation" ? wrong.minutes === null : wrong.fit === null);
+  // What the service says of the times stands beside them already.
+  const times = cronOf(plan) !== "" && upcoming.error === null;
+  const good = times && wrong.wait === null && (motion === "operation" ? wrong.minutes === null : wrong.fit === null);
 
   const send = (): void => {
     const kept = schedule === null ? {} : { options: schedule.options, enabled: schedule.enabled };
@@ -69,6 +72,7 @@ export function ScheduleForm({ machine, schedule, onEnd }: FormProps) {
   return (
     <Panel title={schedule === null ? "New schedule" : `Change “${schedule.label}”`}>
       <form
+        onInput={() => command.say(null)} // what was said is of the form as it was
         onSubmit={(event) => {
           event.preventDefault();
           send();
@@ -82,7 +86,7 @@ export function ScheduleForm({ machine, schedule, onEnd }: FormProps) {
             onInput={(event: InputEvent) => setLabel(event.currentTarget.value)}
           />
         </Field>
-        <When plan={plan} zone={zone} onPlan={setPlan} onZone={setZone} />
+        <When plan={plan} zone={zone} upcoming={upcoming} onPlan={setPlan} onZone={setZone} />
         <div class="columns">
           <Field
             label="What is recorded"

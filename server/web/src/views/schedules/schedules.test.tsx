@@ -102,6 +102,11 @@ describe("schedules", () => {
     fireEvent.change(screen.getByLabelText("How often"), { target: { value: "own" } });
     fireEvent.input(screen.getByLabelText("Cron expression"), { target: { value: "often" } });
     await screen.findByText(/there is nothing at \/schedules\/upcoming\?cron=often/);
+    // Said once, beside the expression: it is not sent to hear it again.
+    expect(screen.getByRole("button", { name: "Make the schedule" }).hasAttribute("disabled")).toBe(true);
+    fireEvent.input(screen.getByLabelText("Cron expression"), { target: { value: "" } });
+    await screen.findByText("Write an expression to see its next times.");
+    expect(screen.getByRole("button", { name: "Make the schedule" }).hasAttribute("disabled")).toBe(true);
   });
 
   it("are not made with a duration that no service takes", async () => {

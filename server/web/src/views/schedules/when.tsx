@@ -1,21 +1,28 @@
 /** When a schedule runs: plain presets or a cron expression, the time zone, and what comes out of it. */
 import type { components } from "../../net/api.gen";
 import { query } from "../../net/client";
-import { useResource } from "../../session";
+import { type Resource, useResource } from "../../session";
 import { Field, type InputEvent, Notice, type SelectEvent } from "../../ui/controls";
 import { useSettled } from "../settled";
 import { type Every, type Plan, WEEKDAYS, cronOf, inZone, timeZones, two } from "./cron";
 
 type Upcoming = components["schemas"]["UpcomingSlots"];
 
+/** The next five times, as the service counts them; nothing is asked of an expression that is not there yet. */
+export function useUpcoming(plan: Plan, zone: string): Resource<Upcoming> {
+  const cron = useSettled(cronOf(plan));
+  return useResource<Upcoming>(cron === "" ? null : `/schedules/upcoming${query({ cron, timezone: zone })}`, []);
+}
+
 interface WhenProps {
   plan: Plan;
   zone: string;
+  upcoming: Resource<Upcoming>;
   onPlan: (plan: Plan) => void;
   onZone: (zone: string) => void;
 }
 
-export function When({ plan, zone, onPlan, onZone }: WhenProps) {
+export function When({ plan, zone, upcoming, onPlan, onZone }: WhenProps) {
   const days = Array.from({ length: 28 }, (_, index) => index + 1);
   const cron = cronOf(plan);
   return (
@@ -99,17 +106,16 @@ export function When({ plan, zone, onPlan, onZone }: WhenProps) {
           </select>
         </Field>
       </div>
-      <NextTimes cron={cron} zone={zone} />
+      {cron === "" ? (
+        <p class="hint">Write an expression to see its next times.</p>
+      ) : (
+        <NextTimes upcoming={upcoming} zone={zone} />
+      )}
     </>
   );
 }
 
-/** The next five times, as the service counts them. */
-function NextTimes({ cron: typed, zone }: { cron: string; zone: string }) {
-  const cron = useSettled(typed);
-  const path = cron === "" ? null : `/schedules/upcoming${query({ cron, timezone: zone })}`;
-  const upcoming = useResource<Upcoming>(path, []);
-  if (path === null) return <p class="hint">Write an expression to see its next times.</p>;
+function NextTimes({ upcoming, zone }: { upcoming: Resource<Upcoming>; zone: string }) {
   if (upcoming.error !== null) return <Notice kind="bad">{upcoming.error}</Notice>;
   if (upcoming.value === null) return <p role="status">Reading …</p>;
   return (
