@@ -78,6 +78,8 @@ EVIDENCE = {
     "inflation": "factor of chi-square by those replicas",
 }
 
+#: Units of what says which variant of an effect it is, and not how large.
+_NO_SIZES = ("choice", "index")
 #: A name in a text that may be the id of an effect.
 _NAME = re.compile(r"(?<![A-Za-z0-9_.])[a-z]+(?:_[a-z]+)+(?![A-Za-z0-9_])")
 
@@ -157,7 +159,7 @@ def sizes(parameters: Mapping[str, Any] | None, most: int = 4) -> str:
     parts = [
         f"{name} = {with_std(entry.get('value'), entry.get('std'))} {unit(entry.get('unit'))}".strip()
         for name, entry in list((parameters or {}).items())[:most]
-        if entry.get("value") is not None
+        if entry.get("value") is not None and entry.get("unit") not in _NO_SIZES
     ]
     return ", ".join(parts)
 

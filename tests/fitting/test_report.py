@@ -660,6 +660,11 @@ def test_signals_are_named_in_words_and_other_names_stay() -> None:
     )
 
 
+def test_which_variant_an_effect_is_is_no_size() -> None:
+    entries = {"a": {"value": 26.0, "std": 1.4, "unit": "N"}, "odd": {"value": 1.0, "std": None, "unit": "choice"}}
+    assert sizes(entries) == "a = 26.0 \u00b1 1.4 N"
+
+
 def test_effects_in_a_text_are_named_by_their_titles() -> None:
     titles = {"load_dependent_friction": "Friction that grows with the load"}
     text = "within 31.5 of load_dependent_friction: compare joint_2.load_dependent_friction and no_such_effect"

@@ -60,9 +60,13 @@ export function Notice({ kind, children }: { kind: NoticeKind; children: Compone
   );
 }
 
+/** Beside what a notice says: nothing goes on, and something is being recorded. */
+const MARKS = { off: "–", recording: "●" } as const;
+export type MarkKind = NoticeKind | keyof typeof MARKS;
+
 /** A short state in words, with a sign; `kind` chooses both. */
-export function Mark({ kind, children }: { kind: NoticeKind | "off"; children: ComponentChildren }) {
-  const sign = kind === "off" ? "–" : SIGNS[kind][0];
+export function Mark({ kind, children }: { kind: MarkKind; children: ComponentChildren }) {
+  const sign = kind === "off" || kind === "recording" ? MARKS[kind] : SIGNS[kind][0];
   return (
     <span class={`mark ${kind}`}>
       <span class="sign" aria-hidden="true">

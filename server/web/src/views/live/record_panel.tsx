@@ -24,7 +24,7 @@ export function RecordPanel({ machine, acquired }: { machine: string; acquired: 
 
   if (recording !== undefined)
     return (
-      <Panel title="Recording" actions={<Mark kind="bad">Recording</Mark>}>
+      <Panel title="Recording" actions={<Mark kind="recording">Recording</Mark>}>
         <p>
           <strong>{recording.label}</strong>, {ROLE_WORDS[recording.role as Role] ?? recording.role}, for{" "}
           <Since iso={recording.created} />

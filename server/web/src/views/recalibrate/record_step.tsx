@@ -48,7 +48,7 @@ export function RecordStep({ machine, role, guide, recording, onMotion }: Record
     return (
       <>
         <p class="now-recording">
-          <Mark kind="bad">Recording</Mark> for <Since iso={recording.created} />
+          <Mark kind="recording">Recording</Mark> for <Since iso={recording.created} />
         </p>
         <p>{WORDS[role]}</p>
         <MotionChoice machine={machine} role={role} guide={guide} onMotion={onMotion} />
