@@ -15,8 +15,11 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
-from server.errors import UnavailableError
+from server.errors import StartError, UnavailableError
 from server.store import RecordingRow
+
+#: Storage without folders, by fsspec's names: to make one would be to make a bucket, of a name that was mistyped.
+BUCKETS = frozenset({"s3", "s3a", "gs", "gcs", "az", "abfs", "abfss"})
 
 
 class SharedRecordings:
@@ -25,14 +28,29 @@ class SharedRecordings:
     Parameters
     ----------
     url : ``s3://bucket/folder``, ``file:///mount/folder``, or whatever else fsspec knows
+
+    Raises
+    ------
+    StartError
+        If there is nothing installed for such a URL, or it names no folder.
     """
 
     def __init__(self, url: str) -> None:
-        from fsspec.core import url_to_fs  # an extra: only whoever shares needs it
-
         self._url = url.rstrip("/")
-        found: tuple[Any, str] = url_to_fs(self._url)
+        if not self._url.startswith("/") and "://" not in self._url:  # else fsspec takes it for a relative path
+            raise StartError(f"recordings_url {url}: names no folder; write s3://bucket/folder or file:///mount/folder")
+        try:
+            from fsspec.core import url_to_fs  # an extra: only whoever shares needs it
+
+            found: tuple[Any, str] = url_to_fs(self._url)
+        except (ImportError, ValueError) as error:
+            reason = " ".join(str(error).split())
+            raise StartError(
+                f"recordings_url {url}: cannot be used ({reason}); install hilfit[s3], or what fsspec needs for it"
+            ) from None
         self._files, self._root = found
+        kinds = self._files.protocol
+        self._has_folders = not BUCKETS & set([kinds] if isinstance(kinds, str) else kinds)
 
     def put(self, row: RecordingRow, path: Path) -> bool:
         """Put a sealed recording there unless it is there already; whether it had to be.
@@ -46,7 +64,8 @@ class SharedRecordings:
         try:
             if self._size(target) == row.bytes:
                 return False
-            self._files.makedirs(self._root, exist_ok=True)
+            if self._has_folders:
+                self._files.makedirs(self._root, exist_ok=True)
             # Under another name first: a copy that broke off must not be taken for a recording.
             partial = f"{target}.{secrets.token_hex(4)}.partial"
             self._files.put_file(str(path), partial)

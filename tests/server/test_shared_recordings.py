@@ -14,7 +14,7 @@ import pytest
 from service_fakes import MACHINE, Fakes, running_service
 
 from server.children import ChildResult
-from server.errors import UnavailableError
+from server.errors import StartError, UnavailableError
 from server.files import DataDirectory
 from server.identify import Wish
 from server.jobs.identification import IdentificationKind
@@ -99,6 +99,49 @@ def test_a_copy_that_was_cut_short_is_put_again(url: str, local: Path) -> None:
     files.pipe_file(f"{root}/rec-1.parquet", CONTENT[:3])
     assert SharedRecordings(url).put(row(), local)
     assert files.cat_file(f"{root}/rec-1.parquet") == CONTENT
+
+
+@pytest.mark.parametrize(
+    ("url", "says"),
+    [
+        ("s9://site/recordings", "Protocol not known: s9); install hilfit"),
+        ("s3://", "names no folder; write s3://bucket/folder"),
+        ("recordings", "names no folder; write s3://bucket/folder"),
+    ],
+)
+def test_a_url_that_cannot_be_used_is_said_in_one_line(url: str, says: str) -> None:
+    with pytest.raises(StartError) as refused:
+        SharedRecordings(url)
+    assert f"recordings_url {url}: " in str(refused.value) and says in str(refused.value)
+    assert "\n" not in str(refused.value)
+
+
+class Buckets:
+    """Storage without folders, as S3 is one: to make one is to make a bucket."""
+
+    protocol = ("s3", "s3a")
+
+    def __init__(self) -> None:
+        self.kept: dict[str, bytes] = {}
+
+    def info(self, place: str) -> dict[str, int]:
+        raise FileNotFoundError(place)
+
+    def makedirs(self, path: str, exist_ok: bool = False) -> None:
+        raise AssertionError(f"made the bucket of {path}")
+
+    def put_file(self, path: str, place: str) -> None:
+        self.kept[place] = Path(path).read_bytes()
+
+    def mv(self, place: str, target: str) -> None:
+        self.kept[target] = self.kept.pop(place)
+
+
+def test_no_bucket_is_made(local: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    buckets = Buckets()
+    monkeypatch.setattr("fsspec.core.url_to_fs", lambda url: (buckets, "site/recordings"))
+    assert SharedRecordings("s3://site/recordings").put(row(), local)
+    assert buckets.kept == {"site/recordings/rec-1.parquet": CONTENT}
 
 
 @pytest.mark.slow

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import json
 import subprocess
 from collections import Counter
 from collections.abc import Iterator
@@ -20,7 +21,8 @@ from server.bench.postgresql import OWNER
 from server.bench.storm.traffic import Told
 from server.bench.targets import Check, fact
 from server.files import DataDirectory
-from server.store import Database, tables
+from server.jobs.places import Results
+from server.store import Database, Identifications, tables
 from server.store.jobs import FINAL
 
 #: Counts every time that a result is stored, by a trigger that is none of the service's.
@@ -61,6 +63,7 @@ def all_checks(database: Database, files: DataDirectory, told: Told) -> Iterator
     yield from jobs(database)
     yield from results(database, told)
     yield from steps(database, files)
+    yield undisturbed(database, files, told)
     yield from recordings(database, files, told)
     yield from schedules(database)
     yield from integrity(database, told)
@@ -108,6 +111,27 @@ def results(database: Database, told: Told) -> Iterator[Check]:
         if stored[row.id] != done or (row.verdict is not None) != done:
             wrong.append(f"{row.id} {row.state}, stored {stored[row.id]} times")
     yield _none("results stored once", wrong, sum(row.state == "done" for row in rows))
+
+
+def undisturbed(database: Database, files: DataDirectory, told: Told) -> Check:
+    """Every real identification was done, with the verdict, the numbers and the report of one before the storm."""
+    results, rows = Results(database, files), Identifications(database)
+
+    def found(id: str) -> dict[str, Any]:
+        report: dict[str, Any] = json.loads((results.identification(id) / "report.json").read_bytes())
+        row = rows.get(id)
+        return report | {"verdict": row.verdict, "overall_stored": row.overall, "created": None}
+
+    expected, wrong = found(told.undisturbed), []
+    for key in told.real:
+        try:
+            report = found(told.orders[key])
+            different = [part for part in expected if report.get(part) != expected[part]]
+            wrong += [f"{key}: {', '.join(different)} differ"] if different else []
+        except (OSError, ValueError) as error:
+            wrong.append(f"{key}: no report ({error})")
+    said = f"{len(told.real)}, each {expected['verdict']}" if not wrong else "; ".join(wrong)
+    return fact("real identifications as undisturbed", bool(told.real) and not wrong, said)
 
 
 def steps(database: Database, files: DataDirectory) -> Iterator[Check]:

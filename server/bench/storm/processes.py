@@ -15,12 +15,19 @@ import subprocess
 import sys
 import threading
 import time
+from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from server.bench.storm import stages
+
 #: Kind of a process by what stands in its command line.
-CHILDREN: Mapping[str, str] = {"daq.acquisition_child": "acquisition", "storm/stages.py": "stage"}
+CHILDREN: Mapping[str, str] = {
+    "daq.acquisition_child": "acquisition",
+    "storm/stages.py": "stage",
+    "fitting.stages": "real stage",
+}
 START_S = 90.0
 
 
@@ -98,6 +105,7 @@ class Herd:
         self.workers = [Host("worker", [*command, name], logs / f"{name}.log") for name in names]
         self.starting = 0
         self.spared: dict[int, bool] = {}
+        self.hits: Counter[str] = Counter()
         self._seen: dict[int, float] = {}
         self.killed: dict[str, int] = dict.fromkeys(("server", "worker", *CHILDREN.values()), 0)
 
@@ -143,12 +151,14 @@ class Herd:
         try:
             if pid not in self.children()[kind]:
                 return False
+            subject = real_identification(pid)
             signal.pidfd_send_signal(held, signal.SIGKILL)
         except ProcessLookupError:
             return False
         finally:
             os.close(held)
         self.killed[kind] += 1
+        self.hits[subject] += subject != ""
         return True
 
     def kill_host(self, host: Host) -> bool:
@@ -200,9 +210,23 @@ def descendants(pid: int) -> Iterator[int]:
                 yield from descendants(int(child))
 
 
+def real_identification(pid: int) -> str:
+    """Id of the real identification that a stage works on; empty if it is a light one, or gone."""
+    for text in _command(pid).split("\0"):
+        if text.endswith("/request.json"):
+            with contextlib.suppress(OSError, ValueError):
+                content = json.loads(Path(text).read_text(encoding="utf-8"))
+                return Path(text).parents[1].name if stages.is_real(content) else ""
+    return ""
+
+
 def _kind(pid: int) -> str | None:
-    try:
-        command = Path(f"/proc/{pid}/cmdline").read_bytes().decode(errors="replace")
-    except OSError:
-        return None
+    command = _command(pid)
     return next((kind for text, kind in CHILDREN.items() if text in command), None)
+
+
+def _command(pid: int) -> str:
+    try:
+        return Path(f"/proc/{pid}/cmdline").read_bytes().decode(errors="replace")
+    except OSError:
+        return ""

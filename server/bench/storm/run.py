@@ -14,25 +14,27 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import asdict
 from datetime import UTC, datetime
+from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
 from server.bench.postgresql import PostgreSQL, postgresql_server
 from server.bench.storm.checks import all_checks, amcheck, count_results
 from server.bench.storm.host import HostOrder
-from server.bench.storm.processes import Herd, Host
+from server.bench.storm.processes import Herd, Host, real_identification
 from server.bench.storm.traffic import Client, NoAnswerError, Told, Traffic
 from server.bench.targets import Check, Outcome, fact
 from server.files import DataDirectory
 from server.store import Database
 from sim_backends import SimulatedMachine, default_machine
+from sim_backends.cases import make_case
 
 #: Kills that are aimed at, for every one that there should be: now and then there is nothing to kill.
 AIM = 1.8
 #: Least seconds between two kills.
 BREATH_S = 0.15
 #: How often each kind is chosen, where one is there.
-WEIGHTS = {"server": 8, "worker": 6, "acquisition": 6, "stage": 2}
+WEIGHTS = {"server": 8, "worker": 6, "acquisition": 6, "stage": 2, "real stage": 2}
 #: Seconds that a host works at least before it is killed, drawn at its start, and that an acquisition is there; longer
 #: on a computer so busy that a host takes longer than usual to start, or nothing would ever get to work.
 LIFE_S = (2.0, 12.0)
@@ -40,13 +42,20 @@ ACQUISITION_S = 2.0
 USUAL_START_S = 2.5
 #: Share of the stages that are spared: three kills fail a job.
 SPARED = 0.4
+#: Real identifications that are ordered during the storm, and the most kills of stages of each: all have to get done.
+REAL, REAL_KILLS = 2, 2
+#: Share of the storm after which another one is ordered.
+REAL_AT = 1.0 / REAL
+#: Machine time of their recordings: about 4 s of processor time each, and the start of seven processes.
+REAL_S = 20.0
 #: Share of starts that are killed within so many seconds, up or not.
 DOOMED, DOOM_S = 0.4, 4.0
 #: Machine seconds per second.
 SPEED = 4.0
 #: Seconds until the machine is acquired, recorded and scheduled, before the first kill.
 READY_S = 240.0
-#: Seconds until everything that was ordered has to be over, after the last kill.
+#: Seconds until everything that was ordered has to be over, after the last kill; more where an undisturbed real
+#: identification takes long.
 QUIET_S = 180.0
 WORKERS = 2
 Say = Callable[[str], None]
@@ -76,6 +85,7 @@ def run(
         directory = Path(name)
         machine, truth = default_machine()
         with SimulatedMachine(machine, truth, speed=SPEED, workdir=directory / "machine") as simulated:
+            make_case(directory / "case", (machine, truth), seed, seconds=REAL_S)
             return _storm(directory, simulated.machine_path, server, seconds, longest, seed, say, kills)
 
 
@@ -100,14 +110,24 @@ def _storm(
         with _database(files, url, herd) as database:
             name, recording = _prepare(client, machine)
             count_results(database)
-        traffic = Traffic(client, told, name, recording)
+            real = _real(client, name, directory / "case")
+            say("a real identification, undisturbed")
+            asked = time.monotonic()
+            told.undisturbed = _undisturbed(client, real)
+            took = time.monotonic() - asked
+            say(f"it took {took:.1f} s")
+        traffic = Traffic(client, told, name, recording, real, [REAL_AT * seconds * number for number in range(REAL)])
         traffic.start()
-        say(f"{seconds:g} s of kill -9; light stages stand for the stages of an identification, all else is real")
+        say(
+            f"{seconds:g} s of kill -9; light stages stand for those of an identification, but for {REAL} real ones; "
+            "all else is real"
+        )
         starts, lasted = _kill(herd, random.Random(seed), (seconds, longest), kills, say)
         traffic.stop()
         before = time.monotonic()
         whole = herd.wait_up()
-        quiet = whole and _quiet(client)
+        # Stages have the lowest priority: a computer with other work may give them next to nothing.
+        quiet = whole and _quiet(client, QUIET_S + 2 * REAL * took)
         say(f"quiet {time.monotonic() - before:.1f} s after the last kill")
         left = {kind: len(pids) for kind, pids in herd.children().items()}
         codes = herd.stop()
@@ -129,7 +149,9 @@ def _storm(
         (
             Check("processes killed", total, shown, "at least", float(kills), str(kills)),
             fact("quiet in time", quiet, f"after {starts} starts"),
-            fact("one acquisition, no stage afterwards", left == {"acquisition": 1, "stage": 0}, str(left)),
+            fact(
+                "one acquisition, no stage afterwards", left == dict.fromkeys(left, 0) | {"acquisition": 1}, str(left)
+            ),
             fact("hosts stop in order", not any(codes), f"exit codes {codes}"),
             *checks,
             Check("errors in the logs", None, errors),
@@ -164,9 +186,27 @@ def _prepare(client: Client, machine: Path) -> tuple[str, str]:
     return name, str(recording["id"])
 
 
-def _created(client: Client, path: str, body: dict[str, Any]) -> Any:
+def _real(client: Client, name: str, case: Path) -> dict[str, Any]:
+    """Upload what real identifications are made of; the body of such an order."""
+    chosen = []
+    for stem, role in (("train-1", "train"), ("validate", "validate")):
+        place = f"/recordings/upload?machine={name}&role={role}&name={stem}.parquet"
+        content = (case / f"{stem}.parquet").read_bytes()
+        chosen.append({"id": _answer(partial(_created, client, place, content), READY_S)["id"], "role": role})
+    return {"machine": name, "recordings": chosen}
+
+
+def _undisturbed(client: Client, order: dict[str, Any]) -> str:
+    """Id of a real identification that is done."""
+    made = _answer(lambda: _created(client, "/identifications", order | {"label": "undisturbed"}), READY_S)
+    place = f"/jobs/{made['job']}"
+    _answer(lambda: client.ask("GET", place)[1]["state"] == "done", 2 * READY_S)
+    return str(made["id"])
+
+
+def _created(client: Client, path: str, body: Any) -> Any:
     status, answer = client.ask("POST", path, body)
-    return answer if status == 201 else None
+    return answer if status in (201, 202) else None
 
 
 def _answer(ask: Callable[[], Any], seconds: float) -> Any:
@@ -206,6 +246,8 @@ def _kill_one(herd: Herd, chance: random.Random) -> bool:
     children["acquisition"] = [pid for pid, age in ages.items() if age > ACQUISITION_S * _slowness(herd)]
     herd.spared = {pid: herd.spared.get(pid, chance.random() < SPARED) for pid in children["stage"]}
     children["stage"] = [pid for pid, spared in herd.spared.items() if not spared]
+    for kind in ("stage", "real stage"):
+        children[kind] = [pid for pid in children[kind] if herd.hits[real_identification(pid)] < REAL_KILLS]
     # Not all at their start: a host that never works does nothing that could go wrong.
     hosts: dict[str, list[Host]] = {"server": [herd.server], "worker": herd.workers}
     up = {kind: [host for host in found if host.due] for kind, found in hosts.items()}
@@ -223,9 +265,9 @@ def _slowness(herd: Herd) -> float:
     return max(1.0, herd.server.took / USUAL_START_S)
 
 
-def _quiet(client: Client) -> bool:
+def _quiet(client: Client, seconds: float) -> bool:
     """Wait until no job is open and nothing is recorded, the schedule switched off; False if that takes too long."""
-    deadline = time.monotonic() + QUIET_S
+    deadline = time.monotonic() + seconds
     off = False
     while time.monotonic() < deadline:
         try:

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import http.client
 import json
+import math
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from typing import Any
@@ -31,11 +32,15 @@ class Told:
     orders : key of an order -> id of the identification that was made
     rows : id of a recording -> most rows that the server said were recorded
     answers : how many by status; 0: none came
+    real : keys of those orders whose identifications are real ones
+    undisturbed : id of a real identification of the same input, from before the storm
     """
 
     orders: dict[str, str] = field(default_factory=dict)
     rows: dict[str, int] = field(default_factory=dict)
     answers: dict[int, int] = field(default_factory=dict)
+    real: list[str] = field(default_factory=list)
+    undisturbed: str = ""
 
 
 class Client:
@@ -78,15 +83,22 @@ class Traffic:
     Parameters
     ----------
     recording : of which identifications are made
+    real : order of a real identification
+    when : seconds after which real ones are ordered
     """
 
-    def __init__(self, client: Client, told: Told, machine: str, recording: str) -> None:
+    def __init__(
+        self, client: Client, told: Told, machine: str, recording: str, real: dict[str, Any], when: Sequence[float]
+    ) -> None:
         self._client = client
         self._told = told
         self._machine = machine
         self._recording = recording
+        self._real, self._when = real, when
         self._stop = threading.Event()
-        self._threads = [threading.Thread(target=run, daemon=True) for run in (self._order, self._record)]
+        self._threads = [
+            threading.Thread(target=run, daemon=True) for run in (self._order, self._order_real, self._record)
+        ]
 
     def start(self) -> None:
         """Start."""
@@ -110,9 +122,20 @@ class Traffic:
                 number += 1
             self._stop.wait(0.3)
 
-    def _ordered(self, key: str, body: dict[str, Any]) -> str | None:
+    def _order_real(self) -> None:
+        began = time.monotonic()
+        for number, seconds in enumerate(self._when):
+            if self._stop.wait(max(0.0, began + seconds - time.monotonic())):
+                return
+            key = f"storm-real-{number}"
+            made = self._until(partial(self._ordered, key, self._real | {"label": key}, math.inf))
+            if made is not None:
+                self._told.orders[key] = made
+                self._told.real.append(key)
+
+    def _ordered(self, key: str, body: dict[str, Any], most: float = MOST_OPEN) -> str | None:
         _, status = self._client.ask("GET", "/status")
-        if sum(status["jobs"].get(state, 0) for state in ("queued", "running")) >= MOST_OPEN:
+        if sum(status["jobs"].get(state, 0) for state in ("queued", "running")) >= most:
             return None
         code, answer = self._client.ask("POST", "/identifications", body, {"Idempotency-Key": key})
         return str(answer["id"]) if code == 202 else None
