@@ -64,8 +64,10 @@ class SharedRecordings:
         try:
             if self._size(target) == row.bytes:
                 return False
-            if self._has_folders:
-                self._files.makedirs(self._root, exist_ok=True)
+            if not self._has_folders:  # an object is there whole or not at all
+                self._files.put_file(str(path), target)
+                return True
+            self._files.makedirs(self._root, exist_ok=True)
             # Under another name first: a copy that broke off must not be taken for a recording.
             partial = f"{target}.{secrets.token_hex(4)}.partial"
             self._files.put_file(str(path), partial)

@@ -133,9 +133,6 @@ class Buckets:
     def put_file(self, path: str, place: str) -> None:
         self.kept[place] = Path(path).read_bytes()
 
-    def mv(self, place: str, target: str) -> None:
-        self.kept[target] = self.kept.pop(place)
-
 
 def test_no_bucket_is_made(local: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     buckets = Buckets()
