@@ -158,7 +158,7 @@ class _Selection:
         if choice is None or len(self.accepted) >= MOST_EFFECTS:
             return self._doubt()
         wrong = rules.refutes(choice, self.accepted) if isinstance(choice.term.content, Law) else None
-        if wrong is not None:
+        if wrong is not None and self._stands(choice, self._without(wrong)):
             self._take_back(wrong, "a law of one signal explains much more on this joint")
         else:
             self._try(choice)
@@ -196,13 +196,24 @@ class _Selection:
             share = SERIES_SHARE if isinstance(content, Effect) and content.series else OUTDONE_SHARE
             if law.gain < share * item.score.gain:
                 continue
-            rest = [a.score.term for n, a in enumerate(self.accepted) if n != number]
+            rest = self._without(number)
             again = score_terms(self.signals.refit([*rest, law.term]), [item.score.term], [1])
             outdone = (again[0].gain if again else 0.0) < (1 - OVERLAP) * item.score.gain
-            if outdone or law.gain >= MISFIT_SHARE * item.score.gain:
+            if (outdone or law.gain >= MISFIT_SHARE * item.score.gain) and self._stands(law, rest):
                 self._take_back(number, "a law of one signal explains the same and more")
                 return True
         return False
+
+    def _without(self, number: int) -> list[Term]:
+        """The accepted terms but one."""
+        return [item.score.term for n, item in enumerate(self.accepted) if n != number]
+
+    def _stands(self, law: Score, rest: Sequence[Term]) -> bool:
+        """Whether a law would be added in the place of a name: what does not hold elsewhere cannot say more than it."""
+        before, trial = self.signals.refit(rest), self.signals.refit([*rest, law.term])
+        alone = score_terms(before, [law.term], [1])
+        seen = on_validate(before, trial, self.validate) if self.validate else None
+        return bool(alone) and not rules.objection(alone[0], self._held_out(trial), seen)
 
     def _alone(self, joint: int | None) -> int | None:
         """Number of the accepted name that stands alone on a joint; None where there is none, or something else too."""
