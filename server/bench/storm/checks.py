@@ -63,7 +63,8 @@ def all_checks(database: Database, files: DataDirectory, told: Told) -> Iterator
     yield from jobs(database)
     yield from results(database, told)
     yield from steps(database, files)
-    yield undisturbed(database, files, told)
+    if told.undisturbed:
+        yield undisturbed(database, files, told)
     yield from recordings(database, files, told)
     yield from schedules(database)
     yield from integrity(database, told)

@@ -44,8 +44,6 @@ USUAL_START_S = 2.5
 SPARED = 0.4
 #: Real identifications that are ordered during the storm, and the most kills of stages of each: all have to get done.
 REAL, REAL_KILLS = 2, 2
-#: Share of the storm after which another one is ordered.
-REAL_AT = 1.0 / REAL
 #: Machine time of their recordings: about 4 s of processor time each, and the start of seven processes.
 REAL_S = 20.0
 #: Share of starts that are killed within so many seconds, up or not.
@@ -62,7 +60,14 @@ Say = Callable[[str], None]
 
 
 def run(
-    seconds: float, kind: Literal["sqlite", "postgresql"], seed: int, say: Say, *, kills: int, longest: float
+    seconds: float,
+    kind: Literal["sqlite", "postgresql"],
+    seed: int,
+    say: Say,
+    *,
+    kills: int,
+    longest: float,
+    real: int = REAL,
 ) -> Outcome:
     """The whole storm.
 
@@ -72,6 +77,7 @@ def run(
     kills : that there should be; a computer that is busy with other work starts processes slowly, so the storm goes on
         until then
     longest : seconds that it goes on at most
+    real : real identifications that are ordered while it lasts; the others have light stages
 
     Raises
     ------
@@ -85,8 +91,9 @@ def run(
         directory = Path(name)
         machine, truth = default_machine()
         with SimulatedMachine(machine, truth, speed=SPEED, workdir=directory / "machine") as simulated:
-            make_case(directory / "case", (machine, truth), seed, seconds=REAL_S)
-            return _storm(directory, simulated.machine_path, server, seconds, longest, seed, say, kills)
+            if real:
+                make_case(directory / "case", (machine, truth), seed, seconds=REAL_S)
+            return _storm(directory, simulated.machine_path, server, seconds, longest, seed, say, kills, real)
 
 
 def _storm(
@@ -98,6 +105,7 @@ def _storm(
     seed: int,
     say: Say,
     kills: int,
+    real: int,
 ) -> Outcome:
     url = None if postgresql is None else postgresql.new_database()
     files = DataDirectory(directory / "data")
@@ -110,16 +118,19 @@ def _storm(
         with _database(files, url, herd) as database:
             name, recording = _prepare(client, machine)
             count_results(database)
-            real = _real(client, name, directory / "case")
-            say("a real identification, undisturbed")
-            asked = time.monotonic()
-            told.undisturbed = _undisturbed(client, real)
-            took = time.monotonic() - asked
-            say(f"it took {took:.1f} s")
-        traffic = Traffic(client, told, name, recording, real, [REAL_AT * seconds * number for number in range(REAL)])
+            order_of_real, took = dict[str, Any](), 0.0
+            if real:
+                order_of_real = _real(client, name, directory / "case")
+                say("a real identification, undisturbed")
+                asked = time.monotonic()
+                told.undisturbed = _undisturbed(client, order_of_real)
+                took = time.monotonic() - asked
+                say(f"it took {took:.1f} s")
+        when = [seconds * number / real for number in range(real)]
+        traffic = Traffic(client, told, name, recording, order_of_real, when)
         traffic.start()
         say(
-            f"{seconds:g} s of kill -9; light stages stand for those of an identification, but for {REAL} real ones; "
+            f"{seconds:g} s of kill -9; light stages stand for those of an identification, but for {real} real ones; "
             "all else is real"
         )
         starts, lasted = _kill(herd, random.Random(seed), (seconds, longest), kills, say)
@@ -127,7 +138,7 @@ def _storm(
         before = time.monotonic()
         whole = herd.wait_up()
         # Stages have the lowest priority: a computer with other work may give them next to nothing.
-        quiet = whole and _quiet(client, QUIET_S + 2 * REAL * took)
+        quiet = whole and _quiet(client, QUIET_S + 2 * real * took)
         say(f"quiet {time.monotonic() - before:.1f} s after the last kill")
         left = {kind: len(pids) for kind, pids in herd.children().items()}
         codes = herd.stop()
