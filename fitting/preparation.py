@@ -271,13 +271,13 @@ def _segment(
 def _with_start(machine: Machine, recording: Recording, bank: FilterBank) -> tuple[Recording, slice]:
     """The recording's start and the straight line that leads there: smoothed, it gives the samples up to the first."""
     count = max(2, round(_FIRST_SECONDS * bank.rate_hz))
-    clock = np.arange(-bank.margin, count)
     values = {}
     for channel in machine.channels:
         if channel.quantity in ("joint_position", "piston_position"):
-            own = recording.values[channel.name][: 2 * bank.margin]
-            line = np.polynomial.Polynomial.fit(clock[bank.margin :], own[:count], 1)
-            values[channel.name] = np.concatenate([line(clock[: bank.margin]), own])
+            own = recording.values[channel.name]
+            first = own[:count]
+            line = np.polynomial.Polynomial.fit(np.arange(len(first)), first, 1)
+            values[channel.name] = np.concatenate([line(np.arange(-bank.margin, 0)), own[: 2 * bank.margin]])
     return replace(recording, values=values), slice(0, 3 * bank.margin)
 
 

@@ -157,11 +157,13 @@ class OnValidate:
     expected : what falls on average if it is right, ``d'd``; infinite where the two models have not the same rows
     spread : the standard deviation of that, ``2 sqrt(d'V d)``; ``s^2`` is what the better of the two leaves per row:
         more than 1 where the validation motion is noisier than those that were fitted
+    noise : the part of ``spread`` that is noise, ``2 s sqrt(d'd)``
     """
 
     gain: float
     expected: float
     spread: float
+    noise: float
 
     @property
     def short(self) -> float:
@@ -171,8 +173,11 @@ class OnValidate:
 
     @property
     def tells(self) -> bool:
-        """Whether a right model would have fallen, but for one case in a hundred."""
-        return self.expected > float(stats.norm.isf(MISSES_RIGHT)) * self.spread
+        """Whether the two models differ here by so much that noise hides it in less than one case of a hundred.
+
+        A model whose uncertain parameters make much of it here differs as well; that it may be right is no excuse.
+        """
+        return self.expected > float(stats.norm.isf(MISSES_RIGHT)) * self.noise
 
     @property
     def refutes(self) -> bool:
@@ -201,7 +206,8 @@ def _on_validate(before: Model, after: Model, validate: Sequence[int], joints: S
         expected += float(difference @ difference)
         own += scale * float(difference @ difference)
         seen += np.sqrt(scale) * (rows.T @ difference)
-    return OnValidate(gain, expected, 2.0 * float(np.sqrt(own + seen @ after.fit.covariance @ seen)))
+    spread = 2.0 * float(np.sqrt(own + seen @ after.fit.covariance @ seen))
+    return OnValidate(gain, expected, spread, 2.0 * float(np.sqrt(own)))
 
 
 def validate_gain(before: Model, after: Model, validate: Sequence[int]) -> float:

@@ -30,7 +30,7 @@ def identified(page: Any, site: Site, path: Path, label: str) -> str:
     page.goto(f"{site.url}/#/jobs/{made['job']}")
     page.get_by_role("link", name="Look at the result").wait_for()
     report = json.loads(REPORT.read_text(encoding="utf-8")) | {"machine": "lever"}
-    place = site.data_dir / "identifications" / made["id"] / "report.json"
+    (place,) = (site.data_dir / "identifications" / made["id"]).glob("*/report.json")
     place.write_text(json.dumps(report), encoding="utf-8")
     return str(made["id"])
 

@@ -194,14 +194,16 @@ def plain() -> Score:
 @pytest.mark.parametrize(
     ("held_out", "validate", "words"),
     [
-        (PLAIN, OnValidate(gain=5.0, expected=10.0, spread=6.4), ""),
+        (PLAIN, OnValidate(gain=5.0, expected=10.0, spread=6.4, noise=6.3), ""),
         # Nothing is gained, and one right effect in twenty would gain nothing here: the motion has no say.
-        (PLAIN, OnValidate(gain=-3.8, expected=10.0, spread=6.4), ""),
-        (replace(PLAIN, z=2.5), OnValidate(gain=-3.8, expected=10.0, spread=6.4), "left out of the fit"),
+        (PLAIN, OnValidate(gain=-3.8, expected=10.0, spread=6.4, noise=6.3), ""),
+        (replace(PLAIN, z=2.5), OnValidate(gain=-3.8, expected=10.0, spread=6.4, noise=6.3), "left out of the fit"),
         # A right effect would have shown itself here; or what is seen is worse than a right effect can be.
-        (PLAIN, OnValidate(gain=-3.8, expected=60.0, spread=16.0), "does not help"),
-        (PLAIN, OnValidate(gain=-17.7, expected=17.8, spread=8.5), "does not help"),
-        (PLAIN, OnValidate(gain=-3.8, expected=np.inf, spread=6.4), "does not help"),
+        (PLAIN, OnValidate(gain=-3.8, expected=60.0, spread=16.0, noise=15.5), "does not help"),
+        (PLAIN, OnValidate(gain=-17.7, expected=17.8, spread=8.5, noise=8.4), "does not help"),
+        (PLAIN, OnValidate(gain=-3.8, expected=np.inf, spread=6.4, noise=6.3), "does not help"),
+        # What is made of it here is as uncertain as it is wrong.
+        (PLAIN, OnValidate(gain=-1e6, expected=1e6, spread=5e6, noise=2e3), "does not help"),
     ],
 )
 def test_a_validation_motion_that_could_not_show_an_effect_is_as_good_as_none(

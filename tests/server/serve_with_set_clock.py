@@ -1,6 +1,7 @@
 """``python serve_with_set_clock.py DIRECTORY``: the real service with the simulated machine and access control.
 
 Its schedules go by the computer's clock plus the hours in ``DIRECTORY/hours``, so that a test need not wait for them.
+Stages have the priority of everything else here: beside other tests the lowest one is next to nothing.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ from dataclasses import replace
 from datetime import datetime, timedelta
 from pathlib import Path
 
+from server import children
 from server.parts import installed_parts
 from server.serve import serve
 from server.settings import Settings
@@ -25,6 +27,7 @@ def ready(url: str) -> None:
 
 
 if __name__ == "__main__":
+    children.NICENESS = 0
     place = Path(sys.argv[1])
 
     def clock() -> datetime:
