@@ -201,7 +201,7 @@ def restore(backup: Path, files: DataDirectory, url: str) -> int:
         path = backup / name
         if not path.resolve().is_relative_to(backup.resolve()) or not path.is_file():
             raise StartError(f"{backup}: {name} is missing; use another backup")
-        if _read(path, _sha256) != expected:
+        if _sum_of(path) != expected:
             raise StartError(f"{backup}: {name} is damaged; use another backup")
     check_restore(backup / stores[0], url)
     staged = files.root / f".restoring-{secrets.token_hex(4)}"
@@ -225,9 +225,9 @@ def restore(backup: Path, files: DataDirectory, url: str) -> int:
     return len(wanted)
 
 
-def _read(path: Path, how: Callable[[Path], str]) -> str:
+def _sum_of(path: Path) -> str:
     try:
-        return how(path)
+        return _sha256(path)
     except OSError as error:
         raise StartError(f"{path}: cannot be read ({error.strerror}); mend that or use another backup") from None
 

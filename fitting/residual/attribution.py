@@ -15,7 +15,7 @@ import numpy.typing as npt
 from fitting.effects.base import Effect
 from fitting.prior import Prior
 from fitting.residual import rules
-from fitting.residual.confirmation import Misfit, on_validate, worse_joint
+from fitting.residual.confirmation import Misfit, OnValidate, on_validate, worse_joint
 from fitting.residual.cross_validation import HeldOut, held_out_gain
 from fitting.residual.findings import Accepted, Attribution, Candidate, Family, Unconfirmed
 from fitting.residual.laws import Law
@@ -197,9 +197,10 @@ class _Selection:
             if law.gain < share * item.score.gain:
                 continue
             rest = self._without(number)
-            again = score_terms(self.signals.refit([*rest, law.term]), [item.score.term], [1])
+            trial = self.signals.refit([*rest, law.term])
+            again = score_terms(trial, [item.score.term], [1])
             outdone = (again[0].gain if again else 0.0) < (1 - OVERLAP) * item.score.gain
-            if (outdone or law.gain >= MISFIT_SHARE * item.score.gain) and self._stands(law, rest):
+            if (outdone or law.gain >= MISFIT_SHARE * item.score.gain) and self._stands(law, rest, trial):
                 self._take_back(number, "a law of one signal explains the same and more")
                 return True
         return False
@@ -208,12 +209,21 @@ class _Selection:
         """The accepted terms but one."""
         return [item.score.term for n, item in enumerate(self.accepted) if n != number]
 
-    def _stands(self, law: Score, rest: Sequence[Term]) -> bool:
-        """Whether a law would be added in the place of a name: what does not hold elsewhere cannot say more than it."""
-        before, trial = self.signals.refit(rest), self.signals.refit([*rest, law.term])
+    def _stands(self, law: Score, rest: Sequence[Term], trial: Model | None = None) -> bool:
+        """Whether a law would be added in the place of a name: what does not hold elsewhere cannot say more than it.
+
+        ``trial`` is the model of ``rest`` and the law, where there is one already.
+        """
+        before, trial = self.signals.refit(rest), trial or self.signals.refit([*rest, law.term])
         alone = score_terms(before, [law.term], [1])
-        seen = on_validate(before, trial, self.validate) if self.validate else None
-        return bool(alone) and not rules.objection(alone[0], self._held_out(trial), seen)
+        return bool(alone) and not self._judged(alone[0], before, trial)[2]
+
+    def _judged(self, choice: Score, before: Model, trial: Model) -> tuple[HeldOut, OnValidate | None, str]:
+        """What held-out blocks and the validation motion say of a trial's last term, and what is against adding it."""
+        held_out = self._held_out(trial)
+        confirming = self.validate and not choice.term.confined
+        seen = on_validate(before, trial, self.validate) if confirming else None
+        return held_out, seen, rules.objection(choice, held_out, seen)
 
     def _alone(self, joint: int | None) -> int | None:
         """Number of the accepted name that stands alone on a joint; None where there is none, or something else too."""
@@ -367,12 +377,9 @@ class _Selection:
         trial = self.signals.rebuilt(self.signals.refit(terms))
         choice = replace(choice, term=trial.terms[-1])
         family = choice.term.family
-        held_out = self._held_out(trial)
-        confirming = self.validate and not choice.term.confined
-        seen = on_validate(self.model, trial, self.validate) if confirming else None
+        held_out, seen, reason = self._judged(choice, self.model, trial)
         gain = None if seen is None else seen.gain
-        reason = rules.objection(choice, held_out, seen)
-        worse = worse_joint(self.model, trial, self.validate) if confirming else None
+        worse = None if seen is None else worse_joint(self.model, trial, self.validate)
         if worse is not None and not reason:
             name = self.base.design.parameters.joints[worse[0]]
             reason = f"it makes {name} worse on the validation motion (error {100 * worse[1]:+.1f} %)"

@@ -73,7 +73,7 @@ def objection(choice: Score, held_out: HeldOut, validate: OnValidate | None) -> 
         if held_out.gain >= HELD_SHARE * choice.gain and choice.score > 2 * ACCUSE:
             return ""
         return "it acts in one recording only, and is not significant enough to be believed without another"
-    blind = validate is not None and is_blind(choice, validate)
+    blind = is_blind(choice, validate)
     alone = validate is None or blind
     if not (held_out.gain > 0 and held_out.z >= LEAST_Z_ALONE if alone else _holds(choice.gain, held_out, LEAST_Z)):
         return (
@@ -85,9 +85,11 @@ def objection(choice: Score, held_out: HeldOut, validate: OnValidate | None) -> 
     return ""
 
 
-def is_blind(choice: Score, validate: OnValidate) -> bool:
+def is_blind(choice: Score, validate: OnValidate | None) -> bool:
     """Whether the validation motion has nothing to say of a plain effect: no gain, and none to be expected."""
-    return validate.gain <= 0 and not validate.tells and not validate.refutes and choice.score > 2 * ACCUSE
+    if validate is None or validate.gain > 0 or validate.tells or validate.refutes:
+        return False
+    return choice.score > 2 * ACCUSE
 
 
 def _holds(gain: float, held_out: HeldOut, least_z: float) -> bool:
@@ -237,6 +239,5 @@ def record(
 
 
 def why(score: Score, validate: OnValidate | None) -> str:
-    unseen = validate is not None and not score.term.confined and is_blind(score, validate)
-    words = "; the validation motion can hardly show it" if unseen else ""
+    words = "; the validation motion can hardly show it" if is_blind(score, validate) else ""
     return f"gains {score.gain:.0f} of chi-square for {score.live} parameter{'s' if score.live > 1 else ''}{words}"

@@ -60,6 +60,22 @@ def in_the_middle(running: Running, csv: bytes) -> Identification:
     return order
 
 
+def in_the_middle_again(running: Running, order: Identification, half: str) -> None:
+    """Wait until a stage that says ``half`` in its middle has said so twice."""
+    seen: list[str] = []
+
+    def again(event: dict[str, Any]) -> bool:
+        seen.append(event["text"])
+        return seen.count(half) == 2
+
+    running.follow(order.job, again)
+
+
+def processes(directory: Path) -> list[int]:
+    """Of the stages that ran, in order."""
+    return [int(line.split()[1]) for line in (directory / "ran.txt").read_text().splitlines()]
+
+
 @pytest.mark.slow
 def test_what_a_killed_worker_was_doing_is_taken_over_without_doing_a_finished_stage_again(
     tmp_path: Path, csv: bytes, postgresql: PostgreSQL
@@ -68,8 +84,7 @@ def test_what_a_killed_worker_was_doing_is_taken_over_without_doing_a_finished_s
     with running_service(data_dir, Fakes(), database_url=url, local_jobs=False) as running:
         with worker(data_dir, url, "one") as process:
             order = in_the_middle(running, csv)
-            path = running.service.files.identifications / order.id / "ran.txt"
-            stage = os.pidfd_open(int(path.read_text().splitlines()[-1].split()[1]))
+            stage = os.pidfd_open(processes(running.service.files.identifications / order.id)[-1])
             process.send_signal(signal.SIGKILL)
             process.wait()
             assert select.select([stage], [], [], 30)[0], "the stage has to die with its worker"
@@ -94,17 +109,11 @@ def test_a_worker_that_was_stopped_wakes_up_and_leaves_alone_what_another_one_to
         runner, directory = running.service.runner, running.service.files.identifications
         with worker(data_dir, url, "one") as one:
             order = in_the_middle(running, csv)
-            stage = os.pidfd_open(int((directory / order.id / "ran.txt").read_text().splitlines()[-1].split()[1]))
+            stage = os.pidfd_open(processes(directory / order.id)[-1])
             one.send_signal(signal.SIGSTOP)  # its stage goes on
             assert runner.take_over(lambda executor: executor == "worker-one") == (order.job,)
             with worker(data_dir, url, "two") as two:
-                seen: list[str] = []
-
-                def again(event: dict[str, Any]) -> bool:
-                    seen.append(event["text"])
-                    return seen.count(HALF) == 2
-
-                running.follow(order.job, again)
+                in_the_middle_again(running, order, HALF)
                 one.send_signal(signal.SIGCONT)
                 assert select.select([stage], [], [], 30)[0], "whoever lost a job has to end its stage"
                 os.close(stage)
@@ -120,11 +129,6 @@ def test_a_worker_that_was_stopped_wakes_up_and_leaves_alone_what_another_one_to
             one.send_signal(signal.SIGTERM)
             assert one.wait(30) == 0
         assert running.follow(order.job) == events, "nothing was added"
-
-
-def processes(directory: Path) -> list[int]:
-    """Of the stages that ran, in order."""
-    return [int(line.split()[1]) for line in (directory / "ran.txt").read_text().splitlines()]
 
 
 @pytest.mark.slow
@@ -156,13 +160,7 @@ def test_what_the_stage_of_a_stopped_worker_goes_on_to_write_changes_nothing_tha
             one.send_signal(signal.SIGSTOP)  # its stage goes on
             assert running.service.runner.take_over(lambda executor: executor == "worker-one") == (order.job,)
             with worker(data_dir, url, "two") as two:
-                seen: list[str] = []
-
-                def again(event: dict[str, Any]) -> bool:
-                    seen.append(event["text"])
-                    return seen.count(half) == 2
-
-                running.follow(order.job, again)
+                in_the_middle_again(running, order, half)
                 mine = processes(directory)[-1]
                 if when != "after it":
                     let_it_write()
