@@ -45,7 +45,7 @@ def main(control: Connection) -> None:
                 warnings = [*problems, *([refusal] if refusal else [])]
                 cycles = Cycles(machine, channel_table(machine), drivers.drivers, clock_for(machine))
                 threading.Thread(target=_listen, args=(control, stopping), daemon=True).start()
-                control.send(("running", ""))
+                _say(control, "running")
                 run_cycles(cycles, ring, stopping.is_set, fifo=fifo, warnings=warnings)
             finally:
                 ring.finish()
@@ -56,7 +56,8 @@ def main(control: Connection) -> None:
         raise
 
 
-def _say(control: Connection, what: str, text: str) -> None:
+def _say(control: Connection, what: str, text: str = "") -> None:
+    """Tell the parent; one that died meanwhile is :func:`_listen`'s to notice."""
     with contextlib.suppress(OSError):
         control.send((what, " ".join(text.split())))
 

@@ -18,6 +18,7 @@ import numpy.typing as npt
 from daq.machine_file import Joint, Machine
 from fitting.base_parameters import reduce_parameters
 from fitting.expected import expected_power, expected_sign
+from fitting.signals import advanced
 
 __all__ = [
     "UNITS",
@@ -67,16 +68,26 @@ def drive_names(machine: Machine) -> tuple[tuple[str, ...], ...]:
 
 
 def drive_columns(
-    names: tuple[str, ...], x: FloatArray, v: FloatArray, a: FloatArray, speed_noise: float
+    names: tuple[str, ...], x: FloatArray, v: FloatArray, a: FloatArray, speed_noise: float, late: float = 0.0
 ) -> FloatArray:
-    """Columns for the named drive parameters, (N, len(names)); ``x``, ``v``, ``a`` are (N,) of the driving element."""
+    """Columns for the named drive parameters, (N, len(names)); ``x``, ``v``, ``a`` are (N,) of the driving element.
+
+    Parameters
+    ----------
+    late : samples by which the effort came late and was moved. Its jumps were sampled where they arrived, somewhere
+        between two samples of the motion, and stay there when it is moved; columns that jump are made in the same way
+    """
+
+    def jumping(of: Callable[[FloatArray], FloatArray]) -> FloatArray:
+        return advanced(of(advanced(v, -late)), late)
+
     makers: dict[str, Callable[[], FloatArray]] = {
         "m": lambda: a,
         "J": lambda: a,
         "K": lambda: x,
-        "f_c": lambda: expected_sign(v, speed_noise),
+        "f_c": lambda: jumping(lambda speed: expected_sign(speed, speed_noise)),
         "f_v": lambda: v,
-        "f_s": lambda: expected_power(v, speed_noise, 1 / 3),
+        "f_s": lambda: jumping(lambda speed: expected_power(speed, speed_noise, 1 / 3)),
         "f_0": lambda: np.ones_like(v),
     }
     return np.stack([makers[name]() for name in names], axis=1)

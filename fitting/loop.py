@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -20,12 +20,11 @@ from fitting.residual.change_points import ChangePoint, change_points, joint_row
 from fitting.residual.confirmation import Misfit, misfit, validate_gain
 from fitting.residual.cross_validation import held_out_gain
 from fitting.residual.findings import Accepted, Attribution
-from fitting.residual.kinematics import Corrections, GapScore, checkable, corrected, gap_error, score_gaps
+from fitting.residual.kinematics import Corrections
 from fitting.residual.laws import Law
 from fitting.residual.levelling import residual_parts
 from fitting.residual.lines import Line, machine_lines
 from fitting.residual.null import Null, Replicas
-from fitting.residual.rules import ACCUSE, MISFIT_SHARE, MOST_RIVALS, SET_SHARE, SET_WIDTH
 from fitting.residual.scoring import Candidates, Score, score_terms
 from fitting.residual.surfaces import Surface
 from fitting.residual.terms import Model, Term, fit_model
@@ -35,116 +34,12 @@ from fitting.session import Options, Prepared, Session
 FloatArray = npt.NDArray[np.float64]
 Progress = Callable[[float, str], None]
 
-_MOST_PER_JOINT = 2
 _REBUILDS = 4
-#: A sensor's steps are not noise: structure of a few hundredths of a step is significant and means nothing. What is
-#: rebuilt has to take a tenth off the filtered gap at least.
-LEAST_GAP_SHARE = 0.9
 #: Factors of the filter's cut-off at which a named effect has to stand as well, and how far it may move.
 SCREEN = (0.7, 1.3)
 SCREEN_RATIO, SCREEN_Z = 3.0, 4.0
 #: Chance that a machine on which nothing changes is said to have changed.
 CHANGE_ALARM = 1e-3
-
-
-@dataclass(frozen=True)
-class KinematicFinding:
-    """An effect found between two position sensors.
-
-    Attributes
-    ----------
-    steps : what was rebuilt, step by step: the effect with its values
-    values, stds : totals of its parameters
-    gain, score : chi-square of the gap, and the same less its price
-    gap_before, gap_after : root mean square of the filtered gap on `validate` (`train` without one), m
-    rivals : effects that explain the gap as well
-    """
-
-    steps: tuple[GapScore, ...]
-    values: tuple[float, ...]
-    stds: tuple[float, ...]
-    gain: float
-    score: float
-    gap_before: float
-    gap_after: float
-    rivals: tuple[str, ...]
-
-    @property
-    def effect(self) -> Effect:
-        """The effect."""
-        return self.steps[0].effect
-
-    @property
-    def joint(self) -> int:
-        """Its joint's number."""
-        return self.steps[0].joint
-
-
-def kinematic_findings(
-    session: Session, progress: Progress = lambda fraction, text: None
-) -> tuple[tuple[KinematicFinding, ...], Corrections]:
-    """Check every joint that has two position sensors; returns what was found and the corrections."""
-    corrections = Corrections(session.machine)
-    found: list[KinematicFinding] = []
-    joints = checkable(session.machine)
-    prepared, model = session.plain, session.base_model
-    for number, joint in enumerate(joints):
-        progress(number / len(joints), f"comparing the position sensors of {session.machine.joints[joint].name}")
-        for _ in range(_MOST_PER_JOINT):
-            if not any(prepared.design.segments[i].loaded for i in prepared.fitted):
-                break
-            scores = _gap_scores(prepared, model, effects(), joint)
-            taken = {f.effect.id for f in found if f.joint == joint}
-            usable = [s for s in scores if s.plausible and s.effect.id not in taken]
-            earlier = max((f.gain for f in found if f.joint == joint), default=0.0)
-            if not usable or usable[0].score <= ACCUSE or usable[0].gain < MISFIT_SHARE * earlier:
-                break
-            best = usable[0]
-            shown = prepared.validate or prepared.fitted
-            before = gap_error(prepared.design, shown, joint)
-            trial, steps = corrections, []
-            step = best
-            values = np.zeros(len(best.values))
-            for _ in range(_REBUILDS):
-                steps.append(step)
-                values += step.values
-                trial = corrected(trial, step)
-                changed = session.prepared(trial)
-                again = _gap_scores(changed, session.fit(changed), (best.effect,), joint)
-                step = next(s for s in again if s.shape == best.shape)
-                if best.effect.id == "backlash" or np.all(np.abs(step.values) < 0.1 * np.asarray(step.stds)):
-                    break
-            after = gap_error(changed.design, shown, joint)
-            if best.effect.id == "backlash":  # play stays in the gap: judged by what its column takes away
-                after = float(np.sqrt(max(before**2 - float(values[0]) ** 2 / 4, 0.0)))
-            if after > LEAST_GAP_SHARE * before:
-                break
-            width = max(SET_WIDTH, SET_SHARE * best.gain)
-            rivals = dict.fromkeys(
-                s.effect.id for s in usable if s.effect.id != best.effect.id and best.score - s.score < width
-            )
-            found.append(
-                KinematicFinding(
-                    tuple(steps),
-                    tuple(values.tolist()),
-                    best.stds,
-                    best.gain,
-                    best.score,
-                    before,
-                    after,
-                    tuple(rivals)[:MOST_RIVALS],
-                )
-            )
-            corrections, prepared = trial, changed
-            model = session.fit(prepared)
-            if best.effect.id == "backlash":
-                break  # the play is still in this gap, and would be taken for whatever resembles it
-    return tuple(found), corrections
-
-
-def _gap_scores(prepared: Prepared, model: Model, among: Sequence[Effect], joint: int) -> list[GapScore]:
-    scores, _ = score_gaps(prepared.design, model.views, prepared.fitted, prepared.pairs, among, joint)
-    return scores
 
 
 class SessionSignals:
@@ -153,7 +48,7 @@ class SessionSignals:
     def __init__(self, session: Session, corrections: Corrections) -> None:
         self._session = session
         self._corrections = corrections
-        self._prepared: dict[tuple[tuple[str, float], ...], Prepared] = {}
+        self._prepared: dict[tuple[tuple[tuple[str, float], ...], frozenset[str]], Prepared] = {}
 
     @property
     def prior(self) -> Prior:
@@ -162,11 +57,11 @@ class SessionSignals:
 
     def prepared(self, terms: Sequence[Term]) -> Prepared:
         """The design on signals corrected as the terms say; the last one is kept."""
-        late = delays(self._session, terms)
-        key = tuple(sorted(late.items()))
+        late, resampled = delays(self._session, terms)
+        key = (tuple(sorted(late.items())), resampled)
         if key not in self._prepared:
             untouched = self._corrections == Corrections(self._session.machine) and not late
-            design = self._session.plain if untouched else self._session.prepared(self._corrections, late)
+            design = self._session.plain if untouched else self._session.prepared(self._corrections, late, resampled)
             self._prepared = {key: design}
         return self._prepared[key]
 
@@ -191,44 +86,57 @@ class SessionSignals:
         else:
             noise = [[full_residual(design, model.fit.theta, j, i, model.extra) for i in model.fitted] for j in joints]
         replicas = Replicas(model, position_channel_noise(design.machine, session.recordings), noise)
-        options = Options(bandwidth_hz=design.bank.bandwidth_hz)
-        known = [replace(term, rebuilt=()) for term in model.terms]
         found: list[list[Score]] = [[] for _ in terms]
         for number in range(draws):
-            again = Session(design.machine, replicas.draw(np.random.default_rng([17, first + number])), options)
-            plain = again.plain
-            fitted = fit_model(plain.design, plain.noise, plain.fitted, known, session.prior, passes=2 if known else 1)
-            for place, score in Candidates(fitted, terms, [1] * len(terms)).scores(fitted).items():
+            for place, score in self._on_replica(replicas, first + number, model, terms).items():
                 found[place].append(score)
         return [
             Null(np.array([s.values for s in own]), own[0].information, own[0].live) if own else None for own in found
         ]
+
+    def _on_replica(self, replicas: Replicas, number: int, model: Model, terms: Sequence[Term]) -> dict[int, Score]:
+        """Scores of terms on one replica, which is gone afterwards."""
+        design, known = model.design, [replace(term, rebuilt=()) for term in model.terms]
+        recordings = replicas.draw(np.random.default_rng([17, number]))
+        plain = Session(design.machine, recordings, Options(bandwidth_hz=design.bank.bandwidth_hz)).plain
+        passes = 2 if known else 1
+        fitted = fit_model(plain.design, plain.noise, plain.fitted, known, self.prior, passes=passes)
+        return Candidates(fitted, terms, [1] * len(terms)).scores(fitted)
 
     def misfit(self, model: Model, joint: int) -> Misfit:
         """What the model leaves of a joint that two runs of one motion share."""
         return misfit(model, self.prepared(model.terms).pairs, joint)
 
     def rebuilt(self, model: Model) -> Model:
-        """Move the effort in time instead of approximating it, once ``sensor_latency`` is the last term."""
+        """Move the effort in time instead of approximating it, once ``sensor_latency`` is the last term.
+
+        Whether a sensor was late, or its samples were handed on late, shows where friction jumps.
+        """
         if model.terms[-1].id != "sensor_latency":
             return model
+        sampled_late = self._moved(model, resampled=False), self._prepared
+        handed_on_late = self._moved(model, resampled=True), self._prepared
+        best, self._prepared = min(sampled_late, handed_on_late, key=lambda tried: tried[0].fit.chi_square)
+        return best
+
+    def _moved(self, model: Model, resampled: bool) -> Model:
         for _ in range(_REBUILDS):
             part = model.term_slice(len(model.terms) - 1)
             late = float(model.fit.theta[part][0])
             if abs(late) < 0.05 * float(model.fit.std[part][0]):
                 break
             already = sum(model.terms[-1].rebuilt)
-            model = self.refit((*model.terms[:-1], replace(model.terms[-1], rebuilt=(already + late,))))
+            model = self.refit(
+                (*model.terms[:-1], replace(model.terms[-1], rebuilt=(already + late,), resampled=resampled))
+            )
         return model
 
 
-def delays(session: Session, terms: Sequence[Term]) -> dict[str, float]:
-    """Joint name to seconds by which accepted terms say its effort is late."""
-    return {
-        session.machine.joints[t.joint].name: t.rebuilt[0]
-        for t in terms
-        if t.id == "sensor_latency" and t.rebuilt and t.joint is not None
-    }
+def delays(session: Session, terms: Sequence[Term]) -> tuple[dict[str, float], frozenset[str]]:
+    """Joint name to seconds by which accepted terms say its effort is late, and whose samples were handed on late."""
+    joints = session.machine.joints
+    late = [(joints[t.joint].name, t) for t in terms if t.id == "sensor_latency" and t.rebuilt and t.joint is not None]
+    return {name: t.rebuilt[0] for name, t in late}, frozenset(name for name, t in late if t.resampled)
 
 
 def run_attribution(
@@ -257,10 +165,8 @@ def _screened(session: Session, corrections: Corrections, signals: SessionSignal
     values = {n: [(bandwidth, *_value(found.model, n, leading[n]))] for n in named}
     for factor in SCREEN:
         cutoff = min(factor * bandwidth, session.machine.rate_hz / 5)
-        other = Session(session.machine, session.recordings, replace(session.options, bandwidth_hz=cutoff))
-        model = SessionSignals(other, corrections).refit(found.model.terms)
-        for n in named:
-            values[n].append((cutoff, *_value(model, n, leading[n])))
+        for n, value in _at_cutoff(session, corrections, found.model.terms, cutoff, leading).items():
+            values[n].append((cutoff, *value))
     accepted, table, changed = [], list(found.candidates), False
     for n, item in enumerate(found.accepted):
         if n in values and moves(values[n]):
@@ -277,6 +183,15 @@ def _screened(session: Session, corrections: Corrections, signals: SessionSignal
         accepted.append(replace(item, cutoffs=tuple(values.get(n, ()))))
     model = signals.refit([item.score.term for item in accepted]) if changed else found.model
     return replace(found, accepted=tuple(accepted), candidates=tuple(table), model=model)
+
+
+def _at_cutoff(
+    session: Session, corrections: Corrections, terms: Sequence[Term], cutoff: float, places: Mapping[int, int]
+) -> dict[int, tuple[float, float]]:
+    """Values and deviations of parameters (per number of a term its place) at another cut-off; all else is gone."""
+    other = Session(session.machine, session.recordings, replace(session.options, bandwidth_hz=cutoff))
+    model = SessionSignals(other, corrections).refit(terms)
+    return {n: _value(model, n, place) for n, place in places.items()}
 
 
 def _leading(model: Model, number: int) -> int:
@@ -369,13 +284,14 @@ def term_to_json(term: Term) -> dict[str, Any]:
         "joint": term.joint,
         "shape": dict(term.shape),
         "rebuilt": list(term.rebuilt),
+        "resampled": term.resampled,
     }
 
 
 def term_from_json(value: Mapping[str, Any]) -> Term:
     """Inverse of :func:`term_to_json`."""
     content: Effect | Law = effect(value["effect"]) if value["law"] is None else _law_from_json(value["law"])
-    return Term(content, value["joint"], dict(value["shape"]), tuple(value["rebuilt"]))
+    return Term(content, value["joint"], dict(value["shape"]), tuple(value["rebuilt"]), value.get("resampled", False))
 
 
 def _law_from_json(law: Mapping[str, Any]) -> Law:
@@ -383,24 +299,3 @@ def _law_from_json(law: Mapping[str, Any]) -> Law:
     if "second" not in law:
         return Law(*first)
     return Surface(*first, law["second"], law["second_other"], tuple(law["second_range"]))
-
-
-def corrections_from_json(session: Session, steps: Sequence[Mapping[str, Any]]) -> Corrections:
-    """Corrections from the ``steps`` of stored kinematic findings, in order."""
-    corrections = Corrections(session.machine)
-    for step in steps:
-        score = GapScore(
-            effect(step["effect"]), step["joint"], dict(step["shape"]), 0.0, 0.0, tuple(step["values"]), (), True
-        )
-        corrections = corrected(corrections, score)
-    return corrections
-
-
-def step_to_json(step: GapScore) -> dict[str, Any]:
-    """One rebuilt step as plain JSON."""
-    return {
-        "effect": step.effect.id,
-        "joint": step.joint,
-        "shape": dict(step.shape),
-        "values": list(step.values),
-    }

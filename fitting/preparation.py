@@ -9,6 +9,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cache
+from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -17,11 +19,14 @@ from daq.errors import RecordingError
 from daq.machine_file import Joint, Machine
 from daq.recording import Recording
 from fitting.linkage import joint_motion, joint_position, lever_arm, piston_motion
-from fitting.signals import FilterBank, white_noise_of
+from fitting.signals import FilterBank, advanced, white_noise_of
 
 FloatArray = npt.NDArray[np.float64]
 BoolArray = npt.NDArray[np.bool_]
 PositionError = Callable[[FloatArray], FloatArray]
+#: Play between a joint's two position sensors. In the pin: piston and joint move apart, and each sensor is right for
+#: its own. In the piston's sensor: both move as the joint's sensor says.
+Play = Literal["pin", "sensor"]
 
 # A speed below so many times its own noise has no sign worth using; five is the usual margin.
 REST_SPEED = 5.0
@@ -29,8 +34,8 @@ REST_SPEED = 5.0
 REST_SECONDS = 0.3
 # The first stretch of a recording that tells at what speed it begins.
 _FIRST_SECONDS = 0.2
-# Samples of all joints together in one piece of a long recording: three minutes of six joints at 50 Hz, some 60 MB.
-PIECE_SAMPLES = 60_000
+# Samples of all joints together in one piece of a long recording: 80 s of six joints at 50 Hz, some 24 MB.
+PIECE_SAMPLES = 24_000
 
 
 @dataclass(frozen=True)
@@ -71,6 +76,8 @@ class Segment:
     external : (N, n) N, smoothed measured forces from outside the arm, positive against extension; None without any
     lead : (M, n) joint accelerations up to sample 0, over the samples that the filter loses at the start, for what
         remembers them; the machine went on at constant speed, or stood, before. None: it stood
+    late : per joint by how many samples its effort was sampled late and was moved; empty: none was
+    derived : what was derived from the motion alone, by name: it stays when a model changes
     """
 
     recording: int
@@ -94,6 +101,8 @@ class Segment:
     # Made by a function: a default of the class would be found before what a stored segment reads.
     external: FloatArray | None = field(default_factory=lambda: None)
     lead: FloatArray | None = field(default_factory=lambda: None)
+    late: tuple[float, ...] = field(default_factory=tuple)
+    derived: dict[str, FloatArray] = field(default_factory=dict, repr=False, compare=False)
 
     def __len__(self) -> int:
         return len(self.t)
@@ -130,8 +139,9 @@ def prepare(
     *,
     noise: Sequence[PositionNoise] | None = None,
     latency: Mapping[str, float] | None = None,
+    resampled: Collection[str] = (),
     position_error: Mapping[str, PositionError] | None = None,
-    separate: Collection[str] = (),
+    play: Mapping[str, Play] | None = None,
 ) -> tuple[Segment, ...]:
     """Smooth all recordings, segment by segment.
 
@@ -142,8 +152,9 @@ def prepare(
     bank : filters
     noise : per joint; estimated from the recordings if not given
     latency : joint name to seconds by which its effort channels are late
+    resampled : joints whose effort was not sampled late, but handed on late and interpolated
     position_error : joint name to a callable ``q -> error`` that is subtracted from the measured joint position
-    separate : joints whose two position sensors are not fused: the piston's drives, the joint's carries
+    play : joints between whose two position sensors there is play, and where: they are not fused
 
     Raises
     ------
@@ -157,8 +168,9 @@ def prepare(
             bank,
             noise=noise,
             latency=latency,
+            resampled=resampled,
             position_error=position_error,
-            separate=separate,
+            play=play,
         )
     )
 
@@ -170,8 +182,9 @@ def segments_of(
     *,
     noise: Sequence[PositionNoise] | None = None,
     latency: Mapping[str, float] | None = None,
+    resampled: Collection[str] = (),
     position_error: Mapping[str, PositionError] | None = None,
-    separate: Collection[str] = (),
+    play: Mapping[str, Play] | None = None,
     long: bool = False,
 ) -> Iterator[Segment]:
     """The segments of :func:`prepare` one after another; those of ``long`` recordings in pieces (:func:`pieces`)."""
@@ -190,8 +203,19 @@ def segments_of(
             most = PIECE_SAMPLES // len(machine.joints)
             parts = [piece for whole in parts for piece in pieces(whole, bank, most)]
         for part in parts:
-            cut, errors = recording.cut(part), position_error or {}
-            yield _segment(machine, cut, index, part.start, bank, noise, weights, latency or {}, errors, separate)
+            yield _segment(
+                machine,
+                recording.cut(part),
+                index,
+                part.start,
+                bank,
+                noise=noise,
+                weights=weights,
+                latency=latency or {},
+                resampled=resampled,
+                position_error=position_error or {},
+                play=play or {},
+            )
 
 
 def pieces(whole: slice, bank: FilterBank, most: int) -> list[slice]:
@@ -212,11 +236,13 @@ def _segment(
     index: int,
     start: int,
     bank: FilterBank,
+    *,
     noise: Sequence[PositionNoise],
     weights: Sequence[float],
     latency: Mapping[str, float],
     position_error: Mapping[str, PositionError],
-    separate: Collection[str],
+    play: Mapping[str, Play],
+    resampled: Collection[str],
 ) -> Segment:
     """The segment of a whole recording that is free of gaps; it starts at row ``start`` of what it was cut from."""
     part = slice(0, len(recording))
@@ -228,8 +254,9 @@ def _segment(
     before = _with_start(machine, recording, bank)
     for number, joint in enumerate(machine.joints):
         error = position_error.get(joint.name)
-        motion, gap = _motion(machine, joint, recording, part, bank, weights[number], error, joint.name in separate)
-        lead.append(_motion(machine, joint, *before, bank, weights[number], error, joint.name in separate)[0][2])
+        own = play.get(joint.name)
+        motion, gap = _motion(machine, joint, recording, part, bank, weights[number], error, own)
+        lead.append(_motion(machine, joint, *before, bank, weights[number], error, own)[0][2])
         for key, value in zip(("q", "qd", "qdd", "x", "v", "a"), motion, strict=True):
             columns[key].append(value)
         columns["gap"].append(gap)
@@ -265,6 +292,9 @@ def _segment(
         gap=stacked["gap"],
         external=_external(machine, recording, part, bank),
         lead=np.stack(lead, axis=1),
+        late=tuple(
+            0.0 if joint.name in resampled else latency.get(joint.name, 0.0) * bank.rate_hz for joint in machine.joints
+        ),
     )
 
 
@@ -299,7 +329,7 @@ def _motion(
     bank: FilterBank,
     weight: float,
     position_error: PositionError | None,
-    separate: bool,
+    play: Play | None,
 ) -> tuple[tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray, FloatArray], FloatArray]:
     angle = machine.channel("joint_position", joint.name)
     piston = machine.channel("piston_position", joint.name)
@@ -325,11 +355,11 @@ def _motion(
         return (q, np.zeros_like(q), np.zeros_like(q), *smooth_x), nothing
     if q_raw is None:
         return (*joint_motion(joint, *smooth_x), *smooth_x), nothing
-    if separate:
-        return (*bank.smooth(q_raw), *smooth_x), smooth_x[0] - bank.smoothed(linkage.piston_position(q_raw))
-    q_fused = (1 - weight) * q_raw + weight * joint_position(joint, x_raw)
-    motion = bank.smooth(q_fused)
     gap = smooth_x[0] - bank.smoothed(linkage.piston_position(q_raw))
+    if play == "pin":
+        return (*bank.smooth(q_raw), *smooth_x), gap
+    share = 0.0 if play == "sensor" else weight
+    motion = bank.smooth((1 - share) * q_raw + share * joint_position(joint, x_raw))
     return (*motion, *piston_motion(linkage, *motion)), gap
 
 
@@ -369,33 +399,36 @@ def _effort(
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Measured drive effort (unfiltered, trimmed) and smoothed chamber pressures (NaN where not measured)."""
 
+    @cache
     def channel(quantity: str) -> FloatArray | None:
         found = machine.channel(quantity, joint.name)
-        return None if found is None else _advanced(recording.values[found.name][part], latency * bank.rate_hz)
+        return None if found is None else advanced(recording.values[found.name][part], latency * bank.rate_hz)
 
-    head, rod = channel("head_pressure"), channel("rod_pressure")
+    effort = drive_effort(joint, channel)
+    if effort is None:
+        raise RecordingError(f"{recording.file}: {joint.name} has no effort channel")
     nothing = np.full(part.stop - part.start - 2 * bank.margin, np.nan)
+    head, rod = channel("head_pressure"), channel("rod_pressure")
     if joint.cylinder is not None and head is not None and rod is not None:
-        force = head * joint.cylinder.head_area - rod * joint.cylinder.rod_area
-        return bank.trimmed(force), bank.smoothed(head), bank.smoothed(rod)
+        return bank.trimmed(effort), bank.smoothed(head), bank.smoothed(rod)
+    return bank.trimmed(effort), nothing, nothing
+
+
+def drive_effort(joint: Joint, channel: Callable[[str], FloatArray | None]) -> FloatArray | None:
+    """Effort of a joint's drive in N or N m: of both pressures if they are measured; None if nothing is.
+
+    Parameters
+    ----------
+    channel : the joint's measured values of a quantity, or None
+    """
+    head, rod = channel("head_pressure"), channel("rod_pressure")
+    if joint.cylinder is not None and head is not None and rod is not None:
+        return head * joint.cylinder.head_area - rod * joint.cylinder.rod_area
     for quantity in ("cylinder_force", "joint_effort"):
         measured = channel(quantity)
         if measured is not None:
-            return bank.trimmed(measured), nothing, nothing
-    raise RecordingError(f"{recording.file}: {joint.name} has no effort channel")
-
-
-def _advanced(values: FloatArray, samples: float) -> FloatArray:
-    """The signal ``samples`` earlier (``out[k] = values[k + samples]``), by windowed-sinc interpolation; ends held."""
-    if samples == 0.0:
-        return values
-    whole = int(np.floor(samples))
-    fraction = samples - whole
-    taps = np.arange(-12, 13)
-    kernel = np.sinc(taps - fraction) * np.kaiser(2 * 12 + 1, 6.0)
-    kernel /= kernel.sum()
-    index = np.clip(np.arange(len(values))[:, None] + whole + taps[None, :], 0, len(values) - 1)
-    return np.asarray(values[index] @ kernel)
+            return measured
+    return None
 
 
 def _rest(speed: FloatArray, speed_noise: float, rate_hz: float) -> BoolArray:

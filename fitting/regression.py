@@ -168,7 +168,7 @@ def _blocks(
         x, v, a = segment.x[:, number], segment.v[:, number], segment.a[:, number]
         columns = np.zeros((len(segment), len(parameters)))
         columns[:, parameters.drive_slice(number)] = drive_columns(
-            parameters.drive[number], x, v, a, noise[number].speed
+            parameters.drive[number], x, v, a, noise[number].speed, segment.late[number] if segment.late else 0.0
         )
         if body is not None:
             columns[:, parameters.base_slice] = body[:, number]

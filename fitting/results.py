@@ -14,7 +14,8 @@ from fitting.drive import UNITS, direct_units
 from fitting.effects import effect
 from fitting.flags import mark
 from fitting.identifiability import Telling, statement, tellings
-from fitting.loop import corrections_from_json, final_model, term_from_json
+from fitting.kinematic_check import corrections_from_json
+from fitting.loop import final_model, term_from_json
 from fitting.report.model import Figures
 from fitting.residual.drawing_data import friction_curves, law_curve, scatters, worst_seconds
 from fitting.residual.laws import Law
@@ -27,6 +28,12 @@ Results = Mapping[str, dict[str, Any]]
 SHAPE_UNITS = {"v_s": "m/s", "x_s": "m", "tau": "s", "pitch": "m", "frequency": "Hz", "t_0": "s"}
 #: Shape entries that only say which variant of an effect it is.
 _CHOICES = ("other", "law", "parameter", "chamber", "odd", "side", "recording", "head", "rod")
+#: Where play is (shape ``sensor``), by the efforts; None of all other effects.
+_PLACES = {
+    None: "",
+    0.0: "; the efforts follow the piston's own speed, so the play is in a pin",
+    1.0: "; the efforts follow the joint's speed, so the play is in the piston's sensor",
+}
 _EVIDENCE = ("score", "gain", "held_out_gain", "held_out_z", "validate_gain", "surviving", "witness", "cutoffs")
 _CHANGED = {
     "1": "the zero of the effort",
@@ -259,7 +266,7 @@ def _loop(session: Session, results: Results, model: Model, terms: list[Term]) -
                 "score": finding["score"],
                 "status": "accepted",
                 "reason": f"the two position sensors disagree by {finding['gap_before'] * 1e3:.3g} mm, afterwards by "
-                f"{finding['gap_after'] * 1e3:.3g} mm",
+                f"{finding['gap_after'] * 1e3:.3g} mm{_PLACES[finding['steps'][0]['shape'].get('sensor')]}",
             }
             for finding in results["residual"]["kinematics"]
         ]
@@ -340,6 +347,12 @@ def _shape_values(shape: Mapping[str, float], names: list[str]) -> dict[str, Any
         unit = SHAPE_UNITS.get(key, "1")
         if key == "other":
             values[f"other joint: {names[int(value)]}"] = {"value": value, "std": None, "unit": "index"}
+        elif key == "sensor":
+            values[f"place: {'in the piston sensor' if value else 'in a pin'}"] = {
+                "value": value,
+                "std": None,
+                "unit": "choice",
+            }
         else:
             values[key] = {"value": value, "std": None, "unit": "choice" if key in _CHOICES else unit}
     return values
@@ -373,7 +386,7 @@ def _shifts(session: Session, results: Results) -> list[dict[str, Any]]:
 
 
 def _warnings(session: Session, results: Results) -> list[str]:
-    warnings = list(results["attribution"]["warnings"])
+    warnings = [*session.left_out, *results["attribution"]["warnings"]]
     if not results["residual"]["measured"]:
         warnings.append(
             "no repeated motion: the noise floor is an estimate from residuals; record the training motion twice"

@@ -6,7 +6,7 @@ found is handed over as plain JSON, and what is large (signals, columns) is comp
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -17,6 +17,7 @@ import numpy.typing as npt
 from daq.errors import InputError, RecordingError
 from daq.machine_file import Machine, load_machine
 from daq.recording import Recording, read_recording
+from daq.recording_checks import runs
 from daq.scratch import Scratch
 from fitting.base_parameters import BaseParameters, base_regressor, reduce_parameters, unidentifiable
 from fitting.joint_side import at_joints
@@ -26,6 +27,7 @@ from fitting.prior import Prior, mass_prior
 from fitting.regression import Design, NoiseModel, build_design
 from fitting.residual.kinematics import Corrections
 from fitting.residual.terms import Model, fit_model
+from fitting.rods import with_rods_as_said
 from fitting.search_pieces import choose_pieces, thinned
 from fitting.signals import FilterBank, edge_frequency, filter_bank, white_noise_std
 from fitting.stored import storing
@@ -44,8 +46,8 @@ _LEAST_BANDWIDTH = 3.0
 LONG_SAMPLES = 150_000
 #: The same with the loop, whose candidates' columns take some 6 kB for each in memory (five minutes of six joints).
 LOOP_SAMPLES = 90_000
-#: Samples of all joints together in the pieces of longer ones that the loop searches (four minutes of six joints).
-SEARCH_SAMPLES = 72_000
+#: Samples of all joints together in the pieces of longer ones that the loop searches (3.2 minutes of six joints).
+SEARCH_SAMPLES = 57_600
 
 
 @dataclass(frozen=True)
@@ -129,13 +131,19 @@ class Search:
 
 
 class Session:
-    """Data of one identification; attributes are computed when first asked for."""
+    """Data of one identification; attributes are computed when first asked for.
+
+    Attributes
+    ----------
+    left_out : a line for each recording of which rows are left out
+    """
 
     def __init__(self, machine: Machine, recordings: Sequence[Recording], options: Options | None = None) -> None:
         options = options or Options()
         if not any(r.role in ("train", "operation") for r in recordings):
             raise InputError("no training recording; give at least one with --train (or --operation)")
-        self.machine, self.recordings = at_joints(machine, recordings)
+        self.machine, measured = at_joints(machine, recordings)
+        self.recordings, self.left_out = with_rods_as_said(self.machine, measured)
         self.options = options
 
     @classmethod
@@ -249,7 +257,9 @@ class Session:
         """Design without any correction."""
         return self.prepared(Corrections(self.machine))
 
-    def prepared(self, corrections: Corrections, latency: Mapping[str, float] | None = None) -> Prepared:
+    def prepared(
+        self, corrections: Corrections, latency: Mapping[str, float] | None = None, resampled: Collection[str] = ()
+    ) -> Prepared:
         """Design with corrections of positions, linkages and delays rebuilt into the signals."""
         machine = corrections.machine
         segments = segments_of(
@@ -258,8 +268,9 @@ class Session:
             self.bank,
             noise=self.position_noise,
             latency=latency,
+            resampled=resampled,
             position_error=corrections.position_error,
-            separate=corrections.separate,
+            play=corrections.play,
             long=self.long,
         )
         store = storing(self.bank, Scratch()) if self.long else None
@@ -323,5 +334,4 @@ class Session:
 
 def _longest(chosen: npt.NDArray[np.bool_]) -> int:
     """Length of the longest run of True."""
-    ends = np.flatnonzero(np.diff(np.concatenate([[False], chosen, [False]]).astype(np.int8)))
-    return int(np.max(ends[1::2] - ends[::2], initial=0))
+    return max((run.stop - run.start for run in runs(chosen)), default=0)

@@ -31,6 +31,19 @@ _FIRST = np.array([1 / 280, -4 / 105, 1 / 5, -4 / 5, 0.0, 4 / 5, -1 / 5, 4 / 105
 _SECOND = np.array([-1 / 560, 8 / 315, -1 / 5, 8 / 5, -205 / 72, 8 / 5, -1 / 5, 8 / 315, -1 / 560])
 
 
+def advanced(values: FloatArray, samples: float) -> FloatArray:
+    """The signal ``samples`` earlier (``out[k] = values[k + samples]``), by windowed-sinc interpolation; ends held."""
+    if samples == 0.0:
+        return values
+    whole = int(np.floor(samples))
+    fraction = samples - whole
+    taps = np.arange(-12, 13)
+    kernel = np.sinc(taps - fraction) * np.kaiser(2 * 12 + 1, 6.0)
+    kernel /= kernel.sum()
+    index = np.clip(np.arange(len(values))[:, None] + whole + taps[None, :], 0, len(values) - 1)
+    return np.asarray(values[index] @ kernel)
+
+
 @dataclass(frozen=True)
 class FilterBank:
     """The filters of one identification.

@@ -2,19 +2,16 @@
 
 ``check, cylinder_stage, rigid_body_stage, residual, attribution, refit, report``. A stage takes a session and what
 earlier stages found (plain JSON) and gives plain JSON; :func:`run_stage` keeps each result in
-``output/stages/<stage>.json``, written atomically, so that a stage that is done is never run again.
-
-As a program: ``python -m fitting.stages REQUEST.json STAGE`` prints one JSON object a line: ``{"fraction", "text"}``
-while it works, then ``{"summary"}`` or ``{"error"}``; exit code 0, 1 (failed) or 2 (input).
+``output/stages/<stage>.json``, written atomically, so that a stage that is done is never run again. The program is
+:mod:`fitting.stage_program`.
 """
 
 from __future__ import annotations
 
 import json
 import os
-import sys
 import tempfile
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -26,12 +23,10 @@ from fitting.cylinder_stage import identify_cylinders
 from fitting.detection import visible_size
 from fitting.dynamics import self_check
 from fitting.everything import held_against_everything, said
+from fitting.kinematic_check import corrections_from_json, kinematic_findings, step_to_json
 from fitting.loop import (
-    corrections_from_json,
     final_model,
-    kinematic_findings,
     run_attribution,
-    step_to_json,
     term_from_json,
     term_to_json,
 )
@@ -50,7 +45,7 @@ from fitting.residual.rules import ACCUSE
 from fitting.residual.surfaces import second_variable
 from fitting.residual.terms import Model
 from fitting.results import build_report
-from fitting.session import Options, Request, Session
+from fitting.session import Request, Session
 from fitting.stage_names import NEXT_MOTION, STAGES, WORDS
 from fitting.stage_two import choice, chosen_refit, comparison, rigid_body_stage, std
 
@@ -400,10 +395,19 @@ def _part(progress: Progress, number: int) -> Progress:
     return lambda fraction, text: progress((number + fraction) / len(STAGES), text)
 
 
-def run_stage(stage: str, request: Request, progress: Progress = _quiet) -> dict[str, Any]:
+def run_stage(
+    stage: str,
+    request: Request,
+    progress: Progress = _quiet,
+    load: Callable[[Request], Session] = Session.load,
+) -> dict[str, Any]:
     """Run one stage, or give back its stored result if it is done.
 
     Earlier stages have to be done; their results are read from ``output/stages``.
+
+    Parameters
+    ----------
+    load : gives the session of the request, where it is needed
     """
     if stage not in STAGES:
         raise InputError(f"there is no stage '{stage}'; use one of {', '.join(STAGES)}")
@@ -418,7 +422,7 @@ def run_stage(stage: str, request: Request, progress: Progress = _quiet) -> dict
             raise HilfitError(f"{path}: stage '{earlier}' has not been run; run the stages in order")
         results[earlier] = json.loads(path.read_text(encoding="utf-8"))
     progress(0.0, WORDS[stage])
-    session = Session.load(request)
+    session = load(request)
     if stage == "report":
         _, json_path, html_path = _write_results(session, results, request.output)
         result: dict[str, Any] = {"report": json_path.name, "page": html_path.name}
@@ -441,40 +445,3 @@ def _write(path: Path, content: Mapping[str, Any]) -> None:
     except BaseException:
         Path(temporary).unlink(missing_ok=True)
         raise
-
-
-def load_request(path: Path) -> Request:
-    """Read a request file: keys ``machine, recordings, options, output``."""
-    try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-        return Request(
-            machine=Path(content["machine"]),
-            recordings=tuple((str(role), Path(file)) for role, file in content["recordings"]),
-            output=Path(content["output"]),
-            options=Options(**content.get("options", {})),
-        )
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        raise InputError(f"{path}: not a request of an identification ({error})") from None
-
-
-def main(arguments: Sequence[str]) -> int:
-    """Entry of ``python -m fitting.stages``."""
-
-    def say(content: Mapping[str, Any]) -> None:
-        print(json.dumps(content), flush=True)
-
-    if len(arguments) != 2:
-        say({"error": "usage: python -m fitting.stages REQUEST.json STAGE"})
-        return 2
-    try:
-        request = load_request(Path(arguments[0]))
-        summary = run_stage(arguments[1], request, lambda fraction, text: say({"fraction": fraction, "text": text}))
-    except HilfitError as error:
-        say({"error": str(error)})
-        return 2 if isinstance(error, InputError) else 1
-    say({"summary": summary})
-    return 0
-
-
-if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))

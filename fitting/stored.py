@@ -43,8 +43,9 @@ class StoredSegment(Segment):
 
 
 def in_memory(segment: Segment) -> Segment:
-    """The same segment with its arrays read from the file."""
-    return Segment(**{item.name: getattr(segment, item.name) for item in fields(Segment)})
+    """The same segment with its arrays read from the file; nothing is derived from it yet."""
+    names = [item.name for item in fields(Segment) if item.name != "derived"]
+    return Segment(**{name: getattr(segment, name) for name in names})
 
 
 class StoredBlock(JointBlock):

@@ -3,6 +3,10 @@
 The child writes JSON lines to standard output: any number of ``{"fraction": 0.4, "text": "..."}`` and last
 ``{"summary": {...}}`` or ``{"error": "one line"}``. Exit code 0 is done, 2 an input that cannot be used,
 anything else failed.
+
+A child may stay for more of the same program, so that its libraries and its input are loaded once: its last line is
+then ``{"summary": {...}, "stays": true}``, and it reads ``{"arguments": [...], "log": "..."}`` from standard input,
+until that ends.
 """
 
 from __future__ import annotations
@@ -15,9 +19,10 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import IO, Any, Literal
+from typing import IO, Any, Literal, Self
 
 NICENESS = 19
 #: One core stays free of numerical work, for acquisition and HTTP.
@@ -46,6 +51,87 @@ class ChildResult:
     killed: bool = False
 
 
+class Child:
+    """A process for one run after another; a context manager that ends it.
+
+    Every run starts a process of its own, unless the one before was of the same program and says that it stays.
+
+    Parameters
+    ----------
+    clock : monotonic seconds
+    """
+
+    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
+        self._clock = clock
+        self._staying: tuple[tuple[str, ...], subprocess.Popen[bytes]] | None = None
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._staying is not None:
+            _, process = self._staying
+            self._staying = None
+            _end(process)
+
+    def run(
+        self,
+        program: Sequence[str],
+        arguments: Sequence[str] = (),
+        *,
+        log: Path,
+        timeout_s: float,
+        progress: Progress = lambda fraction, text: None,
+        should_stop: Callable[[], bool] = lambda: False,
+    ) -> ChildResult:
+        """Run ``program`` with ``arguments`` to its end, or until it has done that and stays.
+
+        Parameters
+        ----------
+        log : file to which the child's standard error is appended
+        timeout_s : the child is ended after this time and the outcome is ``failed``
+        progress : called with fraction (0 to 1) and text of each line of progress
+        should_stop : looked at four times a second; when true the child is ended and the outcome is ``stopped``
+        """
+        deadline = self._clock() + timeout_s
+        process = self._told(tuple(program), arguments, log) or _started([*program, *arguments], log)
+        assert process.stdout is not None
+        last: dict[str, Any] = {}
+        try:
+            for line in _lines(process.stdout):
+                said = None if line is None else _parse(line)
+                if said is not None:
+                    last = said
+                    if "fraction" in said:
+                        progress(float(said["fraction"]), " ".join(str(said.get("text", "")).split()))
+                    if isinstance(said.get("summary"), dict) and said.get("stays") is True:
+                        self._staying = (tuple(program), process)
+                        return ChildResult("done", summary=said["summary"])
+                if should_stop():
+                    return ChildResult("stopped")
+                if self._clock() > deadline:
+                    return ChildResult("failed", error=f"took longer than {timeout_s:g} s and was ended")
+            process.wait()
+        finally:
+            if self._staying is None:
+                _end(process)
+        return _result(process.returncode, last, log)
+
+    def _told(self, program: tuple[str, ...], arguments: Sequence[str], log: Path) -> subprocess.Popen[bytes] | None:
+        """The process that stayed, told what to do next; None if there is none for it."""
+        if self._staying is None:
+            return None
+        (its_program, process), self._staying = self._staying, None
+        order = json.dumps({"arguments": list(arguments), "log": str(log)}).encode() + b"\n"
+        if its_program == program and process.poll() is None:
+            assert process.stdin is not None
+            with suppress(BrokenPipeError):
+                process.stdin.write(order)
+                return process
+        _end(process)
+        return None
+
+
 def run_child(
     command: Sequence[str],
     *,
@@ -55,47 +141,24 @@ def run_child(
     should_stop: Callable[[], bool] = lambda: False,
     clock: Callable[[], float] = time.monotonic,
 ) -> ChildResult:
-    """Run ``command`` to its end.
+    """Run ``command`` once; see :class:`Child`."""
+    with Child(clock) as child:
+        return child.run(command, log=log, timeout_s=timeout_s, progress=progress, should_stop=should_stop)
 
-    Parameters
-    ----------
-    log : file to which the child's standard error is appended
-    timeout_s : the child is ended after this time and the outcome is ``failed``
-    progress : called with fraction (0 to 1) and text of each line of progress
-    should_stop : looked at four times a second; when true the child is ended and the outcome is ``stopped``
-    clock : monotonic seconds
-    """
+
+def _started(command: Sequence[str], log: Path) -> subprocess.Popen[bytes]:
+    """A new process below the guard."""
     guard = [sys.executable, "-I", "-S", str(Path(__file__).with_name("child_guard.py"))]
-    guarded = [*guard, str(os.getpid()), str(NICENESS), *command]
-    deadline = clock() + timeout_s
-    last: dict[str, Any] = {}
-    with (
-        log.open("ab") as errors,
-        subprocess.Popen(
-            guarded,
-            stdin=subprocess.DEVNULL,
+    with log.open("ab") as errors:
+        return subprocess.Popen(
+            [*guard, str(os.getpid()), str(NICENESS), *command],
+            stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=errors,
             start_new_session=True,
+            bufsize=0,
             env=os.environ | dict.fromkeys(THREAD_VARIABLES, THREADS),
-        ) as child,
-    ):
-        assert child.stdout is not None
-        try:
-            for line in _lines(child.stdout):
-                said = None if line is None else _parse(line)
-                if said is not None:
-                    last = said
-                    if "fraction" in said:
-                        progress(float(said["fraction"]), " ".join(str(said.get("text", "")).split()))
-                if should_stop():
-                    return ChildResult("stopped")
-                if clock() > deadline:
-                    return ChildResult("failed", error=f"took longer than {timeout_s:g} s and was ended")
-            child.wait()
-        finally:
-            _end(child)
-    return _result(child.returncode, last, log)
+        )
 
 
 def _lines(stream: IO[bytes]) -> Iterator[bytes | None]:
@@ -130,16 +193,18 @@ def _parse(line: bytes) -> dict[str, Any] | None:
 
 
 def _end(child: subprocess.Popen[bytes]) -> None:
-    """End a child that still runs, and everything that it started."""
-    if child.poll() is not None:
-        return
-    # The child leads a session of its own, so its group holds it and its children only.
-    os.killpg(child.pid, signal.SIGTERM)
-    try:
-        child.wait(GRACE_S)
-    except subprocess.TimeoutExpired:
-        os.killpg(child.pid, signal.SIGKILL)
-        child.wait()
+    """End a child that still runs, and everything that it started; nothing more is heard of it."""
+    if child.poll() is None:
+        # The child leads a session of its own, so its group holds it and its children only.
+        os.killpg(child.pid, signal.SIGTERM)
+        try:
+            child.wait(GRACE_S)
+        except subprocess.TimeoutExpired:
+            os.killpg(child.pid, signal.SIGKILL)
+            child.wait()
+    for pipe in (child.stdin, child.stdout):
+        if pipe is not None:
+            pipe.close()
 
 
 def _result(code: int, last: dict[str, Any], log: Path) -> ChildResult:

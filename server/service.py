@@ -6,7 +6,7 @@ import asyncio
 import os
 import signal
 from collections.abc import Callable
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from datetime import datetime
 from importlib.metadata import version
@@ -283,11 +283,14 @@ class Service:
         self.exports.kept_statistics(id).unlink(missing_ok=True)
 
     def live(self, machine: str | None) -> dict[str, dict[str, Any]]:
-        """The newest frame of one machine, or of each whose acquisition runs."""
+        """The newest frame of one machine, or of each that has one at the moment."""
         if machine is not None:
             return {machine: self.acquisition.latest(machine)}
-        names = [name for name in self.acquisition.names() if self.acquisition.running(name)]
-        return {name: self.acquisition.latest(name) for name in names}
+        found = {}
+        for name in self.acquisition.names():
+            with suppress(ConflictError, UnavailableError):  # starting, waiting, or stopped just now
+                found[name] = self.acquisition.latest(name)
+        return found
 
     async def _read_revisions(self) -> dict[str, int]:
         return await run_in_threadpool(self._database.revisions)

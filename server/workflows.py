@@ -19,7 +19,7 @@ from dbos import DBOS, DBOSPortableJSONSerializer, SetWorkflowID
 from sqlalchemy.exc import DBAPIError
 
 from daq.errors import HilfitError
-from server.children import GRACE_S, LOOK_S, ChildResult, run_child
+from server.children import GRACE_S, LOOK_S, Child, ChildResult
 from server.errors import ServiceStopping, TakenOver
 from server.files import DataDirectory, sync_tree
 from server.jobs.kinds import AT_MACHINES, NUMERICAL, JobError, Kind, StageRun
@@ -49,7 +49,7 @@ _log = structlog.stdlib.get_logger(__name__)
 
 
 class JobRunner:
-    """Runs jobs: numerical stages one after another, each in a process of its own.
+    """Runs jobs: numerical ones one after another, each in a process of its own.
 
     Parameters
     ----------
@@ -184,11 +184,12 @@ class JobRunner:
         claim = self._claim(job)
         result: dict[str, Any] = {"outcome": "done"}
         try:
-            for index, stage in enumerate(stages):
-                before = result.get("place")
-                result = DBOS.run_step({"name": stage}, self._run_stage, claim, stage, index, len(stages), before)
-                if result["outcome"] != "done":
-                    break
+            with Child() as process:
+                for index, stage in enumerate(stages):
+                    part, before = (index, len(stages)), result.get("place")
+                    result = DBOS.run_step({"name": stage}, self._run_stage, claim, stage, part, before, process)
+                    if result["outcome"] != "done":
+                        break
             state = str(DBOS.run_step({"name": "finish"}, self._finish, claim, result))
         except (Exception, TakenOver):  # somebody else has it: the engine knows it, or the store
             self._leave(claim)
@@ -234,8 +235,16 @@ class JobRunner:
                 self._at_work -= 1
                 self._idle.notify_all()
 
-    def _run_stage(self, claim: Claim, stage: str, index: int, count: int, before: str | None) -> dict[str, Any]:
-        """Step: one stage, after one that left its files in the place ``before``."""
+    def _run_stage(
+        self, claim: Claim, stage: str, part: tuple[int, int], before: str | None, process: Child
+    ) -> dict[str, Any]:
+        """Step: one stage, after one that left its files in the place ``before``.
+
+        Parameters
+        ----------
+        part : which of how many
+        process : of the stage before, if it stayed
+        """
         row = self._patiently(lambda: self._jobs.get(claim.job))
         kind = self._kinds[row.kind]
         directory, name = kind.directory(row), place_name(claim, stage)
@@ -243,11 +252,11 @@ class JobRunner:
             if self._stopping.is_set():
                 raise ServiceStopping
             said = kind.words(stage)
-            if not self._patiently(lambda: self._jobs.progress(row.id, stage, index / count, said, claim)):
+            if not self._patiently(lambda: self._jobs.progress(row.id, stage, part[0] / part[1], said, claim)):
                 return {"outcome": "stopped", "stage": stage, "error": None, "place": before}
             try:
                 whole = begin(directory, name, before)
-                result = self._work(row, claim, kind, stage, index, count, directory / name, whole)
+                result = self._work(row, claim, kind, stage, part, directory / name, whole, process)
                 sync_tree(directory / name)  # before it is recorded
                 if self._stopping.is_set() and result.outcome != "done":
                     raise ServiceStopping
@@ -258,9 +267,17 @@ class JobRunner:
         return self._outcome(stage, result) | {"place": name}
 
     def _work(
-        self, job: Job, claim: Claim, kind: Kind, stage: str, index: int, count: int, place: Path, whole: bool
+        self,
+        job: Job,
+        claim: Claim,
+        kind: Kind,
+        stage: str,
+        part: tuple[int, int],
+        place: Path,
+        whole: bool,
+        process: Child,
     ) -> ChildResult:
-        words = kind.words(stage)
+        words, (index, count) = kind.words(stage), part
 
         # A database that is away does not end a stage: it goes on, and is recorded when the database is back.
         def progress(fraction: float, text: str) -> None:
@@ -279,11 +296,16 @@ class JobRunner:
                     raise
                 return False
 
-        def child(command: Sequence[str], log: Path) -> ChildResult:
+        def child(program: Sequence[str], arguments: Sequence[str], log: Path) -> ChildResult:
             for attempt in range(1, ATTEMPTS + 1):
                 try:
-                    result = run_child(
-                        command, log=log, timeout_s=self._stage_timeout_s, progress=progress, should_stop=should_stop
+                    result = process.run(
+                        program,
+                        arguments,
+                        log=log,
+                        timeout_s=self._stage_timeout_s,
+                        progress=progress,
+                        should_stop=should_stop,
                     )
                 except OSError as error:
                     _log.error("stage_not_started", job=job.id, stage=stage, exc_info=error)

@@ -158,8 +158,11 @@ class DriveView:
     def quiet_torque(self) -> FloatArray:
         """The model's load torque, N m (N), for further derivatives: see :mod:`fitting.quiet_motion`."""
         if "quiet_torques" not in self.shared:
-            motion = quiet_motion(self.segment, self.noise, self.bank)
-            self.shared["quiet_torques"] = base_regressor(self.machine, self.base, *motion) @ self.base_values
+            derived = self.segment.derived
+            if "quiet_regressor" not in derived:
+                motion = quiet_motion(self.segment, self.noise, self.bank)
+                derived["quiet_regressor"] = base_regressor(self.machine, self.base, *motion)
+            self.shared["quiet_torques"] = derived["quiet_regressor"] @ self.base_values
         return self.shared["quiet_torques"][:, self.joint]
 
     @property
@@ -224,6 +227,8 @@ class Effect(ABC):
     #: True where the formula is a short series for any smooth law of its variables, not a law of physics: nature may
     #: then differ from it by more.
     series: ClassVar[bool] = False
+    #: Effects that are this one with some parameters zero: where they explain the same, they are the simpler name.
+    includes: ClassVar[tuple[str, ...]] = ()
 
     def applies(self, machine: Machine, joint: int) -> bool:
         """Whether the joint can have this effect, and its channels can show it."""

@@ -17,13 +17,14 @@ class EncoderEccentricity(Effect):
     title = "a joint encoder that runs eccentrically"
     level = "measurement"
     variable = "joint_position"
-    equation = "q = q_measured - (e_s sin n q + e_c cos n q)"
+    equation = "q = q_measured - (e_s sin n q + e_c cos n q + e_0), e_0 from where it was zeroed"
     parity = "harmonic of the joint angle"
-    parameters = (Parameter("e_s", "rad", low=-0.1, high=0.1), Parameter("e_c", "rad", low=-0.1, high=0.1))
+    parameters = tuple(Parameter(name, "rad", low=-0.1, high=0.1) for name in ("e_s", "e_c", "e_0"))
     confounders = ("encoder_offset", "linkage_geometry", "position_harmonic")
     experiment = "compare joint and piston encoder over the whole stroke; no dynamics needed"
     source = "rotary encoder data sheets: eccentricity of the disc gives one period per turn, ellipticity two"
     spreads = True
+    includes = ("encoder_offset",)
 
     def applies(self, machine: Machine, joint: int) -> bool:
         """From the efforts only where kinematics cannot tell it better."""
@@ -35,16 +36,16 @@ class EncoderEccentricity(Effect):
         return [{"n": float(n)} for n in (1, 2, 3, 4, 6, 8)]
 
     def columns(self, view: DriveView, shape: Shape) -> FloatArray:
-        """Columns (N, n, 2): all efforts of the links from this joint on."""
+        """Columns (N, n, 3): all efforts of the links from this joint on."""
         if not view.segment.loaded:
-            return np.zeros((len(view), len(view.machine.joints), 2))
+            return np.zeros((len(view), len(view.machine.joints), 3))
         waves = self._waves(view, shape)
         return np.stack([view.body_change(-wave) for wave in waves.T], axis=2)
 
     def gap_columns(self, view: DriveView, shape: Shape) -> FloatArray | None:
-        """``-r sin n q`` and ``-r cos n q``."""
+        """``-r sin n q``, ``-r cos n q`` and ``-r``."""
         return -view.r[:, None] * self._waves(view, shape)
 
     def _waves(self, view: DriveView, shape: Shape) -> FloatArray:
         angle = shape["n"] * view.q
-        return np.column_stack([np.sin(angle), np.cos(angle)])
+        return np.column_stack([np.sin(angle), np.cos(angle), np.ones_like(angle)])

@@ -107,9 +107,11 @@ def relative_std(value: float | None, std: float | None) -> float | None:
 
 
 def moved(value: float | None) -> str:
-    """A change in percent in words: ``fell by 46 %``, ``rose by 5.3 %``."""
+    """A change in percent in words: ``fell by 46 %``, ``rose by 5.3 %``, ``did not change``."""
     if value is None or not math.isfinite(value):
         return "is not known"
+    if f"{value:.1f}" in ("0.0", "-0.0"):
+        return "did not change"
     return f"{'fell' if value < 0 else 'rose'} by {percent(abs(value)).removeprefix('+')}"
 
 

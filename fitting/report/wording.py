@@ -192,11 +192,14 @@ def improvement(report: Mapping[str, Any], joints: Sequence[str | None]) -> str:
         entry = report["errors"][chosen[0]]
         before, after = validate(entry["before"]), validate(entry["after"])
         if before is not None and after is not None and before != after:
-            verb = "fell" if after < before else "rose"
-            parts.append(
-                f"the error of {chosen[0]} on the validation motion {verb} from {number(before)} to {number(after)} "
-                f"{unit(entry['unit'])} ({percent(change(before, after))})"
-            )
+            error = f"the error of {chosen[0]} on the validation motion"
+            if number(before) == number(after):
+                parts.append(f"{error} stayed at {number(after)} {unit(entry['unit'])}")
+            else:
+                parts.append(
+                    f"{error} {'fell' if after < before else 'rose'} from {number(before)} to {number(after)} "
+                    f"{unit(entry['unit'])} ({percent(change(before, after))})"
+                )
     overall = report["overall"]
     if overall.get("change_percent"):
         where = "that of all joints together" if parts else "the error of all joints on the validation motion"

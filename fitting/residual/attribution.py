@@ -14,13 +14,16 @@ import numpy.typing as npt
 
 from fitting.effects.base import Effect
 from fitting.prior import Prior
+from fitting.regression import WhiteRows
 from fitting.residual import rules
 from fitting.residual.confirmation import Misfit, OnValidate, on_validate, worse_joint
 from fitting.residual.cross_validation import HeldOut, held_out_gain
 from fitting.residual.findings import Accepted, Attribution, Candidate, Family, Unconfirmed
 from fitting.residual.laws import Law
+from fitting.residual.look_ahead import first_of_two
 from fitting.residual.null import Null
 from fitting.residual.refinement import finer, refined
+from fitting.residual.robustness import inflation
 from fitting.residual.rules import (
     ACCUSE,
     DOUBT_SHARE,
@@ -36,6 +39,7 @@ from fitting.residual.rules import (
     NEAR_SHARE,
     OUTDONE_SHARE,
     OVERLAP,
+    RIVAL_SHARE,
     SERIES_SHARE,
     UNRELATED_SHARE,
 )
@@ -154,15 +158,36 @@ class _Selection:
         )
         if self._outdone(names, laws):
             return True
+        names = self._with_moved_efforts(names)
         choice = rules.choose(self._sharpened(names, laws), laws, self.accepted)
         if choice is None or len(self.accepted) >= MOST_EFFECTS:
             return self._doubt()
+        choice = self._ahead(choice, names)
         wrong = rules.refutes(choice, self.accepted) if isinstance(choice.term.content, Law) else None
         if wrong is not None and self._stands(choice, self._without(wrong)):
             self._take_back(wrong, "a law of one signal explains much more on this joint")
         else:
             self._try(choice)
         return True
+
+    def _with_moved_efforts(self, names: Sequence[Score]) -> list[Score]:
+        """The names; a delay that comes near the best of its joint with what moving the effort gains.
+
+        Its column is its beginning only, and what resembles that has the whole of its formula.
+        """
+        best = max((s for s in names if s.calibrated > ACCUSE), key=lambda s: s.score, default=None)
+        if best is None:
+            return list(names)
+        late = next((s for s in names if s.term.family == ("sensor_latency", best.term.joint)), None)
+        if late is None or late is best or late.gain <= RIVAL_SHARE * best.gain:
+            return list(names)
+        trial = self.signals.rebuilt(self.signals.refit([*self._terms, late.term]))
+        more = self.model.fit.chi_square - trial.fit.chi_square - late.gain
+        if more <= 0:
+            return list(names)
+        moved = replace(late, gain=late.gain + more, score=late.score + more, null=None)
+        self.named[late.term.family] = moved
+        return [moved if score is late else score for score in names]
 
     def _sharpened(self, names: Sequence[Score], laws: Sequence[Score]) -> list[Score]:
         """The names, those that a law would beat for want of a finer grid with their shapes searched.
@@ -172,9 +197,26 @@ class _Selection:
         choice = rules.choose(names, laws, self.accepted)
         if choice is None or not isinstance(choice.term.content, Law):
             return list(names)
-        near = [s for s in names if s.term.joint == choice.term.joint and s.gain > NEAR_SHARE * choice.gain]
-        near = sorted(near, key=lambda s: -s.score)[:MOST_SHARPENED]
+        near = self._near(names, choice)
         return [*(s for s in names if s not in near), *(refined(self.model, s) for s in near)]
+
+    def _near(self, names: Sequence[Score], law: Score) -> list[Score]:
+        """The best names of a law's joint that reach a share of its gain."""
+        near = [s for s in names if s.term.joint == law.term.joint and s.gain > NEAR_SHARE * law.gain]
+        return sorted(near, key=lambda s: -s.score)[:MOST_SHARPENED]
+
+    def _ahead(self, choice: Score, names: Sequence[Score]) -> Score:
+        """The choice, or for a law the first of two names that explain as much as it does."""
+        if isinstance(choice.term.content, Effect) or self.model.design is not self.base.design:
+            return choice
+        name = first_of_two(
+            self.model,
+            choice,
+            self._near([s for s in names if s.calibrated > ACCUSE], choice),
+            lambda term: self.signals.refit([*self._terms, term]),
+            self.candidates,
+        )
+        return choice if name is None else name
 
     def _outdone(self, names: Sequence[Score], laws: Sequence[Score]) -> bool:
         """Take back a lone name whose formula is not nature's: a law of one signal explains the same, and more.
@@ -205,6 +247,11 @@ class _Selection:
                 return True
         return False
 
+    @property
+    def _terms(self) -> list[Term]:
+        """The accepted terms."""
+        return [item.score.term for item in self.accepted]
+
     def _without(self, number: int) -> list[Term]:
         """The accepted terms but one."""
         return [item.score.term for n, item in enumerate(self.accepted) if n != number]
@@ -220,7 +267,12 @@ class _Selection:
 
     def _judged(self, choice: Score, before: Model, trial: Model) -> tuple[HeldOut, OnValidate | None, str]:
         """What held-out blocks and the validation motion say of a trial's last term, and what is against adding it."""
-        held_out = self._held_out(trial)
+        rows, columns = self._last_rows(trial)
+        held_out = held_out_gain(rows, columns, trial.design.bank.reduced_rate_hz)
+        # What is moved into the signals explains more than its column, which is its beginning only.
+        moved = before.fit.chi_square - trial.fit.chi_square if trial.terms[-1].rebuilt else 0.0
+        own_noise = inflation(rows, columns, trial.fit.residual)
+        held_out = replace(held_out, own_noise=own_noise, own_gain=max(choice.gain, moved) / own_noise)
         confirming = self.validate and not choice.term.confined
         seen = on_validate(before, trial, self.validate) if confirming else None
         return held_out, seen, rules.objection(choice, held_out, seen)
@@ -327,7 +379,7 @@ class _Selection:
         for score in (item.score, *item.rivals):
             family = score.term.family
             self.table[family] = replace(self.table[family], status="rejected", reason=reason)
-        self.model = self.signals.refit([item.score.term for item in self.accepted])
+        self.model = self.signals.refit(self._terms)
 
     def _doubt(self) -> bool:
         """Take back a lone name on a joint where much is left that no further candidate explains."""
@@ -373,8 +425,7 @@ class _Selection:
 
     def _added(self, choice: Score, witnessed: str) -> str:
         """Add the choice to the model, or say why not."""
-        terms = [*(item.score.term for item in self.accepted), choice.term]
-        trial = self.signals.rebuilt(self.signals.refit(terms))
+        trial = self.signals.rebuilt(self.signals.refit([*self._terms, choice.term]))
         choice = replace(choice, term=trial.terms[-1])
         family = choice.term.family
         held_out, seen, reason = self._judged(choice, self.model, trial)
@@ -384,11 +435,18 @@ class _Selection:
             name = self.base.design.parameters.joints[worse[0]]
             reason = f"it makes {name} worse on the validation motion (error {100 * worse[1]:+.1f} %)"
         if reason:
+            if rules.too_faint(choice, held_out):
+                return reason
             self.failed.append(choice)
             if isinstance(choice.term.content, Law):
                 self.unconfirmed.append(Unconfirmed(choice, held_out, float(gain or 0.0)))
             return reason
         rivals = () if isinstance(choice.term.content, Law) else rules.rivals(choice, self.named, self.refused)
+        # What is in the model itself is no other name any more for what was added before.
+        self.accepted = [
+            replace(item, rivals=tuple(rival for rival in item.rivals if rival.term.family != family))
+            for item in self.accepted
+        ]
         self.accepted.append(Accepted(choice, rivals, held_out, gain, witnessed))
         self.table[family] = Candidate(*family, choice.score, "accepted", rules.why(choice, seen))
         for rival in rivals:
@@ -406,15 +464,12 @@ class _Selection:
         columns, unloaded = white_columns(self.model, choice.term)
         return witness(columns, self.model.fit.residual[joint], self.model.fit.orthonormal[joint], unloaded)
 
-    def _held_out(self, trial: Model) -> HeldOut:
-        """Gain of the trial's last term on held-out blocks of the fitted recordings."""
-        rows = trial.rows(self.signals.prior)
+    def _last_rows(self, trial: Model) -> tuple[tuple[WhiteRows, ...], int]:
+        """Whitened rows with the trial's last term in the last columns, and how many those are."""
         part = trial.term_slice(len(trial.terms) - 1)
         if trial.terms[-1].rebuilt:  # its column holds what is left of it only: judge it on the signals before
-            whole = trial.terms[-1]
-            plain = self.signals.refit([*trial.terms[:-1], replace(whole, rebuilt=())])
-            rows = plain.rows(self.signals.prior)
-        return held_out_gain(rows, part.stop - part.start, trial.design.bank.reduced_rate_hz)
+            trial = self.signals.refit([*trial.terms[:-1], replace(trial.terms[-1], rebuilt=())])
+        return trial.rows(self.signals.prior), part.stop - part.start
 
     def prune(self) -> None:
         """Backward: drop what no longer earns its place beside the others."""

@@ -36,11 +36,16 @@ class HeldOut:
     gain : chi-square taken off the held-out rows, summed over all folds
     z : the same over its standard error, from the spread between blocks
     blocks : number of blocks
+    own_noise : noise of the rows that show it, as variance over what the noise model says
+        (:mod:`fitting.residual.robustness`)
+    own_gain : chi-square of the whole term against that noise
     """
 
     gain: float
     z: float
     blocks: int
+    own_noise: float = 1.0
+    own_gain: float = np.inf
 
 
 def held_out_gain(rows: Sequence[WhiteRows], candidate: int, rate_hz: float) -> HeldOut:
@@ -73,7 +78,7 @@ def held_out_gain(rows: Sequence[WhiteRows], candidate: int, rate_hz: float) -> 
         gram, products = A[train].T @ A[train], A[train].T @ b[train]
         errors = []
         for columns in (A.shape[1] - candidate, A.shape[1]):
-            theta = _solve(gram[:columns, :columns], products[:columns])
+            theta = solve_gram(gram[:columns, :columns], products[:columns])
             errors.append((b[test] - A[test, :columns] @ theta) ** 2)
         for own in np.unique(block[test]):
             here = block[test] == own
@@ -108,8 +113,8 @@ def _blocks(rows: Sequence[WhiteRows], length: int) -> tuple[IntArray, IntArray]
     return np.concatenate(blocks), np.concatenate(positions)
 
 
-def _solve(gram: FloatArray, products: FloatArray) -> FloatArray:
-    """Least squares from a Gram matrix of unit columns; directions below 1e-10 are left out."""
+def solve_gram(gram: FloatArray, products: FloatArray) -> FloatArray:
+    """Least squares from a Gram matrix of unit columns, (p,) or (p, k); directions below 1e-10 are left out."""
     values, vectors = np.linalg.eigh(gram)
     live = values > 1e-10 * values[-1]
-    return np.asarray(vectors[:, live] @ ((vectors[:, live].T @ products) / values[live]))
+    return np.asarray((vectors[:, live] / values[live]) @ (vectors[:, live].T @ products))

@@ -8,8 +8,8 @@ the gap is looked at again, so that large errors are not left to a linear correc
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -20,6 +20,7 @@ from daq.machine_file import Machine
 from fitting.effects.base import Effect, Shape, has_both_positions
 from fitting.linkage import parameter_names
 from fitting.noise import Pairing
+from fitting.preparation import Play, PositionError
 from fitting.regression import Design
 from fitting.residual.scoring import PARAMETER_PRICE
 from fitting.residual.views import Views
@@ -27,7 +28,6 @@ from fitting.spectrum import Whitening, whitening
 from fitting.splines import spline_basis
 
 FloatArray = npt.NDArray[np.float64]
-PositionError = Callable[[FloatArray], FloatArray]
 
 
 @dataclass(frozen=True)
@@ -66,12 +66,12 @@ class Corrections:
     ----------
     machine : the machine, with corrected linkages
     position_error : joint name to the error of its measured position as a function of it
-    separate : joints whose piston and joint positions must not be fused, because there is play between them
+    play : joints with play between piston and joint, and where it is
     """
 
     machine: Machine
     position_error: Mapping[str, PositionError] = field(default_factory=dict)
-    separate: frozenset[str] = frozenset()
+    play: Mapping[str, Play] = field(default_factory=dict)
 
 
 def gap_rows(design: Design, fitted: Sequence[int], pairs: Sequence[Pairing], joint: int) -> GapRows:
@@ -146,10 +146,11 @@ def corrected(corrections: Corrections, finding: GapScore) -> Corrections:
     """The corrections with one more finding (or one more step of the same finding) rebuilt into them."""
     name = corrections.machine.joints[finding.joint].name
     if finding.effect.id == "backlash":
-        return Corrections(corrections.machine, corrections.position_error, corrections.separate | {name})
+        where: Play = "sensor" if finding.shape.get("sensor") else "pin"
+        return replace(corrections, play={**corrections.play, name: where})
     if finding.effect.id == "linkage_geometry":
         machine = _with_linkage(corrections.machine, finding.joint, int(finding.shape["parameter"]), finding.values[0])
-        return Corrections(machine, corrections.position_error, corrections.separate)
+        return replace(corrections, machine=machine)
     before = corrections.position_error.get(name)
     error = _position_error(finding)
 
@@ -157,7 +158,7 @@ def corrected(corrections: Corrections, finding: GapScore) -> Corrections:
         earlier = np.zeros_like(q) if before is None else before(q)
         return earlier + error(q - earlier)
 
-    return Corrections(corrections.machine, {**corrections.position_error, name: total}, corrections.separate)
+    return replace(corrections, position_error={**corrections.position_error, name: total})
 
 
 def _position_error(finding: GapScore) -> PositionError:
@@ -165,7 +166,7 @@ def _position_error(finding: GapScore) -> PositionError:
     if finding.effect.id == "encoder_offset":
         return lambda q: np.full_like(q, values[0])
     n = finding.shape["n"]
-    return lambda q: values[0] * np.sin(n * q) + values[1] * np.cos(n * q)
+    return lambda q: values[0] * np.sin(n * q) + values[1] * np.cos(n * q) + values[2]
 
 
 def _with_linkage(machine: Machine, joint: int, parameter: int, change: float) -> Machine:

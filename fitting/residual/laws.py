@@ -27,6 +27,7 @@ OWN: dict[str, tuple[str, Callable[[DriveView], FloatArray]]] = {
     "head_pressure": ("Pa", lambda view: view.p1),
     "rod_pressure": ("Pa", lambda view: view.p2),
     "time": ("s", lambda view: view.clock),
+    "time_since_reversal": ("s", lambda view: _since_reversal(view)),
     "oil_temperature": ("K", lambda view: _temperature(view)),
 }
 NEIGHBOUR: dict[str, tuple[str, Callable[[DriveView, int], FloatArray]]] = {
@@ -37,6 +38,8 @@ NEIGHBOUR: dict[str, tuple[str, Callable[[DriveView, int], FloatArray]]] = {
 #: Basis functions of the splines: smooth laws of every signal, bumpier ones of the joint's own.
 SMOOTH, FINE, FINEST = 4, 8, 16
 _LOCAL = ("piston_position",)
+#: Deviations of the speed's noise above which its sign is sure.
+_SURE = 3.0
 
 
 @dataclass(frozen=True)
@@ -130,6 +133,20 @@ def _family(
         knots = tuple(spline_knots(values, count).tolist())
         for signed in (False, True):
             yield Law(signal, other, signed, loaded_only, knots)
+
+
+def _since_reversal(view: DriveView) -> FloatArray:
+    """Time since the piston's speed last changed its sign, s; up to the first time, since the beginning.
+
+    A change counts once the speed is above its noise; it was where the speed last had the sign before.
+    """
+    forward, sure = view.v > 0, np.flatnonzero(np.abs(view.v) > _SURE * view.noise[view.joint].speed)
+    since = np.zeros(len(forward), dtype=int)
+    for number in np.flatnonzero(np.diff(forward[sure])).tolist():
+        before, after = int(sure[number]), int(sure[number + 1])
+        turned = before + 1 + int(np.flatnonzero(forward[before:after] == forward[before])[-1])
+        since[turned] = turned
+    return np.asarray((np.arange(len(forward)) - np.maximum.accumulate(since)) / view.bank.rate_hz)
 
 
 def _temperature(view: DriveView) -> FloatArray:

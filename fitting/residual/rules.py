@@ -27,6 +27,7 @@ from fitting.residual.cross_validation import HeldOut
 from fitting.residual.findings import Accepted, Candidate, Family
 from fitting.residual.laws import Law
 from fitting.residual.scoring import Score
+from fitting.residual.terms import Term
 
 ACCUSE = 14.0
 SET_WIDTH = 7.0
@@ -53,6 +54,8 @@ HELD_SHARE = 0.5
 MISFIT_SHARE = 0.1
 #: The same for a spline's limited resolution, in the signal that it is a law of.
 LAW_MISFIT_SHARE = 0.25
+#: The same where it stands in one set with that effect: nature's formula may lie between the two.
+RIVAL_SHARE = 1 / 3
 #: The same on other joints, where only the coupling through the rigid body shows.
 SPILL_SHARE = 0.01
 #: The same of what nothing explains: a model that is known to be wrong spills more.
@@ -69,6 +72,11 @@ def objection(choice: Score, held_out: HeldOut, validate: OnValidate | None) -> 
 
     A validation motion that could not show a right effect is as good as none, unless it shows that this one is wrong.
     """
+    if too_faint(choice, held_out):
+        return (
+            f"the rows that show it are {held_out.own_noise:.1f} times as noisy as the motion as a whole; against that "
+            f"it gains {held_out.own_gain:.1f} of chi-square, less than the noise and its price ask for"
+        )
     if choice.term.confined:  # most blocks know nothing of it, and no other recording does: it has to be plain
         if held_out.gain >= HELD_SHARE * choice.gain and choice.score > 2 * ACCUSE:
             return ""
@@ -83,6 +91,11 @@ def objection(choice: Score, held_out: HeldOut, validate: OnValidate | None) -> 
     if validate is not None and validate.gain <= 0 and not blind:
         return f"it does not help on the validation motion (chi-square {validate.gain:+.1f})"
     return ""
+
+
+def too_faint(choice: Score, held_out: HeldOut) -> bool:
+    """Whether a gain is not significant against the noise of just the rows that show it."""
+    return held_out.own_gain - (choice.gain - choice.score) <= ACCUSE
 
 
 def is_blind(choice: Score, validate: OnValidate | None) -> bool:
@@ -138,6 +151,8 @@ def is_misfit(score: Score, accepted: Sequence[Accepted]) -> bool:
             # The odd part of a law is no misfit of its even part: one signal may have both.
             other_part = isinstance(content, Law) and content.signed != term.content.signed
             share = SPILL_SHARE if other_part else LAW_MISFIT_SHARE
+        if any(rival.term.family == score.term.family for rival in item.rivals):
+            share = RIVAL_SHARE
         if score.gain < share * item.score.gain:
             return True
     return False
@@ -193,9 +208,15 @@ def rivals(choice: Score, named: dict[Family, Score], refused: set[Family]) -> t
         if s.plausible
         and s.term.family != choice.term.family
         and s.term.family not in refused
+        and not _only_more_general(s.term, choice.term)
         and abs(choice.score - s.score) < width(s)
     ]
     return tuple(sorted(near, key=lambda s: -s.score)[:MOST_RIVALS])
+
+
+def _only_more_general(rival: Term, name: Term) -> bool:
+    """Whether a rival is the name with further parameters."""
+    return isinstance(rival.content, Effect) and rival.joint == name.joint and name.id in rival.content.includes
 
 
 def there(accepted: Sequence[Accepted], score: Score) -> bool:

@@ -26,12 +26,14 @@ class Term:
     Attributes
     ----------
     rebuilt : values already applied to the signals themselves, per parameter; the fitted value is what is left of it
+    resampled : of a delay: its samples were handed on late, interpolated; else what was sampled was late itself
     """
 
     content: Effect | Law
     joint: int | None
     shape: Shape = field(default_factory=dict)
     rebuilt: tuple[float, ...] = ()
+    resampled: bool = False
 
     @property
     def id(self) -> str:

@@ -92,7 +92,7 @@ class ExcitationKind:
         }
         path = run.place / "request.json"
         write_atomically(path, json.dumps(request, indent=1).encode())
-        return run.child([*self._program, str(path)], run.place / "design.log")
+        return run.child(self._program, [str(path)], run.place / "design.log")
 
     def result(self, job: Job, place: Path) -> Result:
         """What the design found."""

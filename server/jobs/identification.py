@@ -1,4 +1,4 @@
-"""Identifications as jobs: each stage is a process, its results are files."""
+"""Identifications as jobs: the stages of each share a process, and their results are files."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ class IdentificationKind:
         return self._files.identifications / job.subject
 
     def run(self, run: StageRun) -> ChildResult:
-        """One stage in a process of its own; those before it again if their files are gone."""
+        """One stage, in the process of the one before if it is there; those before it again if their files are gone."""
         identification = self._identifications.get(run.job.subject)
         rows = {id: self._recordings.get(id) for id, _ in identification.recordings}
         # What stays says where the service keeps recordings, also if this host reads copies of them.
@@ -81,7 +81,7 @@ class IdentificationKind:
     def _stages_of(self, run: StageRun, request: Path) -> ChildResult:
         stages = (run.stage,) if run.whole else self.stages[: self.stages.index(run.stage) + 1]
         for stage in stages:
-            result = run.child([*self._program.command, str(request), stage], run.place / f"{stage}.log")
+            result = run.child(self._program.command, [str(request), stage], run.place / f"{stage}.log")
             if result.outcome != "done":
                 break
         return result

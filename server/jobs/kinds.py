@@ -30,7 +30,8 @@ class StageRun:
     ----------
     progress : takes the fraction of the stage (0 to 1) and what is being done
     should_stop : whether somebody cancelled the job, or the service stops
-    child : runs a command with a log file to its end (:func:`server.children.run_child`)
+    child : runs a program with arguments and a log file; one that stays is there for the job's next stage
+        (:class:`server.children.Child`)
     place : directory that nobody else writes to, with all that the stages before left (:mod:`server.jobs.places`)
     whole : whether what they left is there; False also for the first stage
     """
@@ -39,7 +40,7 @@ class StageRun:
     stage: str
     progress: Callable[[float, str], None]
     should_stop: Callable[[], bool]
-    child: Callable[[Sequence[str], Path], ChildResult]
+    child: Callable[[Sequence[str], Sequence[str], Path], ChildResult]
     place: Path
     whole: bool
 

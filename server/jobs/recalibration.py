@@ -164,7 +164,7 @@ class RecalibrationKind:
         }
         path = run.place / "request.json"
         write_atomically(path, json.dumps(request, indent=1).encode())
-        result = run.child([*self._program, str(path)], run.place / "compare.log")
+        result = run.child(self._program, [str(path)], run.place / "compare.log")
         if result.outcome == "input":
             # A calibration that cannot be compared can still be looked at by a person.
             note = f"the two calibrations cannot be compared: {result.error}"

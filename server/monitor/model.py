@@ -23,16 +23,22 @@ from daq.errors import HilfitError, RecordingError
 from daq.machine_file import Machine
 from fitting.effects.base import DriveView, Ranges
 from fitting.joint_side import at_joints
-from fitting.loop import corrections_from_json, delays, final_model, term_from_json
+from fitting.kinematic_check import corrections_from_json
+from fitting.loop import delays, final_model, term_from_json
 from fitting.preparation import prepare
 from fitting.regression import Design, Extra, build_design, full_residual, predicted_effort
 from fitting.residual.kinematics import Corrections
+from fitting.residual.laws import Law
 from fitting.residual.terms import Model, Term, extra_columns
 from fitting.session import Session
-from fitting.stages import load_request
+from fitting.stage_program import load_request
 
 FloatArray = npt.NDArray[np.float64]
 _STAGES = ("residual", "attribution")
+
+
+#: Signal of which a block does not hold enough.
+_MEMORY = "time_since_reversal"
 
 
 class NotLiveError(HilfitError):
@@ -76,7 +82,7 @@ class LiveModel:
         self._base = session.base
         self._noise = session.position_noise
         self._corrections = corrections
-        self._latency = dict(delays(session, terms))
+        self._latency, self._resampled = delays(session, terms)
         self._terms = tuple(terms)
         self._theta = model.fit.theta
         self._ranges: tuple[Ranges, ...] = model.views[model.fitted[0]][0].ranges
@@ -84,6 +90,11 @@ class LiveModel:
         if confined:
             raise NotLiveError(
                 f"{', '.join(confined)} acts in single recordings of the fit; the calibration says nothing of now"
+            )
+
+        if any(isinstance(t.content, Law) and _MEMORY in (s for s, _ in t.content.signals) for t in terms):
+            raise NotLiveError(
+                "a law of the time since the last reversal needs more of the past than is looked at at a time"
             )
 
     @classmethod
@@ -153,8 +164,9 @@ class LiveModel:
                 self.bank,
                 noise=self._noise,
                 latency=self._latency,
+                resampled=self._resampled,
                 position_error=self._corrections.position_error,
-                separate=self._corrections.separate,
+                play=self._corrections.play,
             )
         except RecordingError:
             return None

@@ -6,21 +6,22 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from synthetic_arm import clean_session, exact_views, make_session, planar_machine, truth
+from synthetic_arm import RATE, clean_session, exact_views, force, make_session, planar_machine, truth
 
 from fitting.effects import effect, effects
 from fitting.loop import SessionSignals, final_model, moves, run_attribution, term_from_json, term_to_json
 from fitting.residual import rules
-from fitting.residual.attribution import attribute
+from fitting.residual.attribution import _Selection, attribute
 from fitting.residual.confirmation import OnValidate, on_validate, overall_change, validate_gain, worse_joint
 from fitting.residual.cross_validation import HeldOut
-from fitting.residual.findings import Attribution
+from fitting.residual.findings import Accepted, Attribution
 from fitting.residual.kinematics import Corrections
 from fitting.residual.laws import Law
 from fitting.residual.rules import ACCUSE
 from fitting.residual.scoring import Score, score_terms
 from fitting.residual.terms import Term, fit_model
 from fitting.session import Session
+from fitting.signals import advanced
 
 MACHINE, ARM = planar_machine(2), truth(2)
 RECORDINGS = (("unloaded", 1), ("train", 2), ("train", 4), ("repeat", 2), ("validate", 3))
@@ -215,6 +216,70 @@ def test_a_validation_motion_that_could_not_show_an_effect_is_as_good_as_none(
         assert ("can hardly show it" in rules.why(plain, validate)) == (validate.gain < 0)
     faint = replace(plain, gain=ACCUSE + 8.0, score=ACCUSE + 2.0)
     assert bool(rules.objection(faint, held_out, validate)) == (validate.gain <= 0), "noise may look like it"
+
+
+def test_what_is_plain_for_all_the_noise_but_not_for_its_own_rows_is_refused(plain: Score) -> None:
+    seen = OnValidate(gain=5.0, expected=10.0, spread=6.4, noise=6.3)
+    faint = replace(plain, gain=52.0, score=40.0)
+    assert not rules.objection(faint, replace(PLAIN, own_noise=1.9, own_gain=52.0 / 1.9), seen)
+    said = rules.objection(faint, replace(PLAIN, own_noise=2.1, own_gain=52.0 / 2.1), seen)
+    assert "2.1 times as noisy" in said and "gains 24.8" in said
+
+
+def test_a_rival_of_what_is_there_is_its_misfit_until_it_gains_a_third(plain: Score) -> None:
+    """Nature's formula may lie between two names that cannot be told apart."""
+    name = replace(plain, gain=600.0)
+    other = Term(effect("load_dependent_friction"), 1)
+    alone = Accepted(name, (), PLAIN, 1.0)
+    together = Accepted(name, (replace(name, term=other),), PLAIN, 1.0)
+    for gain, misfit in ((59.0, True), (61.0, True), (199.0, True), (201.0, False)):
+        assert rules.is_misfit(replace(name, term=other, gain=gain), [together]) == misfit
+    assert not rules.is_misfit(replace(name, term=other, gain=61.0), [alone])
+
+
+def test_a_delay_is_named_with_all_that_moving_the_effort_gains() -> None:
+    """Its column is short of friction's jumps, which presliding is made of."""
+
+    def late(segment: object, index: int) -> np.ndarray:
+        effort = force(MACHINE, ARM, segment)[:, 1]  # type: ignore[arg-type]
+        return advanced(effort, -0.006 * RATE) - effort
+
+    session = session_with(late)
+    (column,) = score_terms(session.base_model, [Term(effect("sensor_latency"), 1)], [1])
+    found = run(session).accepted
+    assert [item.score.term.family for item in found] == [("sensor_latency", 1)]
+    assert found[0].score.term.rebuilt[0] == pytest.approx(0.006, abs=0.0005)
+    assert "presliding_hysteresis" not in [rival.term.id for rival in found[0].rivals]
+    assert found[0].held_out.own_gain * found[0].held_out.own_noise > column.gain
+
+    selection = _Selection(
+        session.base_model, effects(), (), SessionSignals(session, Corrections(session.machine)), 0, ()
+    )
+    lookalike = replace(
+        column, term=Term(effect("presliding_hysteresis"), 1), gain=column.gain + 0.5, score=column.score + 0.5
+    )
+    elsewhere = replace(lookalike, term=Term(effect("presliding_hysteresis"), 0))
+    weighed, best = selection._with_moved_efforts([column, lookalike])
+    assert best == lookalike and weighed.gain > best.gain
+    assert weighed.gain - weighed.score == pytest.approx(column.gain - column.score)
+    assert selection._with_moved_efforts([column, elsewhere]) == [column, elsewhere]
+
+
+def test_what_is_added_itself_is_no_other_name_for_what_was_added_before() -> None:
+    session = session_with(
+        lambda s, i: 900.0 * (s.x[:, 1] - 0.15) * np.sign(s.v[:, 1]) + 9000.0 * s.v[:, 1] * np.abs(s.v[:, 1])
+    )
+    first, second = Term(effect("quadratic_loss"), 1), Term(effect("position_dependent_friction"), 1)
+    score, rival = score_terms(session.base_model, [first, second], [1, 1])
+    plain = session.plain
+    base = fit_model(plain.design, plain.noise, plain.fitted, [first], session.prior)
+    signals = SessionSignals(session, Corrections(session.machine))
+    known = Accepted(score, (rival,), PLAIN, 1.0)
+    found = attribute(base, effects(), plain.validate, signals, known=[known])
+    assert [(item.score.term.family, item.rivals) for item in found.accepted] == [
+        (first.family, ()),
+        (second.family, ()),
+    ]
 
 
 def test_overall_change_is_the_ratio_of_root_mean_squares_with_a_block_interval() -> None:

@@ -10,6 +10,7 @@ from synthetic_arm import planar_machine, truth
 
 from fitting.drive import UNITS, drive_columns, drive_names, expected_power, expected_sign, known_effort
 from fitting.prior import mass_prior, moving_mass
+from fitting.signals import advanced
 
 DRAWS = np.random.default_rng(1).normal(size=200_000)
 
@@ -92,3 +93,23 @@ def test_a_cylinder_weighs_what_its_steel_and_oil_say() -> None:
     assert moving_mass(cylinder) == pytest.approx(by_hand)
     prior = mass_prior(planar_machine(2))
     assert np.allclose(prior.mass, by_hand) and np.allclose(prior.std, 0.4 * by_hand)
+
+
+@given(st.floats(-2.5, 2.5), st.integers(0, 1000))
+@settings(deadline=None, max_examples=50)
+def test_what_jumps_in_a_late_effort_is_sampled_where_it_arrived(late: float, phase: int) -> None:
+    """Independent of the columns: the effort of a delayed speed, sampled, then moved back by the delay."""
+    k = np.arange(600)
+
+    def speed(at: np.ndarray) -> np.ndarray:
+        return 0.05 * np.sin(0.043 * at + phase) + 0.02 * np.sin(0.11 * at + 2 * phase)
+
+    arrived = np.sign(speed(k - late))
+    moved = advanced(arrived, late)
+    nothing = np.zeros(600)
+    (right,) = drive_columns(("f_c",), nothing, speed(k), nothing, 0.0, late).T
+    inside = slice(40, -40)
+    # A reversal within a thousandth of a sample may fall on either side.
+    assert np.mean(np.abs(right - moved)[inside] > 1e-6) < 0.1
+    (naive,) = drive_columns(("f_c",), nothing, speed(k), nothing, 0.0).T
+    assert np.std((right - moved)[inside]) <= np.std((naive - moved)[inside]) + 1e-9

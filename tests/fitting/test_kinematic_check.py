@@ -7,10 +7,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.ndimage import gaussian_filter1d
 from synthetic_arm import RATE, clean_session, force, make_motion, make_session, planar_machine, sample, truth
 
 from daq.machine_file import Machine
-from fitting.loop import KinematicFinding, corrections_from_json, kinematic_findings, step_to_json
+from fitting.kinematic_check import KinematicFinding, corrections_from_json, kinematic_findings, step_to_json
 from fitting.residual.kinematics import Corrections, checkable, gap_error
 from fitting.session import Session
 
@@ -47,6 +48,7 @@ def test_an_encoder_offset_is_named_measured_and_rebuilt(offset: float) -> None:
     session = with_reading(lambda q: q + offset)
     findings, corrections = kinematic_findings(session)
     finding = named(findings, "encoder_offset", 1)
+    assert "encoder_eccentricity" not in finding.rivals, "an eccentricity without harmonics is an offset"
     if finding.effect.id == "encoder_offset":
         assert finding.values[0] == pytest.approx(offset, abs=max(4 * finding.stds[0], 1e-5))
     before, after = gap_left(session, corrections, 1)
@@ -57,13 +59,16 @@ def test_an_encoder_offset_is_named_measured_and_rebuilt(offset: float) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("zeroed", [False, True])
 @pytest.mark.parametrize("n", [2, 4])
-def test_an_eccentric_encoder_is_named_with_its_harmonic(n: int) -> None:
-    session = with_reading(lambda q: q + 0.004 * np.sin(n * q) + 0.002 * np.cos(n * q))
+def test_an_eccentric_encoder_is_named_with_its_harmonic(n: int, zeroed: bool) -> None:
+    """Encoders are zeroed on the machine, so that the error is zero there and not on average."""
+    zero = -0.002 if zeroed else 0.0
+    session = with_reading(lambda q: q + 0.004 * np.sin(n * q) + 0.002 * np.cos(n * q) + zero)
     findings, corrections = kinematic_findings(session)
     finding = named(findings, "encoder_eccentricity", 1)
     if finding.effect.id == "encoder_eccentricity" and finding.steps[0].shape["n"] == n:
-        assert finding.values == pytest.approx((0.004, 0.002), abs=2e-4)
+        assert finding.values == pytest.approx((0.004, 0.002, zero), abs=2e-4)
     before, after = gap_left(session, corrections, 1)
     assert before > 10 * after and after < 2e-5
 
@@ -90,8 +95,12 @@ def test_a_shifted_pin_is_named_and_the_linkage_rebuilt(parameter: str, shift: f
         )
 
 
-def test_play_is_named_and_the_sensors_are_not_fused_any_more() -> None:
-    """An arm that hangs: its load changes sign with the angle, and the piston is half the play ahead on either side."""
+@pytest.mark.parametrize("place", ["sensor", "pin"])
+def test_play_is_named_with_its_place_and_the_sensors_are_not_fused_any_more(place: str) -> None:
+    """An arm that hangs: its load changes sign with the angle, and the piston is half the play ahead on either side.
+
+    Play in the pin makes the piston itself jump, and its friction with it; in the sensor, the reading alone.
+    """
     machine = planar_machine(2).model_copy(update={"gravity": (9.81, 0.0, 0.0)})
     bodiless = replace(ARM, pi=0 * ARM.pi)
     recordings = []
@@ -100,16 +109,23 @@ def test_play_is_named_and_the_sensors_are_not_fused_any_more() -> None:
         effort = force(machine, ARM, motion)
         if role != "unloaded":
             load = effort - force(machine, bodiless, motion)
-            x = motion.x.copy()
-            x[:, 1] += 0.0005 * np.sign(load[:, 1])
-            motion = replace(motion, x=x)
+            side = gaussian_filter1d(np.sign(load[:, 1]), 8.0)
+            x, v, a = motion.x.copy(), motion.v.copy(), motion.a.copy()
+            x[:, 1] += 0.001 * side
+            v[:, 1] += 0.001 * RATE * np.gradient(side)
+            a[:, 1] += 0.001 * RATE**2 * np.gradient(np.gradient(side))
+            motion = replace(motion, x=x, v=v, a=a)
+            if place == "pin":
+                effort = force(machine, ARM, motion)
         recordings.append(sample(machine, motion, effort, role, 1, number=number))
     session = Session(machine, recordings)
     findings, corrections = kinematic_findings(session)
     finding = named(findings, "backlash", 1)
     # The model's load crosses zero a little before or after the true one.
-    assert finding.values[0] == pytest.approx(0.001, rel=0.1)
-    assert corrections.separate == {"joint2"}
+    assert finding.values[0] == pytest.approx(0.002, rel=0.1)
+    assert corrections.play == {"joint2": place}
+    steps = [step_to_json(step) for step in finding.steps]
+    assert corrections_from_json(session, steps).play == corrections.play
     assert finding.gap_after < 0.3 * finding.gap_before
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 import subprocess
 import sys
 from collections.abc import Mapping
@@ -17,7 +18,8 @@ from daq.machine_file import machine_to_yaml
 from daq.recording import write_recording
 from fitting import stages
 from fitting.session import Options, Request
-from fitting.stages import STAGES, identify, load_request, main, run_stage
+from fitting.stage_program import load_request, main
+from fitting.stages import STAGES, identify, run_stage
 
 
 @pytest.fixture(scope="module")
@@ -196,10 +198,41 @@ def test_a_request_survives_its_file(files: Path, tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+def test_one_process_does_all_stages_and_reads_the_recordings_once(
+    files: Path, tmp_path: Path, one_by_one: tuple[Request, dict[str, dict[str, Any]]]
+) -> None:
+    copies = tmp_path / "files"
+    shutil.copytree(files, copies)
+    path = request_file(request_of(copies, tmp_path / "report"), tmp_path / "request.json")
+    with subprocess.Popen(
+        [sys.executable, "-m", "fitting.stage_program", "--stay", str(path), STAGES[0]],
+        stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+    ) as program:  # fmt: skip
+        assert program.stdin is not None and program.stdout is not None and program.stderr is not None
+        for stage in STAGES:
+            said = next(line for line in map(json.loads, program.stdout) if "fraction" not in line)
+            assert said["stays"] is True
+            expected = one_by_one[1][stage]
+            assert {key: said["summary"][key] for key in expected} == expected
+            if stage == STAGES[0]:
+                for recording in copies.glob("*.parquet"):
+                    recording.unlink()
+            if stage != STAGES[-1]:
+                order = {"arguments": [str(path), STAGES[STAGES.index(stage) + 1]], "log": str(tmp_path / "log")}
+                program.stdin.write(json.dumps(order) + "\n")
+                program.stdin.flush()
+        program.stdin.close()
+        assert program.wait(60) == 0
+        assert program.stderr.read() == ""
+    assert (tmp_path / "report" / "report.json").is_file()
+    assert (tmp_path / "log").read_text() == ""
+
+
+@pytest.mark.slow
 def test_as_a_process_of_its_own(files: Path, tmp_path: Path) -> None:
     path = request_file(request_of(files, tmp_path / "report"), tmp_path / "request.json")
     done = subprocess.run(
-        [sys.executable, "-m", "fitting.stages", str(path), "check"], capture_output=True, text=True, timeout=120
+        [sys.executable, "-m", "fitting.stage_program", str(path), "check"], capture_output=True, text=True, timeout=120
     )
     assert done.returncode == 0, done.stderr
     assert "summary" in json.loads(done.stdout.splitlines()[-1])

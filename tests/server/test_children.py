@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from server.children import ChildResult, run_child
+from server.children import Child, ChildResult, run_child
 
 
 def child(code: str, tmp_path: Path, **options: object) -> ChildResult:
@@ -83,6 +83,56 @@ subprocess.run([sys.executable, "-c", {inner!r}])
     assert result == ChildResult("stopped")
     # The signal was sent to both; the inner process may need a moment on a busy computer to die of it.
     assert has_ended(watched[0])
+
+
+STAYS = """
+import json, os, sys
+arguments = sys.argv[1:]
+while True:
+    if "fail" in arguments:
+        print(json.dumps({"error": "no"})); sys.exit(2)
+    print(json.dumps({"summary": {"pid": os.getpid(), "did": arguments}, "stays": "once" not in arguments}), flush=True)
+    order = sys.stdin.readline() if "once" not in arguments else ""
+    if not order:
+        break
+    arguments = json.loads(order)["arguments"]
+    with open(json.loads(order)["log"], "a") as log:
+        log.write("told\\n")
+"""
+
+
+def test_a_child_that_stays_does_what_comes_next(tmp_path: Path) -> None:
+    program = [sys.executable, "-c", STAYS]
+
+    def run(*arguments: str, program: list[str] = program) -> ChildResult:
+        return child.run(program, arguments, log=tmp_path / arguments[0], timeout_s=30.0)
+
+    with Child() as child:
+        first, second = run("one"), run("two", "words")
+        assert [r.summary["did"] for r in (first, second)] == [["one"], ["two", "words"]]
+        assert first.summary["pid"] == second.summary["pid"]
+        assert (tmp_path / "two").read_text() == "told\n"
+        other = run("three", program=[*program, "another"])
+        assert other.summary["did"] == ["another", "three"] and other.summary["pid"] != first.summary["pid"]
+        watched = os.pidfd_open(run("four").summary["pid"])
+        failed = run("fail")
+        assert (failed.outcome, failed.error) == ("input", "no")
+        assert has_ended(watched)
+        after = run("five")
+        assert after.outcome == "done"
+        watched = os.pidfd_open(after.summary["pid"])
+    assert has_ended(watched)
+
+
+def test_a_child_that_died_while_it_stayed_is_started_again(tmp_path: Path) -> None:
+    with Child() as child:
+        first = child.run([sys.executable, "-c", STAYS], ["one"], log=tmp_path / "log", timeout_s=30.0)
+        watched = os.pidfd_open(first.summary["pid"])
+        os.kill(first.summary["pid"], signal.SIGKILL)
+        assert has_ended(watched)
+        second = child.run([sys.executable, "-c", STAYS], ["two", "once"], log=tmp_path / "log", timeout_s=30.0)
+    assert second.outcome == "done"
+    assert second.summary["pid"] != first.summary["pid"]
 
 
 def has_ended(descriptor: int) -> bool:

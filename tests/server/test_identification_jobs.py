@@ -235,7 +235,7 @@ def test_a_stage_that_cannot_be_started_fails_the_job(
         raise OSError(errno.ENOSPC, "No space left on device")
 
     with monkeypatch.context() as patch:
-        patch.setattr("server.workflows.run_child", full)
+        patch.setattr("server.workflows.Child.run", full)
         job = outcome(running, running.order(csv))
     assert job["state"] == "failed"
     assert "No space left on device" in job["error"]

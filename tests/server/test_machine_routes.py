@@ -5,6 +5,8 @@ from __future__ import annotations
 import pytest
 from service_fakes import API, MACHINE, Running, wait_for_change
 
+from server.errors import UnavailableError
+
 MACHINES = f"{API}/machines"
 
 
@@ -147,6 +149,23 @@ def test_live_values_come_from_the_ring(running: Running) -> None:
     refused = running.client.get(f"{API}/live", params={"machine": "living"})
     assert refused.status_code == 409
     assert "enable it" in refused.json()["detail"]
+
+
+def test_a_machine_that_has_just_begun_hides_no_other(running: Running, monkeypatch: pytest.MonkeyPatch) -> None:
+    acquire(running, "early")
+    acquire(running, "late")
+    latest = running.service.acquisition.latest
+
+    def none_yet(name: str) -> dict[str, object]:
+        if name == "late":
+            raise UnavailableError("machine 'late' has not sent a frame yet; try again")
+        return latest(name)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(running.service.acquisition, "latest", none_yet)
+        found = running.client.get(f"{API}/live").json()
+        assert "early" in found and "late" not in found
+        assert running.client.get(f"{API}/live", params={"machine": "late"}).status_code == 503
 
 
 def test_a_new_version_is_acquired_from_then_on(running: Running) -> None:

@@ -13,8 +13,10 @@ from fitting.effects import effect
 from fitting.preparation import prepare
 from fitting.regression import build_design, full_residual
 from fitting.residual.kinematics import Corrections
+from fitting.residual.laws import Law
 from fitting.residual.terms import Model, Term, fit_model
 from fitting.session import Session
+from fitting.splines import spline_knots
 from server.monitor.blocks import Windows
 from server.monitor.model import JointBlock, LiveModel, NotLiveError
 from server.monitor.scores import effective, scores
@@ -146,6 +148,14 @@ def test_effects_that_only_a_recording_tells_are_refused_and_not_guessed(fitted:
         with pytest.raises(NotLiveError):
             model = fit_model(made.plain.design, made.plain.noise, made.plain.fitted, (term,), made.prior)
             LiveModel(made.machine, made, Corrections(made.machine), (term,), model).evaluate(*signals(20, 4))
+
+
+def test_a_law_that_remembers_more_than_a_block_holds_is_refused(fitted: tuple[Session, Model]) -> None:
+    made, _ = fitted
+    term = Term(Law("time_since_reversal", None, True, False, tuple(spline_knots(np.linspace(0.0, 3.0, 50), 4))), 0)
+    model = fit_model(made.plain.design, made.plain.noise, made.plain.fitted, (term,), made.prior)
+    with pytest.raises(NotLiveError, match="since the last reversal"):
+        LiveModel(made.machine, made, Corrections(made.machine), (term,), model)
 
 
 def test_windows_step_by_blocks_and_begin_anew_after_a_loss() -> None:

@@ -18,7 +18,8 @@ from daq import write_recording
 from daq.frame import row_dtype
 from daq.ring import RingWriter, ring_buffer
 from fitting.residual.kinematics import Corrections
-from fitting.stages import STAGES, load_request, run_stage
+from fitting.stage_program import load_request
+from fitting.stages import STAGES, run_stage
 from server.alarms import Alarms
 from server.errors import ConflictError, UnavailableError
 from server.files import DataDirectory

@@ -158,8 +158,8 @@ def test_a_host_without_the_server_s_recordings_reads_them_from_there(tmp_path: 
         kept.unlink()
         seen: dict[str, Any] = {}
 
-        def child(command: Any, log: Path) -> ChildResult:
-            seen.update(json.loads(Path(command[-2]).read_text()))
+        def child(program: Any, arguments: Any, log: Path) -> ChildResult:
+            seen.update(json.loads(Path(arguments[-2]).read_text()))
             seen["bytes"] = Path(seen["recordings"][0][1]).read_bytes()
             return ChildResult("done")
 

@@ -10,7 +10,8 @@ import numpy.typing as npt
 
 from daq.machine_file import Machine
 from daq.recording import Recording
-from fitting.loop import kinematic_findings, run_attribution
+from fitting.kinematic_check import kinematic_findings
+from fitting.loop import run_attribution
 from fitting.residual.laws import Law
 from fitting.session import Session
 

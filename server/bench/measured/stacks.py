@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from fitting.loop import corrections_from_json, final_model, term_from_json
+from fitting.kinematic_check import corrections_from_json
+from fitting.loop import final_model, term_from_json
 from fitting.residual.terms import Model, Term
 from fitting.session import Options, Request, Session
 from fitting.stages import run_stage

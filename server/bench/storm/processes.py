@@ -26,7 +26,7 @@ from server.bench.storm import stages
 CHILDREN: Mapping[str, str] = {
     "daq.acquisition_child": "acquisition",
     "storm/stages.py": "stage",
-    "fitting.stages": "real stage",
+    "fitting.stage_program": "real stage",
 }
 START_S = 90.0
 
@@ -113,6 +113,11 @@ class Herd:
     def hosts(self) -> list[Host]:
         """Server and workers."""
         return [self.server, *self.workers]
+
+    @property
+    def total(self) -> int:
+        """How many were killed."""
+        return sum(self.killed.values())
 
     def revive(self) -> list[Host]:
         """Start every host that is not there; these."""

@@ -30,7 +30,7 @@ from sim_backends import SimulatedMachine, default_machine
 from sim_backends.cases import make_case
 
 #: Kills that are aimed at, for every one that there should be: now and then there is nothing to kill.
-AIM = 1.8
+AIM = 2.5
 #: Least seconds between two kills.
 BREATH_S = 0.15
 #: How often each kind is chosen, where one is there.
@@ -42,7 +42,7 @@ ACQUISITION_S = 2.0
 USUAL_START_S = 2.5
 #: Share of the stages that are spared: three kills fail a job.
 SPARED = 0.4
-#: Real identifications that are ordered during the storm, and the most kills of stages of each: all have to get done.
+#: Real identifications, and the most kills of stages of each: all have to get done.
 REAL, REAL_KILLS = 2, 2
 #: Machine time of their recordings: about 4 s of processor time each, and the start of seven processes.
 REAL_S = 20.0
@@ -77,7 +77,7 @@ def run(
     kills : that there should be; a computer that is busy with other work starts processes slowly, so the storm goes on
         until then
     longest : seconds that it goes on at most
-    real : real identifications that are ordered while it lasts; the others have light stages
+    real : real identifications that are ordered after that, and hit; the others have light stages
 
     Raises
     ------
@@ -126,14 +126,18 @@ def _storm(
                 told.undisturbed = _undisturbed(client, order_of_real)
                 took = time.monotonic() - asked
                 say(f"it took {took:.1f} s")
-        when = [seconds * number / real for number in range(real)]
-        traffic = Traffic(client, told, name, recording, order_of_real, when)
+        traffic = Traffic(client, told, name, recording)
         traffic.start()
-        say(
-            f"{seconds:g} s of kill -9; light stages stand for those of an identification, but for {real} real ones; "
-            "all else is real"
-        )
-        starts, lasted = _kill(herd, random.Random(seed), (seconds, longest), kills, say)
+        say(f"{seconds:g} s of kill -9; light stages stand for those of an identification, all else is real")
+        killing = Killing(herd, random.Random(seed), AIM * kills / seconds, say)
+        killing.go_on(lambda past: past < seconds or herd.total < kills, longest)
+        total, counts, starting, lasted = herd.total, dict(herd.killed), herd.starting, killing.past
+        if real:
+            say(f"{real} real identifications, too")
+            herd.wait_up()
+            traffic.order_real(real, order_of_real)
+            killing.go_on(lambda _: sum(herd.hits.values()) < real * REAL_KILLS, longest)
+        after = herd.total - total
         traffic.stop()
         before = time.monotonic()
         whole = herd.wait_up()
@@ -151,14 +155,15 @@ def _storm(
             if host.process is not None and host.process.poll() is None:
                 host.process.kill()
                 host.process.wait()
-    total = sum(herd.killed.values())
-    shown = ", ".join(f"{count} {kind}" for kind, count in herd.killed.items() if count)
+    shown = ", ".join(f"{count} {kind}" for kind, count in counts.items() if count)
     errors = ", ".join(f"{count} {event}" for event, count in sorted(herd.log_events().items())) or "none"
-    shown = f"{total} ({shown}; {herd.starting} of them while they started) in {lasted:.0f} s"
+    shown = f"{total} ({shown}; {starting} of them while they started) in {lasted:.0f} s"
+    starts = sum(host.starts for host in herd.hosts)
     answers = ", ".join(f"{count} x {status}" for status, count in sorted(told.answers.items()))
     return Outcome(
         (
             Check("processes killed", total, shown, "at least", float(kills), str(kills)),
+            *_killed_real(herd, real, after, killing.past - lasted),
             fact("quiet in time", quiet, f"after {starts} starts"),
             fact(
                 "one acquisition, no stage afterwards", left == dict.fromkeys(left, 0) | {"acquisition": 1}, str(left)
@@ -230,24 +235,45 @@ def _answer(ask: Callable[[], Any], seconds: float) -> Any:
     raise RuntimeError(f"the service was not ready for the storm in {seconds:g} s")
 
 
-def _kill(herd: Herd, chance: random.Random, seconds: tuple[float, float], kills: int, say: Say) -> tuple[int, float]:
-    """Kill for so long; how many times a host was started in all, and how many seconds it took."""
-    began = time.monotonic()
-    due, told, rate = began, began, AIM * kills / seconds[0]
-    while (past := (now := time.monotonic()) - began) < seconds[0] or (
-        sum(herd.killed.values()) < kills and past < seconds[1]
-    ):
-        for host in herd.revive():
-            host.doom_s = chance.uniform(0.0, DOOM_S) if chance.random() < DOOMED else None
-            host.life_s = chance.uniform(*LIFE_S) * _slowness(herd)
-        if now >= due and _kill_one(herd, chance):
-            # From when it was due: a storm that falls behind catches up.
-            due = max(due + chance.expovariate(rate), now + BREATH_S)
-        if now - told > 10.0:
-            told = now
-            say(f"{now - began:3.0f} s: {sum(herd.killed.values())} killed")
-        time.sleep(0.02)
-    return sum(host.starts for host in herd.hosts), time.monotonic() - began
+def _killed_real(herd: Herd, real: int, after: int, seconds: float) -> Iterator[Check]:
+    """How often real identifications were hit, after the rest of the storm."""
+    if real:
+        hits, most = sum(herd.hits.values()), real * REAL_KILLS
+        shown = f"{hits} of {most}, and {after - hits} other kills meanwhile, in {seconds:.0f} s"
+        yield Check("stages of real identifications killed", hits, shown, "at least", 1.0, "1")
+
+
+class Killing:
+    """Kills at random, so many a second.
+
+    Attributes
+    ----------
+    past : seconds since it began
+    """
+
+    def __init__(self, herd: Herd, chance: random.Random, rate: float, say: Say) -> None:
+        self._herd, self._chance, self._rate, self._say = herd, chance, rate, say
+        self._began = self._due = self._told = time.monotonic()
+
+    @property
+    def past(self) -> float:
+        """Seconds since the first call."""
+        return time.monotonic() - self._began
+
+    def go_on(self, wanted: Callable[[float], bool], longest: float) -> None:
+        """Kill while it is ``wanted`` (given the seconds since the beginning), for ``longest`` s at most."""
+        start, chance = time.monotonic(), self._chance
+        while wanted(self.past) and (now := time.monotonic()) - start < longest:
+            for host in self._herd.revive():
+                host.doom_s = chance.uniform(0.0, DOOM_S) if chance.random() < DOOMED else None
+                host.life_s = chance.uniform(*LIFE_S) * _slowness(self._herd)
+            if now >= self._due and _kill_one(self._herd, chance):
+                # From when it was due: a storm that falls behind catches up.
+                self._due = max(self._due + chance.expovariate(self._rate), now + BREATH_S)
+            if now - self._told > 10.0:
+                self._told = now
+                self._say(f"{self.past:3.0f} s: {self._herd.total} killed")
+            time.sleep(0.02)
 
 
 def _kill_one(herd: Herd, chance: random.Random) -> bool:

@@ -1,6 +1,7 @@
 """``python stages.py REQUEST.json STAGE``: a stage that does nothing but take its time, and leaves a line for each run.
 
-An identification that has a recording in the role ``train`` is a real one: this process becomes ``fitting.stages``.
+An identification that has a recording in the role ``train`` is a real one: this process becomes
+:mod:`fitting.stage_program`, and stays for its other stages, which leave no line.
 
 A line of ``runs.txt``, beside the places of the stages, is the stage, when it began (UNIX time in ms) and the process.
 It never answers from a result that is there already, so a finished stage that is run again shows. Standard library
@@ -38,7 +39,7 @@ def main(request: Path, stage: str) -> None:
     with (output.parent / "runs.txt").open("a") as file:
         file.write(f"{stage} {time.time_ns() // 1_000_000} {os.getpid()}\n")
     if is_real(content):
-        os.execv(sys.executable, [sys.executable, "-P", "-m", "fitting.stages", str(request), stage])
+        os.execv(sys.executable, [sys.executable, "-P", "-m", "fitting.stage_program", "--stay", str(request), stage])
     for part in range(1, 4):
         time.sleep(WORK_S / 3)
         print(json.dumps({"fraction": part / 4, "text": f"{stage} {part}"}), flush=True)

@@ -7,7 +7,7 @@ import json
 import math
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import partial
 from typing import Any
@@ -83,22 +83,15 @@ class Traffic:
     Parameters
     ----------
     recording : of which identifications are made
-    real : order of a real identification
-    when : seconds after which real ones are ordered
     """
 
-    def __init__(
-        self, client: Client, told: Told, machine: str, recording: str, real: dict[str, Any], when: Sequence[float]
-    ) -> None:
+    def __init__(self, client: Client, told: Told, machine: str, recording: str) -> None:
         self._client = client
         self._told = told
         self._machine = machine
         self._recording = recording
-        self._real, self._when = real, when
         self._stop = threading.Event()
-        self._threads = [
-            threading.Thread(target=run, daemon=True) for run in (self._order, self._order_real, self._record)
-        ]
+        self._threads = [threading.Thread(target=run, daemon=True) for run in (self._order, self._record)]
 
     def start(self) -> None:
         """Start."""
@@ -122,13 +115,11 @@ class Traffic:
                 number += 1
             self._stop.wait(0.3)
 
-    def _order_real(self) -> None:
-        began = time.monotonic()
-        for number, seconds in enumerate(self._when):
-            if self._stop.wait(max(0.0, began + seconds - time.monotonic())):
-                return
+    def order_real(self, count: int, order: dict[str, Any]) -> None:
+        """Order so many real identifications; returns once there was an answer to each."""
+        for number in range(count):
             key = f"storm-real-{number}"
-            made = self._until(partial(self._ordered, key, self._real | {"label": key}, math.inf))
+            made = self._until(partial(self._ordered, key, order | {"label": key}, math.inf))
             if made is not None:
                 self._told.orders[key] = made
                 self._told.real.append(key)

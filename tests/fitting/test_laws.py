@@ -1,0 +1,69 @@
+"""Laws of one signal: what is computed of the past, and that it is found."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import cast
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from synthetic_arm import RATE, USUAL, force, make_motion, make_recordings, planar_machine, truth
+
+from fitting.effects.base import DriveView
+from fitting.loop import run_attribution
+from fitting.residual.kinematics import Corrections
+from fitting.residual.laws import OWN, Law
+from fitting.session import Options, Session
+
+
+def ages(v: np.ndarray) -> np.ndarray:
+    """Seconds since each sample's speed had another sign, by walking through them."""
+    found, age = np.zeros(len(v)), 0
+    for k in range(1, len(v)):
+        age = 0 if np.sign(v[k]) != np.sign(v[k - 1]) else age + 1
+        found[k] = age / RATE
+    return found
+
+
+@given(
+    frequency=st.floats(0.05, 0.5), phase=st.floats(0.1, 6.0), noise=st.floats(0.0, 0.01), seed=st.integers(0, 9)
+)  # fmt: skip
+@settings(deadline=None, max_examples=40)
+def test_time_since_reversal_is_the_time_since_a_sine_was_zero(
+    frequency: float, phase: float, noise: float, seed: int
+) -> None:
+    t = np.arange(2000) / RATE
+    v = np.sin(2 * np.pi * frequency * t + phase) + noise * np.random.default_rng(seed).standard_normal(len(t))
+    view = SimpleNamespace(
+        v=v, joint=0, noise=[SimpleNamespace(speed=max(noise, 1e-6))], bank=SimpleNamespace(rate_hz=RATE)
+    )
+    found = OWN["time_since_reversal"][1](cast(DriveView, view))
+    half = 0.5 / frequency
+    since = (t + phase / (2 * np.pi * frequency)) % half
+    counted = t - since >= 0  # the first reversal was before the recording
+    # The moment of a reversal is known as well as noise lets a zero be known; speed passes it at 2 pi f.
+    slack = 2.0 / RATE + 8 * noise / (2 * np.pi * frequency)
+    sure = counted & (since > slack) & (since < half - slack)
+    assert np.all(np.abs(found - since)[sure] <= slack)
+    assert found[0] == 0.0
+
+
+@pytest.mark.slow
+def test_friction_that_settles_after_a_reversal_is_said_as_its_law() -> None:
+    machine, arm = planar_machine(2), truth(2)
+    added = []
+    for role, seed in USUAL:
+        motion = make_motion(machine, role, seed, 60.0)
+        extra = np.zeros_like(force(machine, arm, motion))
+        v = motion.v[:, 1]
+        extra[:, 1] = -25.0 * np.expm1(-ages(v) / 1.5) * np.sign(v)
+        added.append(extra)
+    session = Session(machine, make_recordings(machine, arm, added=added, seconds=60.0), Options(bootstrap=0))
+    found = run_attribution(session, Corrections(machine))
+    assert found.verdict == "unexplained"
+    (item,) = found.accepted
+    law = item.score.term.content
+    assert isinstance(law, Law) and law.signal == "time_since_reversal" and law.signed
+    assert item.score.term.joint == 1
