@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sqlite3
 import threading
+import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -25,6 +26,8 @@ _WRITERS = 0x68696C666974
 _SERVER = _WRITERS + 1
 #: s: longest that PostgreSQL waits within a transaction for a process that was stopped there, or whose host was.
 FROZEN_S = 10
+#: s that a server waits for the session of the one before it, which the database may end later than the process.
+LEAVING_S = 3.0
 Item = TypeVar("Item")
 
 
@@ -138,6 +141,8 @@ class Database:
     def alone(self) -> Iterator[None]:
         """Hold the database for this server; the lock of a SQLite file's directory does that already.
 
+        Waits up to ``LEAVING_S`` for another to leave: the session of a server that was killed ends a little later.
+
         Raises
         ------
         StartError
@@ -147,7 +152,7 @@ class Database:
             yield
             return
         with self._engine.connect().execution_options(isolation_level="AUTOCOMMIT") as connection:
-            if not connection.execute(sa.text(f"SELECT pg_try_advisory_lock({_SERVER})")).scalar():
+            if not _take(connection):
                 connection.invalidate()
                 self.close()
                 raise StartError(f"{self.name}: another hilfit server is using it; stop that one")
@@ -156,6 +161,7 @@ class Database:
                 yield
             finally:
                 self._alone = None
+                connection.invalidate()  # the lock is the session's: it goes with that
 
     def still_alone(self) -> bool:
         """Whether :meth:`alone` still holds; the lock goes with its connection, and is taken again if nobody did.
@@ -170,7 +176,7 @@ class Database:
         except sa.exc.DBAPIError:
             self._alone.invalidate()
             self._alone.rollback()
-        return bool(self._alone.execute(sa.text(f"SELECT pg_try_advisory_lock({_SERVER})")).scalar())
+        return _take(self._alone)
 
     def now(self) -> str:
         """The time as the store writes it: UTC, milliseconds."""
@@ -194,6 +200,16 @@ class Database:
     def close(self) -> None:
         """Close all connections."""
         self._engine.dispose()
+
+
+def _take(connection: sa.Connection) -> bool:
+    """Whether the servers' lock could be had within ``LEAVING_S``."""
+    end = time.monotonic() + LEAVING_S
+    while not connection.execute(sa.text(f"SELECT pg_try_advisory_lock({_SERVER})")).scalar():
+        if time.monotonic() > end:
+            return False
+        time.sleep(0.05)
+    return True
 
 
 def _count(connection: sa.Connection, resource: str) -> int:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
+import threading
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -200,7 +202,9 @@ def test_pairing_with_a_service_on_postgresql(tmp_path: Path, url: str, capsys: 
 def test_a_server_whose_lock_went_with_its_connection_takes_it_again_or_learns_who_did(
     tmp_path: Path, url: str
 ) -> None:
-    cut = "SELECT pg_terminate_backend(pid) FROM pg_locks WHERE locktype = 'advisory' AND pid <> pg_backend_pid()"
+    here = "(SELECT oid FROM pg_database WHERE datname = current_database())"
+    others = f"FROM pg_locks WHERE locktype = 'advisory' AND pid <> pg_backend_pid() AND database = {here}"
+    cut = f"SELECT pg_terminate_backend(pid, 60000) {others}"  # and wait until it has ended
     first, second = (Database(url, changed=nothing, backups=tmp_path) for _ in range(2))
     with first.alone():
         assert first.still_alone()
@@ -214,6 +218,18 @@ def test_a_server_whose_lock_went_with_its_connection_takes_it_again_or_learns_w
             assert not first.still_alone()
         third.close()
     first.close()
+
+
+def test_a_server_waits_for_the_session_of_the_one_before_it(tmp_path: Path, url: str) -> None:
+    killed, successor = (Database(url, changed=nothing, backups=tmp_path) for _ in range(2))
+    leaving = contextlib.ExitStack()
+    leaving.enter_context(killed.alone())
+    timer = threading.Timer(0.3, leaving.close)
+    timer.start()
+    with successor.alone():
+        timer.join()
+    for each in (killed, successor):
+        each.close()
 
 
 def test_a_process_that_is_stopped_while_it_writes_does_not_hold_up_the_others(
