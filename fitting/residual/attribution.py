@@ -133,6 +133,7 @@ class _Selection:
         self.accepted: list[Accepted] = list(known)
         self.refused: set[Family] = set()
         self.refuted_joints: set[int | None] = set()
+        self.waiting: set[Family] = set()
         self.table: dict[Family, Candidate] = {}
         for item in known:
             family = item.score.term.family
@@ -423,8 +424,28 @@ class _Selection:
             return None
         return found
 
+    def _waits_for(self, joint: int, family: Family) -> bool:
+        """Whether what a joint lacks itself was added first; a choice that made that joint worse is judged anew then.
+
+        Parameters that two joints share are bent by both effects: the right one of two may lay bare what the other
+        had hidden.
+        """
+        if len(self.accepted) + 1 >= MOST_EFFECTS or family in self.waiting or family[1] == joint:
+            return False
+        names, laws = (
+            [s for s in scores if s.term.joint == joint and not rules.is_fragment(s, self.failed, self.accepted)]
+            for scores in (self._open_names(), self._open_laws())
+        )
+        first = rules.choose(self._sharpened(names, laws), laws, self.accepted)
+        if first is None:
+            return False
+        self.waiting.add(family)
+        before = self.model
+        self._try(first)
+        return self.model is not before
+
     def _added(self, choice: Score, witnessed: str) -> str:
-        """Add the choice to the model, or say why not."""
+        """Add the choice to the model, or say why not; nothing is against one that waits for another."""
         trial = self.signals.rebuilt(self.signals.refit([*self._terms, choice.term]))
         choice = replace(choice, term=trial.terms[-1])
         family = choice.term.family
@@ -432,6 +453,8 @@ class _Selection:
         gain = None if seen is None else seen.gain
         worse = None if seen is None else worse_joint(self.model, trial, self.validate)
         if worse is not None and not reason:
+            if self._waits_for(worse[0], family):
+                return ""
             name = self.base.design.parameters.joints[worse[0]]
             reason = f"it makes {name} worse on the validation motion (error {100 * worse[1]:+.1f} %)"
         if reason:

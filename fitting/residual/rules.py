@@ -153,6 +153,10 @@ def is_misfit(score: Score, accepted: Sequence[Accepted]) -> bool:
             share = SPILL_SHARE if other_part else LAW_MISFIT_SHARE
         if any(rival.term.family == score.term.family for rival in item.rivals):
             share = RIVAL_SHARE
+        elif score.places and term.joint is not None and not term.everywhere:
+            elsewhere = score.gain * (1 - score.places[term.joint])
+            if elsewhere >= SPILL_SHARE * item.score.gain and elsewhere - (score.gain - score.score) > ACCUSE:
+                continue  # another joint bears witness of it
         if score.gain < share * item.score.gain:
             return True
     return False

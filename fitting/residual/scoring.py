@@ -49,6 +49,7 @@ class Score:
     plausible : False where a parameter is outside what is physically possible
     surviving : largest share of a column's norm that survives projecting the base out, 0 to 1
     information : (k, k) inverse covariance of its parameters
+    places : of what acts everywhere, which share of the gain is each joint's; else empty
     null : its values on replicas without any effect, once they were drawn; gain, score and values are then unbiased
     """
 
@@ -61,6 +62,7 @@ class Score:
     plausible: bool
     surviving: float
     information: FloatArray = field(repr=False, compare=False)
+    places: tuple[float, ...] = ()
     null: Null | None = None
 
     def against(self, null: Null) -> Score:
@@ -157,6 +159,8 @@ class Candidates:
                 chosen = [numbers[m] for m in members]
                 own_terms = [(self.terms[n], self.grid[n]) for n in chosen]
                 for member, score in _scored(own_terms, gram, products[where], norms[where]):
+                    if place is None and score.score > 0:
+                        score = _placed(score, model, own[member], shade[member])
                     result[chosen[member]] = score
         return result
 
@@ -174,6 +178,16 @@ class Candidates:
             for view in views:
                 view.cache.clear()  # what shapes shared is of no use any more
         return block
+
+
+def _placed(score: Score, model: Model, columns: FloatArray, shadow: FloatArray) -> Score:
+    """The score with each joint's share of its gain; ``columns`` are in the rows of all joints, ``shadow`` is Q'C."""
+    fit, values, shares, start = model.fit, np.asarray(score.values), [], 0
+    for Q, residual in zip(fit.orthonormal, fit.residual, strict=True):
+        shown = columns[start : start + len(residual)] @ values - Q @ (shadow @ values)
+        shares.append(float(shown @ residual) / score.gain)
+        start += len(residual)
+    return replace(score, places=tuple(shares))
 
 
 def score_terms(model: Model, terms: Sequence[Term], grid: Sequence[int]) -> list[Score]:
