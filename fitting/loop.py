@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -56,14 +57,24 @@ class SessionSignals:
         return self._session.prior
 
     def prepared(self, terms: Sequence[Term]) -> Prepared:
-        """The design on signals corrected as the terms say; the last one is kept."""
+        """The design on signals corrected as the terms say; the one without delays and the last one with are kept."""
         late, resampled = delays(self._session, terms)
+        if not late:
+            return self._undelayed
         key = (tuple(sorted(late.items())), resampled)
         if key not in self._prepared:
-            untouched = self._corrections == Corrections(self._session.machine) and not late
-            design = self._session.plain if untouched else self._session.prepared(self._corrections, late, resampled)
+            undelayed = self._undelayed
+            if undelayed.design.stored:
+                design = self._session.prepared(self._corrections, late, resampled)
+            else:
+                design = self._session.delayed(undelayed, late, resampled)
             self._prepared = {key: design}
         return self._prepared[key]
+
+    @cached_property
+    def _undelayed(self) -> Prepared:
+        untouched = self._corrections == Corrections(self._session.machine)
+        return self._session.plain if untouched else self._session.prepared(self._corrections)
 
     def refit(self, terms: Sequence[Term]) -> Model:
         """Both stages refitted jointly with these terms."""

@@ -7,7 +7,7 @@ is estimated from what a very flexible model leaves, and said to be an estimate.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from typing import TypeVar
 
@@ -106,10 +106,15 @@ def noise_model(
     pairs: Sequence[Pairing],
     extra: Extra | None = None,
     passes: int = 2,
+    start: NoiseModel | None = None,
+    anew: Collection[int] | None = None,
 ) -> NoiseModel:
-    """Whitening of each joint's noise, alternating between fit and noise (feasible generalised least squares)."""
+    """Whitening of each joint's noise, alternating between fit and noise (feasible generalised least squares).
+
+    ``start`` is a noise that is known already, of which only that of the joints ``anew`` has changed.
+    """
     joints = len(design.machine.joints)
-    model = white_noise_model(joints)
+    model = white_noise_model(joints) if start is None else start
     heard = fitted
     if design.stored:
         pairs, heard = _spread(pairs), _spread(fitted)
@@ -117,6 +122,9 @@ def noise_model(
         theta = fit_rows(design, model, fitted, extra).theta
         found = []
         for joint in range(joints):
+            if anew is not None and joint not in anew:
+                found.append(model.whitenings[joint])
+                continue
             if pairs:
                 series = difference_noise(design, theta, pairs, joint, extra)
             else:

@@ -262,12 +262,9 @@ def _segment(
         columns["gap"].append(gap)
         linkage = joint.cylinder.linkage if joint.cylinder else None
         columns["r"].append(np.ones_like(motion[0]) if linkage is None else lever_arm(linkage, motion[0]))
-        effort, p1, p2 = _effort(machine, joint, recording, part, bank, latency.get(joint.name, 0.0))
-        if joint.cylinder is not None and machine.channel("joint_effort", joint.name) is not None and np.isnan(p1[0]):
-            effort = effort / columns["r"][-1]
-        columns["y"].append(effort)
-        columns["p1"].append(p1)
-        columns["p2"].append(p2)
+        measured = _effort(machine, joint, recording, part, bank, latency.get(joint.name, 0.0), columns["r"][-1])
+        for key, value in zip(("y", "p1", "p2"), measured, strict=True):
+            columns[key].append(value)
         rest.append(_rest(motion[4], noise[number].speed, bank.rate_hz))
     stacked = {key: np.stack(value, axis=1) for key, value in columns.items()}
     temperature = next((c.name for c in machine.channels if c.quantity == "oil_temperature"), None)
@@ -292,10 +289,39 @@ def _segment(
         gap=stacked["gap"],
         external=_external(machine, recording, part, bank),
         lead=np.stack(lead, axis=1),
-        late=tuple(
-            0.0 if joint.name in resampled else latency.get(joint.name, 0.0) * bank.rate_hz for joint in machine.joints
-        ),
+        late=_sampled_late(machine, bank, latency, resampled),
     )
+
+
+def _sampled_late(
+    machine: Machine, bank: FilterBank, latency: Mapping[str, float], resampled: Collection[str]
+) -> tuple[float, ...]:
+    """By how many samples each joint's effort was sampled late."""
+    return tuple(0.0 if j.name in resampled else latency.get(j.name, 0.0) * bank.rate_hz for j in machine.joints)
+
+
+def with_delays(
+    machine: Machine,
+    recording: Recording,
+    segment: Segment,
+    bank: FilterBank,
+    latency: Mapping[str, float],
+    resampled: Collection[str],
+) -> Segment:
+    """A segment of ``recording`` that was prepared without any delay, with some joints' efforts moved in time.
+
+    ``latency`` and ``resampled`` as :func:`prepare` takes them; the motion stays, and what was derived from it.
+    """
+    first = segment.start - bank.margin
+    part = slice(first, first + len(segment) + 2 * bank.margin)
+    effort, p1, p2 = segment.effort.copy(), segment.p1.copy(), segment.p2.copy()
+    for number, joint in enumerate(machine.joints):
+        if joint.name in latency:
+            late, lever = latency[joint.name], segment.r[:, number]
+            own = _effort(machine, joint, recording, part, bank, late, lever)
+            effort[:, number], p1[:, number], p2[:, number] = own
+    late_by = _sampled_late(machine, bank, latency, resampled)
+    return replace(segment, effort=effort, p1=p1, p2=p2, late=late_by)
 
 
 def _with_start(machine: Machine, recording: Recording, bank: FilterBank) -> tuple[Recording, slice]:
@@ -395,9 +421,18 @@ def _white_std(recording: Recording, channel: str) -> float:
 
 
 def _effort(
-    machine: Machine, joint: Joint, recording: Recording, part: slice, bank: FilterBank, latency: float
+    machine: Machine,
+    joint: Joint,
+    recording: Recording,
+    part: slice,
+    bank: FilterBank,
+    latency: float,
+    lever: FloatArray,
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Measured drive effort (unfiltered, trimmed) and smoothed chamber pressures (NaN where not measured)."""
+    """Measured drive effort (unfiltered, trimmed) and smoothed chamber pressures (NaN where not measured).
+
+    What was measured as a torque is divided by the ``lever`` (N,) of the joint's cylinder.
+    """
 
     @cache
     def channel(quantity: str) -> FloatArray | None:
@@ -411,7 +446,8 @@ def _effort(
     head, rod = channel("head_pressure"), channel("rod_pressure")
     if joint.cylinder is not None and head is not None and rod is not None:
         return bank.trimmed(effort), bank.smoothed(head), bank.smoothed(rod)
-    return bank.trimmed(effort), nothing, nothing
+    torque = joint.cylinder is not None and channel("cylinder_force") is None
+    return bank.trimmed(effort) / lever if torque else bank.trimmed(effort), nothing, nothing
 
 
 def drive_effort(joint: Joint, channel: Callable[[str], FloatArray | None]) -> FloatArray | None:

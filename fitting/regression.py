@@ -14,8 +14,8 @@ its innovation's standard deviation, so a residual is a standard normal number, 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Collection, Iterable, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -152,6 +152,28 @@ def build_design(
         tuple(tuple(row[joint] for row in rows) for joint in range(len(machine.joints))),
         store is not None,
     )
+
+
+def with_efforts(design: Design, segments: Sequence[Segment], joints: Collection[int]) -> Design:
+    """A design whose ``segments`` differ from those of ``design`` in when the efforts of some joints were sampled.
+
+    Blocks of the other joints are those of ``design`` itself.
+    """
+    bank, blocks = design.bank, list(design.blocks)
+    for joint in joints:
+        drive, own = design.parameters.drive_slice(joint), []
+        for segment, before in zip(segments, design.blocks[joint], strict=True):
+            columns, reduced = before.columns.copy(), before.reduced.copy()
+            x, v, a = segment.x[:, joint], segment.v[:, joint], segment.a[:, joint]
+            late = segment.late[joint] if segment.late else 0.0
+            names, noise = design.parameters.drive[joint], design.noise[joint].speed
+            columns[:, drive] = drive_columns(names, x, v, a, noise, late)
+            target = segment.effort[:, joint] - before.known
+            both = bank.reduce(np.column_stack([target, columns[:, drive]]))
+            reduced[:, drive] = both[:, 1:]
+            own.append(replace(before, target=target, columns=columns, reduced_target=both[:, 0], reduced=reduced))
+        blocks[joint] = tuple(own)
+    return replace(design, segments=tuple(segments), blocks=tuple(blocks))
 
 
 def _blocks(

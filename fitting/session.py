@@ -22,9 +22,9 @@ from daq.scratch import Scratch
 from fitting.base_parameters import BaseParameters, base_regressor, reduce_parameters, unidentifiable
 from fitting.joint_side import at_joints
 from fitting.noise import Pairing, noise_model, pair_repeats
-from fitting.preparation import PIECE_SAMPLES, PositionNoise, pieces, position_noise, segments_of
+from fitting.preparation import PIECE_SAMPLES, PositionNoise, pieces, position_noise, segments_of, with_delays
 from fitting.prior import Prior, mass_prior
-from fitting.regression import Design, NoiseModel, build_design
+from fitting.regression import Design, NoiseModel, build_design, with_efforts
 from fitting.residual.kinematics import Corrections
 from fitting.residual.terms import Model, fit_model
 from fitting.rods import with_rods_as_said
@@ -279,6 +279,18 @@ class Session:
         fitted = design.indices(*FITTED_ROLES)
         noise = noise_model(design, fitted, pairs)
         return Prepared(design, pairs, noise, fitted, design.indices("validate"))
+
+    def delayed(self, prepared: Prepared, latency: Mapping[str, float], resampled: Collection[str] = ()) -> Prepared:
+        """A design without delays, in memory, with the efforts of some joints moved; all else is shared."""
+        design = prepared.design
+        segments = [
+            with_delays(design.machine, self.recordings[own.recording], own, self.bank, latency, resampled)
+            for own in design.segments
+        ]
+        late = [number for number, joint in enumerate(design.machine.joints) if joint.name in latency]
+        design = with_efforts(design, segments, late)
+        noise = noise_model(design, prepared.fitted, prepared.pairs, start=prepared.noise, anew=late)
+        return replace(prepared, design=design, noise=noise)
 
     @cached_property
     def base_model(self) -> Model:

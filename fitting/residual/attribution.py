@@ -134,6 +134,7 @@ class _Selection:
         self.refused: set[Family] = set()
         self.refuted_joints: set[int | None] = set()
         self.waiting: set[Family] = set()
+        self.tried: tuple[Model, Term, Model] | None = None
         self.table: dict[Family, Candidate] = {}
         for item in known:
             family = item.score.term.family
@@ -182,7 +183,7 @@ class _Selection:
         late = next((s for s in names if s.term.family == ("sensor_latency", best.term.joint)), None)
         if late is None or late is best or late.gain <= RIVAL_SHARE * best.gain:
             return list(names)
-        trial = self.signals.rebuilt(self.signals.refit([*self._terms, late.term]))
+        trial = self._trial(late.term)
         more = self.model.fit.chi_square - trial.fit.chi_square - late.gain
         if more <= 0:
             return list(names)
@@ -291,12 +292,13 @@ class _Selection:
     def _score(self) -> None:
         if self.scored is self.model:
             return
-        if self.scored is None or self.scored.design is not self.model.design:
+        if self.scored is None:
             terms, grid = catalogue_terms(self.model, self.effects)
             spline_terms, spline_grid = law_terms(self.model)
             self.candidates = Candidates(self.model, [*terms, *spline_terms], [*grid, *spline_grid])
             scores = self.candidates.scores(self.model)
         else:
+            self.candidates.follow(self.scored, self.model)
             # Columns with the force of an earlier model show who matters; those are made anew.
             scores = self.candidates.scores(self.model)
             near = {n for n, score in scores.items() if score.score > ACCUSE - PARAMETER_PRICE}
@@ -424,6 +426,12 @@ class _Selection:
             return None
         return found
 
+    def _trial(self, term: Term) -> Model:
+        """The model with one term more, moved into the signals as far as that can be; the last one is kept."""
+        if self.tried is None or self.tried[0] is not self.model or self.tried[1] != term:
+            self.tried = self.model, term, self.signals.rebuilt(self.signals.refit([*self._terms, term]))
+        return self.tried[2]
+
     def _waits_for(self, joint: int, family: Family) -> bool:
         """Whether what a joint lacks itself was added first; a choice that made that joint worse is judged anew then.
 
@@ -446,7 +454,7 @@ class _Selection:
 
     def _added(self, choice: Score, witnessed: str) -> str:
         """Add the choice to the model, or say why not; nothing is against one that waits for another."""
-        trial = self.signals.rebuilt(self.signals.refit([*self._terms, choice.term]))
+        trial = self._trial(choice.term)
         choice = replace(choice, term=trial.terms[-1])
         family = choice.term.family
         held_out, seen, reason = self._judged(choice, self.model, trial)

@@ -123,6 +123,15 @@ class Candidates:
         for place, numbers in self._groups.items():
             self._columns[place] = self._built(model, place, numbers)
 
+    def follow(self, before: Model, model: Model) -> None:
+        """Make the columns anew of joints whose effort was moved, or whose noise is another, since ``before``."""
+        old, new = before.design.blocks, model.design.blocks
+        noises = zip(before.noise.whitenings, model.noise.whitenings, strict=True)
+        changed = {n for n, (a, b) in enumerate(noises) if a is not b or old[n] is not new[n]}
+        for place, numbers in self._groups.items():
+            if place in changed or (place is None and changed):
+                self._columns[place] = self._built(model, place, numbers)
+
     def refresh(self, model: Model, numbers: Collection[int]) -> None:
         """Make the columns of these candidates anew, from the model's present forces."""
         for place, own in self._groups.items():
