@@ -154,7 +154,7 @@ def is_misfit(score: Score, accepted: Sequence[Accepted]) -> bool:
         if any(rival.term.family == score.term.family for rival in item.rivals):
             share = RIVAL_SHARE
         elif score.places and term.joint is not None and not term.everywhere:
-            elsewhere = score.gain * (1 - score.places[term.joint])
+            elsewhere = score.gain * min(1.0, 1.0 - score.places[term.joint])
             if elsewhere >= SPILL_SHARE * item.score.gain and elsewhere - (score.gain - score.score) > ACCUSE:
                 continue  # another joint bears witness of it
         if score.gain < share * item.score.gain:

@@ -49,7 +49,8 @@ class Score:
     plausible : False where a parameter is outside what is physically possible
     surviving : largest share of a column's norm that survives projecting the base out, 0 to 1
     information : (k, k) inverse covariance of its parameters
-    places : of what acts everywhere, which share of the gain is each joint's; else empty
+    places : of what acts everywhere, by which share of the gain each joint's chi-square falls (or rises: negative);
+        else empty
     null : its values on replicas without any effect, once they were drawn; gain, score and values are then unbiased
     """
 
@@ -194,7 +195,7 @@ def _placed(score: Score, model: Model, columns: FloatArray, shadow: FloatArray)
     fit, values, shares, start = model.fit, np.asarray(score.values), [], 0
     for Q, residual in zip(fit.orthonormal, fit.residual, strict=True):
         shown = columns[start : start + len(residual)] @ values - Q @ (shadow @ values)
-        shares.append(float(shown @ residual) / score.gain)
+        shares.append(float(shown @ (2.0 * residual - shown)) / score.gain)
         start += len(residual)
     return replace(score, places=tuple(shares))
 

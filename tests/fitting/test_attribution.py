@@ -10,6 +10,7 @@ from synthetic_arm import RATE, clean_session, exact_views, force, make_session,
 
 from fitting.effects import effect, effects
 from fitting.loop import SessionSignals, final_model, moves, run_attribution, term_from_json, term_to_json
+from fitting.residual import attribution as attribution_module
 from fitting.residual import rules
 from fitting.residual.attribution import _Selection, attribute
 from fitting.residual.confirmation import OnValidate, on_validate, overall_change, validate_gain, worse_joint
@@ -19,7 +20,7 @@ from fitting.residual.kinematics import Corrections
 from fitting.residual.laws import Law
 from fitting.residual.rules import ACCUSE
 from fitting.residual.scoring import Score, score_terms
-from fitting.residual.terms import Term, fit_model
+from fitting.residual.terms import Model, Term, fit_model
 from fitting.session import Session
 from fitting.signals import advanced
 
@@ -235,6 +236,54 @@ def test_a_rival_of_what_is_there_is_its_misfit_until_it_gains_a_third(plain: Sc
     for gain, misfit in ((59.0, True), (61.0, True), (199.0, True), (201.0, False)):
         assert rules.is_misfit(replace(name, term=other, gain=gain), [together]) == misfit
     assert not rules.is_misfit(replace(name, term=other, gain=61.0), [alone])
+
+
+def test_what_acts_everywhere_is_no_misfit_of_one_joint_where_another_bears_witness(plain: Score) -> None:
+    there = Accepted(replace(plain, gain=2000.0), (), PLAIN, 1.0)  # on joint 2
+    tilt = replace(plain, term=Term(effect("base_tilt"), None), gain=140.0, score=128.0)
+    assert rules.is_misfit(replace(tilt, places=(0.05, 0.95)), [there]), "7 of chi-square elsewhere: a spill"
+    assert rules.is_misfit(replace(tilt, places=(0.18, 0.82)), [there]), "25 less the price: not significant alone"
+    assert not rules.is_misfit(replace(tilt, places=(0.4, 0.6)), [there])
+    larger = replace(there, score=replace(plain, gain=6000.0))
+    assert rules.is_misfit(replace(tilt, places=(0.4, 0.6)), [larger]), "so much a wrong formula spills"
+
+
+def test_shares_of_a_gain_are_what_each_joints_chi_square_falls_by_in_a_refit() -> None:
+    session = session_with(lambda s, i: 40.0 * np.sin(s.q[:, 0]) * np.sin(s.q[:, 1]) / s.r[:, 1])
+    base, term = session.base_model, Term(effect("base_tilt"), None)
+    (tilt,) = score_terms(base, [term], [1])
+    with_it = fit_model(base.design, base.noise, base.fitted, [term], session.prior, start=base, passes=1)
+    fall = [a @ a - b @ b for a, b in zip(base.fit.residual, with_it.fit.residual, strict=True)]
+    assert tilt.gain > ACCUSE and sum(tilt.places) == pytest.approx(1.0)
+    assert tilt.gain * np.array(tilt.places) == pytest.approx(np.array(fall), rel=1e-6)
+    (own,) = score_terms(base, [Term(effect("position_dependent_friction"), 1)], [1])
+    assert own.places == ()
+
+
+@pytest.mark.parametrize("spoilt", [True, False])
+def test_a_choice_that_makes_a_joint_worse_waits_for_what_that_joint_lacks(
+    monkeypatch: pytest.MonkeyPatch, spoilt: bool
+) -> None:
+    design, _ = exact_views(MACHINE, ARM, recordings=RECORDINGS)
+    added = []
+    for segment in design.segments:
+        place = 900.0 * (segment.x - 0.15) * np.sign(segment.v)
+        added.append(place * np.array([0.5, 1.0]))
+    session = make_session(MACHINE, ARM, RECORDINGS, added=added)
+
+    def worse(before: Model, after: Model, validate: object) -> tuple[int, float] | None:
+        joints = {term.joint for term in after.terms}
+        return (0, 0.05) if 1 in joints and (spoilt or 0 not in joints) else None
+
+    monkeypatch.setattr(attribution_module, "worse_joint", worse)
+    found = run(session)
+    families = [item.score.term.family for item in found.accepted]
+    first, second = ("position_dependent_friction", 0), ("position_dependent_friction", 1)
+    if spoilt:
+        line = next(c for c in found.candidates if (c.id, c.joint) == second)
+        assert first in families and second not in families and "makes joint1 worse" in line.reason
+    else:
+        assert families == [first, second], "the larger one is tried first, and added second"
 
 
 def test_a_delay_is_named_with_all_that_moving_the_effort_gains() -> None:

@@ -1,0 +1,92 @@
+"""Efforts moved in time within a design that is there already, beside the design made anew with them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from synthetic_arm import make_recordings, planar_machine, truth
+
+from fitting.effects import effects
+from fitting.noise import noise_model
+from fitting.regression import Design
+from fitting.residual.kinematics import Corrections
+from fitting.residual.scoring import Candidates, catalogue_terms, law_terms
+from fitting.residual.terms import fit_model
+from fitting.session import Options, Prepared, Session
+
+ROLES = (("unloaded", 1), ("train", 2), ("repeat", 2), ("validate", 3))
+
+
+def session(effort: str = "pressures") -> Session:
+    """Two joints; `train` has a gap, so a segment does not begin where its recording does."""
+    machine = planar_machine(2, effort=effort)
+    recordings = make_recordings(machine, truth(2), ROLES)
+    values = {name: value.copy() for name, value in recordings[1].values.items()}
+    values["joint1.q"][700:710] = np.nan
+    recordings[1] = replace(recordings[1], values=values)
+    return Session(machine, recordings, Options(bandwidth_hz=3.0))
+
+
+def fresh(made: Session, delayed: Prepared, late: dict[str, float], resampled: tuple[str, ...]) -> Prepared:
+    """The same design, made from the recordings."""
+    return made.prepared(Corrections(made.machine), late, resampled)
+
+
+def same(one: Design, other: Design) -> None:
+    for first, second in zip(one.segments, other.segments, strict=True):
+        assert first.late == second.late and first.start == second.start
+        for name in ("q", "qdd", "v", "effort", "p1", "p2", "rest", "lead"):
+            assert np.array_equal(getattr(first, name), getattr(second, name), equal_nan=True), name
+    for mine, theirs in zip(one.blocks, other.blocks, strict=True):
+        for a, b in zip(mine, theirs, strict=True):
+            for name in ("target", "columns", "known", "reduced_target", "reduced", "keep"):
+                assert np.allclose(getattr(a, name), getattr(b, name), rtol=1e-12, atol=0), name
+
+
+@pytest.mark.parametrize("effort", ["pressures", "cylinder_force"])
+@pytest.mark.parametrize(
+    ("late", "resampled"),
+    [({"joint2": 0.013}, ()), ({"joint2": 0.013}, ("joint2",)), ({"joint1": -0.004, "joint2": 0.03}, ("joint1",))],
+)
+def test_a_moved_effort_gives_the_design_that_is_made_with_it(
+    effort: str, late: dict[str, float], resampled: tuple[str, ...]
+) -> None:
+    made = session(effort)
+    assert len(made.plain.design.segments) == 5
+    delayed = made.delayed(made.plain, late, resampled)
+    whole = fresh(made, delayed, late, resampled)
+    same(delayed.design, whole.design)
+    assert delayed.pairs == whole.pairs and delayed.fitted == whole.fitted
+    for mine, theirs in zip(delayed.noise.whitenings, whole.noise.whitenings, strict=True):
+        assert mine.std == pytest.approx(theirs.std, rel=0.01)
+
+
+def test_what_did_not_move_is_shared() -> None:
+    made = session()
+    delayed = made.delayed(made.plain, {"joint2": 0.013})
+    plain = made.plain
+    assert delayed.design.blocks[0] is plain.design.blocks[0] and delayed.design.blocks[1] is not plain.design.blocks[1]
+    assert delayed.noise.whitenings[0] is plain.noise.whitenings[0]
+    assert delayed.noise.whitenings[1] is not plain.noise.whitenings[1]
+    again = noise_model(delayed.design, plain.fitted, plain.pairs, start=plain.noise, anew=(1,))
+    assert again.whitenings[1].std == pytest.approx(delayed.noise.whitenings[1].std)
+
+
+def test_columns_follow_a_moved_effort() -> None:
+    """Of the joint that moved they are those made anew; others keep theirs, the model's own force apart."""
+    made = session()
+    delayed = made.delayed(made.plain, {"joint2": 0.013})
+    before = made.base_model
+    after = fit_model(delayed.design, delayed.noise, delayed.fitted, (), made.prior)
+    terms = [*catalogue_terms(before, effects())[0], *law_terms(before)[0]]
+    kept, anew = (Candidates(model, terms, [1] * len(terms)) for model in (before, after))
+    kept.follow(before, after)
+    followed, fresh_scores = kept.scores(after), anew.scores(after)
+    compared = 0
+    for number, score in fresh_scores.items():
+        if terms[number].joint == 1 or terms[number].everywhere or not terms[number].uses_model:
+            assert followed[number].gain == pytest.approx(score.gain, rel=1e-6, abs=1e-6), terms[number].label
+            compared += 1
+    assert compared > 50
