@@ -90,11 +90,16 @@ def attribution(
     only: Annotated[str | None, typer.Option(help="Only this effect.")] = None,
     arm: Annotated[str | None, typer.Option(help="Only this arm: folding or slewing.")] = None,
     seconds: Annotated[float, typer.Option(help="Length of each recording in s.", min=20.0)] = 60.0,
+    bootstrap: Annotated[
+        int | None,
+        typer.Option(help="Most replicas of a null distribution, 0 for none; as 'identify' if absent.", min=0),
+    ] = None,
     json: Annotated[bool, typer.Option("--json", help="Print checks and results as JSON.")] = False,
 ) -> None:
     """How often the loop is right on random arms, effects, joints and sizes."""
     for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
         os.environ[variable] = "1"
+    from fitting.session import Options
     from server.bench.attribution import summary
     from server.bench.attribution.recipe import KINDS, CaseKey, Selection
     from server.bench.attribution.runs import Order, plan_of, read_lines, run
@@ -119,7 +124,8 @@ def attribution(
     selection = Selection(only, arm, seconds)
     if cache is not None:
         cache.mkdir(parents=True, exist_ok=True)
-    orders = [Order(key, selection, cache, only_make, apart) for key in keys]
+    replicas = Options.bootstrap if bootstrap is None else bootstrap
+    orders = [Order(key, selection, cache, only_make, apart, replicas) for key in keys]
 
     def show(line: dict[str, Any]) -> None:
         if not json:

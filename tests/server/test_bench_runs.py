@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -58,6 +59,9 @@ def test_other_restrictions_do_not_continue_a_run(counted: list[str], tmp_path: 
     runs.run(orders(KEYS[0]), 1, output)
     with pytest.raises(InputError, match="null:0 from a run with other restrictions"):
         runs.run(orders(KEYS[0], selection=SHORT), 1, output)
+    without = [replace(order, bootstrap=0) for order in orders(KEYS[0])]
+    with pytest.raises(InputError, match="null:0 from a run with other restrictions"):
+        runs.run(without, 1, output)
 
 
 def test_a_file_of_something_else_is_refused(tmp_path: Path) -> None:

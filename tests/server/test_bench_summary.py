@@ -96,6 +96,16 @@ def test_a_fit_that_fails_is_counted_against_it() -> None:
     assert found["large and kinematic: right or in the set"].measured == 0.0
 
 
+def test_the_time_of_a_case_has_a_target_without_the_bootstrap() -> None:
+    lines = [line("null", 0, "right", seconds=7.0, bootstrap=18), line("null", 1, "right", seconds=4.0, bootstrap=0)]
+    found = named(summary.checks(lines))
+    tail = "CPU seconds a case {} bootstrap, 95th percentile"
+    assert (found[tail.format("with")].measured, found[tail.format("with")].met) == (7.0, None)
+    assert (found[tail.format("without")].measured, found[tail.format("without")].met) == (4.0, True)
+    slow = named(summary.checks([line("null", 0, "right", seconds=5.1, bootstrap=0)]))
+    assert slow[tail.format("without")].met is False
+
+
 def test_coverage_counts_intervals_by_kind() -> None:
     values = {"joint1.f_c": [1.0, 0.1, 1.1], "joint2.f_c": [1.0, 0.1, 1.3], "ZZ2": [5.0, 1.0, 4.0], "MX1": [0, 1, 1]}
     found = named(summary.coverage([line("null", 0, "right", parameters=values)]))

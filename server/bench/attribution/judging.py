@@ -13,7 +13,7 @@ from daq.recording import Recording
 from fitting.kinematic_check import kinematic_findings
 from fitting.loop import run_attribution
 from fitting.residual.laws import Law
-from fitting.session import Session
+from fitting.session import Options, Session
 
 FloatArray = npt.NDArray[np.float64]
 Place = tuple[str, str | None]
@@ -45,9 +45,9 @@ def recordings_of(machine: Machine, tables: Mapping[str, Mapping[str, FloatArray
     return result
 
 
-def judge(machine: Machine, recordings: Sequence[Recording]) -> Said:
-    """Run the loop on recordings and put what it found into plain names."""
-    session = Session(machine, recordings)
+def judge(machine: Machine, recordings: Sequence[Recording], bootstrap: int) -> Said:
+    """Run the loop on recordings, with at most so many replicas, and put what it found into plain names."""
+    session = Session(machine, recordings, Options(bootstrap=bootstrap))
     findings, corrections = kinematic_findings(session)
     found = run_attribution(session, corrections)
     names = tuple(joint.name for joint in machine.joints)

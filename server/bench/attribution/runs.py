@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from daq.errors import InputError
+from fitting.session import Options
 from server.bench.attribution.case_files import RECIPE, stored_apart, stored_case
 from server.bench.attribution.coverage import intervals, true_values
 from server.bench.attribution.judging import judge, recordings_of
@@ -33,6 +34,7 @@ class Order:
     cache: Path | None
     only_make: bool = False
     apart: bool = False
+    bootstrap: int = Options.bootstrap
 
 
 def plan_of(counts: dict[str, int], seed: int) -> list[CaseKey]:
@@ -79,7 +81,7 @@ def run_case(order: Order) -> Line:
     """Make one case and judge it; failures are results, not hidden."""
     key = order.key
     line: Line = {"kind": key.kind, "number": key.number, "seed": key.seed, "selection": asdict(order.selection)}
-    line |= {"recipe": RECIPE, "result": "error"}
+    line |= {"bootstrap": order.bootstrap, "recipe": RECIPE, "result": "error"}
     started = time.process_time()
     try:
         if order.cache is not None:
@@ -103,7 +105,7 @@ def run_case(order: Order) -> Line:
     if order.only_make:
         return line | {"result": "made"}
     try:
-        said = judge(case.machine, recordings_of(case.machine, case.recordings))
+        said = judge(case.machine, recordings_of(case.machine, case.recordings), order.bootstrap)
     except Exception as error:  # whatever the fit throws is how this case came out
         return line | {"error": f"{type(error).__name__}: {error}", "seconds": time.process_time() - made}
     seconds = time.process_time() - made
@@ -158,9 +160,9 @@ def run(
         part = output.with_name(output.name + ".part")
         part.write_text(text, encoding="utf-8")
         part.replace(output)
-        wanted = {order.key: order.selection for order in orders}
+        wanted = {order.key: (asdict(order.selection), order.bootstrap) for order in orders}
         for key, line in known.items():
-            if key in wanted and line.get("selection") != asdict(wanted[key]):
+            if key in wanted and (line.get("selection"), line.get("bootstrap", Options.bootstrap)) != wanted[key]:
                 raise InputError(
                     f"{output}: has {key.text} from a run with other restrictions; give another file to -o"
                 )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from itertools import pairwise
 from typing import Any
 
@@ -53,7 +54,6 @@ def checks(lines: Sequence[Line]) -> list[Check]:
     null, strong, medium, small = of("null"), of("large", "kinematic"), of("medium"), of("small")
     outside, pairs = of("outside"), of("pairs")
     with_effects = [line for line in done if line["kind"] != "null"]
-    seconds = [line["seconds"] for line in done if "seconds" in line]
     found = [
         rate("no effect: accused", count(null, "accused", "error"), len(null), "at most", 0.01),
         rate("a wrong name alone", sum(bool(line.get("wrong_alone")) for line in done), len(done), "at most", 0.01),
@@ -77,11 +77,22 @@ def checks(lines: Sequence[Line]) -> list[Check]:
         rate("fit failed", count(done, "error"), len(done), "at most", 0.0),
     ]
     found += coverage(done)
-    if seconds:
-        median, tail = float(np.median(seconds)), float(np.percentile(seconds, 95))
-        found.append(Check("CPU seconds a case, median", median, f"{median:.1f} s"))
-        found.append(Check("CPU seconds a case, 95th percentile", tail, f"{tail:.1f} s", "at most", 5.0, "5 s"))
+    found += [*_seconds(done, bootstrap=False), *_seconds(done, bootstrap=True)]
     return [check for check in found if check.shown != "no cases"]
+
+
+def _seconds(lines: Sequence[Line], *, bootstrap: bool) -> list[Check]:
+    """Processor time of cases that were run with a bootstrap, or without one: that is what the target is for."""
+    seconds = [line["seconds"] for line in lines if "seconds" in line and bool(line.get("bootstrap", 1)) == bootstrap]
+    if not seconds:
+        return []
+    words = f"CPU seconds a case {'with' if bootstrap else 'without'} bootstrap"
+    median, tail = float(np.median(seconds)), float(np.percentile(seconds, 95))
+    found = [
+        Check(f"{words}, median", median, f"{median:.1f} s"),
+        Check(f"{words}, 95th percentile", tail, f"{tail:.1f} s"),
+    ]
+    return found if bootstrap else [replace(c, bound="at most", target=5.0, target_shown="5 s") for c in found]
 
 
 def _visible(large: Sequence[Line]) -> list[Check]:
