@@ -288,7 +288,7 @@ def term_to_json(term: Term) -> dict[str, Any]:
         }
         if isinstance(content, Surface):
             law |= {"second": content.second, "second_other": content.second_other}
-            law |= {"second_range": list(content.second_range)}
+            law |= {"second_range": list(content.second_range), "twist": content.twist}
     return {
         "effect": None if isinstance(content, Law) else content.id,
         "law": law,
@@ -309,4 +309,4 @@ def _law_from_json(law: Mapping[str, Any]) -> Law:
     first = (law["signal"], law["other"], law["signed"], law["loaded_only"], tuple(law["knots"]))
     if "second" not in law:
         return Law(*first)
-    return Surface(*first, law["second"], law["second_other"], tuple(law["second_range"]))
+    return Surface(*first, law["second"], law["second_other"], tuple(law["second_range"]), law.get("twist", False))

@@ -52,7 +52,7 @@ from fitting.residual.scoring import (
     score_terms,
     white_columns,
 )
-from fitting.residual.surfaces import best_surface
+from fitting.residual.surfaces import Surface, best_surface, best_twist
 from fitting.residual.terms import Model, Term
 from fitting.residual.witness import Witness, objection, witness
 
@@ -134,6 +134,7 @@ class _Selection:
         self.refused: set[Family] = set()
         self.refuted_joints: set[int | None] = set()
         self.waiting: set[Family] = set()
+        self.untwisted: Model | None = None
         self.tried: tuple[Model, Term, Model] | None = None
         self.table: dict[Family, Candidate] = {}
         for item in known:
@@ -162,6 +163,8 @@ class _Selection:
             return True
         names = self._with_moved_efforts(names)
         choice = rules.choose(self._sharpened(names, laws), laws, self.accepted)
+        if choice is None and len(self.accepted) < MOST_EFFECTS:
+            choice = self._twist()
         if choice is None or len(self.accepted) >= MOST_EFFECTS:
             return self._doubt()
         choice = self._ahead(choice, names)
@@ -171,6 +174,19 @@ class _Selection:
         else:
             self._try(choice)
         return True
+
+    def _twist(self) -> Score | None:
+        """A product of two signals on a joint that has no finding, where no law of one signal sees anything."""
+        if self.model is self.untwisted:
+            return None
+        taken = {item.score.term.joint for item in self.accepted} | {joint for id, joint in self.refused if id == "law"}
+        joints = [joint for joint in range(len(self.base.design.machine.joints)) if joint not in taken]
+        found = best_twist(self.model, joints)
+        if found is None or found.score <= ACCUSE or rules.is_misfit(found, self.accepted):
+            self.untwisted = self.model
+            return None
+        (found,) = self._with_nulls([found]) if self.bootstrap else (found,)
+        return found if found.calibrated > ACCUSE and not rules.is_fragment(found, self.failed, self.accepted) else None
 
     def _with_moved_efforts(self, names: Sequence[Score]) -> list[Score]:
         """The names; a delay that comes near the best of its joint with what moving the effort gains.
@@ -400,7 +416,8 @@ class _Selection:
     def _try(self, choice: Score) -> None:
         """Add the choice if it helps on the validation motion; of a law, first what a second signal adds to it."""
         if isinstance(choice.term.content, Law):
-            choice = finer(self.model, choice)
+            if not isinstance(choice.term.content, Surface):
+                choice = finer(self.model, choice)
             surface = self._surface(choice)
             if surface is not None and not self._added(surface, ""):
                 return

@@ -2,11 +2,13 @@
 
 A surface is a quadratic in each of two signals (nine tensor products of Bernstein polynomials), alone or times the sign
 of the joint's speed. It is only asked for where a law of one signal is about to be said, and has to be clearly better.
+A twist is the product of both alone: one function, so it is seen where nine are not worth their price, and asked for
+where nothing else was found.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from itertools import combinations
 
@@ -33,16 +35,18 @@ class Surface(Law):
     ----------
     second, second_other : the second signal, and the neighbour that has it (None: the joint's own)
     second_range : ends of its range
+    twist : True where it is but the product of both signals, each from the middle of its range
     """
 
     second: str = ""
     second_other: int | None = None
     second_range: tuple[float, float] = (0.0, 1.0)
+    twist: bool = False
 
     @property
     def functions(self) -> int:
         """Number of its columns."""
-        return (_DEGREE + 1) ** 2
+        return 1 if self.twist else (_DEGREE + 1) ** 2
 
     @property
     def signals(self) -> tuple[tuple[str, int | None], ...]:
@@ -60,12 +64,15 @@ class Surface(Law):
         return super().uses_model or self.along.uses_model
 
     def basis(self, first: FloatArray, second: FloatArray) -> FloatArray:
-        """Its functions (N, 9) at values of both signals, constant beyond their ranges."""
-        u, w = _bernstein(first, self.knots[0], self.knots[-1]), _bernstein(second, *self.second_range)
+        """Its functions (N, 9 or 1) at values of both signals, constant beyond their ranges."""
+        ends = (self.knots[0], self.knots[-1]), self.second_range
+        if self.twist:
+            return np.asarray((_share(first, *ends[0]) - 0.5) * (_share(second, *ends[1]) - 0.5))[:, None]
+        u, w = _bernstein(first, *ends[0]), _bernstein(second, *ends[1])
         return np.asarray((u[:, :, None] * w[:, None, :]).reshape(len(u), -1))
 
     def columns(self, view: DriveView) -> FloatArray:
-        """Columns (N, 9)."""
+        """Columns (N, functions)."""
         basis = self.basis(self.values(view), self.along.values(view))
         if self.signed:
             basis = basis * view.s[:, None]
@@ -77,13 +84,17 @@ def second_variable(law: Law, joints: tuple[str, ...]) -> dict[str, str]:
     return {"second_variable": law.along.variable(joints)} if isinstance(law, Surface) else {}
 
 
+def _share(values: FloatArray, low: float, high: float) -> FloatArray:
+    return np.asarray(np.clip((values - low) / (high - low), 0.0, 1.0))
+
+
 def _bernstein(values: FloatArray, low: float, high: float) -> FloatArray:
-    u = np.clip((values - low) / (high - low), 0.0, 1.0)
+    u = _share(values, low, high)
     return np.column_stack([(1 - u) ** 2, 2 * u * (1 - u), u**2])
 
 
-def surfaces(model: Model, joint: int) -> Iterator[Surface]:
-    """All surfaces of a joint that its recordings can show."""
+def surfaces(model: Model, joint: int, *, twist: bool = False) -> Iterator[Surface]:
+    """All surfaces of a joint that its recordings can show, or all twists."""
     signals: list[tuple[str, int | None]] = [(name, None) for name in _OWN]
     others = [other for other in range(len(model.design.machine.joints)) if other != joint]
     signals += [(name, other) for other in others for name in _NEIGHBOUR]
@@ -107,7 +118,17 @@ def surfaces(model: Model, joint: int) -> Iterator[Surface]:
                 second,
                 second_other,
                 ranges[second, second_other],
+                twist,
             )
+
+
+def best_twist(model: Model, joints: Iterable[int]) -> Score | None:
+    """The product of two signals that gains most beyond its price on one of these joints."""
+    found: list[Score] = []
+    for joint in joints:
+        terms = [Term(law, joint) for law in surfaces(model, joint, twist=True)]
+        found += score_terms(model, terms, [len(terms)] * len(terms))
+    return max(found, key=lambda s: s.score, default=None)
 
 
 def best_surface(model: Model, joint: int, alone: tuple[str, int | None]) -> Score | None:

@@ -14,7 +14,8 @@ from fitting.residual.drawing_data import spline_curve
 from fitting.residual.findings import Attribution
 from fitting.residual.kinematics import Corrections
 from fitting.residual.laws import Law
-from fitting.residual.surfaces import Surface, best_surface, second_variable, surfaces
+from fitting.residual.rules import ACCUSE
+from fitting.residual.surfaces import Surface, best_surface, best_twist, second_variable, surfaces
 from fitting.residual.terms import Term
 from fitting.session import Session
 
@@ -75,6 +76,32 @@ def test_what_it_says_is_the_product(found: Attribution) -> None:
 
 
 @pytest.mark.slow
+def test_a_small_product_is_seen_as_one_function_where_nine_are_not_worth_their_price() -> None:
+    session = session_with(lambda segment: 0.1 * product(segment))
+    nine = best_surface(session.base_model, 0, ("joint_position", 1))
+    assert nine is not None and nine.score < ACCUSE
+    found = run_attribution(session, Corrections(session.machine))
+    (item,) = found.accepted
+    law = item.score.term.content
+    assert isinstance(law, Surface) and law.twist and law.signed
+    assert set(law.signals) == {("joint_position", 1), ("joint_position", 2)}
+    part = found.model.term_slice(0)
+    area = (law.knots[-1] - law.knots[0]) * (law.second_range[1] - law.second_range[0])
+    value, std = float(found.model.fit.theta[part][0]), float(found.model.fit.std[part][0])
+    assert value == pytest.approx(0.1 * TWIST * area, abs=3 * std)
+    curve = spline_curve(law, found.model.fit.theta[part], found.model.fit.covariance[part, part])
+    rows = np.array(curve["second"]["value"])
+    assert rows[0] == pytest.approx(-rows[-1]) and np.abs(rows[3]).max() < 1e-9, "nothing in the middle"
+
+
+def test_nothing_is_no_product() -> None:
+    session = session_with(lambda segment: np.zeros(len(segment.q)))
+    best = best_twist(session.base_model, range(3))
+    assert best is not None and best.score < ACCUSE
+    assert best_twist(session.base_model, ()) is None
+
+
+@pytest.mark.slow
 def test_a_law_of_one_signal_stays_one() -> None:
     session = session_with(lambda s: 60.0 * np.exp(-(((s.x[:, 0] - 0.13) / 0.02) ** 2)))
     (item,) = run_attribution(session, Corrections(session.machine)).accepted
@@ -101,6 +128,11 @@ def test_it_is_stored_and_read_back() -> None:
     law = Surface("piston_speed", None, False, True, (-0.1, 0.1), "joint_position", 2, (0.0, 4.0))
     term = Term(law, 1)
     assert term_from_json(term_to_json(term)) == term
+    twist = Term(replace(law, twist=True), 1)
+    stored = term_to_json(twist)
+    assert term_from_json(stored) == twist
+    del stored["law"]["twist"]
+    assert term_from_json(stored) == term, "results from before there were twists"
     one = Term(Law("piston_speed", None, False, False, (0.0,) * 4 + (1.0,) * 4), 1)
     assert term_from_json(term_to_json(one)) == one
 
