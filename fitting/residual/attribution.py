@@ -26,6 +26,7 @@ from fitting.residual.refinement import finer, refined
 from fitting.residual.robustness import inflation
 from fitting.residual.rules import (
     ACCUSE,
+    ANOTHER_SHARE,
     DOUBT_SHARE,
     LAW_WINS,
     LAW_WINS_SHARE,
@@ -35,6 +36,7 @@ from fitting.residual.rules import (
     MISFIT_Z,
     MOST_CONTENDERS,
     MOST_EFFECTS,
+    MOST_RIVALS,
     MOST_SHARPENED,
     NEAR_SHARE,
     OUTDONE_SHARE,
@@ -489,7 +491,7 @@ class _Selection:
             if isinstance(choice.term.content, Law):
                 self.unconfirmed.append(Unconfirmed(choice, held_out, float(gain or 0.0)))
             return reason
-        rivals = () if isinstance(choice.term.content, Law) else rules.rivals(choice, self.named, self.refused)
+        rivals = () if isinstance(choice.term.content, Law) else self._rivals(choice, trial)
         # What is in the model itself is no other name any more for what was added before.
         self.accepted = [
             replace(item, rivals=tuple(rival for rival in item.rivals if rival.term.family != family))
@@ -502,6 +504,21 @@ class _Selection:
             self.table[rival.term.family] = Candidate(*rival.term.family, rival.score, "indistinguishable", words)
         self.model = trial
         return ""
+
+    def _rivals(self, choice: Score, trial: Model) -> tuple[Score, ...]:
+        """What could be the truth instead of the last term of ``trial``: it gains as much, and nothing beside that."""
+        near = rules.rivals(choice, self.named, self.refused)
+        terms = [rival.term for rival in near]
+        before, beside = (
+            {score.term.family: score.gain for score in score_terms(model, terms, [1] * len(terms))}
+            for model in (self.model, trial)
+        )
+        same = [
+            rival
+            for rival in near
+            if beside.get(rival.term.family, 0.0) < ANOTHER_SHARE * before.get(rival.term.family, 0.0)
+        ]
+        return tuple(same[:MOST_RIVALS])
 
     def _witness(self, choice: Score) -> Witness | None:
         """What unloaded and loaded recordings say of a candidate; None where one of the two is not there."""

@@ -42,6 +42,8 @@ NEAR_SHARE, MOST_SHARPENED = 0.25, 2
 #: A name that leaves this share of its own gain, significantly, in what two runs of one motion share, was wrong.
 #: What is left of many times its gain is another matter.
 DOUBT_SHARE, UNRELATED_SHARE, MISFIT_Z = 0.33, 3.0, 4.0
+#: A candidate that keeps this share of its gain beside the one that was added explains something else: no rival.
+ANOTHER_SHARE = 0.5
 #: Contenders whose null is drawn, and replicas that are drawn before the decision is looked at again.
 MOST_CONTENDERS = 24
 LEAST_DRAWS = 3
@@ -200,7 +202,7 @@ def refutes(score: Score, accepted: Sequence[Accepted]) -> int | None:
 
 
 def rivals(choice: Score, named: dict[Family, Score], refused: set[Family]) -> tuple[Score, ...]:
-    """Candidates that could be the truth as well; where a bias was taken off, as far as its doubt reaches."""
+    """Candidates that gain as much, the best first; where a bias was taken off, as far as its doubt reaches."""
 
     def width(rival: Score) -> float:
         doubts = [s.null.doubt(s.information, s.gain) for s in (choice, rival) if s.null is not None]
@@ -215,7 +217,7 @@ def rivals(choice: Score, named: dict[Family, Score], refused: set[Family]) -> t
         and not _only_more_general(s.term, choice.term)
         and abs(choice.score - s.score) < width(s)
     ]
-    return tuple(sorted(near, key=lambda s: -s.score)[:MOST_RIVALS])
+    return tuple(sorted(near, key=lambda s: -s.score))
 
 
 def _only_more_general(rival: Term, name: Term) -> bool:

@@ -286,6 +286,25 @@ def test_a_choice_that_makes_a_joint_worse_waits_for_what_that_joint_lacks(
         assert families == [first, second], "the larger one is tried first, and added second"
 
 
+def test_what_keeps_its_gain_beside_a_name_is_no_other_name_for_it() -> None:
+    """Two effects of two joints may gain alike by chance; neither stands for the other."""
+    design, _ = exact_views(MACHINE, ARM, recordings=RECORDINGS)
+    offset = [np.array([0.0, 60.0]) + np.array([450.0, 0.0]) * (s.x - 0.15) * np.sign(s.v) for s in design.segments]
+    session = make_session(MACHINE, ARM, RECORDINGS, added=offset)
+    signals = SessionSignals(session, Corrections(session.machine))
+    selection = _Selection(session.base_model, effects(), (), signals, 0, ())
+    terms = [Term(effect("pressure_offset"), 1), Term(effect("asymmetric_friction"), 1)]
+    terms.append(Term(effect("position_dependent_friction"), 0))
+    choice, same, other = score_terms(session.base_model, terms, [1, 1, 1])
+    same, other = (replace(score, score=choice.score) for score in (same, other))
+    selection.named = {score.term.family: score for score in (choice, same, other)}
+    assert {s.term.family for s in rules.rivals(choice, selection.named, set())} == {
+        same.term.family,
+        other.term.family,
+    }
+    assert selection._rivals(choice, signals.refit([choice.term])) == (same,)
+
+
 def test_a_delay_is_named_with_all_that_moving_the_effort_gains() -> None:
     """Its column is short of friction's jumps, which presliding is made of."""
 
