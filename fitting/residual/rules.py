@@ -144,24 +144,28 @@ def choose(names: Sequence[Score], laws: Sequence[Score], accepted: Sequence[Acc
 
 def is_misfit(score: Score, accepted: Sequence[Accepted]) -> bool:
     """Whether a gain is small enough to be what an accepted effect's formula leaves of nature's."""
-    for item in accepted:
-        term = item.score.term
-        own = term.everywhere or term.joint == score.term.joint or score.term.everywhere
-        share = MISFIT_SHARE if own else SPILL_SHARE
-        if isinstance(term.content, Law) and own and _same_signal(score, term.content):
-            content = score.term.content
-            # The odd part of a law is no misfit of its even part: one signal may have both.
-            other_part = isinstance(content, Law) and content.signed != term.content.signed
-            share = SPILL_SHARE if other_part else LAW_MISFIT_SHARE
-        if any(rival.term.family == score.term.family for rival in item.rivals):
-            share = RIVAL_SHARE
-        elif score.places and term.joint is not None and not term.everywhere:
-            elsewhere = score.gain * min(1.0, 1.0 - score.places[term.joint])
-            if elsewhere >= SPILL_SHARE * item.score.gain and elsewhere - (score.gain - score.score) > ACCUSE:
-                continue  # another joint bears witness of it
-        if score.gain < share * item.score.gain:
-            return True
-    return False
+    return any(_is_misfit_of(score, item) for item in accepted)
+
+
+def _is_misfit_of(score: Score, item: Accepted) -> bool:
+    term, gain, joint = item.score.term, item.score.gain, score.term.joint
+    if any(rival.term.family == score.term.family for rival in item.rivals):
+        return score.gain < RIVAL_SHARE * gain
+    if score.places and term.joint is not None and not term.everywhere:
+        elsewhere = score.gain * min(1.0, 1.0 - score.places[term.joint])
+        if elsewhere >= SPILL_SHARE * gain and elsewhere - (score.gain - score.score) > ACCUSE:
+            return False  # another joint bears witness of it
+    if item.score.places and joint is not None and not score.term.everywhere:
+        here = gain * max(0.0, item.score.places[joint])  # what acts everywhere shows itself on some joints most
+        return score.gain < max(MISFIT_SHARE * here, SPILL_SHARE * gain)
+    own = term.everywhere or term.joint == joint or score.term.everywhere
+    share = MISFIT_SHARE if own else SPILL_SHARE
+    if isinstance(term.content, Law) and own and _same_signal(score, term.content):
+        content = score.term.content
+        # The odd part of a law is no misfit of its even part: one signal may have both.
+        other_part = isinstance(content, Law) and content.signed != term.content.signed
+        share = SPILL_SHARE if other_part else LAW_MISFIT_SHARE
+    return score.gain < share * gain
 
 
 def is_fragment(score: Score, failed: Sequence[Score], accepted: Sequence[Accepted]) -> bool:

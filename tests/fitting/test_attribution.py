@@ -248,6 +248,14 @@ def test_what_acts_everywhere_is_no_misfit_of_one_joint_where_another_bears_witn
     assert rules.is_misfit(replace(tilt, places=(0.4, 0.6)), [larger]), "so much a wrong formula spills"
 
 
+def test_on_a_joint_where_what_acts_everywhere_hardly_shows_little_is_its_misfit(plain: Score) -> None:
+    tilt = replace(plain, term=Term(effect("base_tilt"), None), gain=2000.0, places=(0.98, 0.02))
+    there = Accepted(tilt, (), PLAIN, 1.0)
+    for joint, gain, misfit in ((0, 190.0, True), (0, 200.0, False), (1, 15.0, True), (1, 25.0, False)):
+        score = replace(plain, term=Term(effect("position_dependent_friction"), joint), gain=gain)
+        assert rules.is_misfit(score, [there]) == misfit
+
+
 def test_shares_of_a_gain_are_what_each_joints_chi_square_falls_by_in_a_refit() -> None:
     session = session_with(lambda s, i: 40.0 * np.sin(s.q[:, 0]) * np.sin(s.q[:, 1]) / s.r[:, 1])
     base, term = session.base_model, Term(effect("base_tilt"), None)
