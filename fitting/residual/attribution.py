@@ -7,30 +7,23 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
 
 from fitting.effects.base import Effect
-from fitting.prior import Prior
-from fitting.regression import WhiteRows
 from fitting.residual import rules
-from fitting.residual.confirmation import Misfit, OnValidate, on_validate, worse_joint
-from fitting.residual.cross_validation import HeldOut, held_out_gain
+from fitting.residual.confirmation import worse_joint
+from fitting.residual.draws import Draws
 from fitting.residual.findings import Accepted, Attribution, Candidate, Family, Unconfirmed
 from fitting.residual.laws import Law
 from fitting.residual.look_ahead import first_of_two
-from fitting.residual.null import Null
 from fitting.residual.refinement import finer, refined
-from fitting.residual.robustness import inflation
 from fitting.residual.rules import (
     ACCUSE,
-    ANOTHER_SHARE,
     DOUBT_SHARE,
     LAW_WINS,
     LAW_WINS_SHARE,
-    LEAST_DRAWS,
     LEAST_Z_ALONE,
     MISFIT_SHARE,
     MISFIT_Z,
@@ -56,35 +49,11 @@ from fitting.residual.scoring import (
 )
 from fitting.residual.surfaces import Surface, best_surface, best_twist
 from fitting.residual.terms import Model, Term
+from fitting.residual.trials import Signals, Trials, without_gain_beside
 from fitting.residual.witness import Witness, objection, witness
 
 FloatArray = npt.NDArray[np.float64]
 Progress = Callable[[float, str], None]
-
-
-class Signals(Protocol):
-    """What can correct the signals themselves, for effects that a column cannot correct when they are large."""
-
-    @property
-    def prior(self) -> Prior:
-        """What is known before any measurement."""
-        ...
-
-    def nulls(self, model: Model, terms: Sequence[Term], draws: int, first: int = 0) -> list[Null | None]:
-        """What terms gain on replicas of the recordings in which the model is the whole truth."""
-        ...
-
-    def misfit(self, model: Model, joint: int) -> Misfit:
-        """What the model leaves of a joint that two runs of one motion share."""
-        ...
-
-    def rebuilt(self, model: Model) -> Model:
-        """The model with its last term moved into the signals as far as that term can be."""
-        ...
-
-    def refit(self, terms: Sequence[Term]) -> Model:
-        """A fresh fit with these terms, on signals corrected as they say."""
-        ...
 
 
 def attribute(
@@ -130,14 +99,13 @@ class _Selection:
         known: Sequence[Accepted],
     ) -> None:
         self.base, self.effects, self.validate, self.signals = base, effects, validate, signals
-        self.bootstrap = bootstrap
+        self.trials, self.draws = Trials(signals, validate), Draws(signals, bootstrap)
         self.model = base
         self.accepted: list[Accepted] = list(known)
         self.refused: set[Family] = set()
         self.refuted_joints: set[int | None] = set()
         self.waiting: set[Family] = set()
         self.untwisted: Model | None = None
-        self.tried: tuple[Model, Term, Model] | None = None
         self.table: dict[Family, Candidate] = {}
         for item in known:
             family = item.score.term.family
@@ -146,7 +114,6 @@ class _Selection:
         self.scored: Model | None = None
         self.unconfirmed: list[Unconfirmed] = []
         self.failed: list[Score] = []
-        self.nulls: dict[tuple[object, ...], Null] = {}
         self.named: dict[Family, Score] = {}
         self.laws: dict[int | None, Score] = {}
 
@@ -171,7 +138,7 @@ class _Selection:
             return self._doubt()
         choice = self._ahead(choice, names)
         wrong = rules.refutes(choice, self.accepted) if isinstance(choice.term.content, Law) else None
-        if wrong is not None and self._stands(choice, self._without(wrong)):
+        if wrong is not None and self.trials.stands(choice, self._without(wrong)):
             self._take_back(wrong, "a law of one signal explains much more on this joint")
         else:
             self._try(choice)
@@ -187,7 +154,7 @@ class _Selection:
         if found is None or found.score <= ACCUSE or rules.is_misfit(found, self.accepted):
             self.untwisted = self.model
             return None
-        (found,) = self._with_nulls([found]) if self.bootstrap else (found,)
+        (found,) = self.draws.unbiased(self.model, [found])
         return found if found.calibrated > ACCUSE and not rules.is_fragment(found, self.failed, self.accepted) else None
 
     def _with_moved_efforts(self, names: Sequence[Score]) -> list[Score]:
@@ -201,7 +168,7 @@ class _Selection:
         late = next((s for s in names if s.term.family == ("sensor_latency", best.term.joint)), None)
         if late is None or late is best or late.gain <= RIVAL_SHARE * best.gain:
             return list(names)
-        trial = self._trial(late.term)
+        trial = self.trials.with_term(self.model, late.term)
         more = self.model.fit.chi_square - trial.fit.chi_square - late.gain
         if more <= 0:
             return list(names)
@@ -262,7 +229,7 @@ class _Selection:
             trial = self.signals.refit([*rest, law.term])
             again = score_terms(trial, [item.score.term], [1])
             outdone = (again[0].gain if again else 0.0) < (1 - OVERLAP) * item.score.gain
-            if (outdone or law.gain >= MISFIT_SHARE * item.score.gain) and self._stands(law, rest, trial):
+            if (outdone or law.gain >= MISFIT_SHARE * item.score.gain) and self.trials.stands(law, rest, trial):
                 self._take_back(number, "a law of one signal explains the same and more")
                 return True
         return False
@@ -275,27 +242,6 @@ class _Selection:
     def _without(self, number: int) -> list[Term]:
         """The accepted terms but one."""
         return [item.score.term for n, item in enumerate(self.accepted) if n != number]
-
-    def _stands(self, law: Score, rest: Sequence[Term], trial: Model | None = None) -> bool:
-        """Whether a law would be added in the place of a name: what does not hold elsewhere cannot say more than it.
-
-        ``trial`` is the model of ``rest`` and the law, where there is one already.
-        """
-        before, trial = self.signals.refit(rest), trial or self.signals.refit([*rest, law.term])
-        alone = score_terms(before, [law.term], [1])
-        return bool(alone) and not self._judged(alone[0], before, trial)[2]
-
-    def _judged(self, choice: Score, before: Model, trial: Model) -> tuple[HeldOut, OnValidate | None, str]:
-        """What held-out blocks and the validation motion say of a trial's last term, and what is against adding it."""
-        rows, columns = self._last_rows(trial)
-        held_out = held_out_gain(rows, columns, trial.design.bank.reduced_rate_hz)
-        # What is moved into the signals explains more than its column, which is its beginning only.
-        moved = before.fit.chi_square - trial.fit.chi_square if trial.terms[-1].rebuilt else 0.0
-        own_noise = inflation(rows, columns, trial.fit.residual)
-        held_out = replace(held_out, own_noise=own_noise, own_gain=max(choice.gain, moved) / own_noise)
-        confirming = self.validate and not choice.term.confined
-        seen = on_validate(before, trial, self.validate) if confirming else None
-        return held_out, seen, rules.objection(choice, held_out, seen)
 
     def _alone(self, joint: int | None) -> int | None:
         """Number of the accepted name that stands alone on a joint; None where there is none, or something else too."""
@@ -332,7 +278,7 @@ class _Selection:
         Noise in accelerations pushes some candidates to impossible values and hides them where they are real, so all
         joints of an effect that contends are looked at. A null that was drawn stays: it is noise, not structure.
         """
-        if not self.bootstrap:
+        if not self.draws.most:
             return
         there = {item.score.term.family for item in self.accepted} | self.refused
         names = [s for s in self.named.values() if s.term.family not in there and not rules.is_misfit(s, self.accepted)]
@@ -344,32 +290,11 @@ class _Selection:
         contending = {s.term.id for s in names if s.score > ACCUSE and s.term.uses_model}
         chosen = [s for s in (*names, *laws) if s.score > ACCUSE or s.term.id in contending]
         chosen = sorted(chosen, key=lambda s: -s.score)[:MOST_CONTENDERS]
-        for score in self._with_nulls(chosen):
+        for score in self.draws.unbiased(self.model, chosen):
             if isinstance(score.term.content, Effect):
                 self.named[score.term.family] = score
             else:
                 self.laws[score.term.joint] = score
-
-    def _with_nulls(self, scores: Sequence[Score]) -> list[Score]:
-        """The scores with the bias of noisy regressors taken off, by as many replicas as the decision takes."""
-        fresh = [s for s in scores if s.term.label not in self.nulls]
-        drawn = 0
-        while fresh and drawn < self.bootstrap:
-            draws = min(LEAST_DRAWS, self.bootstrap - drawn)
-            more = self.signals.nulls(self.model, [s.term for s in fresh], draws, drawn)
-            for score, null in zip(fresh, more, strict=True):
-                known = self.nulls.get(score.term.label)
-                if null is not None:
-                    self.nulls[score.term.label] = null if known is None else known.joined(null)
-            drawn += draws
-            best = max((self._against(s).calibrated for s in fresh if self._against(s).plausible), default=-np.inf)
-            if not ACCUSE / 2 < best < 3 * ACCUSE:
-                break  # more draws would not change the decision
-        return [self._against(s) for s in scores]
-
-    def _against(self, score: Score) -> Score:
-        null = self.nulls.get(score.term.label)
-        return score if null is None else score.against(null)
 
     def _open_names(self) -> list[Score]:
         return [
@@ -445,12 +370,6 @@ class _Selection:
             return None
         return found
 
-    def _trial(self, term: Term) -> Model:
-        """The model with one term more, moved into the signals as far as that can be; the last one is kept."""
-        if self.tried is None or self.tried[0] is not self.model or self.tried[1] != term:
-            self.tried = self.model, term, self.signals.rebuilt(self.signals.refit([*self._terms, term]))
-        return self.tried[2]
-
     def _waits_for(self, joint: int, family: Family) -> bool:
         """Whether what a joint lacks itself was added first; a choice that made that joint worse is judged anew then.
 
@@ -473,10 +392,10 @@ class _Selection:
 
     def _added(self, choice: Score, witnessed: str) -> str:
         """Add the choice to the model, or say why not; nothing is against one that waits for another."""
-        trial = self._trial(choice.term)
+        trial = self.trials.with_term(self.model, choice.term)
         choice = replace(choice, term=trial.terms[-1])
         family = choice.term.family
-        held_out, seen, reason = self._judged(choice, self.model, trial)
+        held_out, seen, reason = self.trials.judged(choice, self.model, trial)
         gain = None if seen is None else seen.gain
         worse = None if seen is None else worse_joint(self.model, trial, self.validate)
         if worse is not None and not reason:
@@ -491,34 +410,22 @@ class _Selection:
             if isinstance(choice.term.content, Law):
                 self.unconfirmed.append(Unconfirmed(choice, held_out, float(gain or 0.0)))
             return reason
-        rivals = () if isinstance(choice.term.content, Law) else self._rivals(choice, trial)
+        rivals: Sequence[Score] = ()
+        if not isinstance(choice.term.content, Law):
+            near = rules.rivals(choice, self.named, self.refused)
+            rivals = without_gain_beside(self.model, trial, near)[:MOST_RIVALS]
         # What is in the model itself is no other name any more for what was added before.
         self.accepted = [
             replace(item, rivals=tuple(rival for rival in item.rivals if rival.term.family != family))
             for item in self.accepted
         ]
-        self.accepted.append(Accepted(choice, rivals, held_out, gain, witnessed))
+        self.accepted.append(Accepted(choice, tuple(rivals), held_out, gain, witnessed))
         self.table[family] = Candidate(*family, choice.score, "accepted", rules.why(choice, seen))
         for rival in rivals:
             words = f"within {choice.score - rival.score:.1f} of {choice.term.id}: this data cannot tell them apart"
             self.table[rival.term.family] = Candidate(*rival.term.family, rival.score, "indistinguishable", words)
         self.model = trial
         return ""
-
-    def _rivals(self, choice: Score, trial: Model) -> tuple[Score, ...]:
-        """What could be the truth instead of the last term of ``trial``: it gains as much, and nothing beside that."""
-        near = rules.rivals(choice, self.named, self.refused)
-        terms = [rival.term for rival in near]
-        before, beside = (
-            {score.term.family: score.gain for score in score_terms(model, terms, [1] * len(terms))}
-            for model in (self.model, trial)
-        )
-        same = [
-            rival
-            for rival in near
-            if beside.get(rival.term.family, 0.0) < ANOTHER_SHARE * before.get(rival.term.family, 0.0)
-        ]
-        return tuple(same[:MOST_RIVALS])
 
     def _witness(self, choice: Score) -> Witness | None:
         """What unloaded and loaded recordings say of a candidate; None where one of the two is not there."""
@@ -528,13 +435,6 @@ class _Selection:
             return None
         columns, unloaded = white_columns(self.model, choice.term)
         return witness(columns, self.model.fit.residual[joint], self.model.fit.orthonormal[joint], unloaded)
-
-    def _last_rows(self, trial: Model) -> tuple[tuple[WhiteRows, ...], int]:
-        """Whitened rows with the trial's last term in the last columns, and how many those are."""
-        part = trial.term_slice(len(trial.terms) - 1)
-        if trial.terms[-1].rebuilt:  # its column holds what is left of it only: judge it on the signals before
-            trial = self.signals.refit([*trial.terms[:-1], replace(trial.terms[-1], rebuilt=())])
-        return trial.rows(self.signals.prior), part.stop - part.start
 
     def prune(self) -> None:
         """Backward: drop what no longer earns its place beside the others."""

@@ -42,6 +42,8 @@ NEAR_SHARE, MOST_SHARPENED = 0.25, 2
 #: A name that leaves this share of its own gain, significantly, in what two runs of one motion share, was wrong.
 #: What is left of many times its gain is another matter.
 DOUBT_SHARE, UNRELATED_SHARE, MISFIT_Z = 0.33, 3.0, 4.0
+#: Share of a gain from which on it rests on one joint.
+ONE_JOINT = 0.9
 #: A candidate that keeps this share of its gain beside the one that was added explains something else: no rival.
 ANOTHER_SHARE = 0.5
 #: Contenders whose null is drawn, and replicas that are drawn before the decision is looked at again.
@@ -210,7 +212,8 @@ def rivals(choice: Score, named: dict[Family, Score], refused: set[Family]) -> t
 
     def width(rival: Score) -> float:
         doubts = [s.null.doubt(s.information, s.gain) for s in (choice, rival) if s.null is not None]
-        return max(SET_WIDTH, SET_SHARE * choice.gain) + max(doubts, default=0.0)
+        share = MISFIT_SHARE if _rests_on(choice, rival.term) or _rests_on(rival, choice.term) else SET_SHARE
+        return max(SET_WIDTH, share * choice.gain) + max(doubts, default=0.0)
 
     near = [
         s
@@ -222,6 +225,16 @@ def rivals(choice: Score, named: dict[Family, Score], refused: set[Family]) -> t
         and abs(choice.score - s.score) < width(s)
     ]
     return tuple(sorted(near, key=lambda s: -s.score))
+
+
+def _rests_on(everywhere: Score, own: Term) -> bool:
+    """Whether what acts everywhere has its evidence on one joint alone, that of another name.
+
+    Nothing but that joint tells the two apart then, and their formulas are only as good as formulas are.
+    """
+    if not everywhere.places or own.joint is None:
+        return False
+    return everywhere.places[own.joint] > ONE_JOINT
 
 
 def _only_more_general(rival: Term, name: Term) -> bool:

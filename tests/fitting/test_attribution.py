@@ -21,6 +21,7 @@ from fitting.residual.laws import Law
 from fitting.residual.rules import ACCUSE
 from fitting.residual.scoring import Score, score_terms
 from fitting.residual.terms import Model, Term, fit_model
+from fitting.residual.trials import without_gain_beside
 from fitting.session import Session
 from fitting.signals import advanced
 
@@ -256,6 +257,16 @@ def test_on_a_joint_where_what_acts_everywhere_hardly_shows_little_is_its_misfit
         assert rules.is_misfit(score, [there]) == misfit
 
 
+def test_what_acts_everywhere_and_rests_on_one_joint_is_told_from_that_joints_own_by_nothing(plain: Score) -> None:
+    own = replace(plain, gain=1900.0, score=1888.0)  # of joint 2
+    tilt = replace(plain, term=Term(effect("base_tilt"), None), gain=2000.0, score=1988.0, places=(0.01, 0.99))
+    spread = replace(tilt, places=(0.3, 0.7))
+    for one, other, rivals in ((tilt, own, 1), (own, tilt, 1), (spread, own, 0), (own, spread, 0)):
+        assert len(rules.rivals(one, {other.term.family: other}, set())) == rivals
+    far = replace(own, gain=1700.0, score=1688.0)
+    assert not rules.rivals(tilt, {far.term.family: far}, set())
+
+
 def test_shares_of_a_gain_are_what_each_joints_chi_square_falls_by_in_a_refit() -> None:
     session = session_with(lambda s, i: 40.0 * np.sin(s.q[:, 0]) * np.sin(s.q[:, 1]) / s.r[:, 1])
     base, term = session.base_model, Term(effect("base_tilt"), None)
@@ -300,17 +311,16 @@ def test_what_keeps_its_gain_beside_a_name_is_no_other_name_for_it() -> None:
     offset = [np.array([0.0, 60.0]) + np.array([450.0, 0.0]) * (s.x - 0.15) * np.sign(s.v) for s in design.segments]
     session = make_session(MACHINE, ARM, RECORDINGS, added=offset)
     signals = SessionSignals(session, Corrections(session.machine))
-    selection = _Selection(session.base_model, effects(), (), signals, 0, ())
     terms = [Term(effect("pressure_offset"), 1), Term(effect("asymmetric_friction"), 1)]
     terms.append(Term(effect("position_dependent_friction"), 0))
     choice, same, other = score_terms(session.base_model, terms, [1, 1, 1])
     same, other = (replace(score, score=choice.score) for score in (same, other))
-    selection.named = {score.term.family: score for score in (choice, same, other)}
-    assert {s.term.family for s in rules.rivals(choice, selection.named, set())} == {
+    named = {score.term.family: score for score in (choice, same, other)}
+    assert {s.term.family for s in rules.rivals(choice, named, set())} == {
         same.term.family,
         other.term.family,
     }
-    assert selection._rivals(choice, signals.refit([choice.term])) == (same,)
+    assert without_gain_beside(session.base_model, signals.refit([choice.term]), [same, other]) == [same]
 
 
 def test_a_delay_is_named_with_all_that_moving_the_effort_gains() -> None:
