@@ -44,8 +44,8 @@ from fitting.residual.levelling import (
 
 FloatArray = npt.NDArray[np.float64]
 
-#: Chance that a machine without lines is given one: a quarter of the one per cent that all accusations share.
-ALARM = 2.5e-3
+#: Chance that a machine without lines is given one.
+ALARM = 1e-3
 #: Below this there are too few bins to know a background by.
 LOWEST_HZ = 0.2
 _LEAST_PERIODS = 6.0  # of a line in a part: fewer and it is a trend

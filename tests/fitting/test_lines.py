@@ -123,7 +123,7 @@ def test_several_lines_are_found_one_by_one_strongest_first() -> None:
 @pytest.mark.parametrize("name", NOISES)
 @pytest.mark.slow
 def test_noise_has_no_lines(name: str) -> None:
-    # Two joints of 25 machines of six, at an alarm rate of 2.5e-3: one alarm has a chance of 2 %, two of 2e-4.
+    # Two joints of 25 machines of six, at an alarm rate of 1e-3: one alarm has a chance of 0.8 %, two of 3e-5.
     alarms = 0
     for seed in range(25):
         for joint in range(2):  # as if of six
