@@ -173,7 +173,8 @@ def _finish(problem: Problem, coefficients: FloatArray, gathered: FloatArray | N
             np.abs(u[2]).max() / problem.top_acceleration[i],
         ]
         moving[:, :, i] = amplitude[place] * u / max(shares)
-    moving *= _shrink(problem, home, moving[:, ::_FINER])
+    home, factor = _shrink(problem, home, moving[:, ::_FINER])
+    moving *= factor
     q, qd, qdd = home + moving[0], moving[1], moving[2]
     limits = joint_limits_used(machine, q, qd, qdd)
     q, qd, qdd = q[::_FINER], qd[::_FINER], qdd[::_FINER]
@@ -217,19 +218,25 @@ def _efforts(problem: Problem, q: FloatArray, qd: FloatArray, qdd: FloatArray) -
     return np.asarray(Y @ guess)
 
 
-def _shrink(problem: Problem, home: FloatArray, moving: FloatArray) -> float:
-    """Factor for the whole motion, at most 1, that keeps flow and pressures; within 1 % of the largest."""
+def _shrink(problem: Problem, home: FloatArray, moving: FloatArray) -> tuple[FloatArray, float]:
+    """Place (n,) to move about and factor for the whole motion, at most 1, that keep flow and pressures.
+
+    Within 1 % of the largest factor. Where holding at ``home`` alone takes all of the pressure, that goes to mid-range
+    with the motion.
+    """
     if not problem.coupled:
-        return 1.0
+        return home, 1.0
     limits, use = problem.hydraulic, problem.options.use
-    factor = 1.0
-    while factor > 0.02:
-        q, qd, qdd = home + factor * moving[0], factor * moving[1], factor * moving[2]
-        uses = hydraulic_limits_used(problem.machine, limits, q, qd, _efforts(problem, q, qd, qdd))
-        worst = max(uses, key=lambda each: each.used)
-        if worst.used <= _PEAKS * use:
-            return factor
-        factor *= float(np.clip(use / worst.used, 0.8, 0.995))
+    for aside in (0.0, 1.0):
+        factor = 1.0
+        while factor > 0.02:
+            place = home - aside * (1.0 - factor) * (home - problem.middle)
+            q, qd, qdd = place + factor * moving[0], factor * moving[1], factor * moving[2]
+            uses = hydraulic_limits_used(problem.machine, limits, q, qd, _efforts(problem, q, qd, qdd))
+            worst = max(uses, key=lambda each: each.used)
+            if worst.used <= _PEAKS * use:
+                return place, factor
+            factor *= float(np.clip(use / worst.used, 0.8, 0.995))
     where = f"{worst.joint} " if worst.joint else ""
     raise InputError(
         f"excitation: {where}{worst.quantity} stays at {worst.used:.2f} of its limit {worst.limit:.4g} {worst.unit} "
