@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from arm_examples import driven_arm
@@ -13,7 +15,9 @@ from fitting.excitation import (
     HydraulicLimits,
     design_motion,
 )
+from fitting.excitation.design import _shrink
 from fitting.excitation.limits import chamber_pressure, supply_flow
+from fitting.excitation.problem import pose_problem
 from fitting.linkage import lever_arm
 
 QUICK = ExcitationOptions(seconds=12.0, starts=1, iterations=15, samples=60, harmonics=5)
@@ -75,6 +79,33 @@ def test_flow_and_pressure_are_kept():
     for i, joint in enumerate(machine.joints):
         assert chamber_pressure(joint.cylinder, q[:, i], tau[:, i], 0.0, 0.0)[0].max() <= QUICK.use * limits.pressure
     assert {"flow", "pressure"} <= {use.quantity for use in kept.limits}
+
+
+def test_a_motion_moves_to_mid_range_where_holding_beside_it_takes_all_of_the_pressure():
+    machine = driven_arm(2)
+    base = reduce_parameters(machine)
+    guess = base.from_standard(np.tile([20, 2, 0, 0, 0.1, 0, 0, 0.2, 0, 0.3], 2))
+
+    def holding(q: np.ndarray) -> float:
+        tau = base_regressor(machine, base, q[None], np.zeros((1, 2)), np.zeros((1, 2)))[0] @ guess
+        each = [
+            chamber_pressure(j.cylinder, q[i : i + 1], tau[i : i + 1], 0.0, 0.0) for i, j in enumerate(machine.joints)
+        ]
+        return max(float(own[0].max()) for own in each)
+
+    problem = pose_problem(machine, base, QUICK, None, None, HydraulicLimits(), np.random.default_rng(0))
+    aside = [problem.middle + 0.6 * problem.half * np.array(way) for way in ((1, 1), (1, -1), (-1, 1), (-1, -1))]
+    home = max(aside, key=holding)
+    assert holding(home) > 1.06 * holding(problem.middle)
+    limits = HydraulicLimits(pressure=holding(home) / 0.96, base_parameters=guess)
+    problem = replace(problem, hydraulic=limits)
+    moving = 1e-3 * np.ones((3, 50, 2)) * np.sin(np.linspace(0, 6, 50))[:, None]
+    place, factor = _shrink(problem, home, moving)
+    assert 0.5 < factor < 1
+    np.testing.assert_allclose(place, problem.middle + factor * (home - problem.middle))
+    assert holding(place) <= 0.95 * limits.pressure
+    quiet = replace(problem, hydraulic=replace(limits, pressure=2 * limits.pressure))
+    np.testing.assert_array_equal(_shrink(quiet, home, moving)[0], home)
 
 
 def test_a_pressure_that_no_motion_keeps_is_refused():
