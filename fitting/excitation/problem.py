@@ -44,7 +44,7 @@ class ExcitationOptions:
     harmonics
         Harmonics per joint, at most all up to ``max_frequency``. Fewer are no faster, and end no better.
     starts
-        How many optimisations are begun, each from the best of twelve random series; the best quarter is finished.
+        How many optimisations are begun, each from the best of twelve random series; the best sixth is finished.
     iterations
         Iterations of the optimiser for a start that goes all the way.
     samples
@@ -62,7 +62,7 @@ class ExcitationOptions:
     seconds: float = 30.0
     max_frequency: float = 0.6
     harmonics: int = 18
-    starts: int = 4
+    starts: int = 6
     iterations: int = 280
     samples: int = 120
     use: float = 0.95
