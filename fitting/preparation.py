@@ -203,7 +203,7 @@ def segments_of(
             most = PIECE_SAMPLES // len(machine.joints)
             parts = [piece for whole in parts for piece in pieces(whole, bank, most)]
         for part in parts:
-            yield _segment(
+            segment = _segment(
                 machine,
                 recording.cut(part),
                 index,
@@ -211,11 +211,10 @@ def segments_of(
                 bank,
                 noise=noise,
                 weights=weights,
-                latency=latency or {},
-                resampled=resampled,
                 position_error=position_error or {},
                 play=play or {},
             )
+            yield with_delays(machine, recording, segment, bank, latency, resampled) if latency else segment
 
 
 def pieces(whole: slice, bank: FilterBank, most: int) -> list[slice]:
@@ -239,10 +238,8 @@ def _segment(
     *,
     noise: Sequence[PositionNoise],
     weights: Sequence[float],
-    latency: Mapping[str, float],
     position_error: Mapping[str, PositionError],
     play: Mapping[str, Play],
-    resampled: Collection[str],
 ) -> Segment:
     """The segment of a whole recording that is free of gaps; it starts at row ``start`` of what it was cut from."""
     part = slice(0, len(recording))
@@ -262,7 +259,7 @@ def _segment(
         columns["gap"].append(gap)
         linkage = joint.cylinder.linkage if joint.cylinder else None
         columns["r"].append(np.ones_like(motion[0]) if linkage is None else lever_arm(linkage, motion[0]))
-        measured = _effort(machine, joint, recording, part, bank, latency.get(joint.name, 0.0), columns["r"][-1])
+        measured = _effort(machine, joint, recording, part, bank, 0.0, columns["r"][-1])
         for key, value in zip(("y", "p1", "p2"), measured, strict=True):
             columns[key].append(value)
         rest.append(_rest(motion[4], noise[number].speed, bank.rate_hz))
@@ -289,15 +286,7 @@ def _segment(
         gap=stacked["gap"],
         external=_external(machine, recording, part, bank),
         lead=np.stack(lead, axis=1),
-        late=_sampled_late(machine, bank, latency, resampled),
     )
-
-
-def _sampled_late(
-    machine: Machine, bank: FilterBank, latency: Mapping[str, float], resampled: Collection[str]
-) -> tuple[float, ...]:
-    """By how many samples each joint's effort was sampled late."""
-    return tuple(0.0 if j.name in resampled else latency.get(j.name, 0.0) * bank.rate_hz for j in machine.joints)
 
 
 def with_delays(
@@ -320,8 +309,8 @@ def with_delays(
             late, lever = latency[joint.name], segment.r[:, number]
             own = _effort(machine, joint, recording, part, bank, late, lever)
             effort[:, number], p1[:, number], p2[:, number] = own
-    late_by = _sampled_late(machine, bank, latency, resampled)
-    return replace(segment, effort=effort, p1=p1, p2=p2, late=late_by)
+    sampled_late = (0.0 if j.name in resampled else latency.get(j.name, 0.0) * bank.rate_hz for j in machine.joints)
+    return replace(segment, effort=effort, p1=p1, p2=p2, late=tuple(sampled_late))
 
 
 def _with_start(machine: Machine, recording: Recording, bank: FilterBank) -> tuple[Recording, slice]:

@@ -164,10 +164,7 @@ def with_efforts(design: Design, segments: Sequence[Segment], joints: Collection
         drive, own = design.parameters.drive_slice(joint), []
         for segment, before in zip(segments, design.blocks[joint], strict=True):
             columns, reduced = before.columns.copy(), before.reduced.copy()
-            x, v, a = segment.x[:, joint], segment.v[:, joint], segment.a[:, joint]
-            late = segment.late[joint] if segment.late else 0.0
-            names, noise = design.parameters.drive[joint], design.noise[joint].speed
-            columns[:, drive] = drive_columns(names, x, v, a, noise, late)
+            columns[:, drive] = _drive_columns(design.parameters, design.noise, segment, joint)
             target = segment.effort[:, joint] - before.known
             both = bank.reduce(np.column_stack([target, columns[:, drive]]))
             reduced[:, drive] = both[:, 1:]
@@ -187,20 +184,25 @@ def _blocks(
         body /= segment.r[:, :, None]
     blocks = []
     for number, joint in enumerate(machine.joints):
-        x, v, a = segment.x[:, number], segment.v[:, number], segment.a[:, number]
         columns = np.zeros((len(segment), len(parameters)))
-        columns[:, parameters.drive_slice(number)] = drive_columns(
-            parameters.drive[number], x, v, a, noise[number].speed, segment.late[number] if segment.late else 0.0
-        )
+        columns[:, parameters.drive_slice(number)] = _drive_columns(parameters, noise, segment, number)
         if body is not None:
             columns[:, parameters.base_slice] = body[:, number]
-        known = known_effort(joint, v, a, None if segment.external is None else segment.external[:, number])
+        external = None if segment.external is None else segment.external[:, number]
+        known = known_effort(joint, segment.v[:, number], segment.a[:, number], external)
         target = segment.effort[:, number] - known
         share = bank.reduce(segment.rest[:, number].astype(float))
         keep = _driven(joint.cylinder is not None or segment.loaded, share < REST_SHARE)
         reduced = bank.reduce(np.column_stack([target, columns]))
         blocks.append(JointBlock(target, columns, known, reduced[:, 0], reduced[:, 1:], keep))
     return blocks
+
+
+def _drive_columns(parameters: Parameters, noise: Sequence[PositionNoise], segment: Segment, joint: int) -> FloatArray:
+    """Columns (N, k) of a joint's own drive parameters in one segment."""
+    x, v, a = segment.x[:, joint], segment.v[:, joint], segment.a[:, joint]
+    late = segment.late[joint] if segment.late else 0.0
+    return drive_columns(parameters.drive[joint], x, v, a, noise[joint].speed, late)
 
 
 def _driven(says_something: bool, keep: BoolArray) -> BoolArray:

@@ -105,7 +105,6 @@ class _Selection:
         self.refused: set[Family] = set()
         self.refuted_joints: set[int | None] = set()
         self.waiting: set[Family] = set()
-        self.untwisted: Model | None = None
         self.table: dict[Family, Candidate] = {}
         for item in known:
             family = item.score.term.family
@@ -124,10 +123,7 @@ class _Selection:
             self.limits = tuple(self.named.values())
         rules.record(self.table, self.named, self.accepted)
         self._unbias()
-        names, laws = (
-            [s for s in scores if not rules.is_fragment(s, self.failed, self.accepted)]
-            for scores in (self._open_names(), self._open_laws())
-        )
+        names, laws = self._whole(self._open_names()), self._whole(self._open_laws())
         if self._outdone(names, laws):
             return True
         names = self._with_moved_efforts(names)
@@ -146,16 +142,12 @@ class _Selection:
 
     def _twist(self) -> Score | None:
         """A product of two signals on a joint that has no finding, where no law of one signal sees anything."""
-        if self.model is self.untwisted:
-            return None
         taken = {item.score.term.joint for item in self.accepted} | {joint for id, joint in self.refused if id == "law"}
         joints = [joint for joint in range(len(self.base.design.machine.joints)) if joint not in taken]
         found = best_twist(self.model, joints)
         if found is None or found.score <= ACCUSE or rules.is_misfit(found, self.accepted):
-            self.untwisted = self.model
             return None
-        (found,) = self.draws.unbiased(self.model, [found])
-        return found if found.calibrated > ACCUSE and not rules.is_fragment(found, self.failed, self.accepted) else None
+        return next((s for s in self._whole(self.draws.unbiased(self.model, [found])) if s.calibrated > ACCUSE), None)
 
     def _with_moved_efforts(self, names: Sequence[Score]) -> list[Score]:
         """The names; a delay that comes near the best of its joint with what moving the effort gains.
@@ -200,7 +192,7 @@ class _Selection:
             self.model,
             choice,
             self._near([s for s in names if s.calibrated > ACCUSE], choice),
-            lambda term: self.signals.refit([*self._terms, term]),
+            lambda term: self.signals.refit([*self.model.terms, term]),
             self.candidates,
         )
         return choice if name is None else name
@@ -233,11 +225,6 @@ class _Selection:
                 self._take_back(number, "a law of one signal explains the same and more")
                 return True
         return False
-
-    @property
-    def _terms(self) -> list[Term]:
-        """The accepted terms."""
-        return [item.score.term for item in self.accepted]
 
     def _without(self, number: int) -> list[Term]:
         """The accepted terms but one."""
@@ -278,8 +265,6 @@ class _Selection:
         Noise in accelerations pushes some candidates to impossible values and hides them where they are real, so all
         joints of an effect that contends are looked at. A null that was drawn stays: it is noise, not structure.
         """
-        if not self.draws.most:
-            return
         there = {item.score.term.family for item in self.accepted} | self.refused
         names = [s for s in self.named.values() if s.term.family not in there and not rules.is_misfit(s, self.accepted)]
         laws = [
@@ -314,6 +299,10 @@ class _Selection:
             if score.term.family not in self.refused and not rules.law_there(self.accepted, score)
         ]
 
+    def _whole(self, scores: Sequence[Score]) -> list[Score]:
+        """Those scores that are no fragments of what is certainly there, and unexplained."""
+        return [s for s in scores if not rules.is_fragment(s, self.failed, self.accepted)]
+
     def _take_back(self, number: int, reason: str) -> None:
         """An accepted name was wrong; its joint gets a law, not another name."""
         self.refuted_joints.add(self.accepted[number].score.term.joint)
@@ -321,11 +310,11 @@ class _Selection:
 
     def _drop(self, number: int, reason: str) -> None:
         """Refit without an accepted term; those that stood in a set with it fall with it."""
+        self.model = self.signals.refit(self._without(number))
         item = self.accepted.pop(number)
         for score in (item.score, *item.rivals):
             family = score.term.family
             self.table[family] = replace(self.table[family], status="rejected", reason=reason)
-        self.model = self.signals.refit(self._terms)
 
     def _doubt(self) -> bool:
         """Take back a lone name on a joint where much is left that no further candidate explains."""
@@ -379,7 +368,7 @@ class _Selection:
         if len(self.accepted) + 1 >= MOST_EFFECTS or family in self.waiting or family[1] == joint:
             return False
         names, laws = (
-            [s for s in scores if s.term.joint == joint and not rules.is_fragment(s, self.failed, self.accepted)]
+            [s for s in self._whole(scores) if s.term.joint == joint]
             for scores in (self._open_names(), self._open_laws())
         )
         first = rules.choose(self._sharpened(names, laws), laws, self.accepted)

@@ -59,11 +59,8 @@ def held_out_gain(rows: Sequence[WhiteRows], candidate: int, rate_hz: float) -> 
     """
     length = max(1, min(BLOCK_ROWS, round(BLOCK_SECONDS * rate_hz)))
     guard = max(1, min(GUARD_ROWS, round(GUARD_SECONDS * rate_hz)))
-    A = np.vstack([r.A for r in rows])
-    b = np.concatenate([r.b for r in rows])
+    A, b = unit_columns(rows)
     block, position = _blocks(rows, length)
-    scale = np.maximum(np.linalg.norm(A, axis=0), 1e-300)
-    A = A / scale
     fold = np.where(block >= 0, block % FOLDS, -1)
     changes: dict[int, float] = {}
     inside = np.mod(position, length)
@@ -111,6 +108,12 @@ def _blocks(rows: Sequence[WhiteRows], length: int) -> tuple[IntArray, IntArray]
         blocks.append(np.concatenate([*own_blocks, np.full(extra, -1, dtype=np.intp)]))
         positions.append(np.concatenate([*own_positions, np.zeros(extra, dtype=np.intp)]))
     return np.concatenate(blocks), np.concatenate(positions)
+
+
+def unit_columns(rows: Sequence[WhiteRows]) -> tuple[FloatArray, FloatArray]:
+    """Columns (R, p), scaled to unit norm, and target (R,) of the rows of all joints."""
+    A = np.vstack([r.A for r in rows])
+    return A / np.maximum(np.linalg.norm(A, axis=0), 1e-300), np.concatenate([r.b for r in rows])
 
 
 def solve_gram(gram: FloatArray, products: FloatArray) -> FloatArray:

@@ -23,15 +23,15 @@ class Draws:
     """
 
     def __init__(self, signals: Signals, most: int) -> None:
-        self._signals, self.most = signals, most
+        self._signals, self._most = signals, most
         self._nulls: dict[tuple[object, ...], Null] = {}
 
     def unbiased(self, model: Model, scores: Sequence[Score]) -> list[Score]:
         """The scores with the bias of noisy regressors taken off."""
         fresh = [s for s in scores if s.term.label not in self._nulls]
         drawn = 0
-        while fresh and drawn < self.most:
-            draws = min(LEAST_DRAWS, self.most - drawn)
+        while fresh and drawn < self._most:
+            draws = min(LEAST_DRAWS, self._most - drawn)
             more = self._signals.nulls(model, [s.term for s in fresh], draws, drawn)
             for score, null in zip(fresh, more, strict=True):
                 known = self._nulls.get(score.term.label)

@@ -22,7 +22,7 @@ import numpy.typing as npt
 
 from fitting.estimators.covariance import series_scores
 from fitting.regression import WhiteRows
-from fitting.residual.cross_validation import solve_gram
+from fitting.residual.cross_validation import solve_gram, unit_columns
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -40,9 +40,7 @@ def inflation(rows: Sequence[WhiteRows], candidate: int, residual: Sequence[Floa
     residual : what is left with the effect, of each joint; of a delay with the effort moved, which the columns of the
         rows only approximate
     """
-    A = np.vstack([r.A for r in rows])
-    b = np.concatenate([r.b for r in rows])
-    A = A / np.maximum(np.linalg.norm(A, axis=0), 1e-300)
+    A, b = unit_columns(rows)
     first = A.shape[1] - candidate
     gram = A.T @ A
     left = A[:, first:] - A[:, :first] @ solve_gram(gram[:first, :first], gram[:first, first:])

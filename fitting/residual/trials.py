@@ -54,13 +54,14 @@ class Trials:
 
     def __init__(self, signals: Signals, validate: Sequence[int]) -> None:
         self._signals, self._validate = signals, validate
-        self._last: tuple[Model, Term, Model] | None = None
+        self._last: tuple[Model, Term, Model, Model] | None = None
 
     def with_term(self, model: Model, term: Term) -> Model:
         """The model with one term more, moved into the signals as far as that can be; the last one is kept."""
         if self._last is None or self._last[0] is not model or self._last[1] != term:
-            self._last = model, term, self._signals.rebuilt(self._signals.refit([*model.terms, term]))
-        return self._last[2]
+            plain = self._signals.refit([*model.terms, term])
+            self._last = model, term, plain, self._signals.rebuilt(plain)
+        return self._last[3]
 
     def stands(self, law: Score, rest: Sequence[Term], trial: Model | None = None) -> bool:
         """Whether a law would be added to ``rest``: what does not hold elsewhere cannot say more than a name.
@@ -86,8 +87,8 @@ class Trials:
     def _last_rows(self, trial: Model) -> tuple[tuple[WhiteRows, ...], int]:
         """Whitened rows with the trial's last term in the last columns, and how many those are."""
         part = trial.term_slice(len(trial.terms) - 1)
-        if trial.terms[-1].rebuilt:  # its column holds what is left of it only: judge it on the signals before
-            trial = self._signals.refit([*trial.terms[:-1], replace(trial.terms[-1], rebuilt=())])
+        if self._last is not None and trial is self._last[3]:
+            trial = self._last[2]  # a column of what was moved holds what is left of it: the signals before tell more
         return trial.rows(self._signals.prior), part.stop - part.start
 
 

@@ -35,8 +35,6 @@ from fitting.stage_program import load_request
 
 FloatArray = npt.NDArray[np.float64]
 _STAGES = ("residual", "attribution")
-
-
 #: Signal of which a block does not hold enough.
 _MEMORY = "time_since_reversal"
 

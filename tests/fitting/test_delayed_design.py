@@ -63,6 +63,16 @@ def test_a_moved_effort_gives_the_design_that_is_made_with_it(
         assert mine.std == pytest.approx(theirs.std, rel=0.01)
 
 
+def test_no_delay_gives_the_effort_that_was_there() -> None:
+    made = session()
+    plain = made.plain.design.segments
+    again = made.delayed(made.plain, {"joint1": 0.0, "joint2": 0.0}).design.segments
+    assert any(segment.start > made.bank.margin for segment in plain), "one begins after a gap"
+    for first, second in zip(plain, again, strict=True):
+        for name in ("effort", "p1", "p2"):
+            assert np.array_equal(getattr(first, name), getattr(second, name)), name
+
+
 def test_what_did_not_move_is_shared() -> None:
     made = session()
     delayed = made.delayed(made.plain, {"joint2": 0.013})
