@@ -13,10 +13,12 @@ from daq.errors import (
     AcquisitionError,
     BusError,
     CommissioningError,
+    DiskFullError,
     HilfitError,
     InputError,
     MachineFileError,
     RecordingError,
+    StorageError,
 )
 from daq.machine_file import Channel, Cylinder, Joint, Machine, load_machine, machine_to_yaml, parse_machine
 from daq.quality import Quality
@@ -29,6 +31,7 @@ __all__ = [
     "Channel",
     "CommissioningError",
     "Cylinder",
+    "DiskFullError",
     "HilfitError",
     "InputError",
     "Joint",
@@ -37,6 +40,7 @@ __all__ = [
     "Quality",
     "Recording",
     "RecordingError",
+    "StorageError",
     "load_machine",
     "machine_to_yaml",
     "parse_machine",

@@ -10,6 +10,7 @@ import contextlib
 import multiprocessing
 import subprocess
 import sys
+from collections.abc import Iterable
 from multiprocessing.connection import Connection
 from pathlib import Path
 from types import TracebackType
@@ -17,8 +18,9 @@ from typing import Self
 
 from daq.channels import channel_table, channels_by_bus
 from daq.cycles import AcquisitionStatistics
-from daq.errors import AcquisitionError
+from daq.errors import AcquisitionError, InputError
 from daq.machine_file import Machine, load_machine
+from daq.machine_file_errors import did_you_mean
 from daq.ring import RingReader, ring_buffer
 
 __all__ = ["AcquisitionProcess", "AcquisitionStatistics"]
@@ -37,12 +39,15 @@ class AcquisitionProcess:
     ring_name : name of the ring buffer; None for a free one. A name that is in use is an error: a machine is
         acquired once.
     strict : every device has to be there at the start; else those that are not stay missing and are tried again
+    required : with ``strict=False``, channels whose devices have to be there all the same
     ring_seconds : how much machine time the ring holds
 
     Raises
     ------
     MachineFileError
         At once, if the file is wrong or says nothing about buses.
+    InputError
+        At once, if the machine has no such channel as ``required`` names.
     AcquisitionError
         From :meth:`wait_running` (and the ``with`` statement, which waits), with the line that the process left.
     """
@@ -53,12 +58,13 @@ class AcquisitionProcess:
         ring_name: str | None = None,
         *,
         strict: bool = True,
+        required: Iterable[str] = (),
         ring_seconds: float = RING_SECONDS,
     ) -> None:
         self.machine = machine if isinstance(machine, Machine) else load_machine(machine)
         channels_by_bus(self.machine, str(machine) if not isinstance(machine, Machine) else machine.name)
         self._requested_name = ring_name
-        self._strict = strict
+        self._required = None if strict else self._known(required)
         self._slots = max(16, int(ring_seconds * self.machine.rate_hz))
         self._resources = contextlib.ExitStack()
         self._process: subprocess.Popen[bytes] | None = None
@@ -67,6 +73,14 @@ class AcquisitionProcess:
         self._failure: str | None = None
         self._running = False
         self.ring_name = ""
+
+    def _known(self, names: Iterable[str]) -> frozenset[str]:
+        known = [channel.name for channel in self.machine.channels]
+        for name in names:
+            if name not in known:
+                hint = did_you_mean(name, known)
+                raise InputError(f"machine '{self.machine.name}' has no channel '{name}'{hint}")
+        return frozenset(names)
 
     def start(self) -> None:
         """Make the ring buffer and start the process; returns before it runs."""
@@ -82,7 +96,7 @@ class AcquisitionProcess:
                 process_group=0,  # Ctrl-C in a terminal is for the parent, which then stops us in order
             )
         with contextlib.suppress(OSError):  # it died at once: wait_running says so
-            self._control.send((self.machine, self.ring_name, self._strict))
+            self._control.send((self.machine, self.ring_name, self._required))
 
     def wait_running(self, timeout: float = START_TIMEOUT_S) -> None:
         """Wait until cycles are running.

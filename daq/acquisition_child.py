@@ -11,39 +11,46 @@ import os
 import signal
 import sys
 import threading
+from concurrent.futures import ThreadPoolExecutor
 from multiprocessing.connection import Connection
 
 from daq.channels import channel_table, channels_by_bus
 from daq.clock import PATIENCE_S, clock_for
 from daq.cycles import Cycles, run_cycles
-from daq.drivers.base import Driver, DriverContext, make_driver
+from daq.drivers.base import Driver, DriverContext, Problem, make_driver
 from daq.errors import AcquisitionError, HilfitError
+from daq.events import EventLog
 from daq.machine_file import Machine
 from daq.ring import RingWriter
 
 FIFO_PRIORITY = 20
+#: What is there has to be acquired within two seconds, whatever else is missing; libraries take some of them to load.
+START_S = 1.0
 
 
 def main(control: Connection) -> None:
-    """Acquire what the parent orders: a machine, the name of its ring, and whether all devices have to be there.
+    """Acquire what the parent orders: a machine, the name of its ring, and the channels that have to be there.
 
     Says ``("running", "")`` or ``("failed", line)`` through ``control``; stops when anything comes back.
     """
-    machine, name, strict = control.recv()
+    machine, name, required = control.recv()
     stopping = threading.Event()
     signal.signal(signal.SIGTERM, lambda *_: stopping.set())
     for library in ("can", "canopen", "pymodbus"):
         logging.getLogger(library).setLevel(logging.CRITICAL)  # what they report is in the devices' states
     try:
-        with RingWriter(name) as ring, contextlib.closing(_Drivers(machine)) as drivers:
+        with RingWriter(name) as ring, contextlib.closing(Drivers(machine, required)) as drivers:
             try:
                 fifo, refusal = request_fifo()  # before the drivers' threads, which inherit it
                 problems = drivers.start()
-                if problems and strict:
-                    more = f" (and {len(problems) - 1} more)" if len(problems) > 1 else ""
-                    raise AcquisitionError(problems[0] + more)
+                fatal = [problem for problem in problems if drivers.is_fatal(problem)]
+                if fatal:
+                    more = f" (and {len(fatal) - 1} more)" if len(fatal) > 1 else ""
+                    raise AcquisitionError(fatal[0] + more)
                 warnings = [*problems, *([refusal] if refusal else [])]
-                cycles = Cycles(machine, channel_table(machine), drivers.drivers, clock_for(machine))
+                cycles = Cycles(
+                    machine, channel_table(machine), drivers.drivers, clock_for(machine), events=drivers.events
+                )
                 threading.Thread(target=_listen, args=(control, stopping), daemon=True).start()
                 _say(control, "running")
                 run_cycles(cycles, ring, stopping.is_set, fifo=fifo, warnings=warnings)
@@ -69,16 +76,26 @@ def _listen(control: Connection, stopping: threading.Event) -> None:
     stopping.set()
 
 
-class _Drivers:
-    """All drivers of a machine, started together and stopped together."""
+class Drivers:
+    """All drivers of a machine, started side by side and stopped together.
 
-    def __init__(self, machine: Machine) -> None:
+    Parameters
+    ----------
+    required : channels without which there is no point in starting; None: all of them
+    """
+
+    def __init__(self, machine: Machine, required: frozenset[str] | None = None) -> None:
         simulation = machine.simulation
         clock = clock_for(machine)
+        self.events = EventLog(clock.utc_ns, clock.monotonic_ns)
+        self._required = required
         context = DriverContext(
             period_s=1.0 / (machine.rate_hz * (simulation.speed if simulation else 1.0)),
             patience_s=PATIENCE_S if simulation is not None and simulation.lockstep else 0.0,
             monotonic_ns=clock.monotonic_ns,
+            start_s=None if required is None or required else START_S,
+            events=self.events,
+            rate_hz=machine.rate_hz,
         )
         grouped = channels_by_bus(machine, f"machine '{machine.name}'")
         self.drivers: list[Driver] = [
@@ -87,15 +104,28 @@ class _Drivers:
 
     def start(self) -> list[str]:
         """Start every driver; one line per device that cannot be used."""
-        problems: list[str] = []
-        for driver in sorted(self.drivers, key=lambda driver: not driver.leads):
-            problems += driver.start()
-        return problems
+        with ThreadPoolExecutor(max(1, len(self.drivers)), "start") as pool:
+            started = list(pool.map(_start, self.drivers))
+        return [problem for problems in started for problem in problems]
+
+    def is_fatal(self, problem: str) -> bool:
+        """Whether a channel that is required is lost by it; a driver that does not say which loses all of its own."""
+        if self._required is None:
+            return True
+        channels = getattr(problem, "channels", None)
+        return bool(self._required) if channels is None else not self._required.isdisjoint(channels)
 
     def close(self) -> None:
         """Stop every driver."""
         for driver in self.drivers:
             driver.stop()
+
+
+def _start(driver: Driver) -> tuple[str, ...]:
+    try:
+        return driver.start()
+    except AcquisitionError as error:  # of a driver that does not try again by itself
+        return (Problem(str(error), driver.channels),)
 
 
 def request_fifo() -> tuple[bool, str]:

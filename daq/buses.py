@@ -12,6 +12,10 @@ Name = Annotated[str, Field(pattern=NAME_PATTERN, max_length=80)]
 DataType = Literal["int8", "uint8", "int16", "uint16", "int32", "uint32", "int64", "uint64", "float32", "float64"]
 
 
+#: Registers between two channels that are read along to save a request; 0 for a unit that refuses what it lacks.
+MaximumGap = Annotated[int, Field(ge=0, le=125)]
+
+
 class FileModel(BaseModel):
     """Any part of a machine file: unknown keys are errors, values never change."""
 
@@ -29,6 +33,8 @@ class CanSource(FileModel):
     scale: float = 1.0  # value in the channel's unit = scale * raw + offset
     offset: float = 0.0
     sentinels: tuple[float, ...] = ()  # raw values that mean "no valid measurement"
+    cob_id: Annotated[int, Field(ge=0x001, le=0x7FF)] | None = None  # listen_only: the PDO that carries it, as it is
+    byte: Annotated[int, Field(ge=0, le=7)] = 0  # listen_only: where in that PDO
 
     @field_validator("object", mode="before")
     @classmethod
@@ -45,11 +51,13 @@ class ModbusSource(FileModel):
     """Where a channel comes from on a Modbus bus: registers of a unit, read in one block per unit and cycle."""
 
     bus: Name
-    unit: Annotated[int, Field(ge=0, le=247)]
+    unit: Annotated[int, Field(ge=0, le=255)]  # 1 to 247; 0 or 255 is a TCP device itself
     register_: Annotated[int, Field(ge=0, le=0xFFFF, alias="register")]  # zero-based protocol address
     table: Literal["holding", "input"] = "holding"
     data_type: DataType
     word_order: Literal["big", "little"] = "big"
+    byte_order: Literal["big", "little"] = "big"  # within a register; the protocol's is big
+    rate_hz: Annotated[float, Field(gt=0)] | None = None  # asked so often; None: in every cycle
     scale: float = 1.0  # value in the channel's unit = scale * raw + offset
     offset: float = 0.0
     sentinels: tuple[float, ...] = ()
@@ -113,6 +121,8 @@ class CanopenBus(FileModel):
     bitrate: int | None = None
     options: dict[str, str | int | float | bool] = Field(default_factory=dict)  # passed to python-can
     nodes: tuple[CanNode, ...] = ()
+    listen_only: bool = False  # nothing is ever sent: another master leads, and its PDOs are taken as they come
+    listen_s: Annotated[float, Field(ge=0, le=60)] = 2.0  # before leading: whether another master is there
 
 
 class ModbusTcpBus(FileModel):
@@ -123,6 +133,9 @@ class ModbusTcpBus(FileModel):
     host: str
     port: Annotated[int, Field(ge=1, le=65535)] = 502
     timeout_s: Annotated[float, Field(gt=0, le=5)] = 0.1
+    framing: Literal["tcp", "rtu"] = "tcp"  # rtu: a gateway that passes serial frames through as they are
+    connections: Literal["per_unit", "shared"] = "per_unit"  # shared: a gateway that allows only one
+    maximum_gap: MaximumGap = 125
 
 
 class ModbusRtuBus(FileModel):
@@ -135,6 +148,7 @@ class ModbusRtuBus(FileModel):
     parity: Literal["N", "E", "O"] = "E"
     stopbits: Literal[1, 2] = 1
     timeout_s: Annotated[float, Field(gt=0, le=5)] = 0.1
+    maximum_gap: MaximumGap = 125
 
 
 class OtherBus(FileModel):

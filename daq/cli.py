@@ -1,17 +1,19 @@
-"""The acquisition commands: ``record``, ``recover``, ``export``, ``machine check``, ``machine schema``."""
+"""The acquisition commands: ``record``, ``recover``, ``export``, ``import``; those about machine files."""
 
 from __future__ import annotations
 
 from dataclasses import asdict
+from datetime import UTC, datetime
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
+from daq import cli_machine
 from daq.console import print_json, progress_bar, reported
 from daq.errors import InputError
-from daq.machine_file import Machine, load_machine
+from daq.machine_file import load_machine
 from daq.recording_files import SUFFIXES
 
 Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]
@@ -35,10 +37,8 @@ def register(app: typer.Typer) -> None:
     app.command()(reported(record))
     app.command()(reported(recover))
     app.command()(reported(export))
-    machine = typer.Typer(help="Look at machine files.", no_args_is_help=True)
-    machine.command("check")(reported(check))
-    machine.command("schema")(reported(schema))
-    app.add_typer(machine, name="machine")
+    app.command("import")(reported(import_recording))
+    cli_machine.register(app)
 
 
 def record(
@@ -46,6 +46,13 @@ def record(
     role: Annotated[Role, typer.Option(help="What the recording is for.")],
     seconds: Annotated[float, typer.Option(help="Length in seconds of machine time.", min=0.02)],
     output: Annotated[Path, typer.Option("-o", "--output", help="File to write: .parquet or .csv.")],
+    require: Annotated[
+        list[str] | None,
+        typer.Option("--require", metavar="CHANNEL", help="Only this channel (several times) has to be there."),
+    ] = None,
+    allow_missing: Annotated[
+        bool, typer.Option("--allow-missing", help="Begin with what is there; the rest is taken in when it comes.")
+    ] = False,
     force: Annotated[bool, typer.Option("--force", help="Replace the file if it is there.")] = False,
     json: Json = False,
 ) -> None:
@@ -56,7 +63,7 @@ def record(
     _writable(output, force)
     described = load_machine(machine)
     with (
-        AcquisitionProcess(described) as acquisition,
+        AcquisitionProcess(described, strict=not (allow_missing or require), required=require or ()) as acquisition,
         progress_bar(f"recording {output.name}", show=not json) as bar,
     ):
         recorder = Recorder(acquisition.ring_name, described, role.value, output, overwrite=force)
@@ -70,16 +77,27 @@ def record(
     if json:
         print_json({"recording": asdict(summary), "acquisition": asdict(statistics)})
         raise typer.Exit(INTERRUPTED if interrupted else 0)
-    bad = sum(sum(counts.values()) for counts in summary.quality.values())
+    bad = sum(count for counts in summary.quality.values() for name, count in counts.items() if name != "held")
     print(
         f"{summary.path}: {summary.rows} rows, {summary.seconds:g} s at {described.rate_hz:g} Hz, "
         f"{summary.missed_cycles} cycles missed, {bad} values not fresh"
     )
-    for warning in statistics.warnings:
+    for event in summary.events:
+        print(_told(event))
+    for warning in (*statistics.warnings, *summary.warnings):
         print(f"warning: {warning}")
     if interrupted:
         print(f"interrupted before {seconds:g} s were over")
         raise typer.Exit(INTERRUPTED)
+
+
+def _told(event: dict[str, Any]) -> str:
+    """An event as a line."""
+    at = datetime.fromtimestamp(event["utc_ns"] / 1e9, UTC).strftime("%H:%M:%S.%f")[:-4]
+    lasted = "lasts on" if event["seconds"] is None else f"{event['seconds']:.2f} s" if event["seconds"] else ""
+    times = f"{event['count']} times" if event["count"] > 1 else ""
+    more = ", ".join(part for part in (lasted, times) if part)
+    return f"{at} UTC {event['device']}: {event['what']}{f' ({more})' if more else ''}: {event['text']}"
 
 
 def _writable(output: Path, force: bool) -> None:
@@ -93,7 +111,8 @@ def recover(
     directory: Annotated[Path, typer.Argument(help="Where recordings are written to.")] = Path(),
     json: Json = False,
 ) -> None:
-    """Seal what a killed recorder left behind."""
+    """Seal what a killed recorder left behind; nothing is deleted, what cannot be read is named and left."""
+    from daq.journal import DONE_SUFFIX
     from daq.journal import recover as seal
 
     results = seal(directory)
@@ -101,7 +120,12 @@ def recover(
         print_json([asdict(result) for result in results])
         return
     for result in results:
-        print(f"{result.journal}: " + (f"{result.rows} rows to {result.file}" if result.file else "empty, removed"))
+        if result.left:
+            print(f"{result.journal}: left as it is: {result.left}")
+            continue
+        damaged = f", {result.damaged} damaged batches left out" if result.damaged else ""
+        what = f"{result.rows} rows to {result.file}{damaged}" if result.file else "holds no rows"
+        print(f"{result.journal}: {what}; kept as {result.journal.name}{DONE_SUFFIX}")
     if not results:
         print(f"{directory}: nothing to recover")
 
@@ -124,33 +148,33 @@ def export(
         print(f"{output}: {table.rows} rows, {len(table.columns)} columns")
 
 
-def check(
-    file: Annotated[Path, typer.Argument(help="The machine file.")],
+def import_recording(
+    file: Annotated[Path, typer.Argument(help="What another tool recorded: CSV, Parquet, MDF4, MAT, a ROS 2 bag.")],
+    machine: Annotated[Path, typer.Option("--machine", help="The machine file.")],
+    output: Annotated[Path, typer.Option("-o", "--output", help="File to write: .parquet or .csv.")],
+    columns: Annotated[
+        Path | None, typer.Option("--map", help="YAML file: which column is which channel (channel: column).")
+    ] = None,
+    resample: Annotated[
+        bool, typer.Option("--resample", help="Bring another rate to the machine's with a zero-phase low pass.")
+    ] = False,
+    role: Annotated[Role | None, typer.Option(help="What the recording is for.")] = None,
+    force: Annotated[bool, typer.Option("--force", help="Replace the file if it is there.")] = False,
     json: Json = False,
 ) -> None:
-    """Say what is wrong with a machine file, with line and key; or what it describes."""
-    machine = load_machine(file)
-    facts = _facts(machine)
+    """Make a recording of another tool's file: the machine's channels in their units, time in seconds."""
+    from daq.column_map import load_map
+    from daq.recording_source import import_file
+
+    _writable(output, force)
+    described = load_machine(machine)
+    named = None if columns is None else load_map(columns, described)
+    rows, notes = import_file(
+        file, described, output, named, resampled=resample, role=None if role is None else role.value
+    )
     if json:
-        print_json(facts)
+        print_json({"file": str(output), "rows": rows, "notes": list(notes)})
         return
-    print(f"{file}: a valid machine file ({machine.schema_})")
-    for key, value in facts.items():
-        print(f"  {key}: {value}")
-
-
-def _facts(machine: Machine) -> dict[str, Any]:
-    return {
-        "name": machine.name,
-        "rate_hz": machine.rate_hz,
-        "joints": len(machine.joints),
-        "cylinders": sum(joint.cylinder is not None for joint in machine.joints),
-        "channels": len(machine.channels),
-        "buses": [f"{bus.name} ({bus.type})" for bus in machine.buses],
-        "can_be_acquired": bool(machine.buses) and all(channel.source for channel in machine.channels),
-    }
-
-
-def schema() -> None:
-    """Print the JSON schema of machine files, for editors."""
-    print_json({"$schema": "https://json-schema.org/draft/2020-12/schema", **Machine.model_json_schema()})
+    print(f"{output}: {rows} rows, {len(described.channels)} channels of '{described.name}'")
+    for note in notes:
+        print(f"note: {note}")

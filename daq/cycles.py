@@ -13,7 +13,9 @@ from daq.assembly import Assembler
 from daq.channels import ChannelTable
 from daq.clock import Clock
 from daq.drivers.base import Driver, DriverStatistics
+from daq.events import EventLog
 from daq.frame import row_from_frame
+from daq.frozen import FrozenDetector
 from daq.machine_file import Machine
 from daq.quality import Quality
 from daq.ring import RingWriter
@@ -35,7 +37,8 @@ class AcquisitionStatistics:
         that follow instead of being lost
     worst_late_ms : largest lateness in ms
     quality : per channel, frames of each quality by name (qualities that never occurred are left out)
-    buses : per bus the state of its devices, and counters
+    buses : per bus its state, that of its devices, and counters
+    events : the newest things that happened to devices and buses (:class:`daq.events.Event`), oldest first
     fifo : whether the real-time scheduling class was granted
     warnings : one line each
     """
@@ -48,23 +51,36 @@ class AcquisitionStatistics:
     worst_late_ms: float = 0.0
     quality: dict[str, dict[str, int]] = field(default_factory=dict)
     buses: list[dict[str, Any]] = field(default_factory=list)
+    events: list[dict[str, Any]] = field(default_factory=list)
     fifo: bool = False
     warnings: list[str] = field(default_factory=list)
 
     def missing(self) -> int:
-        """Frames in which some value was not fresh, counted per channel and summed."""
-        return sum(n for counts in self.quality.values() for name, n in counts.items() if name != "fresh")
+        """Frames in which some value was due and not fresh, counted per channel and summed."""
+        return sum(n for counts in self.quality.values() for name, n in counts.items() if name not in ("fresh", "held"))
 
 
 class Cycles:
     """The loop's state: what :func:`run_cycles` counts and publishes."""
 
-    def __init__(self, machine: Machine, table: ChannelTable, drivers: Sequence[Driver], clock: Clock) -> None:
+    def __init__(
+        self,
+        machine: Machine,
+        table: ChannelTable,
+        drivers: Sequence[Driver],
+        clock: Clock,
+        events: EventLog | None = None,
+    ) -> None:
+        self.events = events or EventLog(clock.utc_ns, clock.monotonic_ns)
         self.lockstep = machine.simulation is not None and machine.simulation.lockstep
         # Drivers that send SYNC come first: polled devices are asked after it.
         self.drivers = sorted(drivers, key=lambda driver: not driver.leads)
         self.assembler = Assembler(
-            table, [driver.channels for driver in self.drivers], machine.rate_hz, lockstep=self.lockstep
+            table,
+            [driver.channels for driver in self.drivers],
+            machine.rate_hz,
+            lockstep=self.lockstep,
+            frozen=FrozenDetector(machine),
         )
         self.clock = clock
         self.table = table
@@ -101,6 +117,7 @@ class Cycles:
             worst_late_ms=self.worst_late_ns / 1e6,
             quality=quality,
             buses=[_as_dict(driver.statistics()) for driver in self.drivers],
+            events=self.events.published(),
             fifo=fifo,
             warnings=list(warnings),
         )
@@ -109,9 +126,16 @@ class Cycles:
 def _as_dict(statistics: DriverStatistics) -> dict[str, Any]:
     return {
         "bus": statistics.bus,
+        "state": statistics.state,
+        "detail": statistics.detail,
         "devices": [{"name": d.name, "state": d.state, "detail": d.detail} for d in statistics.devices],
         "counts": dict(statistics.counts),
     }
+
+
+def _short(bus: dict[str, Any]) -> dict[str, Any]:
+    """A bus without the lines about its devices."""
+    return {**bus, "devices": [{**device, "detail": device["detail"][:40]} for device in bus["devices"]]}
 
 
 def run_cycles(
@@ -124,12 +148,18 @@ def run_cycles(
 ) -> None:
     """Run cycles until ``stop()``; statistics go into the ring twice a second."""
     clock = cycles.clock
+
+    def publish(state: str) -> None:
+        info = vars(cycles.statistics(state, fifo=fifo, warnings=warnings))
+        if not ring.set_info(info):  # hundreds of devices that all have something to say
+            ring.set_info({**info, "events": info["events"][-8:], "buses": [_short(bus) for bus in info["buses"]]})
+
     clock.start()
-    ring.set_info(vars(cycles.statistics("running", fifo=fifo, warnings=warnings)))
+    publish("running")
     next_info = clock.monotonic_ns() + round(INFO_SECONDS * 1e9)
     while not stop():
         cycles.once(ring)
         if clock.monotonic_ns() >= next_info:
             next_info = clock.monotonic_ns() + round(INFO_SECONDS * 1e9)
-            ring.set_info(vars(cycles.statistics("running", fifo=fifo, warnings=warnings)))
-    ring.set_info(vars(cycles.statistics("stopped", fifo=fifo, warnings=warnings)))
+            publish("running")
+    publish("stopped")

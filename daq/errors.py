@@ -8,7 +8,9 @@
     │   └── RecordingError      a recording
     └── AcquisitionError        a bus or a device (exit code 1)
         ├── CommissioningError  a device is not what the machine file says
-        └── BusError            the bus itself failed
+        ├── BusError            the bus itself failed
+        └── StorageError        a recording cannot be written
+            └── DiskFullError   because the disk is full
 
 The text of every one of them is a single line that names the file, key, channel or node and says what to do.
 """
@@ -42,3 +44,20 @@ class CommissioningError(AcquisitionError):
 
 class BusError(AcquisitionError):
     """The bus itself failed: interface gone, connection refused, controller in bus-off."""
+
+
+class StorageError(AcquisitionError):
+    """A recording cannot be written although its place was good when it began.
+
+    Attributes
+    ----------
+    operation : what failed: ``write``, ``sync``, ``sealing``, ``read`` or ``rename``
+    """
+
+    def __init__(self, line: str, operation: str) -> None:
+        super().__init__(line)
+        self.operation = operation
+
+
+class DiskFullError(StorageError):
+    """The disk is full."""

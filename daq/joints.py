@@ -5,13 +5,20 @@ from __future__ import annotations
 from typing import Annotated, Literal
 
 import numpy as np
+import numpy.typing as npt
 from pydantic import Field, field_validator, model_validator
 
 from daq.buses import FileModel, Name
-from daq.linkages import Linkage, ThreePin
+from daq.linkages import FourBar, Linkage, Pins, ThreePin, reduced
 
 Positive = Annotated[float, Field(gt=0)]
 Interval = tuple[float, float]
+#: A chain whose closing cosine is within this of 1 counts as stretched: an angle of 0.6 degrees, where the lever arm
+#: is some hundred times its usual size.
+_STRETCHED = 5e-5
+#: ``standard`` (distal): frame i at the far end of link i, joint i about z of frame i - 1.
+#: ``modified`` (proximal, Craig; Khalil and Kleinfinger): frame i at joint i, which is about z of frame i.
+Convention = Literal["standard", "modified"]
 
 
 def ordered(interval: Interval, what: str) -> Interval:
@@ -29,7 +36,11 @@ def unique(names: list[str], what: str) -> None:
 
 
 class DenavitHartenberg(FileModel):
-    """Standard (distal) Denavit-Hartenberg row: ``Rz(theta) Tz(d) Tx(a) Rx(alpha)``; the joint variable adds."""
+    """A Denavit-Hartenberg row; the joint variable adds to ``theta``, or to ``d`` of a prismatic joint.
+
+    ``Rz(theta) Tz(d) Tx(a) Rx(alpha)`` in the standard convention, ``Rx(alpha) Tx(a) Rz(theta) Tz(d)`` in the modified
+    one, where ``a`` and ``alpha`` stand before the joint (``a_{i-1}``, ``alpha_{i-1}``).
+    """
 
     a: float  # m
     alpha: float  # rad
@@ -95,6 +106,9 @@ class Drive(FileModel):
     ratio: float = 1.0  # rad of the motor per rad (m) of its own joint; negative: it turns the other way
     coupled: tuple[Coupling, ...] = ()
     offset: bool = False  # the measured effort's zero is a parameter
+    #: Where the joint's effort is measured: before the motor's inertia and friction (a current, say), or behind the
+    #: gear (a torque sensor in the joint), which the motor's inertia does not pass.
+    effort: Literal["motor_side", "link_side"] = "motor_side"
 
     @model_validator(mode="after")
     def _turns(self) -> Drive:
@@ -129,28 +143,45 @@ class Joint(FileModel):
         return self
 
     @model_validator(mode="after")
+    def _angles_are_the_tables(self) -> Joint:
+        """Coordinates of pins without an ``angle`` are those of the table's own frames."""
+        if self.cylinder is None or not isinstance(self.cylinder.linkage, Pins | FourBar):
+            return self
+        linkage = self.cylinder.linkage
+        if self.type != "revolute":
+            raise ValueError(f"cylinder.linkage of type {linkage.type} needs a revolute joint; use direct, or rack")
+        if linkage.angle is None:
+            linkage = linkage.model_copy(update={"angle": self.dh.theta})
+            cylinder = self.cylinder.model_copy(update={"linkage": linkage})
+            object.__setattr__(self, "cylinder", cylinder)  # frozen: still being made
+        return self
+
+    @model_validator(mode="after")
     def _linkage_closes(self) -> Joint:
         if self.cylinder is None:
             return self
-        linkage, stroke = self.cylinder.linkage, self.cylinder.stroke
+        linkage, stroke = reduced(self.cylinder.linkage), self.cylinder.stroke
         q = np.linspace(*self.limits.position, 201)
+        if isinstance(linkage, FourBar):
+            _chain_closes(linkage, q)
         x = linkage.piston_position(q)
         if isinstance(linkage, ThreePin):
             shortest, longest = abs(linkage.a - linkage.b), linkage.a + linkage.b
+            what = "a, b, retracted" if self.cylinder.linkage is linkage else "the four points, retracted"
             if linkage.retracted >= longest or linkage.retracted + stroke <= shortest:
                 raise ValueError(
                     f"cylinder.linkage cannot close: the pins are {shortest:.4g} to {longest:.4g} m apart, the "
-                    f"cylinder {linkage.retracted:.4g} to {linkage.retracted + stroke:.4g} m; check a, b, retracted"
+                    f"cylinder {linkage.retracted:.4g} to {linkage.retracted + stroke:.4g} m; check {what}"
                 )
         if x.max() <= 0 or x.min() >= stroke:
             raise ValueError(
                 f"cylinder.linkage cannot close: within limits.position the piston would have to be at {x.min():.4g}"
-                f" to {x.max():.4g} m of a stroke of {stroke:g} m; check retracted, offset or zero"
+                f" to {x.max():.4g} m of a stroke of {stroke:g} m; check {_ZEROS[self.cylinder.linkage.type]}"
             )
         if np.any(np.diff(x) >= 0) and np.any(np.diff(x) <= 0):
             raise ValueError(
                 "cylinder.linkage passes a dead centre within limits.position (the lever arm becomes zero); "
-                "narrow the limits or correct offset"
+                f"narrow the limits or correct {_TURNS[self.cylinder.linkage.type]}"
             )
         tolerance = 1e-6 + 1e-3 * stroke
         if x.min() < -tolerance or x.max() > stroke + tolerance:
@@ -159,3 +190,40 @@ class Joint(FileModel):
                 "narrow limits.position or correct the linkage"
             )
         return self
+
+
+#: What of each linkage decides where the piston stands, and where its dead centres are.
+_ZEROS = {
+    "three_pin": "retracted or offset",
+    "pins": "retracted, the four points or angle",
+    "four_bar": "retracted, the points, side or angle",
+    "rack": "zero",
+    "direct": "limits.position",
+    "polynomial": "the first coefficient",
+}
+_TURNS = {
+    "three_pin": "offset",
+    "pins": "the points or angle",
+    "four_bar": "the points, side or angle",
+    "polynomial": "the coefficients",
+    "rack": "radius",
+    "direct": "limits.position",
+}
+
+
+def _chain_closes(linkage: FourBar, q: npt.NDArray[np.float64]) -> None:
+    """Refuse a four-bar chain that opens, or is stretched, somewhere in ``q``.
+
+    Stretched, coupler and rocker are in line: the link is then held whatever the cylinder does, ``r`` is infinite.
+    """
+    cosine = linkage.closing_cosine(q)
+    if np.all(np.abs(cosine) < 1.0 - _STRETCHED):
+        return
+    worst = int(np.argmax(np.abs(cosine)))
+    reach = float(np.linalg.norm(linkage.link_pin(q)[0][worst]))
+    least, most = abs(linkage.coupler_arm - linkage.coupler), linkage.coupler_arm + linkage.coupler
+    raise ValueError(
+        f"cylinder.linkage cannot close: at q = {q[worst]:.4g} rad coupler_pin is {reach:.4g} m from rocker_pivot, "
+        f"coupler_arm and coupler together reach {least:.4g} to {most:.4g} m; check them and the points, or narrow "
+        "limits.position"
+    )

@@ -11,9 +11,11 @@ from typing import Annotated, Literal
 
 import numpy as np
 import numpy.typing as npt
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 FloatArray = npt.NDArray[np.float64]
+Point = tuple[float, float]  # m, in the plane that the joint's axis is perpendicular to
+Length = Annotated[float, Field(gt=0)]  # m
 
 
 class _Model(BaseModel):
@@ -76,4 +78,121 @@ class Polynomial(_Model):
         return np.asarray(np.polynomial.polynomial.polyval(np.asarray(q, dtype=float), self.coefficients))
 
 
-Linkage = Annotated[ThreePin | Rack | Direct | Polynomial, Field(discriminator="type")]
+class Pins(_Model):
+    """Cylinder between two pins whose coordinates were measured: a three-pin linkage in other words.
+
+    All points lie in the plane that the joint's axis is perpendicular to, drawn so that positive joint positions turn
+    counter-clockwise. ``base_pin`` and ``base_pivot`` are measured on the parent link from any origin there,
+    ``rod_pin`` and ``link_pivot`` on the moving link from any origin there; both pivots are the joint's axis.
+    ``angle`` is how far the moving link's x axis is turned from the parent's at ``q = 0``.
+    """
+
+    type: Literal["pins"]
+    base_pin: Point  # on the parent: where the cylinder is held
+    base_pivot: Point  # on the parent: the joint's axis
+    rod_pin: Point  # on the moving link: where the rod pulls
+    link_pivot: Point  # on the moving link: the joint's axis
+    retracted: Length  # m, pin to pin with the piston fully in
+    angle: float | None = None  # rad; left out: the joint's dh.theta, which is right for the table's own frames
+
+    @model_validator(mode="after")
+    def _apart(self) -> Pins:
+        _apart("base_pin", self.base_pin, "base_pivot", self.base_pivot)
+        _apart("rod_pin", self.rod_pin, "link_pivot", self.link_pivot)
+        return self
+
+    @property
+    def three_pin(self) -> ThreePin:
+        """The same linkage by its lengths: ``offset`` is the angle from the base pin to the rod pin at ``q = 0``."""
+        a, bearing_a = _polar(self.base_pin, self.base_pivot)
+        b, bearing_b = _polar(self.rod_pin, self.link_pivot)
+        offset = (self.angle or 0.0) + bearing_b - bearing_a
+        return ThreePin(type="three_pin", a=a, b=b, offset=offset, retracted=self.retracted)
+
+    def piston_position(self, q: npt.ArrayLike) -> FloatArray:
+        """Piston position ``x`` in m at joint position ``q`` in rad."""
+        return self.three_pin.piston_position(q)
+
+
+class FourBar(_Model):
+    """Cylinder on a rocker, from which a coupler drives the link: a bucket's linkage.
+
+    Points, plane and ``angle`` as in :class:`Pins`. The rocker turns about ``rocker_pivot`` on the parent. One of its
+    arms, ``coupler_arm`` long, holds the coupler, whose other end is ``coupler_pin`` on the moving link; the other,
+    ``rod_arm`` long and turned from it by ``arms_angle``, holds the rod. Two positions of the rocker close the chain:
+    its coupler arm stands to the ``left`` or to the ``right`` of the line from the rocker's pivot to the coupler's pin
+    on the link.
+    """
+
+    type: Literal["four_bar"]
+    base_pin: Point  # on the parent: where the cylinder is held
+    base_pivot: Point  # on the parent: the joint's axis
+    rocker_pivot: Point  # on the parent: where the rocker turns
+    coupler_pin: Point  # on the moving link: where the coupler holds it
+    link_pivot: Point  # on the moving link: the joint's axis
+    rod_arm: Length  # m, rocker's pivot to the rod's pin
+    coupler_arm: Length  # m, rocker's pivot to the coupler's pin
+    arms_angle: float = 0.0  # rad, counter-clockwise from the coupler arm to the rod arm; 0 with equal arms: one pin
+    coupler: Length  # m, pin to pin
+    side: Literal["left", "right"]
+    retracted: Length  # m, pin to pin with the piston fully in
+    angle: float | None = None  # rad; left out: the joint's dh.theta
+
+    @model_validator(mode="after")
+    def _apart(self) -> FourBar:
+        _apart("base_pin", self.base_pin, "rocker_pivot", self.rocker_pivot)
+        _apart("coupler_pin", self.coupler_pin, "link_pivot", self.link_pivot)
+        return self
+
+    @property
+    def at_rocker(self) -> ThreePin:
+        """The cylinder's three pins about the rocker's pivot; its ``q`` is the coupler arm's direction."""
+        a, bearing = _polar(self.base_pin, self.rocker_pivot)
+        return ThreePin(
+            type="three_pin", a=a, b=self.rod_arm, offset=self.arms_angle - bearing, retracted=self.retracted
+        )
+
+    def link_pin(self, q: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
+        """The coupler's pin on the moving link, from the rocker's pivot and from the joint's axis, (..., 2) each, m."""
+        theta = np.asarray(q, dtype=float) + (self.angle or 0.0)
+        x, y = np.subtract(self.coupler_pin, self.link_pivot)
+        arm = np.stack([x * np.cos(theta) - y * np.sin(theta), x * np.sin(theta) + y * np.cos(theta)], axis=-1)
+        return np.subtract(self.base_pivot, self.rocker_pivot) + arm, arm
+
+    def closing_cosine(self, q: npt.ArrayLike) -> FloatArray:
+        """Cosine of the angle between the coupler arm and the line to the link's pin; beyond 1 nothing closes."""
+        g = np.linalg.norm(self.link_pin(q)[0], axis=-1)
+        k, c = self.coupler_arm, self.coupler
+        return np.asarray((k**2 + g**2 - c**2) / (2 * k * np.maximum(g, 1e-12)))
+
+    def rocker(self, q: npt.ArrayLike) -> FloatArray:
+        """Direction of the coupler arm in the parent's plane, rad; where nothing closes, the nearest that it can."""
+        reach = self.link_pin(q)[0]
+        opening = np.arccos(np.clip(self.closing_cosine(q), -1.0, 1.0))
+        bearing = np.arctan2(reach[..., 1], reach[..., 0])
+        return np.asarray(bearing + (opening if self.side == "left" else -opening))
+
+    def piston_position(self, q: npt.ArrayLike) -> FloatArray:
+        """Piston position ``x`` in m at joint position ``q`` in rad."""
+        return self.at_rocker.piston_position(self.rocker(q))
+
+
+def _polar(point: Point, origin: Point) -> tuple[float, float]:
+    """Distance in m and bearing in rad of a point from another."""
+    x, y = point[0] - origin[0], point[1] - origin[1]
+    return float(np.hypot(x, y)), float(np.arctan2(y, x))
+
+
+def _apart(first: str, a: Point, second: str, b: Point) -> None:
+    if a == b:
+        raise ValueError(f"{first} and {second} are the same point ({a[0]:g}, {a[1]:g}); correct one")
+
+
+def reduced(linkage: Linkage) -> ThreePin | Rack | Direct | Polynomial | FourBar:
+    """The linkage with pins' coordinates turned into lengths; any other as it is."""
+    return linkage.three_pin if isinstance(linkage, Pins) else linkage
+
+
+Linkage = Annotated[ThreePin | Pins | FourBar | Rack | Direct | Polynomial, Field(discriminator="type")]
+#: Every kind of linkage, for whoever needs their keys.
+LINKAGES: tuple[type[BaseModel], ...] = (ThreePin, Pins, FourBar, Rack, Direct, Polynomial)

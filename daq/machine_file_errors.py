@@ -1,15 +1,19 @@
-"""One line about what is wrong with a machine file: file, line, key, and what to do."""
+"""What is wrong with a machine file, each problem one line: file, line, key, and what to do."""
 
 from __future__ import annotations
 
 import difflib
 import re
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import yaml
 from pydantic import ValidationError
+from pydantic_core import ErrorDetails
 
-_UNION_TAGS = frozenset(("three_pin", "rack", "direct", "polynomial", "canopen", "modbus_tcp", "modbus_rtu", "other"))
+_UNION_TAGS = frozenset(
+    ("three_pin", "pins", "four_bar", "rack", "direct", "polynomial", "canopen", "modbus_tcp", "modbus_rtu", "other")
+)
 
 #: What machines, joints, channels and buses may be called.
 NAME_PATTERN = r"^[A-Za-z_][A-Za-z0-9_.\-]*$"
@@ -23,22 +27,50 @@ def did_you_mean(word: str, options: Sequence[str]) -> str:
     return f"; did you mean '{near[0]}'?" if near else ""
 
 
-def one_line(name: str, tree: yaml.Node | None, error: ValidationError, keys: Sequence[str]) -> str:
-    """The most telling of the problems that pydantic found.
+@dataclass(frozen=True)
+class Problem:
+    """One thing that is wrong: where in the file, and what to do about it.
+
+    Attributes
+    ----------
+    line : line of the file, from 1; None where it is not known
+    key : the key's place, as in ``joints[0].cylinder.bore``; empty for the file as a whole
+    text : what is wrong, and the cure
+    """
+
+    line: int | None
+    key: str
+    text: str
+
+    def under(self, name: str) -> str:
+        """One line with the file's name in front."""
+        place = f"{name}:{self.line}" if self.line else name
+        return " ".join(f"{place}: {self.key}: {self.text}".replace(": : ", ": ").split())
+
+
+def all_problems(tree: yaml.Node | None, error: ValidationError, keys: Sequence[str]) -> list[Problem]:
+    """Everything that pydantic found, unknown keys first: they explain more than the missing ones they stand for.
 
     Parameters
     ----------
-    name : what to call the file
-    tree : its YAML nodes, which know their lines
+    tree : the file's YAML nodes, which know their lines
     keys : all keys that a machine file may have, to guess what an unknown one was meant to be
     """
-    problems = error.errors(include_url=False)
-    # An unknown key explains more than the missing one it stands for.
-    problem = next((p for p in problems if p["type"] == "extra_forbidden"), problems[0])
+    found = error.errors(include_url=False)
+    if len(found) > 1:  # a list of which every item is wrong is not too short
+        found = [p for p in found if not (p["type"] == "too_short" and p["input"])]
+    found.sort(key=lambda p: p["type"] != "extra_forbidden")
+    result = []
+    for problem in found:
+        cause = (problem.get("ctx") or {}).get("error")
+        texts = getattr(cause, "texts", None) or (problem["msg"].removeprefix("Value error, "),)
+        result += [_problem(tree, problem, text, keys) for text in texts]
+    return result
+
+
+def _problem(tree: yaml.Node | None, problem: ErrorDetails, what: str, keys: Sequence[str]) -> Problem:
     location = [part for part in problem["loc"] if not (isinstance(part, str) and part in _UNION_TAGS)]
-    what = problem["msg"].removeprefix("Value error, ")
     key = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in location).lstrip(".")
-    line = _line_of(tree, location or _place(what, tree))
     if problem["type"] == "extra_forbidden":
         hint = did_you_mean(str(location[-1]), keys)
         what = f"unknown key{hint}" if hint else "unknown key; remove it"
@@ -47,13 +79,18 @@ def one_line(name: str, tree: yaml.Node | None, error: ValidationError, keys: Se
     elif isinstance(problem.get("input"), str | int | float | bool):
         if problem["type"] == "string_pattern_mismatch" and problem["ctx"]["pattern"] == NAME_PATTERN:
             what = "write letters, digits, '_', '-' and '.', beginning with a letter or '_'"
-        what = f"{what[0].lower()}{what[1:]} (found {_short(repr(problem['input']))})"
-    more = f" (and {len(problems) - 1} more)" if len(problems) > 1 else ""
-    place = f"{name}:{line}" if line else name
-    return " ".join(f"{place}: {key}: {what}{more}".replace(": : ", ": ").split())
+        what = f"{what[0].lower()}{what[1:]} (found {short(repr(problem['input']))})"
+    begins = re.match(r"[a-z_]+(\.[a-z_]+)*", what)  # a text may say which key of the part it is about
+    inside = [*location, *begins[0].split(".")] if location and begins else location
+    return Problem(line_of(tree, inside or _place(what, tree)), key, what)
 
 
-def _short(text: str) -> str:
+def of_the_whole(tree: yaml.Node | None, text: str) -> Problem:
+    """A problem of the file as a whole, which names its place in its text."""
+    return Problem(line_of(tree, _place(text, tree)), "", text)
+
+
+def short(text: str) -> str:
     """A text that fits into a line, cut in its middle."""
     return text if len(text) <= _SHOWN else f"{text[: _SHOWN // 2]}\u2026{text[-_SHOWN // 4 :]}"
 
@@ -74,7 +111,7 @@ def _place(text: str, tree: yaml.Node | None) -> list[str | int]:
     return []
 
 
-def _line_of(tree: yaml.Node | None, location: list[str | int]) -> int | None:
+def line_of(tree: yaml.Node | None, location: list[str | int]) -> int | None:
     """Line (from 1) of the deepest part of ``location`` that is in the file."""
     node, line = tree, None
     for part in location:

@@ -6,11 +6,13 @@ It is a reader of the ring like any other and runs in any process. Rows go to a 
 
 from __future__ import annotations
 
+import json
 import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -18,8 +20,10 @@ import pyarrow as pa
 
 from daq.channels import channel_table
 from daq.errors import AcquisitionError, HilfitError
+from daq.events import RecordedEvents
 from daq.frame import row_dtype
 from daq.journal import Journal
+from daq.ledger import FRAME, LOST, SKIP, Ledger
 from daq.machine_file import Machine
 from daq.quality import Quality
 from daq.recording import FloatArray, recording_table
@@ -27,7 +31,7 @@ from daq.ring import RingReader
 
 SYNC_SECONDS = 1.0
 SILENCE_SECONDS = 10.0  # without a frame: acquisition hangs
-_UNMEASURED = (Quality.STALE, Quality.MISSING, Quality.BUS_ERROR)
+_UNMEASURED = (Quality.STALE, Quality.MISSING, Quality.BUS_ERROR, Quality.INVALID, Quality.HELD)
 
 #: Called with rows that are safe on disk, and how many there will be (None: until it is stopped).
 Progress = Callable[[int, int | None], None]
@@ -44,6 +48,9 @@ class RecordingSummary:
     seconds : of machine time
     missed_cycles : rows that stand for cycles of which nothing is known
     quality : per channel, rows of each quality other than fresh
+    ledger : per channel, ``produced``, ``stored`` and ``dropped`` by place and reason (:mod:`daq.ledger`)
+    events : what happened to devices and buses meanwhile (:class:`daq.events.Event`), in the file's metadata as well
+    warnings : one line each
     """
 
     path: Path
@@ -51,6 +58,9 @@ class RecordingSummary:
     seconds: float
     missed_cycles: int
     quality: dict[str, dict[str, int]] = field(default_factory=dict)
+    ledger: dict[str, dict[str, Any]] = field(default_factory=dict)
+    events: list[dict[str, Any]] = field(default_factory=list)
+    warnings: tuple[str, ...] = ()
 
 
 class Recorder:
@@ -94,7 +104,9 @@ class Recorder:
         Raises
         ------
         RecordingError
-            If the file cannot be written.
+            If the place cannot be written to.
+        StorageError
+            If the disk refuses later; rows that were acknowledged are in the journal, for ``hilfit recover``.
         AcquisitionError
             If acquisition ended before; what had come until then is sealed all the same.
         """
@@ -108,9 +120,10 @@ class Recorder:
                     "that acquisition runs with"
                 )
             writer = _Writer(self._machine, self._role, self._path, table.names, self._overwrite)
+            events = RecordedEvents(self._path)
             try:
-                failure = self._follow(ring, writer, total, progress)
-                summary = writer.seal()
+                failure = self._follow(ring, writer, events, total, progress)
+                summary = writer.seal(events)
             except BaseException:
                 writer.journal.abandon()
                 raise
@@ -118,7 +131,14 @@ class Recorder:
             raise AcquisitionError(f"{failure}; {summary.rows} rows until then are in {self._path}")
         return summary
 
-    def _follow(self, ring: RingReader, writer: _Writer, total: int | None, progress: Progress | None) -> str | None:
+    def _follow(
+        self,
+        ring: RingReader,
+        writer: _Writer,
+        events: RecordedEvents,
+        total: int | None,
+        progress: Progress | None,
+    ) -> str | None:
         """Copy rows until there are enough; returns why not, if acquisition ended before."""
         last_frame = time.monotonic()
         next_sync = last_frame  # at once: whoever watches sees that it follows the ring now
@@ -127,7 +147,7 @@ class Recorder:
             now = time.monotonic()
             if len(rows.rows):
                 last_frame = now
-                writer.take(rows.rows, total)
+                writer.take(rows.rows, total, rows.missed)
             complete = total is not None and writer.rows >= total
             ended = complete or self._stop.is_set()
             failure = None
@@ -139,6 +159,7 @@ class Recorder:
             if ended or failure or now >= next_sync:
                 next_sync = now + SYNC_SECONDS
                 writer.sync()
+                events.take(ring.info().get("events", ()), writer.first_utc_ns)
                 self._rows = writer.journal.rows
                 if progress is not None:
                     progress(self._rows, total)
@@ -154,6 +175,9 @@ class Recorder:
                 self._summary = self.record(seconds, progress)
             except HilfitError as error:
                 self._error = error
+            except Exception as error:  # who waits for the thread has to hear of a bug as well
+                self._error = AcquisitionError(f"{self._path}: recording broke: {type(error).__name__}: {error}")
+                raise
             finally:
                 self._ended.set()
 
@@ -193,52 +217,67 @@ class _Writer:
         self._role = role
         self._names = names
         self._dtype = row_dtype(len(names))
-        self._pending: list[npt.NDArray[np.void]] = []
+        self._pending: list[tuple[npt.NDArray[np.void], npt.NDArray[np.uint8]]] = []
         self._counts = np.zeros((len(Quality), len(names)), dtype=np.int64)
         self._first_cycle: int | None = None
         self._last: npt.NDArray[np.void] | None = None
+        self._ledger = Ledger(names)
+        self.first_utc_ns: int | None = None
         self.rows = 0
         self.missed = 0
         empty = np.empty(0, dtype=self._dtype)
         self.journal = Journal(path, self._table(empty).schema, overwrite=overwrite)
 
-    def take(self, rows: npt.NDArray[np.void], total: int | None) -> None:
-        """Append rows, at most up to ``total`` of them in all."""
+    def take(self, rows: npt.NDArray[np.void], total: int | None, overwritten: int = 0) -> None:
+        """Append rows, at most up to ``total`` of them in all; so many before them the ring has lost."""
         if self._first_cycle is None:
-            self._first_cycle = int(rows["cycle"][0])
-        rows = self._fill(rows)
+            self._first_cycle, self.first_utc_ns = int(rows["cycle"][0]), int(rows["utc_ns"][0])
+        rows, origin = self._fill(rows, overwritten)
         if total is not None:
-            rows = rows[: max(0, total - self.rows)]
+            left = max(0, total - self.rows)
+            rows, origin = rows[:left], origin[:left]
         if len(rows):
-            self._pending.append(rows)
+            self._pending.append((rows, origin))
             self._last = rows[-1:]
             self.rows += len(rows)
+            self.missed += int(np.count_nonzero(origin != FRAME))
 
-    def _fill(self, rows: npt.NDArray[np.void]) -> npt.NDArray[np.void]:
-        """The same rows with one more, marked missing, for every cycle that is not among them."""
+    def _fill(self, rows: npt.NDArray[np.void], overwritten: int) -> tuple[npt.NDArray[np.void], npt.NDArray[np.uint8]]:
+        """The same rows with one more, marked missing, for every cycle that is not among them; what each stands for."""
         known = rows if self._last is None else np.concatenate([self._last, rows])
         cycles = np.arange(int(known["cycle"][0]), int(known["cycle"][-1]) + 1)
+        origin = np.full(len(cycles), SKIP, dtype=np.uint8)
+        at = known["cycle"] - cycles[0]
+        if self._last is not None:
+            gap = (
+                int(at[1]) - 1
+            )  # what the ring lost was before the first row; cycles may have been skipped there as well
+            origin[1 : 1 + min(gap, overwritten)] = LOST
+        origin[at] = FRAME
         if len(cycles) == len(known):
-            return rows
+            return rows, origin[len(origin) - len(rows) :]
         filled = np.zeros(len(cycles), dtype=self._dtype)
         filled["values"] = filled["ages"] = np.nan
         filled["quality"] = Quality.MISSING
         filled["cycle"] = cycles
         filled["utc_ns"] = np.interp(cycles, known["cycle"], known["utc_ns"] - known["utc_ns"][0])
         filled["utc_ns"] += known["utc_ns"][0]
-        filled[known["cycle"] - cycles[0]] = known
-        self.missed += len(cycles) - len(known)
-        return filled if self._last is None else filled[1:]
+        filled[at] = known
+        return (filled, origin) if self._last is None else (filled[1:], origin[1:])
 
     def sync(self) -> None:
         """Bring what is pending to disk."""
         if not self._pending:
             return
-        rows = np.concatenate(self._pending)
+        rows = np.concatenate([rows for rows, _ in self._pending])
+        origin = np.concatenate([origin for _, origin in self._pending])
+        table = self._table(rows)
+        self.journal.append(table)
         self._pending.clear()
         for quality in Quality:
             self._counts[quality] += (rows["quality"] == quality).sum(axis=0)
-        self.journal.append(self._table(rows))
+        stored = np.column_stack([np.isfinite(table.column(name).to_numpy()) for name in self._names])
+        self._ledger.add(rows["quality"], stored, origin)
 
     def _table(self, rows: npt.NDArray[np.void]) -> pa.Table:
         quality = rows["quality"]
@@ -256,9 +295,12 @@ class _Writer:
             quality={self._names[i]: quality[:, i] for i in columns},
         )
 
-    def seal(self) -> RecordingSummary:
+    def seal(self, events: RecordedEvents) -> RecordingSummary:
         """Make the recording."""
-        self.journal.seal()
+        self._ledger.close(self._first_cycle, None if self._last is None else int(self._last["cycle"][0]))
+        ledger = self._ledger.as_dict()
+        metadata = {"hilfit.ledger": json.dumps(ledger), "hilfit.events": json.dumps(events.listed)}
+        leftover = self.journal.seal(metadata)
         quality = {
             name: {q.name.lower(): int(self._counts[q, i]) for q in Quality if q and self._counts[q, i]}
             for i, name in enumerate(self._names)
@@ -269,4 +311,7 @@ class _Writer:
             seconds=self.rows / self._machine.rate_hz,
             missed_cycles=self.missed,
             quality={name: counts for name, counts in quality.items() if counts},
+            ledger=ledger,
+            events=events.listed,
+            warnings=tuple(line for line in (leftover, events.warning) if line),
         )

@@ -18,12 +18,13 @@ import numpy.typing as npt
 import pyarrow as pa
 
 from daq import recording_checks as checks
+from daq.column_map import ColumnMap
 from daq.errors import RecordingError
-from daq.machine_file import Channel, Machine
+from daq.machine_file import Machine
 from daq.quality import MEASURED
-from daq.recording_files import Table, read_table, write_table
+from daq.recording_files import Table, write_table
+from daq.recording_source import load_table, stored_notes, units_on_disk
 from daq.scratch import ScratchColumns
-from daq.units import Conversion, conversion
 
 SCHEMA = "hilfit/recording/1"
 #: ``unloaded``: rods unpinned, F_l = 0. ``train``, ``repeat`` (the same motion again), ``validate`` (another
@@ -56,6 +57,7 @@ class Recording:
     quality : per channel (N,) :class:`daq.quality.Quality`, if the file had it
     cycle : (N,) cycle counter, if the file had it
     utc_ns : (N,) ns since 1970 of SYNC, if the file had it
+    notes : lines that say what was done to the file's values on the way here
     """
 
     machine: str
@@ -69,6 +71,7 @@ class Recording:
     quality: Mapping[str, QualityArray] = field(default_factory=dict)
     cycle: IntArray | None = None
     utc_ns: IntArray | None = None
+    notes: tuple[str, ...] = ()
 
     def __len__(self) -> int:
         return len(self.time)
@@ -105,16 +108,24 @@ class Recording:
 
 
 def read_recording(
-    path: str | Path, machine: Machine, role: str, *, minimum_seconds: float = MINIMUM_SECONDS
+    path: str | Path,
+    machine: Machine,
+    role: str,
+    *,
+    minimum_seconds: float = MINIMUM_SECONDS,
+    columns: ColumnMap | None = None,
+    resample: bool = False,
 ) -> Recording:
     """Read a recording of ``machine`` and refuse it if it cannot be used in ``role``.
 
     Parameters
     ----------
-    path : Parquet or CSV, told apart by content
+    path : Parquet, CSV, MDF4, MAT or a ROS 2 bag, told apart by content
     machine : its channels have to be the file's columns, no fewer and no more
     role : one of :data:`ROLES`
     minimum_seconds : of rows in which every channel of a joint was measured
+    columns : which column is which channel, where the file's names do not tell (:mod:`daq.column_map`)
+    resample : whether a file of another rate is brought to the machine's (:mod:`daq.resampling`); ``notes`` then say so
 
     Raises
     ------
@@ -123,14 +134,12 @@ def read_recording(
     """
     path = Path(path)
     _known_role(role)
-    table = read_table(path)
-    checks.metadata_fits(path, table.metadata, machine, role)
-    checks.columns_fit(path, table, machine)
+    table, notes = load_table(path, machine, columns, resampled=resample, role=role)
     if table.rows == 0:
         raise RecordingError(f"{path}: has a header but no rows; record at least {minimum_seconds:g} s")
     time = np.asarray(table.columns["time"], dtype=np.float64)
     checks.time_runs(path, time, machine.rate_hz)
-    units = _units_on_disk(path, table, machine)
+    units = units_on_disk(path, table, machine)
     values: MutableMapping[str, FloatArray] = _shelf(table)
     quality: MutableMapping[str, QualityArray] = _shelf(table)
     age: MutableMapping[str, FloatArray] = _shelf(table)
@@ -158,6 +167,7 @@ def read_recording(
         quality=quality,
         cycle=_integers(path, "cycle", table),
         utc_ns=_integers(path, "utc_ns", table),
+        notes=(*stored_notes(table), *notes),
     )
     if recording.cycle is not None:
         checks.counter_runs(path, recording.cycle, time)
@@ -267,26 +277,6 @@ def _cut(columns: Mapping[str, npt.NDArray[_Kind]], part: slice) -> Mapping[str,
 def _known_role(role: str) -> None:
     if role not in ROLES:
         raise RecordingError(f"role '{role}' is unknown; use one of {', '.join(ROLES)}")
-
-
-def _units_on_disk(path: Path, table: Table, machine: Machine) -> dict[str, Conversion]:
-    """Conversions of the file's columns: by the units that it carries, else by those that the machine file declares."""
-    text = table.metadata.get("hilfit.units")
-    try:
-        units = json.loads(text) if text is not None else {}
-    except ValueError:
-        units = None
-    if not isinstance(units, dict):
-        raise RecordingError(f"{path}: metadata 'hilfit.units' is damaged; record or export it again")
-    return {channel.name: _conversion(path, machine, channel, units) for channel in machine.channels}
-
-
-def _conversion(path: Path, machine: Machine, channel: Channel, units: Mapping[str, object]) -> Conversion:
-    unit = str(units.get(channel.name, channel.unit))
-    try:
-        return conversion(unit, machine.si_unit(channel))
-    except ValueError as error:
-        raise RecordingError(f"{path}: {channel.name}: {error}; correct the file's metadata 'hilfit.units'") from None
 
 
 def _quality(path: Path, name: str, table: Table) -> QualityArray | None:

@@ -27,6 +27,7 @@ GAP_SHARE = 0.02  # of the steps: a foreign file may have this many holes before
 SATURATED_ROWS = 3  # consecutive samples at a limit; noise alone hardly makes three
 STUCK_ROWS = 8  # consecutive samples at the extreme of a signal that elsewhere hardly ever repeats itself
 REPEATS = 0.1  # share of equal neighbours up to which a signal hardly ever repeats itself
+PILE, PILE_RANGE = 10.0, 0.05  # times the mean of the levels within this share of the range
 LEVELS = 20  # a signal of fewer levels sits on its extreme for lack of resolution, not for saturation
 MISMATCH = 0.1  # of the stroke, between piston encoder and linkage: far above offsets and pin errors
 
@@ -101,8 +102,21 @@ def columns_fit(path: Path, table: Table, machine: Machine) -> None:
         )
 
 
-def time_runs(path: Path, time: FloatArray, rate_hz: float) -> None:
-    """Time is finite, increases strictly and at the machine's rate, with few holes."""
+def same_rate(one_hz: float, other_hz: float) -> bool:
+    """Whether two rates are one within the tolerance of printed times."""
+    return abs(other_hz / one_hz - 1.0) <= RATE_TOLERANCE
+
+
+def runs_at(time: FloatArray, rate_hz: float) -> bool:
+    """Whether an increasing clock runs at a rate, with few holes: what :func:`time_runs` asks for."""
+    steps = np.diff(time)
+    irregular = np.count_nonzero(~regular_steps(time, rate_hz))
+    few = int(irregular) <= max(1, int(GAP_SHARE * len(steps)))
+    return few and same_rate(1.0 / float(np.median(steps)), rate_hz)
+
+
+def time_increases(path: Path, time: FloatArray) -> None:
+    """Time is finite and increases strictly."""
     if not np.all(np.isfinite(time)):
         row = int(np.flatnonzero(~np.isfinite(time))[0])
         raise RecordingError(f"{path}: time: row {row + 1} is not a number; cut the row out")
@@ -113,20 +127,32 @@ def time_runs(path: Path, time: FloatArray, rate_hz: float) -> None:
             f"{path}: time: does not increase at row {row + 1} ({time[row]:.6g} s after {time[row - 1]:.6g} s); "
             "sort the rows, or split the file there"
         )
+
+
+def time_runs(path: Path, time: FloatArray, rate_hz: float) -> None:
+    """Time is finite, increases strictly and at the machine's rate, with few holes."""
+    time_increases(path, time)
+    steps = np.diff(time)
     if len(steps) == 0:
         return
-    if abs(float(np.median(steps)) * rate_hz - 1.0) > RATE_TOLERANCE:
+    rate = 1.0 / float(np.median(steps))
+    if not same_rate(rate, rate_hz):
+        thousand = same_rate(1e3 * rate, rate_hz)
+        cure = (
+            "if time counts milliseconds call the column 'time [ms]'"
+            if thousand
+            else "give --resample to bring it to that rate, or correct rate_hz"
+        )
         raise RecordingError(
-            f"{path}: time: sampled at {1 / np.median(steps):.6g} Hz, the machine file says rate_hz {rate_hz:g}; "
-            "record again or correct rate_hz"
+            f"{path}: time: sampled at {rate:.6g} Hz, the machine file says rate_hz {rate_hz:g}; {cure}"
         )
     irregular = np.flatnonzero(~regular_steps(time, rate_hz))
     if len(irregular) > max(1, int(GAP_SHARE * len(steps))):
         row = int(irregular[0])
         raise RecordingError(
             f"{path}: time: {len(irregular)} of {len(steps)} steps are not 1/{rate_hz:g} s, the first after row "
-            f"{row + 1} ({time[row]:.6g} s to {time[row + 1]:.6g} s); add the lost rows marked missing, or "
-            "split the file"
+            f"{row + 1} ({time[row]:.6g} s to {time[row + 1]:.6g} s); add the lost rows marked missing, split the "
+            "file, or give --resample if the logger's clock is uneven"
         )
 
 
@@ -192,7 +218,7 @@ def not_saturated(path: Path, channel: Channel, machine: Machine, values: FloatA
 
     With a declared range: three consecutive samples at or beyond it. Without: a pressure that stays exactly at its
     extreme value although it is noisy elsewhere, or whose extreme value is repeated exactly for a second or more in all
-    and in 2 % of the samples, which noise never does.
+    and in 2 % of the samples and far more often than any value near it, which neither noise nor coarse steps do.
     """
     known = np.isfinite(values)
     if not np.any(known):
@@ -214,8 +240,22 @@ def not_saturated(path: Path, channel: Channel, machine: Machine, values: FloatA
         longest = max(runs(at), key=lambda run: run.stop - run.start)
         elsewhere = np.diff(values[known & ~at]) == 0
         noisy = len(elsewhere) > 0 and float(np.mean(elsewhere)) < REPEATS
-        if at.sum() >= enough or (noisy and longest.stop - longest.start >= STUCK_ROWS):
+        clipped = at.sum() >= enough and piled_up(values[known], extreme)
+        if clipped or (noisy and longest.stop - longest.start >= STUCK_ROWS):
             raise RecordingError(_saturated(path, channel, time, longest, "one exact value"))
+
+
+def piled_up(values: FloatArray, extreme: float) -> int:
+    """How many of finite ``values`` are exactly ``extreme``, their largest or smallest; 0 if values near are as many.
+
+    Clipping piles up there what would have gone beyond. A coarse signal that dwells near its end has as many values on
+    the levels beside it, to within chance: ten times their mean within a twentieth of the range is no chance.
+    """
+    span = float(np.subtract(*np.percentile(values, [99, 1]))) or float(np.ptp(values))
+    near = values[(np.abs(values - extreme) < PILE_RANGE * span) & (values != extreme)]
+    count = int(np.count_nonzero(values == extreme))
+    beside = len(near) / len(np.unique(near)) if len(near) else 1.0
+    return count if count > PILE * beside else 0
 
 
 def _saturated(path: Path, channel: Channel, time: FloatArray, run: slice, at: str) -> str:
@@ -236,9 +276,9 @@ def nothing_constant(path: Path, machine: Machine, role: str, values: Mapping[st
         if channel.quantity not in JOINT_QUANTITIES or not _constant(values[channel.name]):
             continue
         quantity = channel.quantity
-        if role == "operation" and quantity in ("joint_position", "piston_position", "motor_position"):
+        if role == "operation" and quantity.endswith(("_position", "_velocity")):
             continue
-        if role == "unloaded" and quantity in ("joint_position", "joint_effort", "cylinder_force"):
+        if role == "unloaded" and quantity in ("joint_position", "joint_velocity", "joint_effort", "cylinder_force"):
             continue
         if role == "unloaded" and quantity == "piston_position" and not _driven(machine, channel.joint, values):
             continue

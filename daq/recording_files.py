@@ -6,8 +6,8 @@ Nothing here knows what a column means; :mod:`daq.recording` does.
 from __future__ import annotations
 
 import hashlib
+import json
 import os
-import re
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -19,11 +19,13 @@ import pyarrow as pa
 import pyarrow.csv
 import pyarrow.parquet
 
+from daq.csv_files import read_csv
 from daq.errors import RecordingError
 from daq.scratch import Scratch, ScratchColumns
 
 PARQUET_MAGIC = b"PAR1"
 ARROW_STREAM_MAGIC = b"\xff\xff\xff\xff"
+JOURNAL_MARK = b"hilfitJ1"  # before every record of a journal
 SUFFIXES = (".parquet", ".csv")
 #: Values of a Parquet file above which its columns are not kept in memory (32 MB; half an hour of six joints at 50 Hz).
 LONG_VALUES = 4_000_000
@@ -48,6 +50,8 @@ class Table:
 def read_table(path: Path) -> Table:
     """Read a Parquet or CSV file; integers stay integers (exact), all else becomes float64, null becomes NaN.
 
+    Columns have the file's own names (:func:`daq.column_map.in_channels` finds channels); a CSV's moments stay text.
+
     Raises
     ------
     RecordingError
@@ -66,7 +70,7 @@ def read_table(path: Path) -> Table:
         raise RecordingError(f"{path}: cannot be read ({error.strerror})") from None
     if not head:
         raise RecordingError(f"{path}: is empty; record it again")
-    if head.startswith(ARROW_STREAM_MAGIC):
+    if head.startswith((ARROW_STREAM_MAGIC, JOURNAL_MARK)):
         raise RecordingError(f"{path}: is the journal of an unfinished recording; seal it with 'hilfit recover'")
     if head.startswith(PARQUET_MAGIC):
         file = _parquet(path)
@@ -76,14 +80,33 @@ def read_table(path: Path) -> Table:
             del file
             pa.default_memory_pool().release_unused()
             return long
-        table = _whole(path, file)
+        table = _moments_counted(_whole(path, file))
     elif path.suffix.lower() == ".parquet":
         raise RecordingError(f"{path}: is not a Parquet file although its name says so; export it again")
     else:
-        table = _read_csv(path, head)
+        table, units = read_csv(path, head)
+        metadata = {"hilfit.units": json.dumps(units)} if units else {}
+        columns = {
+            name: column.to_numpy() if pa.types.is_string(column.type) else _numeric(path, name, column)
+            for name, column in zip(table.column_names, table.columns, strict=True)
+        }
+        return Table(columns, metadata, digest)
     _names_differ(path, table.column_names)
     columns = {name: _numeric(path, name, table.column(name)) for name in table.column_names}
     return Table(columns, _metadata(table.schema), digest)
+
+
+def _moments_counted(table: pa.Table) -> pa.Table:
+    """A table of a data frame with moments or durations as whole nanoseconds, and their unit in its metadata."""
+    units = {}
+    for number, entry in enumerate(table.schema):
+        if pa.types.is_timestamp(entry.type) or pa.types.is_duration(entry.type):
+            kind = pa.timestamp("ns") if pa.types.is_timestamp(entry.type) else pa.duration("ns")
+            units[entry.name] = "ns"
+            table = table.set_column(number, entry.name, table.column(number).cast(kind).cast(pa.int64()))
+    if not units or b"hilfit.units" in (table.schema.metadata or {}):
+        return table
+    return table.replace_schema_metadata({**(table.schema.metadata or {}), "hilfit.units": json.dumps(units)})
 
 
 def _names_differ(path: Path, names: list[str]) -> None:
@@ -141,53 +164,6 @@ def _nulls(metadata: pa.parquet.FileMetaData, column: int) -> bool:
     """Whether a column may have rows without a value."""
     found = [metadata.row_group(group).column(column).statistics for group in range(metadata.num_row_groups)]
     return any(entry is None or not entry.has_null_count or entry.null_count for entry in found)
-
-
-def _read_csv(path: Path, head: bytes) -> pa.Table:
-    no_table = "is not a table; a recording is Parquet, or CSV with a header line 'time,<channel>,...'"
-    try:
-        # The cut at 4096 bytes may fall inside a character, so only whole lines count.
-        header = head.split(b"\n", 1)[0].decode("utf-8-sig").strip()
-    except UnicodeDecodeError:
-        raise RecordingError(f"{path}: {no_table}") from None
-    if "\0" in header:
-        raise RecordingError(f"{path}: {no_table}")
-    if header.startswith("# hilfit/motion"):
-        raise RecordingError(f"{path}: is a motion file, not a recording; give what was recorded while it moved")
-    for separator, called in ((";", "semicolons"), ("\t", "tabs")):
-        if "," not in header and separator in header:
-            raise RecordingError(f"{path}: columns are separated by {called}; write CSV with commas and points")
-    names = [name.strip().strip('"') for name in header.split(",")]
-    if len(names) < 2 or any(_is_number(name) for name in names):
-        raise RecordingError(f"{path}: {no_table}")
-    convert = pa.csv.ConvertOptions(column_types={name: _csv_type(name) for name in names}, strings_can_be_null=True)
-    try:
-        return pa.csv.read_csv(path, convert_options=convert)
-    except pa.ArrowInvalid as error:
-        raise RecordingError(f"{path}: {_csv_problem(str(error), names)}") from None
-
-
-def _csv_type(name: str) -> pa.DataType:
-    return pa.int64() if name in ("cycle", "utc_ns") else pa.float64()
-
-
-def _csv_problem(text: str, names: list[str]) -> str:
-    bad = re.search(r"column #(\d+).*invalid value '(.*?)'", text, re.DOTALL)
-    if bad is not None and int(bad[1]) < len(names):
-        return f"{names[int(bad[1])]}: '{bad[2][:40]}' is no number; columns have to be numeric"
-    width = re.search(r"(?:Row #(\d+): )?Expected (\d+) columns, got (\d+)", text)
-    if width is not None:
-        row = f" in line {width[1]}" if width[1] else ""
-        return f"is not a table: {width[2]} columns in the header, {width[3]}{row}; every row needs all columns"
-    return "is not a table that can be read; write CSV with a header line, commas and points"
-
-
-def _is_number(text: str) -> bool:
-    try:
-        float(text)
-    except ValueError:
-        return False
-    return True
 
 
 def _is_numeric(path: Path, name: str, kind: pa.DataType) -> bool:

@@ -180,17 +180,18 @@ class RingWriter(_Ring):
         self._written[0] = sequence
         self._next = sequence
 
-    def set_info(self, info: dict[str, Any]) -> None:
-        """Publish statistics for whoever reads."""
+    def set_info(self, info: dict[str, Any]) -> bool:
+        """Publish statistics for whoever reads; False, and nothing published, if they do not fit."""
         text = json.dumps(info).encode()
         if len(text) > INFO_BYTES:
-            raise ValueError(f"{len(text)} bytes of statistics; at most {INFO_BYTES} fit")
+            return False
         count = int(self._header["info_before"][0]) + 1
         self._header["info_before"] = count
         start = _HEADER.itemsize
         _buffer(self._memory)[start : start + len(text)] = text
         self._header["info_bytes"] = len(text)
         self._header["info_after"] = count
+        return True
 
     def finish(self) -> None:
         """Tell the readers that no more will come."""

@@ -1,7 +1,12 @@
-"""Units at the edges: channels declare any unit that pint knows, everything inside is SI."""
+"""Units at the edges: channels declare units from a closed list, pint converts them, everything inside is SI.
+
+Units stand in files from anybody, and pint evaluates what it is given: ``rad*9**9**9`` is a number that no memory
+holds. So it is only given products of known names with exponents of one digit.
+"""
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
@@ -11,12 +16,14 @@ import numpy.typing as npt
 
 SI_UNITS: dict[str, str] = {
     "joint_position": "rad",  # m for a prismatic joint
+    "joint_velocity": "rad/s",  # m/s for a prismatic joint
     "piston_position": "m",
     "head_pressure": "Pa",
     "rod_pressure": "Pa",
     "cylinder_force": "N",
     "joint_effort": "N m",  # N for a prismatic joint
     "motor_position": "rad",
+    "motor_velocity": "rad/s",
     "motor_effort": "N m",
     "external_force": "N",
     "oil_temperature": "K",
@@ -25,6 +32,45 @@ SI_UNITS: dict[str, str] = {
     "base_roll": "rad",
     "base_pitch": "rad",
 }
+
+
+_SHORT_PREFIXES = ("", *"nuµμmcdhkMG")
+_LONG_PREFIXES = ("", "nano", "micro", "milli", "centi", "deci", "hecto", "kilo", "mega", "giga")
+_SYMBOLS = ("m", "rad", "Pa", "bar", "N", "J", "W", "g", "s", "K", "gf", "dyn")
+_WORDS = ("meter", "metre", "radian", "pascal", "bar", "newton", "joule", "gram", "second", "kelvin", "pond")
+_OTHERS = """
+    in inch inches ft foot feet yd yard thou micron min minute h hour hr
+    deg degree degrees ° turn turns cycle revolution grad gon arcmin arcminute arcsec arcsecond
+    lb pound lbf pound_force force_pound ozf kip kgf kilogram_force force_kilogram tf ton_force dyne
+    rpm revolutions_per_minute hertz Hz rps
+    psi ksi pound_force_per_square_inch atm atmosphere standard_atmosphere at technical_atmosphere torr
+    mmHg inHg cmH2O mH2O inH2O Ba barye ft_lb foot_pound
+    degC celsius degreeC degree_Celsius °C degF fahrenheit degreeF degree_Fahrenheit °F degR rankine
+"""
+#: All names that a unit may be made of: lengths, angles, forces, pressures, temperatures, and what those consist of.
+NAMES = frozenset(
+    [prefix + name for name in _SYMBOLS for prefix in _SHORT_PREFIXES]
+    + [prefix + name + plural for name in _WORDS for prefix in _LONG_PREFIXES for plural in ("", "s")]
+    + _OTHERS.split()
+)
+#: Factors of a unit; ``kg m^2 / s^2 / rad`` has four.
+MOST_FACTORS = 6
+_WORD = r"[A-Za-zµμ°][A-Za-z0-9_]*"
+_EXPONENT = r"(?:\s*(?:\*\*|\^)\s*-?[1-4](?![0-9.])|[⁻]?[¹²³⁴]|\s+(?:squared|cubed))?"
+_FACTOR = rf"\(?\s*(?:(?:square|cubic|sq)\s+)?{_WORD}{_EXPONENT}\s*\)?"
+_EXPRESSION = re.compile(
+    rf"(?:1\s*/\s*)?{_FACTOR}(?:(?:\s*[*/·.]\s*|\s+per\s+|\s+|(?<=\))){_FACTOR}){{0,{MOST_FACTORS - 1}}}"
+)
+_OPERATORS = frozenset(("per", "squared", "cubed", "square", "cubic", "sq"))
+_LONGEST = 60
+
+
+def is_known(unit: str) -> bool:
+    """Whether a unit is one of the closed list: a product of :data:`NAMES` with exponents up to 4."""
+    text = unit.strip()
+    if len(text) > _LONGEST or _EXPRESSION.fullmatch(text) is None:
+        return False
+    return all(word in NAMES or word in _OPERATORS for word in re.findall(_WORD, text))
 
 
 @lru_cache(maxsize=1)
@@ -57,10 +103,12 @@ def conversion(unit: str, si_unit: str) -> Conversion:
     Raises
     ------
     ValueError
-        If pint does not know the unit, or it measures something else.
+        If the unit is none of the closed list (:func:`is_known`), or it measures something else.
     """
     if unit == si_unit:
         return Conversion(factor=1.0, offset=0.0)  # most channels; loading pint takes a second
+    if not is_known(unit):
+        raise ValueError(f"unknown unit '{unit[:_LONGEST]}'; use one that measures {si_unit}")
     import pint
 
     registry = _registry()

@@ -49,6 +49,11 @@ def decode(data_type: str, data: bytes) -> float:
     return float(struct.unpack("<" + _FORMATS[data_type], data)[0])
 
 
+def swapped(word: int) -> int:
+    """A register with its two bytes the other way round."""
+    return (word & 0xFF) << 8 | word >> 8
+
+
 def to_registers(data_type: str, value: float, word_order: str = "big") -> list[int]:
     """Modbus registers of a value; bytes inside a register are big endian, words as ``word_order`` says."""
     data = encode(data_type, value)
@@ -58,8 +63,10 @@ def to_registers(data_type: str, value: float, word_order: str = "big") -> list[
     return words if word_order == "little" else words[::-1]
 
 
-def from_registers(data_type: str, words: list[int], word_order: str = "big") -> float:
+def from_registers(data_type: str, words: list[int], word_order: str = "big", byte_order: str = "big") -> float:
     """The number in Modbus registers; as many words as :func:`registers` says."""
+    if byte_order == "little":
+        words = [swapped(word) for word in words]
     ordered = words if word_order == "little" else words[::-1]
     data = b"".join(word.to_bytes(2, "little") for word in ordered)
     return decode(data_type, data[: size(data_type)])

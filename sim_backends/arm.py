@@ -1,10 +1,11 @@
 """The arm as a MuJoCo model: links from the Denavit-Hartenberg table, cylinders as tendons between their pins.
 
 Body ``i`` sits where joint ``i`` turns it: frame ``i-1`` followed by ``Rz(theta)`` (and ``Tz(d)`` of a prismatic
-joint). Its tail ``Tz(d) Tx(a) Rx(alpha)`` carries the next body. A three-pin cylinder is a spatial tendon from a
+joint). Its tail ``Tz(d) Tx(a) Rx(alpha)`` carries the next body. In the modified convention ``Rx(alpha) Tx(a)`` stands
+before the joint, and there is no tail: frame ``i`` is the body's own. A three-pin cylinder is a spatial tendon from a
 site on the carrying body to a site on the driven one, so its length and lever arm come from geometry; its moving
-mass is the tendon's armature. Racks and direct cylinders are fixed tendons. Polynomial linkages have no tendon:
-their laws are evaluated here.
+mass is the tendon's armature. Racks and direct cylinders are fixed tendons. All other linkages have no tendon: their
+laws are evaluated as the machine file has them.
 """
 
 from __future__ import annotations
@@ -18,12 +19,13 @@ import numpy.typing as npt
 from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
-from daq.linkages import Polynomial, Rack, ThreePin
+from daq.linkages import Direct, Rack, ThreePin, reduced
 from daq.machine_file import Joint, Machine
 from sim_backends.truth import LinkTruth, Truth
 
 FloatArray = npt.NDArray[np.float64]
 
+_WITH_TENDON = (ThreePin, Rack, Direct)
 GRID = 400  # cells over a joint's range: 1e-12 m off the geometry
 PIN_BEARING = 0.4  # rad: where around the axis the carrying pin sits; the law depends on the difference only
 
@@ -95,10 +97,10 @@ def _tendon(tendons: ET.Element, joint: Joint, carrying: ET.Element, driven: ET.
             head_position: FloatArray, head: FloatArray) -> None:  # fmt: skip
     """Add the cylinder's tendon; ``head`` is the pose of the driven body at ``q = 0`` in the carrying body."""
     cylinder = joint.cylinder
-    if cylinder is None or isinstance(cylinder.linkage, Polynomial):
+    if cylinder is None or not isinstance(reduced(cylinder.linkage), _WITH_TENDON):
         return
     armature = repr(design.truth.cylinders[joint.name].m)
-    linkage = cylinder.linkage
+    linkage = reduced(cylinder.linkage)
     if isinstance(linkage, ThreePin):
         a = linkage.a + design.pin_a.get(joint.name, 0.0)
         b = linkage.b + design.pin_b.get(joint.name, 0.0)
@@ -131,8 +133,11 @@ def arm_xml(design: ArmDesign, payload: float = 0.0) -> str:
     for joint, link in zip(machine.joints, design.truth.links, strict=True):
         dh = joint.dh
         prismatic = joint.type == "prismatic"
+        modified = machine.convention == "modified"
+        if modified:
+            tail_position, tail = np.array([dh.a, 0.0, 0.0]), _rotation_x(dh.alpha)
         head = tail @ _rotation_z(dh.theta)
-        head_position = tail_position + (tail @ np.array([0.0, 0.0, dh.d]) if prismatic else 0.0)
+        head_position = tail_position + (tail @ np.array([0.0, 0.0, dh.d]) if prismatic or modified else 0.0)
         driven = ET.SubElement(
             body, "body", name=joint.name, pos=_numbers(head_position), quat=_numbers(_quaternion(head))
         )
@@ -141,8 +146,9 @@ def arm_xml(design: ArmDesign, payload: float = 0.0) -> str:
         element = ET.SubElement(driven, "joint", name=joint.name, type=kind, axis="0 0 1")
         if drive is not None:
             element.set("armature", repr(drive.inertia))
-        tail_position = np.array([dh.a, 0.0, 0.0 if prismatic else dh.d])
-        tail = _rotation_x(dh.alpha)
+        tail_position, tail = np.zeros(3), np.eye(3)
+        if not modified:
+            tail_position, tail = np.array([dh.a, 0.0, 0.0 if prismatic else dh.d]), _rotation_x(dh.alpha)
         _inertial(driven, link, tail_position, tail)
         _tendon(tendons, joint, body, driven, design, head_position, head)
         body = driven
@@ -171,7 +177,10 @@ class Arm:
             self._loaded = (loaded, mujoco.MjData(loaded))
         self._laws = _Laws(self)
         self.has_tendon = np.array(
-            [j.cylinder is not None and not isinstance(j.cylinder.linkage, Polynomial) for j in self.machine.joints]
+            [
+                j.cylinder is not None and isinstance(reduced(j.cylinder.linkage), _WITH_TENDON)
+                for j in self.machine.joints
+            ]
         )
 
     def lengths(self, index: int, q: FloatArray) -> FloatArray:
@@ -179,8 +188,8 @@ class Arm:
         joint = self.machine.joints[index]
         if joint.cylinder is None:
             return q.copy()
-        linkage = joint.cylinder.linkage
-        if isinstance(linkage, Polynomial):
+        linkage = reduced(joint.cylinder.linkage)
+        if not isinstance(linkage, _WITH_TENDON):
             return linkage.piston_position(q)
         tendon = mujoco.mj_name2id(self.model, mujoco.mjtObj.mjOBJ_TENDON, joint.name)
         x = np.empty_like(q)

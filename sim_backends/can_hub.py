@@ -89,6 +89,7 @@ class Hub:
             "counts": lambda order: self.counts,
             "drop_clients": self._drop_clients,
             "error_frame": self._error_frame,
+            "inject": self._inject,
         }
         while not orders.closed:
             for key, events in self._everything.select():
@@ -271,8 +272,13 @@ class Hub:
         return len(clients)
 
     def _error_frame(self, order: Order) -> None:
-        """An error frame, as a disturbed cable gives."""
-        self._broadcast(f"< error 00000008 {time.time():.6f} >".encode(), None)
+        """An error frame, as a disturbed cable gives; its identifier says what is wrong (linux/can/error.h)."""
+        self._broadcast(f"< error {int(order['identifier']):08X} {time.time():.6f} >".encode(), None)
+
+    def _inject(self, order: Order) -> None:
+        """A frame of a stranger, to the clients only."""
+        name = f"{int(order['identifier']):0{8 if order['extended'] else 3}X}"
+        self._broadcast(f"< frame {name} {time.time():.6f} {order['data']} >".encode(), None)
 
 
 def _parse(words: list[bytes]) -> tuple[int, bool, bytes] | None:

@@ -12,6 +12,7 @@ NMT states that count, transmission types, PDO mapping by the rules of CiA 301 (
 
 from __future__ import annotations
 
+import math
 import struct
 from collections.abc import Callable
 from typing import Any
@@ -91,6 +92,7 @@ class SimulatedNode:
         self.frozen = False
         self.short: int | None = None  # bytes that a fault cuts TPDOs to
         self.silent = False
+        self.not_a_number = False  # every measured value that can be NaN is
         self.state = BOOT_UP
         self.heartbeat_due: float | None = None
         self._store: dict[tuple[int, int], bytes] = {}
@@ -109,7 +111,7 @@ class SimulatedNode:
 
     def power_on(self, now: float) -> None:
         """Boot: defaults, boot-up message, pre-operational."""
-        self.alive, self.frozen, self.short, self.silent = True, False, None, False
+        self.alive, self.frozen, self.short, self.silent, self.not_a_number = True, False, None, False, False
         self._defaults()
         self._boot(now)
 
@@ -201,7 +203,14 @@ class SimulatedNode:
         signal = self._signals.get((index, subindex))
         if signal is not None:
             key = (index, subindex)
-            return lambda: signal.raw(self._values) * self._factors.get(key, 1.0) if self._values else 0.0
+            floating = signal.data_type.startswith("float")
+
+            def value() -> float:
+                if self.not_a_number and floating:
+                    return math.nan
+                return signal.raw(self._values) * self._factors.get(key, 1.0) if self._values else 0.0
+
+            return value
         if index == 0x6030:
             position = self._signals.get((0x6020, subindex)) or self._signals.get((0x6004, 0))
             if position is not None:

@@ -15,6 +15,9 @@ from sim_backends import backplane
 from sim_backends.canopen_device import SimulatedNode
 from sim_backends.child import Order, Orders, report
 from sim_backends.device_plans import NodePlan, nodes_from_dict
+from sim_backends.node_faults import FaultyLine
+
+FRAMES_PER_PACKET = 1000  # of at most 50 characters: a packet is no longer than backplane.PACKET
 
 
 class Nodes:
@@ -24,7 +27,8 @@ class Nodes:
         self._hub = hub
         self._out: list[bytes] = []
         self._stamp = ""
-        self.nodes = {plan.node: SimulatedNode(plan, self._emit, rate_hz) for plan in plans}
+        self.lines = {plan.node: FaultyLine(plan.node, self._emit) for plan in plans}
+        self.nodes = {plan.node: SimulatedNode(plan, self.lines[plan.node].emit, rate_hz) for plan in plans}
 
     def _emit(self, cob_id: int, data: bytes) -> None:
         self._out.append(f"< frame {cob_id:03X} {self._stamp} {data.hex().upper()} >".encode())
@@ -34,9 +38,9 @@ class Nodes:
         return time.monotonic()
 
     def _send(self) -> None:
-        if self._out:
-            self._hub.send(backplane.TEXT + b"".join(self._out))
-            self._out.clear()
+        for start in range(0, len(self._out), FRAMES_PER_PACKET):
+            self._hub.send(backplane.TEXT + b"".join(self._out[start : start + FRAMES_PER_PACKET]))
+        self._out.clear()
 
     def power_on(self) -> None:
         """Boot all nodes."""
@@ -50,7 +54,8 @@ class Nodes:
         now = self._wake()
         if packet[:1] == backplane.SYNC:
             _, values = backplane.unpack_state(packet[1:])
-            for node in self.nodes.values():
+            for number, node in self.nodes.items():
+                self.lines[number].on_sync()
                 node.on_sync(values)
         elif packet[:1] == backplane.STATE:  # at power-on, before any SYNC
             _, values = backplane.unpack_state(packet[1:])
@@ -99,6 +104,13 @@ class Nodes:
             node.frozen = bool(order["on"])
         elif kind == "silence":
             node.silent = bool(order["on"])
+        elif kind == "storm":
+            for _ in range(int(order["count"])):
+                node.emergency(int(order["code"]), 0x81)
+        elif kind == "not_a_number":
+            node.not_a_number = bool(order["on"])
+        elif kind in ("lag", "lose", "doubled", "garbled", "quiet"):
+            setattr(self.lines[node.id], kind, order["value"])
         else:
             raise ValueError(f"no fault '{kind}'")
         self._send()

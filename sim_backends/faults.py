@@ -56,9 +56,49 @@ def drop_can_clients(machine: Orderable) -> int:
     return int(machine.order("hub", "drop_clients"))
 
 
-def error_frame(machine: Orderable) -> None:
-    """An error frame on the CAN bus."""
-    machine.order("hub", "error_frame")
+def delay_tpdos(machine: Orderable, node: int, syncs: int) -> None:
+    """TPDOs come so many SYNCs after their own (0: in time again, and what is under way at once)."""
+    _node(machine, node, "lag", value=syncs)
+
+
+def lose_tpdos(machine: Orderable, node: int, count: int) -> None:
+    """The next so many TPDOs of the node are lost."""
+    _node(machine, node, "lose", value=count)
+
+
+def double_node(machine: Orderable, node: int, on: bool = True) -> None:
+    """A second device with the same node-ID, which measures something else."""
+    _node(machine, node, "doubled", value=on)
+
+
+def garble_sdo(machine: Orderable, node: int, on: bool = True) -> None:
+    """SDO answers are cut to two bytes."""
+    _node(machine, node, "garbled", value=on)
+
+
+def stop_heartbeat(machine: Orderable, node: int, on: bool = True) -> None:
+    """No heartbeat; TPDOs and SDO go on."""
+    _node(machine, node, "quiet", value=on)
+
+
+def not_a_number(machine: Orderable, node: int, on: bool = True) -> None:
+    """Every float that the node measures is NaN."""
+    _node(machine, node, "not_a_number", on=on)
+
+
+def emergency_storm(machine: Orderable, node: int, count: int = 2000, code: int = 0x5000) -> None:
+    """So many EMCY messages at once."""
+    _node(machine, node, "storm", count=count, code=code)
+
+
+def error_frame(machine: Orderable, identifier: int = 0x008) -> None:
+    """An error frame on the CAN bus; ``0x040`` is bus-off (classes of ``linux/can/error.h``)."""
+    machine.order("hub", "error_frame", identifier=identifier)
+
+
+def inject(machine: Orderable, identifier: int, data: bytes, extended: bool = False) -> None:
+    """A frame of a stranger on the CAN bus."""
+    machine.order("hub", "inject", identifier=identifier, data=data.hex(), extended=extended)
 
 
 def silence_unit(machine: Orderable, bus: str, unit: int, on: bool = True) -> None:

@@ -16,6 +16,7 @@ import numpy.typing as npt
 
 from daq.errors import InputError
 from daq.machine_file import Machine
+from daq.quantities import MOTOR_QUANTITIES
 from sim_backends import hydraulics
 from sim_backends.arm import Arm, ArmDesign
 from sim_backends.controller import Controller
@@ -292,6 +293,9 @@ def _column(machine: Machine, quantity: str, joint: str | None) -> tuple[str, in
     return quantity, None if joint is None else names.index(joint)
 
 
+_NOT_SIMULATED = MOTOR_QUANTITIES | {"joint_velocity", "external_force"}
+
+
 def _fits(machine: Machine, truth: Truth) -> None:
     if len(truth.links) != len(machine.joints):
         raise InputError(
@@ -302,6 +306,17 @@ def _fits(machine: Machine, truth: Truth) -> None:
         if joint.name not in known:
             what = "drives" if joint.cylinder is None else "cylinders"
             raise InputError(f"plant parameters lack {what}.{joint.name}; add it")
+    for channel in machine.channels:
+        if channel.quantity in _NOT_SIMULATED:
+            raise InputError(f"channel {channel.name}: the simulated machine has no {channel.quantity}; leave it out")
+    for joint in machine.joints:
+        if joint.cylinder is not None and joint.cylinder.vented is not None:
+            raise InputError(f"joints.{joint.name}: the simulated machine has no vented chambers; leave vented: out")
+        if joint.drive is not None and (joint.drive.coupled or joint.drive.effort == "link_side"):
+            raise InputError(
+                f"joints.{joint.name}: the simulated machine has motors of their own joints, measured before the gear; "
+                "leave coupled: and effort: out of its drive"
+            )
 
 
 def record(

@@ -19,6 +19,7 @@ import numpy as np
 import numpy.typing as npt
 
 from daq.errors import AcquisitionError, MachineFileError
+from daq.events import EventLog
 from daq.machine_file import Channel
 from daq.quality import Quality
 
@@ -35,11 +36,30 @@ class DriverContext:
     patience_s : least time to wait for a device that was alive just now: 0 on a machine, where late answers are no use;
         long in lockstep with a simulation, where waiting loses nothing
     monotonic_ns : the clock
+    start_s : how long :meth:`Driver.start` may wait for devices that do not answer; those that come later are taken in
+        while the cycle runs. None: as long as they may take to boot.
+    events : where drivers say what happened to their devices
+    rate_hz : cycles per second of machine time, 1 / period_s unless a simulation runs faster (None: that)
     """
 
     period_s: float
     patience_s: float
     monotonic_ns: Callable[[], int]
+    start_s: float | None = None
+    events: EventLog = field(default_factory=EventLog)
+    rate_hz: float | None = None
+
+
+class Problem(str):
+    """A line about something that cannot be acquired, and the channels that it costs."""
+
+    channels: tuple[str, ...]
+
+    def __new__(cls, line: str, channels: Sequence[str] = ()) -> Problem:
+        """The line; ``channels`` are names."""
+        made = super().__new__(cls, line)
+        made.channels = tuple(channels)
+        return made
 
 
 @dataclass(frozen=True)
@@ -49,16 +69,20 @@ class Samples:
     Attributes
     ----------
     raw : (n,) as the device sent it, before scale and offset; NaN where nothing new came
-    quality : (n,) FRESH where something came; MISSING where nothing did; OUT_OF_RANGE where what came was no number;
-        EMERGENCY where the device reports an error (raw may be there or not); BUS_ERROR where the bus is down
+    quality : (n,) FRESH where something came in time; LATE where it came too late for that; MISSING where nothing did;
+        INVALID where what came was no number, or may be another device's; EMERGENCY where the device reports an error
+        (raw may be there or not); BUS_ERROR where the bus is down
     cycles_ago : (n,) cycles since the SYNC that the value belongs to: 0, or more for an answer that was late
-    after_sync_s : (n,) wall seconds from this cycle's SYNC to the sampling instant; 0 for what is sampled at SYNC
+    after_sync_s : (n,) wall seconds from the SYNC that the value belongs to until it was sampled; 0 for what is sampled
+        at SYNC
+    interval : (n,) cycles between two answers of a device that has a rate of its own; 1 where every cycle brings one
     """
 
     raw: npt.NDArray[np.float64]
     quality: npt.NDArray[np.uint8]
     cycles_ago: npt.NDArray[np.int64]
     after_sync_s: npt.NDArray[np.float64]
+    interval: npt.NDArray[np.float64] | None = None
 
 
 def nothing(count: int, quality: Quality = Quality.MISSING) -> Samples:
@@ -73,7 +97,10 @@ def nothing(count: int, quality: Quality = Quality.MISSING) -> Samples:
 
 @dataclass(frozen=True)
 class DeviceStatus:
-    """State of one device: ``running``, ``commissioning``, ``silent`` or ``failed``, with a line that says more."""
+    """State of one device: ``running``, ``commissioning``, ``silent`` or ``failed``, with a line that says more.
+
+    The line of a device that is back says why it was away and for how long.
+    """
 
     name: str
     state: str
@@ -82,11 +109,17 @@ class DeviceStatus:
 
 @dataclass(frozen=True)
 class DriverStatistics:
-    """Devices of a bus and what happened on it since the start, by name of the event."""
+    """Devices of a bus and what happened on it since the start, by name of the event.
+
+    ``state`` is that of the bus: ``active``, ``warning`` or ``passive`` (error counters of a CAN controller above their
+    limits), ``bus_off`` or ``down``, with a line in ``detail`` where it is not active.
+    """
 
     bus: str
     devices: tuple[DeviceStatus, ...]
     counts: Mapping[str, int] = field(default_factory=dict)
+    state: str = "active"
+    detail: str = ""
 
 
 class Driver(Protocol):
@@ -101,17 +134,13 @@ class Driver(Protocol):
         """Whether it sends SYNC and therefore has to be triggered first."""
 
     def start(self) -> tuple[str, ...]:
-        """Open the bus and commission its devices.
+        """Open the bus and commission its devices, waiting no longer than ``context.start_s`` for any of them.
 
         Returns
         -------
         tuple of str
-            One line per device that cannot be used: which, why, what to do. The others run.
-
-        Raises
-        ------
-        daq.errors.BusError
-            If the bus itself cannot be opened.
+            One line (:class:`Problem`) per device, or per bus, that cannot be used now: which, why, what to do. The
+            others run, and what cannot be used is tried again while the cycle goes on.
         """
 
     def trigger(self, cycle: int) -> None:

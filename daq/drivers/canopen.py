@@ -1,7 +1,7 @@
 """The CANopen driver: SYNC out, TPDOs in, and nodes that come and go without disturbing the others.
 
-Three threads: the caller's (``trigger``, ``collect``), the link's receive thread, and a keeper that commissions
-nodes which rebooted and rebuilds a bus that failed, both with back-off, while the cycle goes on.
+Threads: the caller's (``trigger``, ``collect``), the link's receive thread, and a keeper for each node and for the bus
+(:mod:`daq.drivers.keeper`), which commission nodes that rebooted and rebuild a bus that failed while the cycle goes on.
 """
 
 from __future__ import annotations
@@ -10,31 +10,31 @@ import threading
 import time
 from collections.abc import Sequence
 
-from daq.drivers.base import DeviceStatus, DriverContext, DriverStatistics, Samples, nothing
-from daq.drivers.canopen_commissioning import PRE_OPERATIONAL, commission
+import numpy as np
+
+from daq.drivers.base import DeviceStatus, Driver, DriverContext, DriverStatistics, Problem, Samples, nothing
+from daq.drivers.can_health import BusHealth, advice, told
+from daq.drivers.canopen_commissioning import OPERATIONAL, PRE_OPERATIONAL, commission
 from daq.drivers.canopen_link import CanLink
-from daq.drivers.canopen_mapping import map_node
-from daq.drivers.canopen_node import (
-    MISSES_LOST,
-    MISSES_TOLERATED,
-    STATE_OPERATIONAL,
-    STATE_PRE_OPERATIONAL,
-    STATE_STOPPED,
-    WATCHDOG_PERIODS,
-    WRONG_TOLERATED,
-    Cycle,
-    Node,
-)
-from daq.errors import AcquisitionError
-from daq.machine_file import CanNode, CanopenBus, CanSource, Channel
+from daq.drivers.canopen_listening import ListeningDriver
+from daq.drivers.canopen_node import MISSES_TOLERATED, SURPLUS_TOLERATED, UNANSWERED, Cycle, Node, make_nodes
+from daq.drivers.canopen_watch import NodeWatch
+from daq.drivers.keeper import Keeper
+from daq.errors import AcquisitionError, BusError
+from daq.machine_file import CanopenBus, Channel
 from daq.quality import Quality
 
 NS = 1_000_000_000
-BACK_OFF_S = (0.5, 1.0, 2.0, 5.0)
-BUS = 0  # the keeper's key for the bus itself; node-IDs start at 1
-STOP_TIMEOUT_S = 3.0
 VERIFY_CYCLES = 3
 VERIFY_PATIENCE_S = 0.5  # beyond the three cycles: a shared host may not run us for that long
+ANSWER_S = (
+    0.06  # at the start a SYNC is waited for so long that also an answer that is three cycles late is seen as it is
+)
+EMERGENCY_CODES = 16  # codes that are told one by one; a device that makes codes up must not flood the statistics
+COUNTS = (
+    "sync", "missing", "late", "superseded", "surplus", "not_a_number", "short_pdo", "emergency", "boot_up", "silent",
+    "heartbeat_lost", "started_anew", "commissioned", "bus_rebuilt", "keeper_broke",
+)  # fmt: skip
 
 
 class CanopenDriver:
@@ -50,101 +50,181 @@ class CanopenDriver:
         self._context = context
         self._names = tuple(channel.name for channel in channels)
         self._cycle = Cycle()
-        self._nodes = self._make_nodes(bus, channels)
+        self._nodes = make_nodes(bus, channels, self._cycle)
+        self._counts = dict.fromkeys(COUNTS, 0)
+        self._health = BusHealth(told(bus.name, context.events))
+        self._watch = NodeWatch(bus.name, context, self._counts)
         self._link: CanLink | None = None
-        self._condition = threading.Condition()
-        self._due: dict[int, int] = {}  # node-ID, or BUS, to when the keeper takes care of it
-        self._attempts: dict[int, int] = {}
-        self._stopping = False
-        self._keeper: threading.Thread | None = None
-        self._counts = dict.fromkeys(
-            (
-                "sync",
-                "missing",
-                "late",
-                "short_pdo",
-                "emergency",
-                "boot_up",
-                "silent",
-                "commissioned",
-                "bus_rebuilt",
-            ),
-            0,
-        )
-        self._frames_before = self._errors_before = 0
+        self._failure = ""  # why the bus could not be opened
+        self._order = threading.Lock()  # SYNC and NMT one after the other: which SYNCs a node answers has to be known
+        self._synced = threading.Condition()
+        self._tried = threading.Condition()
+        self._stopped = threading.Event()
+        self._leading = False  # whether anything was ever sent
+        self._untried: set[int] = set()
+        self._starting = False
+        self._keepers = {number: self._keeper(node) for number, node in self._nodes.items()}
+        self._bus_keeper = Keeper(f"keeper-{bus.name}", self._rebuild, self._bus_broke, context.monotonic_ns)
+        self._before: dict[str, int] = {}  # counts of the links that were closed
 
-    def _make_nodes(self, bus: CanopenBus, channels: Sequence[Channel]) -> dict[int, Node]:
-        known = {node.node: node for node in bus.nodes}
-        grouped: dict[int, list[tuple[int, Channel]]] = {}
-        for position, channel in enumerate(channels):
-            assert isinstance(channel.source, CanSource)
-            grouped.setdefault(channel.source.node, []).append((position, channel))
-        nodes = {}
-        for number, members in grouped.items():
-            place = f"bus '{bus.name}' node {number} ({', '.join(c.name for _, c in members[:3])})"
-            config = known.get(number) or CanNode(node=number)
-            nodes[number] = Node(config, place, map_node(number, members, place), self._cycle)
-        return nodes
+    def _keeper(self, node: Node) -> Keeper:
+        return Keeper(
+            f"keeper-{self._config.name}-{node.config.node}",
+            lambda: self._care(node),
+            lambda error: self._broke(node, error),
+            self._context.monotonic_ns,
+        )
 
     @property
     def channels(self) -> tuple[str, ...]:
         """Names of the channels, in the order of the samples."""
         return self._names
 
+    # Start
+
     def start(self) -> tuple[str, ...]:
-        """Commission all nodes, then check that each sends every TPDO within three cycles."""
-        self._link = self._open()
-        problems = []
-        for node in self._nodes.values():
-            if not self._commission(self._link, node, boot_up_s=node.config.boot_up_s):
-                problems.append(node.detail)
-        commissioned = [node for node in self._nodes.values() if node.state == "commissioning"]
-        for _ in range(VERIFY_CYCLES):
-            self._cycle.begin(-1, self._context.monotonic_ns(), set().union(*(n.cob_ids for n in commissioned)))
-            self._link.send_sync()
-            self._cycle.done.wait(self._context.period_s + self._context.patience_s)
-            if all(node.complete() for node in commissioned):
-                break
-        problems += [node.detail for node in commissioned if not self._verify(node)]
-        self._keeper = threading.Thread(target=self._keep, name=f"keeper-{self._config.name}", daemon=True)
-        self._keeper.start()
-        return tuple(problems)
+        """Commission all nodes side by side, then check that each sends every TPDO within three cycles.
+
+        Raises
+        ------
+        BusError
+            If another master leads this bus; then nothing was sent, and nothing will be.
+        """
+        self._starting = True
+        self._bus_keeper.start()
+        for keeper in self._keepers.values():
+            keeper.start()
+        try:
+            self._link = self._open()
+        except AcquisitionError as error:
+            self._starting = False
+            self._bus_is_down(str(error))
+            return (Problem(str(error), self._names),)
+        self._alone(self._link)
+        self._leading = True
+        self._untried = set(self._nodes)
+        for keeper in self._keepers.values():
+            keeper.soon()
+        with self._tried:
+            self._tried.wait_for(lambda: not self._untried, self._context.start_s)
+            self._starting = False  # who comes later is checked by its keeper
+            ready = [node for number, node in self._nodes.items() if node.operational and number not in self._untried]
+        self._first_syncs(self._link, ready)
+        for node in ready:
+            self._verify(node)
+        return tuple(
+            Problem(node.detail or f"{node.place}: has not answered yet; check its power", self._channels_of(node))
+            for node in self._nodes.values()
+            if node.state != "running"
+        )
+
+    def _alone(self, link: CanLink) -> None:
+        """Listen before the first frame is sent; in lockstep with a simulation there is no time to listen in."""
+        if self._context.patience_s == 0:
+            self._stopped.wait(self._config.listen_s)
+        heard = link.masters()
+        if heard:
+            self._starting = False
+            self.stop()
+            self._failure = (
+                f"bus '{self._config.name}': another master leads it ({heard} within {self._config.listen_s:g} s); "
+                "nothing was sent; take its sensors as they are with 'listen_only: true', or disconnect it"
+            )
+            self._context.events.begin(self._config.name, "second_master", self._failure)
+            raise BusError(self._failure)
+
+    def _channels_of(self, node: Node) -> list[str]:
+        return [self._names[position] for mapping in node.mappings for entry in mapping.positions for position in entry]
+
+    def _first_syncs(self, link: CanLink, ready: Sequence[Node]) -> None:
+        """SYNCs without a cycle, each waited for until everybody has answered."""
+        for number in range(-VERIFY_CYCLES, 0):
+            if all(node.complete() for node in ready):
+                return
+            self._send_sync(link, number, set().union(*(node.cob_ids for node in ready)))
+            self._cycle.done.wait(max(self._context.period_s, ANSWER_S) + self._context.patience_s)
+
+    def _send_sync(self, link: CanLink, number: int, expected: set[int]) -> None:
+        with self._order:
+            now = self._context.monotonic_ns()
+            self._cycle.begin(number, now, expected)
+            for node in self._nodes.values():
+                node.asked(number, now)
+            link.send_sync()
+        with self._synced:
+            self._synced.notify_all()
 
     def _open(self) -> CanLink:
-        link = CanLink(self._config, self._context.monotonic_ns)
+        link = CanLink(self._config, self._context.monotonic_ns, self._health)
         for node in self._nodes.values():
             link.handlers.update(node.handlers())
         return link
 
-    def _commission(self, link: CanLink, node: Node, boot_up_s: float) -> bool:
-        node.state, node.detail = "commissioning", ""
+    # What keepers do
+
+    def _care(self, node: Node) -> None:
+        link = self._link
+        if link is None or link.failure is not None:
+            return  # the keeper of the bus hands it over again
+        if node.starting_anew and node.state == "running":
+            self._start_anew(link, node)
+            return
+        done = self._commission(link, node)
+        with self._tried:
+            self._untried.discard(node.config.node)
+            self._tried.notify_all()
+            if self._starting:
+                return  # all together, by start()
+        if done:
+            self._await_tpdos(node)
+            self._verify(node)
+
+    def _commission(self, link: CanLink, node: Node) -> bool:
+        node.state = "commissioning"
+        node.starting_anew = False
         node.forget()
         sdo = link.sdo(node.config.node)
         try:
             commission(
                 sdo,
-                lambda command: link.send_nmt(command, node.config.node),
+                lambda command: self._command(link, node, command),
                 node.config,
                 node.mappings,
                 node.place,
                 monotonic_ns=self._context.monotonic_ns,
                 answered=node.accept_boot_ups,
-                boot_up_s=boot_up_s,
+                boot_up_s=node.config.boot_up_s if self._starting else 0.0,
             )
         except AcquisitionError as error:
             self._failed(node, str(error))
             return False
         finally:
             sdo.close()
-        node.forget()
         return True
 
-    def _verify(self, node: Node) -> bool:
+    def _command(self, link: CanLink, node: Node, command: int) -> None:
+        """An NMT command; a node is made operational right behind a SYNC, so that it is ready at the next one."""
+        if command == OPERATIONAL:
+            node.forget_answers()
+            if not self._starting:
+                with self._synced:
+                    self._synced.wait(2 * self._context.period_s + self._context.patience_s)
+        with self._order:
+            link.send_nmt(command, node.config.node)
+            node.operational = command == OPERATIONAL
+
+    def _await_tpdos(self, node: Node) -> None:
+        keeper = self._keepers[node.config.node]
+        deadline = time.monotonic() + VERIFY_CYCLES * self._context.period_s + VERIFY_PATIENCE_S
+        while not node.complete() and time.monotonic() < deadline and not keeper.stopping:
+            time.sleep(self._context.period_s / 4)
+
+    def _verify(self, node: Node) -> None:
         if node.complete():
-            node.state, node.misses = "running", 0
             self._counts["commissioned"] += 1
-            self._attempts.pop(node.config.node, None)
-            return True
+            self._keepers[node.config.node].settled()
+            self._watch.back(node)
+            return
         missing = [f"TPDO{t.mapping.number}" for t in node.tpdos if t.count == 0]
         self._failed(
             node,
@@ -152,11 +232,67 @@ class CanopenDriver:
             or f"{node.place}: {', '.join(missing)} did not come within {VERIFY_CYCLES} SYNCs; "
             "see its manual for synchronous transmission",
         )
-        return False
+
+    def _start_anew(self, link: CanLink, node: Node) -> None:
+        """Let a node stop and start, so that its answers and our SYNCs are counted from one point again."""
+        self._command(link, node, PRE_OPERATIONAL)
+        time.sleep(UNANSWERED * self._context.period_s)  # what was under way comes
+        self._command(link, node, OPERATIONAL)
+        self._await_tpdos(node)
+        self._counts["started_anew"] += 1
+        arrivals = [tpdo.latest for tpdo in node.tpdos if tpdo.latest is not None]
+        # Only one SYNC was unanswered when these were sent: what is late now is late, and not the count wrong.
+        node.slow = any(a.during > a.cycle or self._is_late(a.at_ns - a.sync_ns) for a in arrivals)
+        node.late_run = 0
+        node.starting_anew = False
+
+    def _is_late(self, after_ns: int) -> bool:
+        """Later than half a period; in lockstep with a simulation no time passes, so nothing is."""
+        return self._context.patience_s == 0 and after_ns > 0.5 * self._context.period_s * NS
 
     def _failed(self, node: Node, detail: str) -> None:
-        node.state, node.detail = "failed", detail
-        self._later(node.config.node)
+        node.operational = False
+        self._watch.away(node, "failed", "failed", detail)
+        self._keepers[node.config.node].later()
+
+    def _broke(self, node: Node, error: Exception) -> None:
+        self._counts["keeper_broke"] += 1
+        self._failed(node, f"{node.place}: commissioning broke ({type(error).__name__}: {error}); it is tried again")
+
+    def _bus_broke(self, error: Exception) -> None:
+        self._counts["keeper_broke"] += 1
+        self._bus_is_down(f"bus '{self._config.name}': opening it broke ({type(error).__name__}: {error})")
+
+    def _rebuild(self) -> None:
+        link, self._link = self._link, None
+        if link is not None:
+            for name, value in self._counts_of(link).items():
+                self._before[name] = self._before.get(name, 0) + value
+            link.close()
+        try:
+            link = self._open()
+        except AcquisitionError as error:
+            self._bus_is_down(str(error))
+            return
+        self._counts["bus_rebuilt"] += 1
+        self._failure = ""
+        self._health.opened()
+        self._context.events.end(self._config.name, "bus_down")
+        self._link = link  # from here on the cycle sends SYNC again
+        self._bus_keeper.settled()
+        self._leading = True
+        for keeper in self._keepers.values():
+            keeper.soon()
+
+    def _bus_is_down(self, line: str) -> None:
+        self._failure = line
+        self._context.events.begin(self._config.name, "bus_down", line)
+        for node in self._nodes.values():
+            node.operational = False
+            self._watch.away(node, "failed", "bus_down", line)
+        self._bus_keeper.later()
+
+    # The cycle
 
     def trigger(self, cycle: int) -> None:
         """Send SYNC."""
@@ -166,197 +302,118 @@ class CanopenDriver:
             return
         expected: set[int] = set()
         for node in self._nodes.values():
-            if node.state == "running" and node.misses < MISSES_TOLERATED:
+            if node.state == "running" and node.operational and node.misses < MISSES_TOLERATED:
                 expected |= node.cob_ids
-        self._cycle.begin(cycle, self._context.monotonic_ns(), expected)
-        link.send_sync()
+        self._send_sync(link, cycle, expected)
         self._counts["sync"] += 1
 
     def collect(self, until_ns: int) -> Samples:
         """TPDOs of this cycle, as soon as all that are expected came."""
         link = self._link
         if link is None or link.failure is not None:
-            self._later(BUS)
+            if link is not None and not self._failure:
+                self._bus_is_down(f"bus '{self._config.name}': {link.failure}; it is opened again")
             return nothing(len(self._names), Quality.BUS_ERROR)
         remaining = (until_ns - self._context.monotonic_ns()) / NS
-        if remaining > 0:
-            self._cycle.done.wait(remaining)
+        lost = remaining > 0 and not self._cycle.done.wait(remaining) and self._context.patience_s > 0
         samples = nothing(len(self._names))
-        number = self._cycle.number
+        if lost:  # waited for far longer than anything takes; a machine that does not stand still is told by counting
+            for tpdo in (
+                tpdo for node in self._nodes.values() if node.misses < MISSES_TOLERATED for tpdo in node.tpdos
+            ):
+                tpdo.give_up()
         for node in self._nodes.values():
-            self._look_after(node)
+            if self._watch.look(node):
+                self._keepers[node.config.node].soon()
+            elif node.state == "silent":
+                self._keepers[node.config.node].later()
             if node.state == "running":
-                self._take(node, number, samples)
+                self._take(node, self._cycle.number, samples)
         return samples
 
     def _take(self, node: Node, number: int, samples: Samples) -> None:
-        fresh = True
+        brought = current = 0
+        mixed = node.surplus_run > 0
         for tpdo in node.tpdos:
-            ago = number - tpdo.cycle
-            if tpdo.cycle < 0 or ago > 1 or (ago == 1 and tpdo.taken == tpdo.count):
-                fresh = False
+            arrival = tpdo.latest
+            if arrival is None or arrival.ordinal <= tpdo.taken:
                 self._counts["missing"] += 1
                 continue
-            if ago == 1:
-                fresh = False
-                self._counts["late"] += 1
-            tpdo.taken = tpdo.count
-            quality = Quality.FRESH if node.emergency is None else Quality.EMERGENCY
-            for value, positions in zip(tpdo.mapping.decoder.unpack(tpdo.data), tpdo.mapping.positions, strict=True):
+            self._counts["superseded"] += arrival.ordinal - tpdo.taken - 1
+            tpdo.taken = arrival.ordinal
+            brought += 1
+            ago, after_ns = number - arrival.cycle, arrival.at_ns - arrival.sync_ns
+            late = ago > 0 or tpdo.in_doubt or self._is_late(after_ns)
+            self._counts["late"] += late
+            current += not late
+            good = Quality.LATE if late else Quality.FRESH
+            for value, positions in zip(tpdo.mapping.decoder.unpack(arrival.data), tpdo.mapping.positions, strict=True):
+                quality = good if node.emergency is None else Quality.EMERGENCY
+                if mixed or not np.isfinite(value):
+                    self._counts["not_a_number"] += not mixed
+                    quality, value = Quality.INVALID, np.nan
                 for position in positions:
                     samples.raw[position] = value
                     samples.quality[position] = quality
                     samples.cycles_ago[position] = ago
-        node.misses = 0 if fresh else node.misses + 1
-
-    def _look_after(self, node: Node) -> None:
-        """Boot-ups, emergencies, wrong lengths and silence of one node, noticed once per cycle."""
-        self._counts["emergency"] += node.take_emergencies()
-        if node.boot_ups != node.boot_ups_seen and node.state != "commissioning":
-            node.boot_ups_seen = node.boot_ups
-            self._counts["boot_up"] += 1
-            node.state, node.detail = "commissioning", f"{node.place}: booted; it is being commissioned again"
-            self._attempts.pop(node.config.node, None)
-            self._soon(node.config.node)
+                    samples.after_sync_s[position] = after_ns / NS if late and not ago else 0.0
+        if node.starting_anew:
             return
-        if node.state not in ("running", "silent"):
-            return
-        wrong = node.wrong_lengths() - node.wrong_seen
-        if wrong:
-            self._counts["short_pdo"] += wrong
-            node.wrong_seen += wrong
-            node.wrong_run += wrong
-            if node.wrong_run >= WRONG_TOLERATED:
-                node.detail = node.short() or ""
-                node.state = "commissioning"
-                self._soon(node.config.node)
-                return
-        alive = node.last_sign_ns()
-        heartbeat_s = WATCHDOG_PERIODS * max(node.config.heartbeat_ms * 1e-3, self._context.period_s)
-        limit = max(heartbeat_s, self._context.patience_s) * NS
-        now = self._context.monotonic_ns()
-        if node.state == "running" and now - alive > limit:
-            node.state = "silent"
-            node.detail = f"{node.place}: no heartbeat for {(now - alive) / NS:.2f} s; check its power and cable"
-            self._counts["silent"] += 1
-            self._later(node.config.node)
-        elif node.state == "silent" and now - alive <= limit and node.heartbeat_state == STATE_OPERATIONAL:
-            node.state, node.detail, node.misses = (
-                "running",
-                "",
-                0,
-            )  # only the cable was out: its mapping is still there
-            self._forget_due(node.config.node)
-        elif node.state == "running" and self._out_of_step(node):
-            node.state, node.detail = (
-                "commissioning",
-                f"{node.place}: sends no TPDOs; it is being commissioned again",
+        node.misses = 0 if brought else node.misses + 1
+        node.late_run = node.late_run + 1 if brought and not current else 0
+        if self._watch.miscounted(node, brought):
+            node.starting_anew = True
+            self._keepers[node.config.node].soon()
+        elif node.surplus_run >= SURPLUS_TOLERATED:
+            self._failed(
+                node,
+                f"{node.place}: more TPDOs than SYNCs: two devices have this node-ID, or something else sends SYNC as "
+                "well; give each device an ID of its own, and let only one send SYNC",
             )
-            self._soon(node.config.node)
 
-    @staticmethod
-    def _out_of_step(node: Node) -> bool:
-        """Alive, but no longer doing what it was commissioned for."""
-        if node.heartbeat_state in (STATE_PRE_OPERATIONAL, STATE_STOPPED):
-            return node.misses >= MISSES_TOLERATED  # a single such heartbeat may be from before it went operational
-        return node.misses >= MISSES_LOST
+    # What it says
 
-    def _soon(self, key: int) -> None:
-        with self._condition:
-            self._due[key] = self._context.monotonic_ns()
-            self._condition.notify()
-
-    def _later(self, key: int) -> None:
-        """Hand ``key`` to the keeper after its back-off, unless it has it already."""
-        with self._condition:
-            if key in self._due:
-                return
-            attempt = self._attempts.get(key, 0)
-            self._attempts[key] = attempt + 1
-            pause = BACK_OFF_S[min(attempt, len(BACK_OFF_S) - 1)]
-            self._due[key] = self._context.monotonic_ns() + round(pause * NS)
-            self._condition.notify()
-
-    def _forget_due(self, key: int) -> None:
-        with self._condition:
-            self._due.pop(key, None)
-            self._attempts.pop(key, None)
-
-    def _keep(self) -> None:
-        while True:
-            with self._condition:
-                if self._stopping:
-                    return
-                now = self._context.monotonic_ns()
-                key = min(self._due, key=self._due.__getitem__, default=None)
-                if key is None or self._due[key] > now:
-                    self._condition.wait(0.5 if key is None else min(0.5, (self._due[key] - now) / NS))
-                    continue
-                del self._due[key]
-            link = self._link
-            healthy = link is not None and link.failure is None
-            if key == BUS and not healthy:
-                self._rebuild()
-            elif key != BUS and link is not None and healthy:
-                self._recommission(link, self._nodes[key])
-
-    def _recommission(self, link: CanLink, node: Node) -> None:
-        if not self._commission(link, node, boot_up_s=0.0):
-            return
-        deadline = time.monotonic() + VERIFY_CYCLES * self._context.period_s + VERIFY_PATIENCE_S
-        while not node.complete() and time.monotonic() < deadline and not self._stopping:
-            time.sleep(self._context.period_s / 4)
-        self._verify(node)
-
-    def _rebuild(self) -> None:
-        link, self._link = self._link, None
-        if link is not None:
-            self._frames_before += link.frames
-            self._errors_before += link.error_frames
-            link.close()
-        try:
-            link = self._open()
-        except AcquisitionError as error:
-            for node in self._nodes.values():
-                node.state, node.detail = "failed", str(error)
-            self._later(BUS)
-            return
-        self._counts["bus_rebuilt"] += 1
-        for node in self._nodes.values():
-            node.state = "commissioning"
-        self._link = link  # from here on the cycle sends SYNC again
-        self._forget_due(BUS)
-        for node in self._nodes.values():
-            if not self._stopping:
-                self._recommission(link, node)
+    def _counts_of(self, link: CanLink) -> dict[str, int]:
+        return {
+            "frames": link.frames,
+            "extended_frames": link.extended,
+            "remote_frames": link.remote,
+            "unreadable_frames": link.broken,
+            "foreign_sync": link.foreign_syncs,
+            "foreign_nmt": link.foreign_nmts,
+        }
 
     def statistics(self) -> DriverStatistics:
-        """State of every node, and counters since the start."""
+        """State of the bus and of every node, and counters since the start."""
         link = self._link
-        failure = link.failure if link is not None else None
+        failure = link.failure if link is not None else self._failure or "closed"
         devices = tuple(
-            DeviceStatus(
-                f"node {number}",
-                "failed" if failure else node.state,
-                failure or node.detail or (f"emergency 0x{node.emergency:04X}" if node.emergency is not None else ""),
-            )
+            DeviceStatus(f"node {number}", "failed" if failure else node.state, failure or self._watch.line(node))
             for number, node in self._nodes.items()
         )
-        counts = dict(self._counts)
-        counts["frames"] = self._frames_before + (link.frames if link is not None else 0)
-        counts["error_frames"] = self._errors_before + (link.error_frames if link is not None else 0)
-        return DriverStatistics(self._config.name, devices, counts)
+        counts = dict(self._counts) | {"error_frames": self._health.error_frames}
+        for name, value in (self._counts_of(link) if link is not None else {}).items():
+            counts[name] = value + self._before.get(name, 0)
+        for name, value in self._before.items():
+            counts.setdefault(name, value)
+        counts |= self._watch.emergency_codes(self._nodes.values(), EMERGENCY_CODES)
+        state = self._health.state if not failure or self._health.state == "bus_off" else "down"
+        return DriverStatistics(
+            self._config.name, devices, counts, state, advice(self._config.name, self._health.state) or failure or ""
+        )
 
     def stop(self) -> None:
         """Leave the nodes pre-operational, so that they stop sending, and close the bus."""
-        with self._condition:
-            self._stopping = True
-            self._condition.notify()
-        if self._keeper is not None:
-            self._keeper.join(timeout=STOP_TIMEOUT_S)
-            self._keeper = None
+        self._stopped.set()
+        for keeper in (self._bus_keeper, *self._keepers.values()):
+            keeper.stop()
         link, self._link = self._link, None
         if link is not None:
-            for number in self._nodes:
+            for number in self._nodes if self._leading else ():
                 link.send_nmt(PRE_OPERATIONAL, number)
             link.close()
+
+
+def canopen_driver(bus: CanopenBus, channels: Sequence[Channel], context: DriverContext) -> Driver:
+    """The driver for a CANopen bus: one that leads it, or one that only listens."""
+    return (ListeningDriver if bus.listen_only else CanopenDriver)(bus, channels, context)

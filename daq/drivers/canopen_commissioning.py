@@ -35,6 +35,10 @@ class SdoAccess(Protocol):
     def write(self, index: int, subindex: int, data: bytes) -> None:
         """Write an object."""
 
+    @property
+    def surplus(self) -> int:
+        """Answers beyond one per request so far."""
+
 
 def commission(
     sdo: SdoAccess,
@@ -67,6 +71,7 @@ def commission(
     send_nmt(PRE_OPERATIONAL)
     device_type = _await_answer(sdo, place, monotonic_ns, boot_up_s)
     answered()
+    _alone(sdo, place)
     _identify(sdo, node, place, device_type)
     _pdos_off(sdo, mappings)
     for mapping in mappings:
@@ -77,6 +82,7 @@ def commission(
     for key, value in node.settings.items():
         index, subindex, data_type = _object(key)
         _write_checked(sdo, index, subindex, _encode(sdo, index, subindex, data_type, value), place)
+    _alone(sdo, place)
     send_nmt(OPERATIONAL)
 
 
@@ -85,11 +91,22 @@ def _await_answer(sdo: SdoAccess, place: str, monotonic_ns: Callable[[], int], b
     while True:
         try:
             return sdo.read_unsigned(0x1000)
-        except NoAnswerError:
+        except NoAnswerError as error:
             if monotonic_ns() >= deadline:
+                if "does not answer" not in str(error):
+                    raise
                 raise NoAnswerError(
                     f"{place}: does not answer within {boot_up_s:g} s; check its power, node-ID, bitrate and cable"
                 ) from None
+
+
+def _alone(sdo: SdoAccess, place: str) -> None:
+    """Two devices with one node-ID both answer; nothing is written before this was asked for the first time."""
+    sdo.read_unsigned(0x1000)  # by now the second answer to the first request has come
+    if sdo.surplus:
+        raise CommissioningError(
+            f"{place}: two devices answer with this node-ID; give each one of its own, and connect them again"
+        )
 
 
 def _identify(sdo: SdoAccess, node: CanNode, place: str, device_type: int) -> None:

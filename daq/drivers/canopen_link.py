@@ -3,6 +3,9 @@
 The receive thread copies bytes and a time stamp, nothing else: SDO transfers wait for answers that this very thread
 brings, so they run in other threads. It replaces python-can's Notifier (and canopen's per-signal decoding) because at
 3000 TPDOs per second each microsecond per frame is 0.3 % of a core, and because a bus error has to be seen at once.
+
+CANopen has 11-bit identifiers. A frame with 29 bits whose low bits are those of a TPDO is another protocol's, and a
+remote frame carries no data: both are counted and go no further.
 """
 
 from __future__ import annotations
@@ -10,6 +13,7 @@ from __future__ import annotations
 import contextlib
 import logging
 import socket
+import struct
 import threading
 import time
 from collections.abc import Callable
@@ -19,17 +23,22 @@ import can
 import canopen
 from canopen.sdo import SdoAbortedError, SdoClient, SdoCommunicationError
 
+from daq.drivers.arrival import ArrivalTimes
+from daq.drivers.can_health import BusHealth
 from daq.errors import BusError, CommissioningError
 from daq.machine_file import CanopenBus
 
 SYNC_ID = 0x080
 NMT_ID = 0x000
+SDO_REQUESTS = (0x601, 0x67F)
 Handler = Callable[[bytearray, int], None]
 # A hub that is busy may put a frame behind its handshake's last word, which python-can takes for a wrong answer.
 OPEN_ATTEMPTS = 5
 OPEN_TIMEOUT_S = 2.0
 SDO_TIMEOUT_S = 0.5
 SDO_ATTEMPTS = 3
+SDO_SEGMENTS = 64  # answers to one transfer: no object that is read or written here has as many as 448 bytes
+LOOK_EVERY = 64  # frames between two looks at the controller's state
 
 
 class CanLink:
@@ -38,13 +47,16 @@ class CanLink:
     ``handlers`` maps a COB-ID to what is called, in the receive thread, with data and arrival time.
     """
 
-    def __init__(self, config: CanopenBus, monotonic_ns: Callable[[], int]) -> None:
+    def __init__(self, config: CanopenBus, monotonic_ns: Callable[[], int], health: BusHealth) -> None:
         self.name = config.name
-        self.handlers: dict[int, Handler] = {}
-        self.error_frames = 0
+        self.handlers: dict[int, Handler] = {SYNC_ID: self._foreign_sync, NMT_ID: self._foreign_nmt}
+        self.health = health
         self.frames = 0
+        self.extended = self.remote = self.broken = 0  # 29-bit frames, remote frames, frames a handler stumbled over
+        self.foreign_syncs = self.foreign_nmts = self.foreign_requests = 0  # our own do not come back to us
         self.failure: str | None = None
         self._monotonic_ns = monotonic_ns
+        self._times = ArrivalTimes()
         self._closing = False
         self._bus = _open(config)
         self._network = canopen.Network(self._bus)
@@ -53,25 +65,56 @@ class CanLink:
         self._thread.start()
 
     def _receive(self) -> None:
-        receive, handlers, now = self._bus.recv, self.handlers, self._monotonic_ns
+        receive = self._bus.recv
         while not self._closing:
             try:
                 message = receive(0.1)
-                if message is None:
-                    continue
-                self.frames += 1
-                if message.is_error_frame:
-                    self.error_frames += 1
-                    continue
-                handler = handlers.get(message.arbitration_id)
-                if handler is not None:
-                    handler(message.data, now())
-                else:
-                    self._network.notify(message.arbitration_id, message.data, message.timestamp)
             except Exception as error:  # whatever it is, nothing is received from here on: the driver rebuilds the bus
                 if not self._closing:
                     self.fail(error)
                 return
+            if message is None:
+                self.health.look(self._monotonic_ns())
+                continue
+            self._take(message)
+            if self.health.state == "bus_off":
+                self.fail(can.CanOperationError("the controller is bus-off"))
+                return
+
+    def _take(self, message: Any) -> None:
+        self.frames += 1
+        now = self._monotonic_ns()
+        if self.frames % LOOK_EVERY == 0:
+            self.health.look(now)
+        if message.is_error_frame:
+            self.health.on_error_frame(message.arbitration_id, bytes(message.data), now)
+        elif message.is_extended_id:
+            self.extended += 1
+        elif message.is_remote_frame:
+            self.remote += 1
+        elif (handler := self.handlers.get(message.arbitration_id)) is not None:
+            try:
+                handler(message.data, self._times.of(message.timestamp, now))
+            except Exception:  # one frame that a handler cannot take is not the end of the others
+                self.broken += 1
+        elif SDO_REQUESTS[0] <= message.arbitration_id <= SDO_REQUESTS[1]:
+            self.foreign_requests += 1
+
+    def _foreign_sync(self, data: bytearray, at_ns: int) -> None:
+        self.foreign_syncs += 1
+
+    def masters(self) -> str:
+        """What was heard that only a master sends, in words; empty if nothing."""
+        heard = (
+            (self.foreign_syncs, "SYNC"),
+            (self.foreign_nmts, "NMT commands"),
+            (self.foreign_requests, "SDO requests"),
+            (self.remote, "remote frames (node guarding)"),
+        )
+        return ", ".join(f"{count} {what}" for count, what in heard if count)
+
+    def _foreign_nmt(self, data: bytearray, at_ns: int) -> None:
+        self.foreign_nmts += 1
 
     def fail(self, error: Exception) -> None:
         """Remember why the bus is unusable; the first reason counts."""
@@ -97,7 +140,7 @@ class CanLink:
 
     def sdo(self, node: int) -> Sdo:
         """SDO access to a node."""
-        return Sdo(self._network, node, f"{self.name} node {node}")
+        return Sdo(self, self._network, node, f"{self.name} node {node}")
 
     def close(self) -> None:
         """Stop receiving and close the bus."""
@@ -117,6 +160,8 @@ def _open(config: CanopenBus) -> Any:
         _reachable(config, str(options.get("host", "")), int(options.get("port", 0)))
         # It logs a warning for every frame that arrives in two parts, which TCP does all the time.
         logging.getLogger("can.interfaces.socketcand").setLevel(logging.CRITICAL)
+    if config.listen_only:
+        options.update({key: value for key, value in _silent(config.interface).items() if key not in options})
     problem: Exception | None = None
     for attempt in range(OPEN_ATTEMPTS):
         try:
@@ -132,6 +177,11 @@ def _open(config: CanopenBus) -> Any:
     )
 
 
+def _silent(interface: str) -> dict[str, Any]:
+    """Options that keep an interface from even acknowledging frames; socketcan's is set by ``ip link``, not by us."""
+    return {"pcan": {"state": can.BusState.PASSIVE}, "kvaser": {"driver_mode": False}}.get(interface, {})
+
+
 def _reachable(config: CanopenBus, host: str, port: int) -> None:
     # python-can retries a refused connection for ten seconds without a pause; look first.
     try:
@@ -144,21 +194,48 @@ def _reachable(config: CanopenBus, host: str, port: int) -> None:
         ) from None
 
 
+class _Client(SdoClient):  # type: ignore[misc]  # canopen comes without types
+    """canopen's client, which knows how many answers it had, and does not follow a transfer that never ends."""
+
+    requests = 0
+    answers = 0
+    left = SDO_SEGMENTS
+
+    def send_request(self, request: Any) -> None:
+        self.requests += 1
+        super().send_request(request)
+
+    def read_response(self) -> Any:
+        self.left -= 1
+        if self.left < 0:
+            raise SdoCommunicationError("a transfer that does not end")
+        return super().read_response()
+
+    def receive(self, data: bytearray, at_ns: int) -> None:
+        """In the receive thread."""
+        self.answers += 1
+        self.on_response(self.tx_cobid, data, at_ns)
+
+
 class Sdo:
     """SDO transfers to one node; not to be called from the receive thread."""
 
-    def __init__(self, network: Any, node: int, place: str) -> None:
-        self._client = SdoClient(0x600 + node, 0x580 + node, canopen.ObjectDictionary())
+    def __init__(self, link: CanLink, network: Any, node: int, place: str) -> None:
+        self._client = _Client(0x600 + node, 0x580 + node, canopen.ObjectDictionary())
         self._client.network = network
         self._client.RESPONSE_TIMEOUT = SDO_TIMEOUT_S
-        self._network = network
+        self._link = link
         self._place = place
-        network.subscribe(0x580 + node, self._client.on_response)
+        link.handlers[0x580 + node] = self._client.receive
 
     def close(self) -> None:
         """Stop listening for the node's answers."""
-        with contextlib.suppress(KeyError, ValueError):
-            self._network.unsubscribe(self._client.tx_cobid, self._client.on_response)
+        self._link.handlers.pop(self._client.tx_cobid, None)
+
+    @property
+    def surplus(self) -> int:
+        """Answers beyond one per request: a second device answers as well."""
+        return max(0, self._client.answers - self._client.requests)
 
     def read(self, index: int, subindex: int = 0) -> bytes:
         """Bytes of an object.
@@ -181,20 +258,26 @@ class Sdo:
         self._transfer(lambda: self._client.download(index, subindex, data), f"write {what}")
 
     def _transfer(self, transfer: Callable[[], Any], what: str) -> Any:
+        reason = "does not answer"
         for attempt in range(SDO_ATTEMPTS):
+            self._client.left = SDO_SEGMENTS
             try:
                 return transfer()
             except SdoAbortedError as error:
                 raise SdoRefusedError(
                     f"{self._place}: refuses to {what} ({error}); check the object in its manual"
                 ) from None
-            except SdoCommunicationError:
-                # A late answer would be taken for that of the next request: the next attempt starts from silence.
-                if attempt + 1 < SDO_ATTEMPTS:
-                    time.sleep(0.05)
+            except SdoCommunicationError as error:
+                reason = "does not answer" if "No SDO response" in str(error) else "answers with something else"
             except (can.CanError, OSError) as error:
                 raise BusError(f"{self._place}: cannot {what}: {_first_line(error)}; check the bus") from None
-        raise NoAnswerError(f"{self._place}: does not answer ({what}); check its power, node-ID, bitrate and cable")
+            except (struct.error, IndexError, ValueError, TypeError, AttributeError):
+                # What canopen makes of a frame that is too short, or whose fields contradict each other.
+                reason = "answers with frames that are no SDO"
+            # A late answer would be taken for that of the next request: the next attempt starts from silence.
+            if attempt + 1 < SDO_ATTEMPTS:
+                time.sleep(0.05)
+        raise NoAnswerError(f"{self._place}: {reason} ({what}); check its power, node-ID, bitrate and cable")
 
 
 class SdoRefusedError(CommissioningError):

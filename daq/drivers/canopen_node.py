@@ -1,21 +1,33 @@
-"""What the driver knows of one CANopen node: its TPDOs as they arrive, its heartbeat, its emergencies."""
+"""What the driver knows of one CANopen node: its TPDOs as they arrive, its heartbeat, its emergencies.
+
+A TPDO does not say which SYNC it answers, and one that is a whole period late arrives when the next one is due: by its
+time alone it looks fresh. But a node sends each synchronous TPDO once per SYNC, and a bus keeps the order of one
+identifier. So every SYNC that a node has been told to answer waits in a queue of each of its TPDOs, and what arrives is
+credited to the oldest one (:class:`Tpdo`). A frame that is lost makes the next ones look late, never fresh; the driver
+then starts the node anew (pre-operational and back), after which queue and node agree again.
+"""
 
 from __future__ import annotations
 
 import struct
 import threading
-from collections import deque
-from collections.abc import Callable
+from collections import Counter, deque
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
-from daq.drivers.canopen_mapping import Mapping
-from daq.machine_file import CanNode
+from daq.drivers.canopen_mapping import Mapping, map_node
+from daq.machine_file import CanNode, CanopenBus, CanSource, Channel
 
-MISSES_TOLERATED = 3  # cycles without an answer after which a node is not waited for any more
-MISSES_LOST = 25  # cycles without an answer, the heartbeat going on, after which it is commissioned again
+MISSES_TOLERATED = 3  # cycles without any TPDO after which a node is not waited for any more
+MISSES_LOST = 25  # cycles without any TPDO, the heartbeat going on, after which it is commissioned again
+LATE_TOLERATED = 10  # cycles in a row with late TPDOs only after which it is started anew, to tell slow from miscounted
 WRONG_TOLERATED = 3  # TPDOs of a wrong length after which a node's mapping is taken for lost
+SURPLUS_TOLERATED = 3  # cycles in a row with more TPDOs than SYNCs after which two devices share the node-ID
 WATCHDOG_PERIODS = 2.5  # heartbeat periods without a sign of life
+UNANSWERED = 4  # SYNCs that a TPDO may be behind; beyond, the oldest one is given up and the count is in doubt
 BOOT_UP, STATE_STOPPED, STATE_OPERATIONAL, STATE_PRE_OPERATIONAL = 0x00, 0x04, 0x05, 0x7F
 _EMERGENCY = struct.Struct("<HB")
+Handler = Callable[[bytearray, int], None]
 
 
 class Cycle:
@@ -37,30 +49,62 @@ class Cycle:
             else:
                 self.done.set()
 
-    def arrived(self, cob_id: int) -> int:
-        """A TPDO came; the number of the cycle that it counts for."""
+    def arrived(self, cob_id: int, number: int) -> None:
+        """A TPDO of cycle ``number`` came."""
         with self._lock:
-            self._pending.discard(cob_id)
-            if not self._pending:
-                self.done.set()
-            return self.number
+            if number == self.number:
+                self._pending.discard(cob_id)
+                if not self._pending:
+                    self.done.set()
+
+
+@dataclass(frozen=True)
+class Arrival:
+    """A TPDO's data, when it was on the bus, and the SYNC that it is credited to."""
+
+    data: bytes
+    at_ns: int
+    cycle: int
+    sync_ns: int
+    ordinal: int  # of its TPDO, counted from 1
+    during: int  # the cycle that was under way when it came
 
 
 class Tpdo:
-    """The last frame of one TPDO; :meth:`receive` runs in the receive thread."""
+    """The last frame of one TPDO; :meth:`receive` runs in the receive thread.
 
-    __slots__ = ("_of", "arrived_ns", "count", "cycle", "data", "mapping", "taken", "wrong", "wrong_length")
+    Attributes
+    ----------
+    latest : the newest one that a SYNC asked for
+    count : how many of them came; the cycle has looked at those up to ``taken``
+    surplus : frames that no SYNC asked for
+    in_doubt : whether an unanswered SYNC was given up, so that the count may be wrong until the node is started anew
+    """
 
     def __init__(self, mapping: Mapping, of: Cycle) -> None:
         self.mapping = mapping
-        self.data = b""
-        self.cycle = -1
-        self.arrived_ns = 0
+        self.latest: Arrival | None = None
         self.count = 0
         self.taken = 0
+        self.surplus = 0
+        self.surplus_seen = 0
         self.wrong = 0
         self.wrong_length = 0
+        self.in_doubt = False
+        self.arrived_ns = 0
         self._of = of
+        self._unanswered: deque[tuple[int, int]] = deque()
+
+    def asked(self, number: int, sync_ns: int) -> None:
+        """A SYNC is about to be sent that the node will answer."""
+        if len(self._unanswered) >= UNANSWERED:
+            self._unanswered.popleft()
+            self.in_doubt = True
+        self._unanswered.append((number, sync_ns))
+
+    def give_up(self) -> None:
+        """The answers that are still due are lost: in lockstep no time passed until it was certain."""
+        self._unanswered.clear()
 
     def receive(self, data: bytearray, now_ns: int) -> None:
         """Keep the bytes and the time, if the length is right; canopen itself accepts a short PDO without a word."""
@@ -68,10 +112,24 @@ class Tpdo:
             self.wrong_length = len(data)
             self.wrong += 1
             return
-        self.data = bytes(data)
         self.arrived_ns = now_ns
+        try:
+            number, sync_ns = self._unanswered.popleft()
+        except IndexError:
+            self.surplus += 1
+            return
         self.count += 1
-        self.cycle = self._of.arrived(self.mapping.cob_id)
+        self.latest = Arrival(bytes(data), now_ns, number, sync_ns, self.count, self._of.number)
+        self._of.arrived(self.mapping.cob_id, number)
+
+    def forget(self) -> None:
+        """What came and what was asked does not count."""
+        self._unanswered.clear()
+        self.latest = None
+        self.count = self.taken = 0
+        self.surplus_seen = self.surplus
+        self.wrong_length = 0
+        self.in_doubt = False
 
 
 class Node:
@@ -89,19 +147,29 @@ class Node:
         self.cob_ids = frozenset(mapping.cob_id for mapping in mappings)
         self.state = "commissioning"
         self.detail = ""
+        self.away = ""  # short name of why it is not running
+        self.cause = ""  # of its last absence, kept when it is back
+        self.watched_ns = 0  # since when its heartbeat has been due
+        self.heartbeat_lost = False
+        self.operational = False  # whether it was told to answer SYNCs
+        self.starting_anew = False
+        self.slow = False  # late also after it was started anew: it is, and nobody miscounted
         self.misses = 0
+        self.late_run = 0
+        self.surplus_run = 0
         self.emergency: int | None = None
+        self.emergencies: Counter[int] = Counter()  # by code, since the start; 0 is "error reset"
+        self.emergencies_seen = 0
         self.heartbeat_ns = 0
         self.heartbeat_state = -1
         self.boot_ups = 0
         self.boot_ups_seen = 0
         self.wrong_seen = 0
         self.wrong_run = 0
-        self.emergencies: deque[bytes] = deque(maxlen=64)
 
-    def handlers(self) -> dict[int, Callable[[bytearray, int], None]]:
+    def handlers(self) -> dict[int, Handler]:
         """What to call for which COB-ID."""
-        found: dict[int, Callable[[bytearray, int], None]] = {t.mapping.cob_id: t.receive for t in self.tpdos}
+        found: dict[int, Handler] = {t.mapping.cob_id: t.receive for t in self.tpdos}
         found[0x700 + self.config.node] = self.on_heartbeat
         found[0x080 + self.config.node] = self.on_emergency
         return found
@@ -115,28 +183,38 @@ class Node:
             self.boot_ups += 1
 
     def on_emergency(self, data: bytearray, now_ns: int) -> None:
-        """EMCY message: 16 bits of error code first; taken apart in the driver's thread."""
-        self.emergencies.append(bytes(data))
+        """EMCY message: 16 bits of error code first; 0x00xx says that the error is gone (CiA 301, 7.2.7)."""
+        if len(data) < _EMERGENCY.size:
+            return
+        code = int(_EMERGENCY.unpack_from(data)[0])
+        self.emergency = code if code & 0xFF00 else None
+        self.emergencies[code if code & 0xFF00 else 0] += 1
 
-    def take_emergencies(self) -> int:
-        """Work off what came; returns the number of new errors. Code 0x00xx resets the error."""
-        count = 0
-        while self.emergencies:
-            data = self.emergencies.popleft()
-            if len(data) < _EMERGENCY.size:
-                continue
-            code = int(_EMERGENCY.unpack_from(data)[0])
-            self.emergency = code if code & 0xFF00 else None
-            count += self.emergency is not None
-        return count
+    def asked(self, number: int, sync_ns: int) -> None:
+        """A SYNC is about to be sent."""
+        if self.operational:
+            for tpdo in self.tpdos:
+                tpdo.asked(number, sync_ns)
+
+    def errors(self) -> int:
+        """EMCY messages so far that told of an error."""
+        return sum(count for code, count in list(self.emergencies.items()) if code)
 
     def wrong_lengths(self) -> int:
         """TPDOs of a wrong length so far."""
         return sum(tpdo.wrong for tpdo in self.tpdos)
 
-    def last_sign_ns(self) -> int:
-        """When anything came from it."""
-        return max(self.heartbeat_ns, *(tpdo.arrived_ns for tpdo in self.tpdos))
+    def take_surplus(self) -> int:
+        """TPDOs that no SYNC asked for, since the last look."""
+        found = 0
+        for tpdo in self.tpdos:
+            found += tpdo.surplus - tpdo.surplus_seen
+            tpdo.surplus_seen = tpdo.surplus
+        return found
+
+    def last_tpdo_ns(self) -> int:
+        """When the last TPDO came."""
+        return max(tpdo.arrived_ns for tpdo in self.tpdos)
 
     def short(self) -> str | None:
         """A line about a TPDO of the wrong length, if one came since the last commissioning."""
@@ -149,17 +227,24 @@ class Node:
         return None
 
     def forget(self) -> None:
-        """Before a commissioning: what came so far does not count."""
+        """Before a commissioning: what came so far does not count, and it answers no SYNC."""
+        self.operational = False
         self.emergency = None
-        self.emergencies.clear()
-        self.misses = 0
         self.heartbeat_state = -1
         self.wrong_seen = self.wrong_lengths()
         self.wrong_run = 0
+        self.slow = False
+        self.forget_answers()
+
+    def forget_answers(self) -> None:
+        """What came on SYNC so far does not count."""
+        self.misses = self.late_run = self.surplus_run = 0
         for tpdo in self.tpdos:
-            tpdo.count = tpdo.taken = 0
-            tpdo.wrong_length = 0
-            tpdo.cycle = -1
+            tpdo.forget()
+
+    def in_doubt(self) -> bool:
+        """Whether its TPDOs may be credited to the wrong SYNC."""
+        return any(tpdo.in_doubt for tpdo in self.tpdos)
 
     def accept_boot_ups(self) -> None:
         """Boot-ups up to now are no news."""
@@ -168,3 +253,18 @@ class Node:
     def complete(self) -> bool:
         """Whether every TPDO came at least once since :meth:`forget`."""
         return all(tpdo.count > 0 for tpdo in self.tpdos)
+
+
+def make_nodes(bus: CanopenBus, channels: Sequence[Channel], cycle: Cycle) -> dict[int, Node]:
+    """The nodes that the channels of a bus come from, by node-ID, each with its mapping."""
+    known = {node.node: node for node in bus.nodes}
+    grouped: dict[int, list[tuple[int, Channel]]] = {}
+    for position, channel in enumerate(channels):
+        assert isinstance(channel.source, CanSource)
+        grouped.setdefault(channel.source.node, []).append((position, channel))
+    nodes = {}
+    for number, members in grouped.items():
+        place = f"bus '{bus.name}' node {number} ({', '.join(c.name for _, c in members[:3])})"
+        config = known.get(number) or CanNode(node=number)
+        nodes[number] = Node(config, place, map_node(number, members, place), cycle)
+    return nodes

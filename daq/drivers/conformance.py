@@ -104,11 +104,18 @@ def _shape(samples: Samples, count: int) -> None:
         array = getattr(samples, name)
         _require(array.shape == (count,), f"samples.{name} has shape {array.shape}, not ({count},)")
         _require(array.dtype.kind == kind, f"samples.{name} has dtype {array.dtype}")
-    allowed = [Quality.FRESH, Quality.MISSING, Quality.OUT_OF_RANGE, Quality.EMERGENCY, Quality.BUS_ERROR]
+    allowed = (
+        Quality.FRESH,
+        Quality.LATE,
+        Quality.MISSING,
+        Quality.INVALID,
+        Quality.EMERGENCY,
+        Quality.BUS_ERROR,
+    )
     _require(bool(np.isin(samples.quality, allowed).all()), f"quality {samples.quality} is not a driver's to give")
     fresh = samples.quality == Quality.FRESH
     _require(bool(np.isfinite(samples.raw[fresh]).all()), "a fresh value is not finite")
-    nothing = np.isin(samples.quality, [Quality.MISSING, Quality.BUS_ERROR])
+    nothing = np.isin(samples.quality, [Quality.MISSING, Quality.INVALID, Quality.BUS_ERROR])
     _require(bool(np.isnan(samples.raw[nothing]).all()), "a value where nothing came")
     _require(bool((samples.cycles_ago >= 0).all()), "a value from a cycle to come")
 

@@ -1,100 +1,32 @@
 """Modbus drivers: one block read per unit and cycle, right after SYNC was sent on the buses that have one.
 
-Modbus TCP has a connection and a thread per unit, so that a silent unit delays nobody else; a serial line is shared,
-so there one thread asks unit after unit, and a silent one is asked ever more rarely.
+Modbus TCP has a connection and a thread per unit, so that a silent unit delays nobody else. A serial line, and a
+gateway that allows one connection, are shared: there one thread asks unit after unit, the living first, and a silent
+one ever more rarely. A unit that needs longer than a cycle is asked again when it has answered: its values come at its
+own rate, with their age.
 """
 
 from __future__ import annotations
 
 import threading
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import replace
 
 import numpy as np
 
 from daq import wire
-from daq.drivers.base import DeviceStatus, DriverContext, DriverStatistics, Samples, nothing
-from daq.drivers.modbus_client import DEVICE_FAILURE, EXCEPTIONS, Answer, ModbusConnection
+from daq.drivers.base import DeviceStatus, DriverContext, DriverStatistics, Problem, Samples, nothing
+from daq.drivers.modbus_client import DEVICE_FAILURE, Answer, ModbusConnection
+from daq.drivers.modbus_unit import Block, Reading, Unit, gap_is_to_blame
 from daq.machine_file import Channel, ModbusRtuBus, ModbusSource, ModbusTcpBus
 from daq.quality import Quality
 
 NS = 1_000_000_000
-BLOCK_REGISTERS = 125  # the most that one read may ask for (Modbus application protocol V1.1b3, 6.3)
-BACK_OFF_S = (0.0, 0.0, 0.5, 1.0, 2.0, 5.0)  # after so many failures in a row
+BACK_OFF_S = (0.0, 0.0, 0.25, 0.5, 1.0)  # after so many failures in a row
 MISSES_TOLERATED = 3
-
-
-@dataclass(frozen=True)
-class Block:
-    """Registers that one request reads, and where their channels are in it: (position, first register, source)."""
-
-    table: str
-    address: int
-    count: int
-    members: tuple[tuple[int, int, ModbusSource], ...]
-
-
-def blocks(channels: Sequence[tuple[int, Channel]]) -> tuple[Block, ...]:
-    """The fewest blocks that cover one unit's channels: one per table, more only if it spans over 125 registers."""
-    found: list[Block] = []
-    for table in ("holding", "input"):
-        members = sorted(
-            (
-                (position, channel.source)
-                for position, channel in channels
-                if isinstance(channel.source, ModbusSource) and channel.source.table == table
-            ),
-            key=lambda member: member[1].register_,
-        )
-        group: list[tuple[int, ModbusSource]] = []
-        for member in members:
-            end = member[1].register_ + wire.registers(member[1].data_type)
-            if group and end - group[0][1].register_ > BLOCK_REGISTERS:
-                found.append(_block(table, group))
-                group = []
-            group.append(member)
-        if group:
-            found.append(_block(table, group))
-    return tuple(found)
-
-
-def _block(table: str, group: Sequence[tuple[int, ModbusSource]]) -> Block:
-    start = group[0][1].register_
-    end = max(source.register_ + wire.registers(source.data_type) for _, source in group)
-    members = tuple((position, source.register_ - start, source) for position, source in group)
-    return Block(table, start, end - start, members)
-
-
-class Unit:
-    """One Modbus unit: its blocks, its last answers, and how it is doing.
-
-    Answers are kept by the polling thread and taken by the collecting one, both under the poller's lock.
-    """
-
-    def __init__(self, number: int, place: str, channels: Sequence[tuple[int, Channel]]) -> None:
-        self.number = number
-        self.place = place
-        self.blocks = blocks(channels)
-        self.positions = tuple(position for position, _ in channels)
-        self.state, self.detail = "commissioning", ""
-        self.failures = 0
-        self.not_before_ns = 0
-        self.cycle = -1  # of the answers
-        self.taken = -1
-        self.answers: tuple[Answer, ...] = ()
-        self.sampled_ns = 0
-        self.requests = self.timeouts = self.exceptions = 0
-
-    def problem(self, answers: Sequence[Answer]) -> str | None:
-        """One line about what is wrong with the answers, or None."""
-        for block, answer in zip(self.blocks, answers, strict=False):
-            registers = f"{block.table} registers {block.address} to {block.address + block.count - 1}"
-            if answer.failure is not None:
-                return f"{self.place}: {answer.failure} ({registers}); check its power, address and cable"
-            if answer.exception is not None:
-                meaning = EXCEPTIONS.get(answer.exception, "unknown")
-                return f"{self.place}: exception {answer.exception} ({meaning}) for {registers}; see its manual"
-        return None
+#: Of the time of a line that several units share, silent ones may have a tenth: after each that was asked comes a pause
+#: of nine time-outs.
+SILENT_SHARE = 9
 
 
 class Poller:
@@ -106,10 +38,11 @@ class Poller:
         self.done = threading.Event()
         self.lock = threading.Lock()
         self._context = context
+        self._rate_hz = context.rate_hz or 1.0 / context.period_s
         self._go = threading.Event()
         self._stopping = False
-        self._requested = -1
-        self._sync_ns = 0
+        self._requested = (-1, 0)  # cycle and its SYNC
+        self._silent_after_ns = 0
         self._thread: threading.Thread | None = None
 
     def start(self, name: str) -> None:
@@ -119,13 +52,13 @@ class Poller:
 
     def trigger(self, cycle: int, now_ns: int) -> None:
         """Ask for a round of reads; a round that is still under way (a time-out) is not joined by a second one."""
-        self._requested, self._sync_ns = cycle, now_ns
+        self._requested = (cycle, now_ns)
         self.done.clear()
         self._go.set()
 
     def patience(self) -> bool:
-        """Whether its round is worth waiting for: some unit answered lately."""
-        return any(unit.failures < MISSES_TOLERATED for unit in self.units)
+        """Whether its round is worth waiting for: some unit answered lately, and in time."""
+        return any(unit.failures < MISSES_TOLERATED and not unit.slow for unit in self.units)
 
     def _run(self) -> None:
         while True:
@@ -133,37 +66,78 @@ class Poller:
             self._go.clear()
             if self._stopping:
                 return
-            cycle = self._requested
-            for unit in self.units:
-                if self._context.monotonic_ns() >= unit.not_before_ns:
-                    self.poll(unit, cycle)
-            if cycle == self._requested:
+            cycle, sync_ns = self._requested
+            for unit in sorted(self.units, key=lambda unit: unit.failures):
+                if self._may_ask(unit):
+                    try:
+                        self.poll(unit, cycle, sync_ns)
+                    except Exception as error:  # a frame that nobody thought of costs this answer, not the thread
+                        self._failed(unit, f"{unit.place}: reading it broke ({type(error).__name__}: {error})")
+            if cycle == self._requested[0]:
                 self.done.set()
 
-    def poll(self, unit: Unit, cycle: int) -> None:
-        """Read all blocks of a unit and keep the answers."""
-        before = self._context.monotonic_ns()
-        answers: list[Answer] = []
-        for block in unit.blocks:
-            answers.append(self.connection.read(unit.number, block.table, block.address, block.count))
-            if answers[-1].failure is not None:
-                break  # its other blocks would time out as well
-        after = self._context.monotonic_ns()
-        failed = answers[-1].failure is not None
-        problem = unit.problem(answers)
+    def _may_ask(self, unit: Unit) -> bool:
+        now = self._context.monotonic_ns()
+        if now < unit.not_before_ns or self._stopping:
+            return False
+        return len(self.units) == 1 or unit.failures < MISSES_TOLERATED or now >= self._silent_after_ns
+
+    def poll(self, unit: Unit, cycle: int, sync_ns: int = 0) -> None:
+        """Read the blocks of a unit that are due and keep the answers."""
+        began = self._context.monotonic_ns()
+        problem = ""
+        due = unit.due(cycle)
+        if not due:
+            return
+        for block in due:
+            before = self._context.monotonic_ns()
+            answer = self.connection.read(unit.number, block.table, block.address, block.count)
+            after = self._context.monotonic_ns()
+            problem = problem or unit.problem(block, answer) or ""
+            if answer.failure is not None:
+                unit.requests += 1
+                self._failed(unit, problem)
+                return  # its other blocks would time out as well
+            with self.lock:
+                self._keep(unit, block, Reading(answer, cycle, sync_ns, (before + after) // 2, block.asked + 1))
+        ended = self._context.monotonic_ns()
         with self.lock:
-            if failed:
-                unit.failures += 1
-                pause = BACK_OFF_S[min(unit.failures, len(BACK_OFF_S) - 1)]
-                unit.not_before_ns = after + round(pause * NS)
-                unit.timeouts += 1
-            else:
-                unit.failures, unit.not_before_ns = 0, 0
-                unit.answers, unit.cycle, unit.sampled_ns = tuple(answers), cycle, (before + after) // 2
-            unit.requests += len(answers)
-            unit.exceptions += sum(answer.exception is not None for answer in answers)
-            unit.detail = problem or ""
-            unit.state = "running" if problem is None else ("silent" if failed else "failed")
+            unit.failures, unit.not_before_ns = 0, 0
+            unit.took(max(1, self._requested[0] - cycle + (self._requested[0] > cycle)), (ended - began) / 1e6)
+            any_good = any(block.reading is not None and block.reading.answer.good for block in unit.blocks)
+            self._is(unit, "running" if any_good else "failed", problem)
+
+    def _keep(self, unit: Unit, block: Block, reading: Reading) -> None:
+        unit.requests += 1
+        block.asked = reading.ordinal
+        if not reading.answer.good:
+            unit.exceptions += 1
+            if gap_is_to_blame(reading.answer) and unit.split(block):
+                return
+        elif block.rate_hz is not None:
+            block.next_cycle = reading.cycle + max(1, round(self._rate_hz / block.rate_hz))
+        block.reading = reading
+
+    def _failed(self, unit: Unit, problem: str) -> None:
+        now = self._context.monotonic_ns()
+        with self.lock:
+            unit.failures += 1
+            unit.timeouts += 1
+            pause = BACK_OFF_S[min(unit.failures, len(BACK_OFF_S) - 1)]
+            unit.not_before_ns = now + round(pause * NS)
+            if unit.failures >= MISSES_TOLERATED:
+                self._silent_after_ns = now + round(SILENT_SHARE * self.connection.timeout_s * NS)
+            self._is(unit, "silent", problem)
+
+    def _is(self, unit: Unit, state: str, problem: str) -> None:
+        events = self._context.events
+        if state != "running" and not unit.away:
+            events.begin(unit.name, state, problem)
+            unit.away, unit.cause = state, problem
+        elif state == "running" and unit.away:
+            seconds = events.end(unit.name, unit.away) or 0.0
+            unit.away, unit.cause = "", f"{unit.cause} (it was away for {seconds:.1f} s)"
+        unit.state, unit.detail = state, problem
 
     def stop(self) -> None:
         """End the thread and close the connection."""
@@ -182,6 +156,7 @@ class _ModbusDriver:
         self._context = context
         self._names = tuple(channel.name for channel in channels)
         self._timeout = max(bus.timeout_s, context.patience_s)
+        self._rate_hz = context.rate_hz or 1.0 / context.period_s
         grouped: dict[int, list[tuple[int, Channel]]] = {}
         for position, channel in enumerate(channels):
             assert isinstance(channel.source, ModbusSource)
@@ -190,7 +165,9 @@ class _ModbusDriver:
             Unit(
                 number,
                 f"bus '{bus.name}' unit {number} ({', '.join(c.name for _, c in members[:3])})",
+                f"{bus.name}/unit {number}",
                 members,
+                bus.maximum_gap,
             )
             for number, members in grouped.items()
         ]
@@ -209,21 +186,27 @@ class _ModbusDriver:
         return self._names
 
     def start(self) -> tuple[str, ...]:
-        """Connect, and read every unit once."""
-        problems = []
+        """Connect to all side by side, and read every unit once."""
         for group in self._groups():
-            connection = ModbusConnection(self._bus, self._timeout)
-            poller = Poller(connection, group, self._context)
-            self._pollers.append(poller)
-            for unit in group:
-                poller.poll(unit, -1)
-                if unit.detail:
-                    poller.poll(unit, -1)  # a first request may meet a gateway that is just opening its line
-                if unit.detail:
-                    problems.append(unit.detail)
+            self._pollers.append(Poller(ModbusConnection(self._bus, self._timeout), group, self._context))
         for number, poller in enumerate(self._pollers):
             poller.start(f"modbus-{self._bus.name}-{number}")
-        return tuple(problems)
+        allowed = self._context.start_s
+        deadline = None if allowed is None else self._context.monotonic_ns() + round(allowed * NS)
+        for attempt in (-2, -1):  # a first request may meet a gateway that is just opening its line
+            for poller in self._pollers:
+                if attempt == -2 or any(unit.detail for unit in poller.units):
+                    poller.trigger(attempt, self._context.monotonic_ns())
+            for poller in self._pollers:
+                left = None if deadline is None else max(0.0, (deadline - self._context.monotonic_ns()) / NS)
+                poller.done.wait(left)
+        for unit in self._units:
+            unit.forget()
+        return tuple(
+            Problem(unit.detail or f"{unit.place}: has not answered yet; check its power", unit.lost())
+            for unit in self._units
+            if unit.detail or unit.state == "commissioning"
+        )
 
     def trigger(self, cycle: int) -> None:
         """Start a round of reads."""
@@ -233,50 +216,66 @@ class _ModbusDriver:
 
     def collect(self, until_ns: int) -> Samples:
         """Registers of this cycle, as soon as all units that are alive have answered."""
-        samples = nothing(len(self._names))
+        samples = replace(nothing(len(self._names)), interval=np.ones(len(self._names)))
         for poller in self._pollers:
             remaining = (until_ns - self._context.monotonic_ns()) / NS
             if remaining > 0 and poller.patience():
                 poller.done.wait(remaining)
             with poller.lock:
                 for unit in poller.units:
-                    self._take(unit, samples)
+                    for block in unit.blocks:
+                        self._take(unit, block, samples)
         return samples
 
-    def _take(self, unit: Unit, samples: Samples) -> None:
-        ago = self._cycle - unit.cycle
-        if unit.cycle < 0 or ago > 1 or unit.taken == unit.cycle:
-            self._counts["missing"] += 1
+    def _take(self, unit: Unit, block: Block, samples: Samples) -> None:
+        every = 1.0 if block.rate_hz is None else max(1.0, self._rate_hz / block.rate_hz)
+        interval = max(every, unit.cycles)
+        assert samples.interval is not None
+        for position, _, _ in block.members:
+            samples.interval[position] = interval
+        reading = block.reading
+        if reading is None or reading.ordinal <= block.taken:
+            if interval == 1.0:
+                self._counts["missing"] += 1
             return
-        self._counts["late"] += ago
-        unit.taken = unit.cycle
-        for block, answer in zip(unit.blocks, unit.answers, strict=False):
-            for position, offset, source in block.members:
-                samples.cycles_ago[position] = ago
-                if answer.exception is not None:
-                    failure = answer.exception == DEVICE_FAILURE
-                    samples.quality[position] = Quality.EMERGENCY if failure else Quality.MISSING
-                    continue
-                words = list(answer.registers[offset : offset + wire.registers(source.data_type)])
-                value = wire.from_registers(source.data_type, words, source.word_order)
-                samples.after_sync_s[position] = (unit.sampled_ns - self._sync_ns) / NS if ago == 0 else 0.0
-                if np.isfinite(value):
-                    samples.raw[position] = value
-                    samples.quality[position] = Quality.FRESH
-                else:
-                    self._counts["not_a_number"] += 1
-                    samples.quality[position] = Quality.OUT_OF_RANGE
+        block.taken = reading.ordinal
+        ago = self._cycle - reading.cycle
+        self._counts["late"] += ago > 0
+        for position, offset, source in block.members:
+            samples.cycles_ago[position] = ago
+            samples.after_sync_s[position] = (reading.sampled_ns - reading.sync_ns) / NS
+            self._value(reading.answer, position, offset, source, samples)
+
+    def _value(self, answer: Answer, position: int, offset: int, source: ModbusSource, samples: Samples) -> None:
+        if answer.exception is not None:
+            failure = answer.exception == DEVICE_FAILURE
+            samples.quality[position] = Quality.EMERGENCY if failure else Quality.MISSING
+            return
+        words = list(answer.registers[offset : offset + wire.registers(source.data_type)])
+        value = wire.from_registers(source.data_type, words, source.word_order, source.byte_order)
+        if np.isfinite(value):
+            samples.raw[position] = value
+            samples.quality[position] = Quality.FRESH
+        else:
+            self._counts["not_a_number"] += 1
+            samples.quality[position] = Quality.INVALID
 
     def statistics(self) -> DriverStatistics:
         """State of every unit, and counters since the start."""
-        devices = tuple(DeviceStatus(f"unit {u.number}", u.state, u.detail) for u in self._units)
+        devices = tuple(
+            DeviceStatus(f"unit {u.number}", u.state, u.detail or u.slowness(self._rate_hz) or u.cause)
+            for u in self._units
+        )
         counts = {
             "requests": sum(unit.requests for unit in self._units),
             "timeouts": sum(unit.timeouts for unit in self._units),
             "exceptions": sum(unit.exceptions for unit in self._units),
+            "slow_units": sum(unit.slow for unit in self._units),
             **self._counts,
         }
-        return DriverStatistics(self._bus.name, devices, counts)
+        down = all(unit.state == "silent" for unit in self._units)
+        line = f"bus '{self._bus.name}': no unit answers; check gateway or interface, and cable" if down else ""
+        return DriverStatistics(self._bus.name, devices, counts, "down" if down else "active", line)
 
     def stop(self) -> None:
         """Close all connections."""
@@ -286,10 +285,11 @@ class _ModbusDriver:
 
 
 class ModbusTcpDriver(_ModbusDriver):
-    """Modbus TCP transmitters (see :class:`daq.drivers.base.Driver`); a connection per unit."""
+    """Modbus TCP transmitters (see :class:`daq.drivers.base.Driver`); a connection per unit, or one for all."""
 
     def _groups(self) -> list[list[Unit]]:
-        return [[unit] for unit in self._units]
+        shared = isinstance(self._bus, ModbusTcpBus) and self._bus.connections == "shared"
+        return [self._units] if shared else [[unit] for unit in self._units]
 
 
 class ModbusRtuDriver(_ModbusDriver):

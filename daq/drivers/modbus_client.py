@@ -7,17 +7,23 @@ from __future__ import annotations
 
 import contextlib
 import logging
+import select
+import socket
+import struct
+import time
 from dataclasses import dataclass
 from typing import Any
 
 from pymodbus.client import ModbusSerialClient, ModbusTcpClient
 from pymodbus.exceptions import ModbusException
+from pymodbus.framer import FramerType
 from pymodbus.pdu import ExceptionResponse
 
 from daq.errors import BusError
 from daq.machine_file import ModbusRtuBus, ModbusTcpBus
 
-DEVICE_FAILURE = 4  # exception codes (Modbus application protocol V1.1b3, section 7)
+ILLEGAL_ADDRESS, DEVICE_FAILURE = 2, 4  # exception codes (Modbus application protocol V1.1b3, section 7)
+HOLDING, INPUT = 3, 4  # function codes
 EXCEPTIONS = {
     1: "illegal function",
     2: "illegal register address",
@@ -38,23 +44,36 @@ class Answer:
     exception: int | None = None
     failure: str | None = None
 
+    @property
+    def good(self) -> bool:
+        """Whether it brought registers."""
+        return self.exception is None and self.failure is None
+
 
 class ModbusConnection:
     """A connection, opened when it is needed and closed after everything but a good answer.
 
-    Closing is what makes the next answer trustworthy: after a time-out the late answer to the old request would
-    otherwise be taken for that to the new one (RTU has no transaction numbers, and gateways mix them up).
+    RTU has no transaction numbers, and gateways mix them up: after a time-out the late answer to the old request could
+    be taken for that to the new one. Three things keep that from happening. On a serial line a request follows only
+    after the silent interval, and what came unasked before it is dropped. A unit that timed out is asked at first for
+    one register less (for two, where it is one): an answer to the old request then has a length that does not fit, and
+    answers come in order, so once the other length is there, or an exception, all older ones are gone.
     """
 
     def __init__(self, bus: ModbusTcpBus | ModbusRtuBus, timeout_s: float) -> None:
         # It logs every time-out as an error; what matters is in the answer.
         logging.getLogger("pymodbus").setLevel(logging.CRITICAL)
         self._client: Any
+        self.timeout_s = timeout_s
+        self._silence = 0.0
+        self._spoke = 0.0
+        self._doubtful: set[int] = set()
         if isinstance(bus, ModbusTcpBus):
             self.place = f"{bus.host}:{bus.port}"
             self._client = ModbusTcpClient(
                 bus.host,
                 port=bus.port,
+                framer=FramerType.RTU if bus.framing == "rtu" else FramerType.SOCKET,
                 timeout=timeout_s,
                 retries=0,
                 reconnect_delay=0.1,
@@ -62,6 +81,8 @@ class ModbusConnection:
             )
         else:
             self.place = bus.port
+            # Modbus over serial line V1.02, 2.5.1.1: 3.5 characters of 11 bits; above 19200 baud 1.75 ms.
+            self._silence = max(3.5 * 11 / bus.baudrate, 0.00175)
             self._client = ModbusSerialClient(
                 bus.port,
                 baudrate=bus.baudrate,
@@ -83,15 +104,37 @@ class ModbusConnection:
             raise BusError(f"{self.place} cannot be opened; check address and cable, and that the device is on")
 
     def read(self, unit: int, table: str, address: int, count: int) -> Answer:
-        """One block of registers; never raises, never longer than the time-out (twice, if it has to connect)."""
+        """One block of registers; never raises, and takes no longer than three time-outs."""
+        if unit in self._doubtful:
+            # An exception is an answer as well; one that was late itself puts a wrong length under the next request.
+            probe = self._ask(unit, table, address, count - 1 if count > 1 else 2)
+            if probe.failure is not None:
+                return probe
+            self._doubtful.discard(unit)
+        answer = self._ask(unit, table, address, count)
+        if answer.failure is not None:
+            self._doubtful.add(unit)
+        return answer
+
+    def _ask(self, unit: int, table: str, address: int, count: int) -> Answer:
         try:
             if not self._client.connect():
                 return Answer(failure=f"{self.place} cannot be reached")
+            self._drop()
+            pause = self._spoke + self._silence - time.monotonic()
+            if pause > 0:
+                time.sleep(pause)
             function = self._client.read_holding_registers if table == "holding" else self._client.read_input_registers
             response = function(address, count=count, device_id=unit)
-        except (ModbusException, OSError, ValueError) as error:
-            self.close()
+        except (ModbusException, OSError, ValueError, struct.error, IndexError, TypeError, AttributeError) as error:
+            self.close()  # the last four are what pymodbus makes of frames that contradict themselves
             return Answer(failure=_reason(error))
+        finally:
+            self._spoke = time.monotonic()
+        expected = HOLDING if table == "holding" else INPUT
+        if response.function_code & 0x7F != expected:
+            self.close()
+            return Answer(failure=f"answers with function {response.function_code} instead of {expected}")
         if isinstance(response, ExceptionResponse):
             return Answer(exception=int(response.exception_code))
         registers = getattr(response, "registers", None)
@@ -99,6 +142,15 @@ class ModbusConnection:
             self.close()
             return Answer(failure=f"answers with {len(registers or ())} of {count} registers")
         return Answer(registers=tuple(registers))
+
+    def _drop(self) -> None:
+        """Throw away what came and nobody asked for."""
+        with contextlib.suppress(OSError, ValueError, TypeError):
+            while select.select([self._client.socket], [], [], 0.0)[0]:
+                line = self._client.socket
+                if not (line.recv(4096) if isinstance(line, socket.socket) else line.read(line.in_waiting or 1)):
+                    self.close()  # the other end has closed it; pymodbus opens it again
+                    return
 
     def close(self) -> None:
         """Close the connection; the next read opens it again."""

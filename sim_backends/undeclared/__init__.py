@@ -7,7 +7,7 @@ import math
 from dataclasses import dataclass
 
 from daq.errors import InputError
-from daq.linkages import ThreePin
+from daq.linkages import ThreePin, reduced
 from daq.machine_file import Machine
 from sim_backends.undeclared import forces, friction, mounting, outside, sensing
 from sim_backends.undeclared.base import Block, Place, Readings, UndeclaredEffect
@@ -68,6 +68,6 @@ def check_spec(spec: EffectSpec, machine: Machine) -> EffectSpec:
     cylinder = machine.joint(spec.joint).cylinder
     if effect.needs_cylinder and cylinder is None:
         raise InputError(f"undeclared {spec.id}: {spec.joint} has no cylinder; choose a joint that has one")
-    if effect.needs_three_pin and not (cylinder is not None and isinstance(cylinder.linkage, ThreePin)):
+    if effect.needs_three_pin and not (cylinder is not None and isinstance(reduced(cylinder.linkage), ThreePin)):
         raise InputError(f"undeclared {spec.id}: {spec.joint} has no three-pin linkage; choose a joint that has one")
     return spec

@@ -34,6 +34,7 @@ buses:
   type: canopen
   interface: virtual
   channel: {channel}
+  listen_s: 0
   nodes:
   - {{node: 5, device_type: 0x00080194, vendor_id: 0x2A, product_code: 7, boot_up_s: 0.2}}
   - {{node: 6, heartbeat_ms: 50, boot_up_s: 0.2, settings: {{"0x61A1:1 uint16": 3}}}}

@@ -9,6 +9,7 @@ import queue
 import struct
 import threading
 import time
+from collections import deque
 from dataclasses import dataclass, field
 
 import can
@@ -48,12 +49,18 @@ class FakeNode:
     refused: set[tuple[int, int]] = field(default_factory=set)
     boots_by_itself: bool = True
     holding: bool = False  # keeps its TPDOs back until they are let go one by one
+    lag: int = 0  # SYNCs by which its TPDOs come too late
+    lose: int = 0  # TPDOs that get lost
+    heartbeats: bool = True
+    numbered: tuple[int, int] | None = None  # an object that counts the SYNCs, as uint32
+    babble: bytes | None = None  # instead of every SDO answer
 
     def __post_init__(self) -> None:
         self.log: list[tuple[int, int, bytes]] = []
         self.commands: list[int] = []
         self.syncs = 0
         self.held: queue.Queue[tuple[int, bytes]] = queue.Queue()
+        self.delayed: deque[tuple[int, int, bytes]] = deque()  # to be sent at which SYNC
         self.state = PRE_OPERATIONAL
         self.operational = threading.Event()
         self.bus = can.Bus(interface="virtual", channel=self.channel)
@@ -102,20 +109,29 @@ class FakeNode:
             period = struct.unpack("<H", self.objects[0x1017, 0])[0] / 1000
             if period and time.monotonic() >= next_heartbeat:
                 next_heartbeat = time.monotonic() + period
-                self._send(0x700 + self.node, bytes((self.state,)))
+                if self.heartbeats:
+                    self._send(0x700 + self.node, bytes((self.state,)))
             if message is not None and not message.is_error_frame:
                 self._handle(message.arbitration_id, bytes(message.data))
 
     def _handle(self, cob_id: int, data: bytes) -> None:
-        if cob_id == 0 and data[1] in (0, self.node):
+        if cob_id == 0 and len(data) == 2 and data[1] in (0, self.node):
             self.commands.append(data[0])
             self.state = {1: OPERATIONAL, 2: STOPPED, 0x80: PRE_OPERATIONAL}[data[0]]
             (self.operational.set if self.state == OPERATIONAL else self.operational.clear)()
         elif cob_id == 0x80:
             self.syncs += 1
+            if self.numbered is not None:
+                self.objects[self.numbered] = struct.pack("<I", self.syncs)
             if self.state == OPERATIONAL:
                 self._send_tpdos()
-        elif cob_id == 0x600 + self.node and self.state != STOPPED:
+            while self.delayed and (self.delayed[0][0] <= self.syncs or not self.lag):
+                _, *frame = self.delayed.popleft()
+                if self.lose:
+                    self.lose -= 1
+                else:
+                    self._send(*frame)
+        elif cob_id == 0x600 + self.node and len(data) == 8 and self.state != STOPPED:
             self._sdo(data)
 
     def _send_tpdos(self) -> None:
@@ -130,8 +146,8 @@ class FakeNode:
             frame = (cob_id & 0x7FF, data[: len(data) - self.truncate])
             if self.holding:
                 self.held.put(frame)
-            else:
-                self._send(*frame)
+                continue
+            self.delayed.append((self.syncs + self.lag, *frame))
 
     def _sdo(self, data: bytes) -> None:
         command, index, subindex = struct.unpack_from("<BHB", data)
@@ -149,4 +165,6 @@ class FakeNode:
             if key not in self.frozen:
                 self.objects[key] = value
             answer = struct.pack("<BHBI", 0x60, index, subindex, 0)
+        if self.babble is not None:
+            answer = self.babble
         self._send(0x580 + self.node, answer)

@@ -27,12 +27,14 @@ class FakeSerialModbus:
 
     units: dict[int, dict[int, int]]
     silent: set[int] = field(default_factory=set)
+    hold: int = 0  # answers that are kept back: each is sent when the next request comes, before its own answer
 
     def __post_init__(self) -> None:
         self._master, self._slave = pty.openpty()  # the slave side stays open: a reader never sees the line end
         tty.setraw(self._slave)
         self.port = os.ttyname(self._slave)
         self.requests: list[int] = []
+        self.held: list[bytes] = []
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, daemon=True)
         self._thread.start()
@@ -59,6 +61,19 @@ class FakeSerialModbus:
         self.requests.append(unit)
         if crc(request[:6]) != request[6:] or unit in self.silent or unit not in self.units:
             return
-        words = [self.units[unit][address + i] for i in range(count)]
-        body = struct.pack(f">BBB{count}H", unit, function, 2 * count, *words)
-        os.write(self._master, body + crc(body))
+        if all(address + i in self.units[unit] for i in range(count)):
+            words = [self.units[unit][address + i] for i in range(count)]
+            body = struct.pack(f">BBB{count}H", unit, function, 2 * count, *words)
+        else:
+            body = bytes((unit, function | 0x80, 2))
+        self.let_go()
+        if self.hold:
+            self.hold -= 1
+            self.held.append(body + crc(body))
+        else:
+            os.write(self._master, body + crc(body))
+
+    def let_go(self) -> None:
+        """Send what is kept back."""
+        while self.held:
+            os.write(self._master, self.held.pop(0))

@@ -19,11 +19,15 @@ class FakeModbus:
     exceptions: dict[int, int] = field(default_factory=dict)
     short: set[int] = field(default_factory=set)  # units that answer with one register less
     delay_s: float = 0.0  # before every answer
+    function: int | None = None  # instead of the one that was asked for
+    one_at_a_time: bool = False  # refuses a second connection
+    gates: dict[int, threading.Semaphore] = field(default_factory=dict)  # of a unit: lets its answers through
     fixed_port: int = 0
 
     def __post_init__(self) -> None:
         self.requests: list[tuple[int, int, int, int]] = []  # unit, function, address, count
         self.asked = threading.Condition()
+        self.refused = 0
         self._socket = socket.create_server(("127.0.0.1", self.fixed_port))
         self.port = self._socket.getsockname()[1]
         self._connections: list[socket.socket] = []
@@ -47,6 +51,10 @@ class FakeModbus:
                 connection, _ = self._socket.accept()
             except OSError:
                 return
+            if self.one_at_a_time and any(c.fileno() >= 0 for c in self._connections):
+                connection.close()
+                self.refused += 1
+                continue
             self._connections.append(connection)
             thread = threading.Thread(target=self._serve, args=(connection,), daemon=True)
             self._threads.append(thread)
@@ -62,10 +70,14 @@ class FakeModbus:
                     self.asked.notify_all()
                 body = self._answer(unit, function, address, count)
                 time.sleep(self.delay_s)
+                if unit in self.gates:
+                    self.gates[unit].acquire()
                 if body is not None:
                     connection.sendall(struct.pack(">HHHB", transaction, 0, 1 + len(body), unit) + body)
         except (OSError, struct.error):
             return
+        finally:
+            connection.close()
 
     def _answer(self, unit: int, function: int, address: int, count: int) -> bytes | None:
         if unit in self.silent:
@@ -78,7 +90,7 @@ class FakeModbus:
         if any(address + i not in registers for i in range(count)):
             return bytes((function | 0x80, 2))
         words = [registers[address + i] for i in range(count)][: count - (unit in self.short)]
-        return struct.pack(f">BB{len(words)}H", function, 2 * len(words), *words)
+        return struct.pack(f">BB{len(words)}H", self.function or function, 2 * len(words), *words)
 
 
 def float_registers(values: dict[int, float]) -> dict[int, int]:
@@ -87,3 +99,8 @@ def float_registers(values: dict[int, float]) -> dict[int, int]:
     for address, value in values.items():
         registers[address], registers[address + 1] = struct.unpack(">HH", struct.pack(">f", value))
     return registers
+
+
+def bench_registers() -> dict[int, dict[int, int]]:
+    """Registers of the units of the bench machine: head 50 bar, angle 0.3 rad; rod 20.5 bar."""
+    return {1: float_registers({2: 50.0, 4: 0.0, 6: 0.3}), 2: {4: 215}}

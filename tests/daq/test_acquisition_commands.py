@@ -54,23 +54,27 @@ def test_machine_check(machine_file: Path) -> None:
     assert "a valid machine file" in out
     code, out, _ = run("machine", "check", machine_file, "--json")
     assert code == 0
-    assert json.loads(out) == {
+    content = json.loads(out)
+    assert content["findings"] == []
+    assert [joint["joint"] for joint in content["travel"]] == ["j1"]
+    assert {key: content[key] for key in ("name", "rate_hz", "joints", "cylinders", "channels", "buses")} == {
         "name": "bench",
         "rate_hz": 50.0,
         "joints": 1,
         "cylinders": 1,
         "channels": 5,
         "buses": [],
-        "can_be_acquired": False,
     }
+    assert content["can_be_acquired"] is False
 
 
-def test_machine_check_says_what_is_wrong_in_one_line(machine_file: Path) -> None:
+def test_machine_check_says_all_that_is_wrong_in_one_line_each(machine_file: Path) -> None:
     machine_file.write_text(plain().replace("bore", "boer"))
     code, out, err = run("machine", "check", machine_file)
     assert (code, out) == (2, "")
-    assert err.count("\n") == 1
-    assert err.startswith(f"hilfit: {machine_file}:10: joints[0].cylinder.boer: unknown key; did you mean 'bore'?")
+    first, second = err.splitlines()
+    assert first.startswith(f"hilfit: {machine_file}:10: joints[0].cylinder.boer: unknown key; did you mean 'bore'?")
+    assert "joints[0].cylinder.bore: this key is missing" in second
 
 
 def test_machine_schema() -> None:
@@ -105,10 +109,14 @@ def test_export_refuses_unknown_kinds(recording: Path, tmp_path: Path, output: s
 
 def test_recover_says_what_it_did(tmp_path: Path) -> None:
     assert run("recover", tmp_path) == (0, f"{tmp_path}: nothing to recover\n", "")
-    (tmp_path / "x.parquet.journal").touch()
+    stranger = tmp_path / "x.parquet.journal"
+    stranger.write_bytes(b"somebody else's")
     code, out, _ = run("recover", tmp_path, "--json")
     assert code == 0
-    assert json.loads(out) == [{"journal": str(tmp_path / "x.parquet.journal"), "file": None, "rows": 0}]
+    (found,) = json.loads(out)
+    assert (found["journal"], found["file"], found["left"]) == (str(stranger), None, "is no journal of hilfit")
+    assert run("recover", tmp_path)[1] == f"{stranger}: left as it is: is no journal of hilfit\n"
+    assert stranger.read_bytes() == b"somebody else's"
     code, _, err = run("recover", tmp_path / "nowhere")
     assert code == 2 and "no such directory" in err
 
@@ -144,6 +152,30 @@ def test_record_fails_in_one_line_when_a_device_is_gone(bench: tuple[Path, FakeM
     assert code == 1
     assert "unit 1" in err and "(and 1 more)" in err and err.count("\n") == 1
     assert not output.exists()
+
+
+@pytest.mark.slow
+def test_record_begins_with_what_is_there(bench: tuple[Path, FakeModbus], tmp_path: Path) -> None:
+    machine_file, server = bench
+    server.silent.add(2)  # j1.rod
+    order = ("record", machine_file, "--role", "operation", "--seconds", 0.4)
+    code, _, err = run(*order, "-o", tmp_path / "a.parquet", "--require", "j1.rod")
+    assert code == 1 and "unit 2 (j1.rod)" in err and err.count("\n") == 1
+    code, _, err = run(*order, "-o", tmp_path / "a.parquet", "--require", "j1.red")
+    assert code == 2 and "no channel 'j1.red'; did you mean 'j1.rod'?" in err
+    for number, options in enumerate((("--require", "j1.head"), ("--allow-missing",))):
+        output = tmp_path / f"{number}.parquet"
+        code, out, err = run(*order, "-o", output, *options, "--json")
+        assert code == 0, err
+        table = read_table(output)
+        assert np.isfinite(table.columns["j1.head"]).any() and np.isnan(table.columns["j1.rod"]).all()
+        ledger = json.loads(table.metadata["hilfit.ledger"])
+        assert ledger == json.loads(out)["recording"]["ledger"]
+        for channel in ledger.values():
+            assert channel["produced"] == channel["stored"] + sum(channel["dropped"].values()) == 20
+        assert ledger["j1.rod"] == {"produced": 20, "stored": 0, "dropped": {"bus: nothing came": 20}}
+        (event,) = json.loads(table.metadata["hilfit.events"])
+        assert (event["device"], event["what"], event["seconds"]) == ("mb/unit 2", "silent", None)
 
 
 @pytest.mark.slow

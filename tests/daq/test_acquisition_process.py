@@ -4,17 +4,21 @@ from __future__ import annotations
 
 import os
 import signal
+import struct
 import threading
 import time
+import uuid
 from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
-from bench_machines import modbus, plain
+from bench_machines import modbus, plain, socketcand
+from canopen_test_node import FakeNode
 from modbus_test_server import FakeModbus, float_registers
+from socketcand_test_hub import TestHub
 
-from daq import AcquisitionError, Machine, MachineFileError, Quality, parse_machine
+from daq import AcquisitionError, InputError, Machine, MachineFileError, Quality, parse_machine
 from daq.acquisition import AcquisitionProcess
 from daq.acquisition_child import request_fifo
 from daq.channels import channel_table
@@ -186,11 +190,53 @@ def test_devices_that_are_not_there_are_named(server: FakeModbus) -> None:
     assert any("unit 2" in line for line in warnings)
 
 
+@pytest.mark.slow
+def test_a_bus_that_is_down_at_the_start_costs_only_itself(server: FakeModbus) -> None:
+    """The gateway of the CAN bus is off; later it comes back at the same port, and with it its nodes."""
+    channel = uuid.uuid4().hex
+    hub = TestHub(channel)
+    text = socketcand(hub.port).replace("rate_hz: 50", "rate_hz: 20")
+    angle = text[text.index("    source: {bus: can0, node: 5") : text.index("- {name: j1.head")]
+    text = text.replace(angle, "    source: {bus: mb, unit: 1, register: 6, data_type: float32}}\n")
+    text += f"- {{name: mb, type: modbus_tcp, host: 127.0.0.1, port: {server.port}, timeout_s: 1.0}}\n"
+    machine = parse_machine(text)
+    port = hub.port
+    hub.close()
+    pressures = {(0x6130, 1): struct.pack("<f", 50.0), (0x6130, 2): struct.pack("<f", 20.5), (0x61A1, 1): b"\0\0"}
+    node = FakeNode(channel, 6, pressures)
+
+    def until(good: np.ndarray) -> None:
+        for _ in range(2000):
+            assert reader.wait(30)
+            if np.array_equal(reader.read().rows["quality"][-1], good):
+                return
+        raise AssertionError(f"{acquisition.statistics().buses}")
+
+    fresh, down = int(Quality.FRESH), int(Quality.BUS_ERROR)
+    with pytest.raises(AcquisitionError, match="nothing answers"), AcquisitionProcess(machine):
+        raise AssertionError("not reached")
+    with (
+        AcquisitionProcess(machine, strict=False, required=["j1.angle"]) as acquisition,
+        RingReader(acquisition.ring_name) as reader,
+    ):
+        until(np.array([fresh, down, down]))
+        hub = TestHub(channel, port)
+        until(np.array([fresh, fresh, fresh]))
+    statistics = acquisition.stop()
+    node.close()
+    hub.close()
+    assert [bus["state"] for bus in statistics.buses] == ["active", "active"]
+    lasted = {event["what"]: event["seconds"] for event in statistics.events}
+    assert lasted["bus_down"] > 0
+
+
 def test_what_cannot_be_acquired_is_refused_at_once(tmp_path: Path) -> None:
     file = tmp_path / "arm.yaml"
     file.write_text(plain())
     with pytest.raises(MachineFileError, match=r"arm\.yaml: buses: there are none"):
         AcquisitionProcess(file)
+    with pytest.raises(InputError, match=r"no channel 'j1\.haed'; did you mean 'j1\.head'\?"):
+        AcquisitionProcess(MACHINE, strict=False, required=["j1.haed"])
 
 
 def test_real_time_scheduling_is_never_required(monkeypatch: pytest.MonkeyPatch) -> None:

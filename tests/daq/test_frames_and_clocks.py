@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from bench_machines import can, modbus, plain
@@ -82,8 +84,11 @@ def test_late_values_are_marked_and_have_an_age() -> None:
 
 def test_sentinels_and_ranges() -> None:
     frame = assembler().frame(tick(0), 0, 0, [samples(0.5, -999.0, 30.0)])
-    assert frame.quality[1] == Quality.OUT_OF_RANGE
+    assert frame.quality[1] == Quality.INVALID
     assert np.isnan(frame.values[1])
+    # Whatever the driver says of it.
+    frame = assembler().frame(tick(0), 0, 0, [samples(0.5, np.nan, np.inf)])
+    assert frame.quality.tolist() == [Quality.FRESH, Quality.INVALID, Quality.INVALID]
     machine = parse_machine(modbus(502).replace("quantity: rod_pressure,", "quantity: rod_pressure, range: [0, 5],"))
     for raw, quality in ((59.0, Quality.FRESH), (60.0, Quality.OUT_OF_RANGE), (9.0, Quality.OUT_OF_RANGE)):
         frame = assembler(machine).frame(tick(0), 0, 0, [samples(0.5, 1.0, raw)])
@@ -102,6 +107,20 @@ def test_what_does_not_come_is_held_for_a_while_then_missing() -> None:
     frame = work.frame(tick(HOLD_CYCLES + 1), 0, 0, [nothing(3)])
     assert frame.quality.tolist() == [Quality.MISSING] * 3
     assert np.isnan(frame.values).all() and np.isnan(frame.ages).all()
+
+
+def test_a_device_with_a_rate_of_its_own_owes_nothing_in_between() -> None:
+    """An oil temperature once a second at 50 Hz: held for one and a half seconds, stale for two, then missing."""
+    work = assembler()
+    slow = np.array([50.0, 1.0, 50.0])
+    every_cycle = samples(0.5, 2.0, 30.0)
+    work.frame(tick(0), 0, 0, [replace(every_cycle, interval=slow)])
+    for cycle, expected in ((1, Quality.HELD), (75, Quality.HELD), (76, Quality.STALE), (100, Quality.STALE)):
+        frame = work.frame(tick(cycle), 0, 0, [replace(nothing(3), interval=slow)])
+        assert frame.quality[2] == expected
+        assert frame.values[2] == pytest.approx(2e5) and frame.ages[2] == pytest.approx(cycle * 0.02)
+    frame = work.frame(tick(101), 0, 0, [replace(nothing(3), interval=slow)])
+    assert frame.quality.tolist() == [Quality.MISSING] * 3
 
 
 def test_nothing_is_held_before_the_first_value() -> None:
@@ -131,7 +150,7 @@ def test_samples_of_several_drivers_find_their_channels() -> None:
 @given(
     cycle=st.integers(0, 2**62),
     values=st.lists(st.floats(allow_nan=True), min_size=1, max_size=5),
-    quality=st.integers(0, 6),
+    quality=st.sampled_from(Quality),
 )
 def test_a_frame_survives_its_row(cycle: int, values: list[float], quality: int) -> None:
     count = len(values)

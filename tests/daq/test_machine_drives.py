@@ -120,7 +120,7 @@ def test_an_external_force_stands_beside_both_pressures() -> None:
 
 def test_the_json_schema_knows_the_extension() -> None:
     schema = json.loads(json.dumps(Machine.model_json_schema()))
-    assert {"ratio", "coupled", "offset"} == set(schema["$defs"]["Drive"]["properties"])
+    assert {"ratio", "coupled", "offset", "effort"} == set(schema["$defs"]["Drive"]["properties"])
     assert {"joint", "ratio"} == set(schema["$defs"]["Coupling"]["required"])
     assert "vented" in schema["$defs"]["Cylinder"]["properties"]
     quantities = schema["$defs"]["Channel"]["properties"]["quantity"]["enum"]

@@ -12,24 +12,20 @@ import numpy as np
 import pytest
 from bench_machines import modbus, modbus_serial
 from modbus_test_serial import FakeSerialModbus, crc
-from modbus_test_server import FakeModbus, float_registers
+from modbus_test_server import FakeModbus, bench_registers, float_registers
 from pymodbus.server import ModbusTcpServer
 from pymodbus.simulator import DataType, SimData, SimDevice
 
 from daq import Machine, Quality, parse_machine
 from daq.channels import channels_by_bus
 from daq.drivers import Driver, DriverContext, Samples, make_driver
-from daq.drivers.modbus import BLOCK_REGISTERS, blocks
+from daq.drivers.modbus_unit import BLOCK_REGISTERS, blocks
 
 PERIOD = 0.02
 #: A cycle waits this long for what is due: longer than a busy computer keeps a server's thread from running.
 PATIENCE = 0.3
 NS = 1_000_000_000
 ANGLE, HEAD, ROD = 0, 1, 2
-
-
-def registers() -> dict[int, dict[int, int]]:
-    return {1: float_registers({2: 50.0, 4: 0.0, 6: 0.3}), 2: {4: 215}}
 
 
 class Run:
@@ -64,13 +60,6 @@ def fresh(samples: Samples) -> bool:
 
 
 @pytest.fixture
-def server() -> Iterator[FakeModbus]:
-    made = FakeModbus(registers())
-    yield made
-    made.close()
-
-
-@pytest.fixture
 def run(server: FakeModbus) -> Iterator[Run]:
     made = Run(parse_machine(modbus(server.port)))
     yield made
@@ -101,10 +90,10 @@ def test_values_and_their_instant(run: Run) -> None:
 def test_what_is_no_number_is_an_error_of_the_channel(server: FakeModbus, run: Run, value: float) -> None:
     run.driver.start()
     server.units[1].update(float_registers({2: value}))
-    samples = run.until(lambda s: s.quality[HEAD] == Quality.OUT_OF_RANGE)
+    samples = run.until(lambda s: s.quality[HEAD] == Quality.INVALID)
     assert np.isnan(samples.raw[HEAD])
     assert run.driver.statistics().counts["not_a_number"] >= 1
-    assert run.until(lambda s: s.quality[ANGLE] == Quality.FRESH).quality[HEAD] == Quality.OUT_OF_RANGE
+    assert run.until(lambda s: s.quality[ANGLE] == Quality.FRESH).quality[HEAD] == Quality.INVALID
 
 
 def test_exception_codes(server: FakeModbus, run: Run) -> None:
@@ -149,7 +138,7 @@ def test_a_server_that_goes_away_and_comes_back(server: FakeModbus, run: Run) ->
     port = server.port
     server.close()
     run.until(lambda s: bool(np.all(s.quality == Quality.MISSING)))
-    again = FakeModbus(registers(), fixed_port=port)
+    again = FakeModbus(bench_registers(), fixed_port=port)
     try:
         run.until(fresh)
     finally:
@@ -163,7 +152,7 @@ def test_problems_at_the_start_are_named(server: FakeModbus, run: Run) -> None:
     problems = run.driver.start()
     assert len(problems) == 2
     assert "unit 1 (j1.angle, j1.head)" in problems[0]
-    assert "exception 2 (illegal register address) for holding registers 2 to 7" in problems[0]
+    assert "exception 2 (illegal register address) for holding registers 6 to 7" in problems[0]
     assert "unit 2 (j1.rod)" in problems[1] and "does not answer in time" in problems[1]
 
 
@@ -212,7 +201,7 @@ def test_against_pymodbus_own_server() -> None:
 
 @pytest.mark.slow
 def test_a_serial_line_survives_a_silent_unit() -> None:
-    line = FakeSerialModbus(registers())
+    line = FakeSerialModbus(bench_registers())
     run = Run(parse_machine(modbus_serial(line.port)), period=0.05)
     try:
         assert run.driver.start() == ()

@@ -226,7 +226,7 @@ def test_a_kill_loses_nothing_that_was_acknowledged(feed: Feed, tmp_path: Path) 
     (result,) = recover(tmp_path)
     assert result.file == tmp_path / "r.parquet"
     assert result.rows >= acknowledged
-    assert not list(tmp_path.glob("*.journal"))
+    assert [path.name for path in tmp_path.glob("*.journal*")] == ["r.parquet.journal.recovered"]  # nothing is deleted
     table = read_table(tmp_path / "r.parquet")
     assert table.metadata["hilfit.machine"] == "bench"
     assert table.metadata["hilfit.role"] == "train"
@@ -258,6 +258,7 @@ def test_every_whole_batch_of_a_torn_journal_survives(cut: float, tmp_path_facto
     (result,) = recover(tmp_path)
     assert result.rows in (0, 10, 20, 30)
     assert (result.file is None) == (result.rows == 0)
+    assert torn.exists() == bool(result.left)  # what holds nothing that can be read stays where it is
     if cut == 1:
         assert result.rows == 30
     if result.file is not None:

@@ -1,0 +1,115 @@
+"""State of a CAN controller, from the error frames that its driver hands up.
+
+SocketCAN (``linux/can/error.h``) says in an error frame's identifier which kinds of error it is about, and in its data
+more about each::
+
+    identifier  0x004 controller problem (data[1])   0x040 bus-off   0x100 restarted   0x200 counters (data[6], data[7])
+    data[1]     0x04, 0x08 warning limit (96) of the receive, send counter   0x10, 0x20 error passive (128)
+                0x40 error active again              0x01, 0x02 a frame was lost: buffer overflow
+
+Other interfaces send error frames without details; those are counted. A controller that was in warning and has had no
+error frame for :data:`QUIET_S` is taken for active again: CiA and ISO 11898-1 let a counter fall by one with every good
+frame, so at 50 SYNCs a second the 32 counts between warning and a sound bus are through in that time.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable
+
+from daq.events import EventLog
+
+NS = 1_000_000_000
+QUIET_S = 2.0
+_CONTROLLER, _BUS_OFF, _RESTARTED, _COUNTERS = 0x004, 0x040, 0x100, 0x200
+_KINDS = {
+    0x001: "send_timeout", 0x002: "lost_arbitration", 0x008: "protocol", 0x010: "transceiver",
+    0x020: "no_acknowledge", 0x080: "bus_error",
+}  # fmt: skip
+WARNING_LIMIT, PASSIVE_LIMIT = 96, 128  # ISO 11898-1, 12.1.4
+_ORDER = ("active", "warning", "passive", "bus_off")
+
+
+class BusHealth:
+    """State of one controller: ``active``, ``warning``, ``passive`` or ``bus_off``.
+
+    Parameters
+    ----------
+    changed : called in the thread that noticed with the old and the new state
+    """
+
+    def __init__(self, changed: Callable[[str, str], None] = lambda old, new: None) -> None:
+        self.state = "active"
+        self.error_frames = 0
+        self.overflows = 0
+        self.kinds: Counter[str] = Counter()
+        self.send_errors = self.receive_errors = 0  # the controller's counters, where it tells them
+        self._changed = changed
+        self._last_ns = 0
+
+    def on_error_frame(self, identifier: int, data: bytes, now_ns: int) -> None:
+        """An error frame came."""
+        self.error_frames += 1
+        self._last_ns = now_ns
+        for bit, name in _KINDS.items():
+            self.kinds[name] += bool(identifier & bit)
+        found: str | None = None
+        if identifier & _CONTROLLER and len(data) > 1:
+            detail = data[1]
+            self.overflows += bool(detail & 0x03)
+            if detail & 0x30:
+                found = "passive"
+            elif detail & 0x0C:
+                found = "warning"
+            elif detail & 0x40:
+                found = "active"
+        if identifier & _COUNTERS and len(data) > 7:
+            self.send_errors, self.receive_errors = data[6], data[7]
+            largest = max(data[6], data[7])
+            by_count = _ORDER[(largest >= WARNING_LIMIT) + (largest >= PASSIVE_LIMIT)]
+            found = by_count if found is None else max(found, by_count, key=_ORDER.index)
+        if identifier & _BUS_OFF:
+            found = "bus_off"
+        elif identifier & _RESTARTED:
+            found = "active"
+        if found is not None:
+            self._set(found)
+
+    def look(self, now_ns: int) -> None:
+        """To be called now and then: a limit that nothing has been heard of for a while is over; bus-off is not."""
+        if self.state in ("warning", "passive") and now_ns - self._last_ns > QUIET_S * NS:
+            self._set("active")
+
+    def opened(self) -> None:
+        """The interface was opened anew, and the controller reset with it."""
+        self._set("active")
+
+    def _set(self, state: str) -> None:
+        if state != self.state:
+            old, self.state = self.state, state
+            self._changed(old, state)
+
+
+_EVENTS = {"warning": "bus_warning", "passive": "bus_passive", "bus_off": "bus_off"}
+_ADVICE = {
+    "warning": "error counters of the CAN controller above their warning limit; check cable and termination",
+    "passive": "the CAN controller is error passive; check bit rate, cable and termination",
+    "bus_off": "the CAN controller is bus-off; check for a short circuit and the bit rate",
+}
+
+
+def advice(bus: str, state: str) -> str:
+    """A line about a state of a bus; nothing about an active one."""
+    return f"bus '{bus}': {_ADVICE[state]}" if state in _ADVICE else ""
+
+
+def told(bus: str, events: EventLog) -> Callable[[str, str], None]:
+    """Writes changes of a bus's state into the event log."""
+
+    def changed(old: str, new: str) -> None:
+        if old in _EVENTS:
+            events.end(bus, _EVENTS[old])
+        if new in _EVENTS:
+            events.begin(bus, _EVENTS[new], advice(bus, new))
+
+    return changed

@@ -1,0 +1,128 @@
+"""YAML as far as our files need it, from anybody: bounded in size, depth and aliases, and with plain values only.
+
+PyYAML's safe loader makes no objects of other programs, but it can still be made to work without end: aliases of
+aliases are unfolded by whoever walks the result ("billion laughs"), merges copy what they merge, and YAML 1.1 reads
+``1:00:00`` as a number to the base 60, in quadratic time. Here a text costs no more than its budget, whatever it says.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import yaml
+
+#: Values, keys, lists and mappings of a text, each alias counted as all that it stands for. A machine file of six
+#: joints with every channel and its source has about 1 300; PyYAML takes 50 us for each.
+MOST_NODES = 20_000
+#: Lists and mappings within each other; a machine file has seven.
+DEEPEST = 32
+#: Digits of one number; the longest that a machine file can mean is a double, 24.
+LONGEST_NUMBER = 64
+_NUMBERS = ("tag:yaml.org,2002:int", "tag:yaml.org,2002:float")
+_TAGS = frozenset(f"tag:yaml.org,2002:{kind}" for kind in ("null", "bool", "int", "float", "str", "seq", "map"))
+
+
+class _Loader(yaml.SafeLoader):
+    """The safe loader within its budget; dates and numbers to the base 60 are text, sets and binary data errors."""
+
+    # What looks like a date stays text; the numbers are those of YAML 1.1 without colons.
+    yaml_implicit_resolvers = {  # noqa: RUF012 (the name and form are PyYAML's)
+        first: [
+            (tag, pattern)
+            for tag, pattern in resolvers
+            if tag in (*_TAGS, "tag:yaml.org,2002:merge") and tag not in _NUMBERS
+        ]
+        for first, resolvers in yaml.SafeLoader.yaml_implicit_resolvers.items()
+    }
+
+    def __init__(self, text: str) -> None:
+        super().__init__(text)
+        self._nodes = 0
+        self._depth = 0
+        self._sizes: dict[int, int] = {}
+
+    def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node | None:
+        """The next node, counted."""
+        event = self.peek_event()  # type: ignore[no-untyped-call]
+        mark = event.start_mark
+        if isinstance(event, yaml.AliasEvent):
+            found = self.anchors.get(event.anchor)
+            # A list that is not whole yet has no size: it would hold itself.
+            if found is not None and id(found) not in self._sizes:
+                raise yaml.composer.ComposerError(None, None, "an alias stands for what it is part of", mark)
+            self._count(0 if found is None else self._sizes[id(found)], mark)
+            return super().compose_node(parent, index)
+        before = self._nodes
+        self._count(1, mark)
+        self._depth += 1
+        if self._depth > DEEPEST:
+            raise yaml.composer.ComposerError(None, None, f"nested more than {DEEPEST} deep", mark)
+        node = super().compose_node(parent, index)
+        self._depth -= 1
+        if node is not None:
+            if node.tag not in _TAGS and node.tag != "tag:yaml.org,2002:merge":
+                raise yaml.composer.ComposerError(None, None, f"values of the kind {node.tag[-40:]} are not read", mark)
+            self._sizes[id(node)] = self._nodes - before
+        return node
+
+    def _count(self, nodes: int, mark: yaml.Mark) -> None:
+        self._nodes += nodes
+        if self._nodes > MOST_NODES:
+            text = f"more than {MOST_NODES} values, aliases counted as what they stand for"
+            raise yaml.composer.ComposerError(None, None, text, mark)
+
+    def construct_number(self, node: yaml.Node, read: Any) -> Any:
+        """A number of bounded length; Python takes quadratic time for long ones, and refuses to print them."""
+        text = self.construct_scalar(node)  # type: ignore[arg-type]
+        if len(text) > LONGEST_NUMBER or ":" in text:
+            raise yaml.constructor.ConstructorError(None, None, "no number that can be read", node.start_mark)
+        try:
+            return read(self, node)
+        except ValueError:
+            raise yaml.constructor.ConstructorError(None, None, "no number that can be read", node.start_mark) from None
+
+    def construct_integer(self, node: yaml.Node) -> Any:
+        """An integer."""
+        return self.construct_number(node, yaml.SafeLoader.construct_yaml_int)
+
+    def construct_real(self, node: yaml.Node) -> Any:
+        """A number with a fraction."""
+        return self.construct_number(node, yaml.SafeLoader.construct_yaml_float)
+
+
+def _resolve_numbers() -> None:
+    import re
+
+    integer = r"[-+]?0b[01_]+|[-+]?0[0-7_]+|[-+]?(?:0|[1-9][0-9_]*)|[-+]?0x[0-9a-fA-F_]+"
+    real = (
+        r"[-+]?(?:[0-9][0-9_]*)\.[0-9_]*(?:[eE][-+][0-9]+)?|\.[0-9][0-9_]*(?:[eE][-+][0-9]+)?"
+        r"|[-+]?\.(?:inf|Inf|INF)|\.(?:nan|NaN|NAN)"
+    )
+    add: Any = _Loader.add_implicit_resolver
+    add("tag:yaml.org,2002:float", re.compile(f"^(?:{real})$"), list("-+0123456789."))
+    add("tag:yaml.org,2002:int", re.compile(f"^(?:{integer})$"), list("-+0123456789"))
+
+
+_resolve_numbers()
+_Loader.add_constructor("tag:yaml.org,2002:int", _Loader.construct_integer)
+_Loader.add_constructor("tag:yaml.org,2002:float", _Loader.construct_real)
+
+
+def read(text: str) -> tuple[yaml.Node | None, Any]:
+    """The nodes of a YAML text, which know their lines, and its content.
+
+    Parameters
+    ----------
+    text : one document
+
+    Raises
+    ------
+    yaml.YAMLError
+        If it is no YAML, or more than this reader takes; ``problem`` and ``problem_mark`` say what and where.
+    """
+    loader = _Loader(text)
+    try:
+        node = loader.get_single_node()
+        return node, None if node is None else loader.construct_document(node)
+    finally:
+        loader.dispose()

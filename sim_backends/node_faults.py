@@ -1,0 +1,58 @@
+"""What can be wrong between a simulated node and its bus: frames that are late, lost, doubled or garbled.
+
+A filter between the node, which knows nothing of it, and the bus. Delays are counted in SYNCs, because to a simulated
+machine nothing but SYNC is time.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable
+
+Emit = Callable[[int, bytes], None]  # COB-ID, data
+
+
+class FaultyLine:
+    """One node's frames on their way to the bus.
+
+    Attributes
+    ----------
+    lag : SYNCs by which TPDOs come too late
+    lose : TPDOs that are still to be lost
+    doubled : a second device with the same node-ID: TPDOs and SDO answers come twice, with other values
+    garbled : SDO answers are cut to two bytes
+    quiet : no heartbeat (boot-up messages come)
+    """
+
+    def __init__(self, node: int, emit: Emit) -> None:
+        self._node = node
+        self._emit = emit
+        self._syncs = 0
+        self._delayed: deque[tuple[int, int, bytes]] = deque()
+        self.lag = self.lose = 0
+        self.doubled = self.garbled = self.quiet = False
+
+    def on_sync(self) -> None:
+        """A SYNC: what was delayed until now goes out."""
+        self._syncs += 1
+        while self._delayed and (not self.lag or self._delayed[0][0] <= self._syncs):
+            _, cob_id, data = self._delayed.popleft()
+            self._emit(cob_id, data)
+
+    def emit(self, cob_id: int, data: bytes) -> None:
+        """A frame from the node."""
+        function = cob_id - self._node
+        if function == 0x700 and self.quiet and data != b"\0":
+            return
+        if function == 0x580:
+            data = data[:2] if self.garbled else data
+        elif function in (0x180, 0x280, 0x380, 0x480):
+            if self.lose:
+                self.lose -= 1
+                return
+            if self.lag:
+                self._delayed.append((self._syncs + self.lag, cob_id, data))
+                return
+        self._emit(cob_id, data)
+        if self.doubled:
+            self._emit(cob_id, data[:-1] + bytes([data[-1] ^ 0x01]) if data else data)

@@ -1,0 +1,25 @@
+"""Benches that several tests of drivers share."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import pytest
+from canopen_test_bench import Bench
+from modbus_test_server import FakeModbus, bench_registers
+
+
+@pytest.fixture
+def bench() -> Iterator[Bench]:
+    """Two CANopen nodes, a driver that was not started, and a listener."""
+    made = Bench()
+    yield made
+    made.close()
+
+
+@pytest.fixture
+def server() -> Iterator[FakeModbus]:
+    """The Modbus units of the bench machine, behind one port."""
+    made = FakeModbus(bench_registers())
+    yield made
+    made.close()

@@ -1,0 +1,397 @@
+"""Modbus: an answer belongs to its own request and its own cycle, and one dead thing costs only itself."""
+
+from __future__ import annotations
+
+import socket
+import struct
+import threading
+import time
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+from bench_machines import modbus, modbus_serial
+from modbus_test_serial import FakeSerialModbus, crc
+from modbus_test_server import FakeModbus, bench_registers, float_registers
+
+from daq import Machine, MachineFileError, Quality, parse_machine
+from daq.drivers import DriverContext
+from daq.drivers.base import Problem
+from daq.drivers.modbus import ModbusTcpDriver
+from daq.drivers.modbus_client import ModbusConnection
+from daq.drivers.modbus_unit import blocks
+from daq.machine_file import ModbusRtuBus, ModbusTcpBus
+from daq.wire import from_registers
+
+NS = 1_000_000_000
+ANGLE, HEAD, ROD = 0, 1, 2
+
+
+@pytest.fixture
+def line() -> Iterator[FakeSerialModbus]:
+    made = FakeSerialModbus(bench_registers())
+    yield made
+    made.close()
+
+
+def driver_of(machine: Machine, start_s: float | None = None) -> ModbusTcpDriver:
+    context = DriverContext(0.02, 0.0, time.monotonic_ns, start_s=start_s)
+    return ModbusTcpDriver(machine.buses[0], machine.channels, context)  # type: ignore[arg-type]
+
+
+def serial(line: FakeSerialModbus, timeout_s: float = 0.2) -> ModbusConnection:
+    bus = parse_machine(modbus_serial(line.port, timeout_s)).buses[0]
+    assert isinstance(bus, ModbusRtuBus)
+    return ModbusConnection(bus, timeout_s)
+
+
+# Answers and requests
+
+
+@pytest.mark.parametrize("function", [1, 4, 6])
+def test_an_answer_to_another_function_is_refused(server: FakeModbus, function: int) -> None:
+    driver = driver_of(parse_machine(modbus(server.port)))
+    try:
+        driver.start()
+        server.function = function
+        driver.trigger(0)
+        driver.trigger(1)
+        samples = driver.collect(time.monotonic_ns() + 2 * NS)
+        assert not np.any(samples.quality == Quality.FRESH)
+        for cycle in range(2, 100):
+            driver.trigger(cycle)
+            driver.collect(time.monotonic_ns() + 2 * NS)
+            if driver.statistics().counts["timeouts"] >= 2:
+                break
+        assert any("function" in d.detail or "answer" in d.detail for d in driver.statistics().devices)
+    finally:
+        driver.stop()
+
+
+def test_the_wrong_function_is_named(server: FakeModbus) -> None:
+    bus = parse_machine(modbus(server.port)).buses[0]
+    assert isinstance(bus, ModbusTcpBus)
+    connection = ModbusConnection(bus, 0.5)
+    server.function = 4
+    assert connection.read(1, "holding", 2, 2).failure == "answers with function 4 instead of 3"
+    server.function = None
+    assert connection.read(1, "holding", 2, 2).good
+    connection.close()
+
+
+def value(connection: ModbusConnection, count: int = 2) -> int | None:
+    """The first register of unit 1, or None where there is no answer."""
+    answer = connection.read(1, "holding", 2, count)
+    return answer.registers[0] if answer.good else None
+
+
+@pytest.mark.parametrize("count", [1, 2, 6])
+def test_a_late_answer_is_never_taken_for_the_next_one(line: FakeSerialModbus, count: int) -> None:
+    """It comes just when the next request is under way: the same unit, the same function, the same length."""
+    connection = serial(line)
+    try:
+        assert value(connection, count) == line.units[1][2]
+        line.hold = 1
+        assert value(connection, count) is None
+        old, line.units[1][2] = line.units[1][2], 0x1234
+        seen = [value(connection, count) for _ in range(4)]
+        assert old not in seen
+        assert seen[-1] == 0x1234
+    finally:
+        connection.close()
+
+
+def test_two_late_answers_are_not_taken_either(line: FakeSerialModbus) -> None:
+    connection = serial(line)
+    try:
+        assert value(connection, 6) == line.units[1][2]
+        line.hold = 3
+        seen: list[int | None] = []
+        for number in range(8):
+            line.units[1][2] = number
+            seen.append(value(connection, 6))
+        assert all(found in (None, number) for number, found in enumerate(seen))
+        assert seen[-1] == 7
+    finally:
+        connection.close()
+
+
+def test_an_answer_after_the_time_out_is_dropped_before_the_next_request(line: FakeSerialModbus) -> None:
+    connection = serial(line)
+    try:
+        assert value(connection) == line.units[1][2]
+        line.hold = 1
+        assert value(connection) is None
+        line.let_go()  # nobody waits for it any more
+        line.units[1][2] = 0x1234
+        assert value(connection) == 0x1234
+    finally:
+        connection.close()
+
+
+def test_the_silent_interval_is_kept(line: FakeSerialModbus, monkeypatch: pytest.MonkeyPatch) -> None:
+    connection = serial(line)
+    try:
+        value(connection)
+        assert connection._silence == pytest.approx(max(3.5 * 11 / 115200, 0.00175))
+        slept: list[float] = []
+        monkeypatch.setattr("daq.drivers.modbus_client.time", Clock(connection._spoke + 0.0005, slept))
+        value(connection)
+        assert slept[0] == pytest.approx(0.00125)
+    finally:
+        connection.close()
+
+
+class Clock:
+    """The time module as the client sees it, standing still."""
+
+    def __init__(self, now: float, slept: list[float]) -> None:
+        self.now, self.slept = now, slept
+
+    def monotonic(self) -> float:
+        return self.now
+
+    def sleep(self, seconds: float) -> None:
+        self.slept.append(seconds)
+
+
+# A unit that is slower than the cycle
+
+
+def test_a_slow_unit_gives_its_values_at_its_own_rate_with_their_age(server: FakeModbus) -> None:
+    driver = driver_of(parse_machine(modbus(server.port, timeout_s=5.0)))
+    gate = server.gates[1] = threading.Semaphore(2)
+    try:
+        assert driver.start() == ()
+        block = driver._units[0].blocks[0]
+        while gate.acquire(blocking=False):
+            pass
+        cycle = 0
+        driver.trigger(cycle)
+        asked_at_start = sum(unit == 1 for unit, *_ in server.requests)
+        for number in range(12):
+            with server.asked:  # the request of this cycle is with the unit
+                assert server.asked.wait_for(
+                    lambda n=number: sum(unit == 1 for unit, *_ in server.requests) > asked_at_start + n, timeout=30
+                )
+            for _ in range(3):  # three more cycles begin before it answers: 60 ms at 50 Hz
+                assert driver.collect(0).quality[HEAD] == Quality.MISSING
+                cycle += 1
+                driver.trigger(cycle)
+            asked = block.asked
+            gate.release()
+            deadline = time.monotonic() + 30
+            while block.asked == asked:
+                assert time.monotonic() < deadline
+                time.sleep(0.001)
+            samples = driver.collect(0)
+            assert samples.raw[HEAD] == 50.0
+            assert samples.cycles_ago[HEAD] >= 3  # so that the frame says late, whatever it is called here
+            assert samples.after_sync_s[HEAD] > 0  # sampled after the SYNC of the cycle in which it was asked
+            server.units[1].update(float_registers({2: 50.0}))
+        assert samples.interval is not None and samples.interval[HEAD] >= 3
+        unit = driver.statistics().devices[0]
+        assert unit.state == "running" and "marked late" in unit.detail and "instead of 50" in unit.detail
+        assert driver.statistics().counts["slow_units"] >= 1
+        assert not driver._pollers[0].patience()  # the frame does not wait for it
+    finally:
+        gate.release(1000)
+        driver.stop()
+
+
+def with_source(text: str, old: str, new: str) -> Machine:
+    assert old in text
+    return parse_machine(text.replace(old, new))
+
+
+def test_a_slow_channel_is_asked_at_its_own_rate(server: FakeModbus) -> None:
+    machine = with_source(
+        modbus(server.port, timeout_s=5.0), "unit: 2, register: 4", "unit: 2, rate_hz: 5, register: 4"
+    )
+    driver = driver_of(machine)
+    try:
+        assert driver.start() == ()
+        server.requests.clear()
+        found = []
+        for cycle in range(40):
+            driver.trigger(cycle)
+            samples = driver.collect(time.monotonic_ns() + 10 * NS)
+            found.append(int(samples.quality[ROD]))
+            assert samples.interval is not None and samples.interval[ROD] == 10.0
+            assert samples.quality[HEAD] == Quality.FRESH
+        assert sum(unit == 2 for unit, *_ in server.requests) == found.count(Quality.FRESH) in (4, 5)
+        assert driver.statistics().counts["missing"] == 0
+    finally:
+        driver.stop()
+
+
+# One dead thing costs only itself
+
+
+def test_a_gap_in_the_register_map_costs_only_what_is_in_it(server: FakeModbus) -> None:
+    del server.units[1][4], server.units[1][5]  # between the two channels
+    driver = driver_of(parse_machine(modbus(server.port)))
+    try:
+        assert driver.start() == ()
+        driver.trigger(0)
+        samples = driver.collect(time.monotonic_ns() + 5 * NS)
+        assert samples.quality.tolist() == [Quality.FRESH] * 3
+    finally:
+        driver.stop()
+
+
+def test_a_register_that_is_not_there_costs_only_its_channel(server: FakeModbus) -> None:
+    del server.units[1][6]
+    driver = driver_of(parse_machine(modbus(server.port)))
+    try:
+        (problem,) = driver.start()
+        assert isinstance(problem, Problem) and problem.channels == ("j1.angle",)
+        driver.trigger(0)
+        samples = driver.collect(time.monotonic_ns() + 5 * NS)
+        assert samples.quality.tolist() == [Quality.MISSING, Quality.FRESH, Quality.FRESH]
+        assert driver.statistics().devices[0].state == "running"
+    finally:
+        driver.stop()
+
+
+def test_the_maximum_gap_is_the_machine_files(server: FakeModbus) -> None:
+    machine = with_source(modbus(502), "port: 502", "port: 502, maximum_gap: 1")
+    bus = machine.buses[0]
+    assert isinstance(bus, ModbusTcpBus)
+    of_unit_1 = [(0, machine.channels[0]), (1, machine.channels[1])]
+    assert [(b.address, b.count) for b in blocks(of_unit_1, bus.maximum_gap)] == [(2, 2), (6, 2)]
+    assert [(b.address, b.count) for b in blocks(of_unit_1, 2)] == [(2, 6)]
+    with pytest.raises(MachineFileError, match="maximum_gap"):
+        with_source(modbus(502), "port: 502", "port: 502, maximum_gap: 126")
+
+
+def test_a_gateway_with_one_connection_serves_all_units() -> None:
+    server = FakeModbus(bench_registers(), one_at_a_time=True)
+    machine = with_source(modbus(server.port), "type: modbus_tcp", "type: modbus_tcp, connections: shared")
+    driver = driver_of(machine)
+    try:
+        assert driver.start() == ()
+        driver.trigger(0)
+        samples = driver.collect(time.monotonic_ns() + 5 * NS)
+        assert samples.quality.tolist() == [Quality.FRESH] * 3
+        assert server.refused == 0
+    finally:
+        driver.stop()
+        server.close()
+
+
+def test_silent_units_do_not_eat_up_a_shared_line() -> None:
+    """Of twelve units on one connection eleven are dead; the living one is asked before them, and they now and then."""
+    server = FakeModbus({**bench_registers(), **{k: {} for k in range(3, 14)}})
+    server.silent.update(range(2, 14))
+    text = modbus(server.port, timeout_s=0.05).replace("type: modbus_tcp", "type: modbus_tcp, connections: shared")
+    driver = driver_of(parse_machine(text), start_s=0.5)
+    try:
+        driver.start()
+        fresh = asked_dead = 0
+        server.requests.clear()
+        for cycle in range(60):
+            driver.trigger(cycle)
+            samples = driver.collect(time.monotonic_ns() + 5 * NS)
+            fresh += samples.quality[HEAD] == Quality.FRESH
+        asked_dead = sum(unit == 2 for unit, *_ in server.requests)
+        assert fresh >= 55
+        assert asked_dead <= 6
+    finally:
+        driver.stop()
+        server.close()
+
+
+@pytest.mark.parametrize("start_s", [0.1])
+def test_a_start_does_not_wait_for_the_dead(server: FakeModbus, start_s: float) -> None:
+    server.silent.add(2)
+    driver = driver_of(parse_machine(modbus(server.port, timeout_s=5.0)), start_s)
+    began = time.monotonic_ns()
+    try:
+        (problem,) = driver.start()
+        assert "unit 2" in problem and "has not answered yet" in problem
+        waited = time.monotonic_ns() - began
+        assert waited < 5 * NS  # it did not sit out the time-out
+        driver.trigger(0)
+        samples = driver.collect(time.monotonic_ns() + NS)
+        assert samples.quality[HEAD] == Quality.FRESH
+    finally:
+        server.close()
+        driver.stop()
+
+
+def test_a_device_keeps_its_last_cause_when_it_is_back(server: FakeModbus) -> None:
+    driver = driver_of(parse_machine(modbus(server.port, timeout_s=0.1)))
+    try:
+        driver.start()
+        server.silent.add(2)
+        cycle = 0
+        while driver.statistics().devices[1].state == "running":
+            driver.trigger(cycle := cycle + 1)
+            driver.collect(time.monotonic_ns() + NS)
+            assert cycle < 500
+        server.silent.clear()
+        while driver.statistics().devices[1].state != "running":
+            driver.trigger(cycle := cycle + 1)
+            driver.collect(time.monotonic_ns() + NS // 10)
+            time.sleep(0.005)
+            assert cycle < 5000
+        assert "does not answer in time" in driver.statistics().devices[1].detail
+        assert "it was away for" in driver.statistics().devices[1].detail
+        (event,) = driver._context.events.published()
+        assert (event["device"], event["what"], event["seconds"] > 0) == ("mb/unit 2", "silent", True)
+    finally:
+        driver.stop()
+
+
+# Layouts
+
+
+def test_bytes_and_words_may_be_swapped() -> None:
+    big = list(struct.unpack(">HH", struct.pack(">f", 12.5)))
+    swapped = list(struct.unpack("<HH", struct.pack(">f", 12.5)))
+    assert from_registers("float32", big) == 12.5
+    assert from_registers("float32", big[::-1], "little") == 12.5
+    assert from_registers("float32", swapped, "big", "little") == 12.5
+    assert from_registers("float32", swapped[::-1], "little", "little") == 12.5
+    machine = with_source(modbus(502), "data_type: int16", "byte_order: little, data_type: int16")
+    assert machine.channels[2].source.byte_order == "little"  # type: ignore[union-attr]
+
+
+def test_unit_255_is_the_tcp_device_itself() -> None:
+    server = FakeModbus({1: bench_registers()[1], 255: {4: 215}})
+    driver = driver_of(with_source(modbus(server.port), "unit: 2", "unit: 255"))
+    try:
+        assert driver.start() == ()
+    finally:
+        driver.stop()
+        server.close()
+
+
+def test_serial_frames_over_tcp() -> None:
+    listener = socket.create_server(("127.0.0.1", 0))
+    units = bench_registers()
+
+    def serve() -> None:
+        connection, _ = listener.accept()
+        with connection:
+            while request := connection.recv(8, socket.MSG_WAITALL):
+                unit, function, address, count = struct.unpack_from(">BBHH", request)
+                assert crc(request[:6]) == request[6:]
+                words = [units[unit][address + i] for i in range(count)]
+                body = struct.pack(f">BBB{count}H", unit, function, 2 * count, *words)
+                connection.sendall(body + crc(body))
+
+    thread = threading.Thread(target=serve, daemon=True)
+    thread.start()
+    text = modbus(listener.getsockname()[1])
+    driver = driver_of(with_source(text, "type: modbus_tcp", "type: modbus_tcp, framing: rtu, connections: shared"))
+    try:
+        assert driver.start() == ()
+        driver.trigger(0)
+        samples = driver.collect(time.monotonic_ns() + 5 * NS)
+        np.testing.assert_allclose(samples.raw, [0.3, 50.0, 215.0], rtol=1e-6)
+    finally:
+        driver.stop()
+        thread.join(10)
+        listener.close()
