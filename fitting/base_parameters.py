@@ -9,8 +9,8 @@ if it adds to those kept before. The order is Gautier and Khalil's: of a link on
 inertia about the joint's axis, the first moments across it, the other inertias, and last what their rules
 regroup away (``YY``, ``MZ`` and ``m`` where the axis is ``z``). In the distal convention the joint's axis is
 fixed in the link as ``(0, sin alpha, cos alpha)``: ``z`` for parallel axes, ``y`` for a twist of 90 degrees,
-where ``ZZ``, ``MY`` and ``m`` come last. A link on a prismatic joint offers its mass first. Friction and
-drive inertia come at the end.
+where ``ZZ``, ``MY`` and ``m`` come last; in the modified one it is always ``z``. A link on a prismatic joint
+offers its mass first. Friction and drive inertia come at the end.
 
 Rank decision: columns scaled to unit norm; a column whose part outside the span of the kept ones is below
 :data:`RANK_TOLERANCE` of it is dependent. Round-off leaves 1e-15 to 1e-13, geometry (the smallest link offset
@@ -223,7 +223,7 @@ def _offered(geometry: Geometry, kinds: int) -> list[int]:
         if not geometry.revolute[i]:
             orders.append(_SLIDING)
         else:
-            orders.append(_ABOUT_Y if abs(geometry.sin_alpha[i]) > abs(geometry.cos_alpha[i]) else _ABOUT_Z)
+            orders.append(_ABOUT_Y if abs(geometry.axes[i, 1]) > abs(geometry.axes[i, 2]) else _ABOUT_Z)
     own = [
         i * kinds + _SYMBOLS.index(order[place])
         for place in range(len(_SYMBOLS))

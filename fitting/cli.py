@@ -49,6 +49,13 @@ def identify(
     prior: Annotated[
         Path | None, typer.Option(help="Links from drawings, or an earlier report.json, for ridge and consistent.")
     ] = None,
+    columns: Annotated[
+        Path | None,
+        typer.Option("--map", help="YAML file: which column of the recordings is which channel (channel: column)."),
+    ] = None,
+    resample: Annotated[
+        bool, typer.Option("--resample", help="Bring recordings of another rate to the machine's; the report says so.")
+    ] = False,
     json: Annotated[bool, typer.Option("--json", help="Print report.json on standard output.")] = False,
 ) -> None:
     """Identify an arm from recordings, find what the model lacks, and write report.json and report.html."""
@@ -68,6 +75,8 @@ def identify(
         estimator=estimator,
         covariance=covariance,
         prior=None if prior is None else str(prior),
+        columns=None if columns is None else str(columns),
+        resample=resample,
     )
     request = Request(machine, recordings, output, options)
     with progress_bar("identify", show=not json) as bar:

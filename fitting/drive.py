@@ -25,6 +25,7 @@ __all__ = [
     "direct_units",
     "drive_columns",
     "drive_names",
+    "effort_unit",
     "expected_power",
     "expected_sign",
     "known_effort",
@@ -33,6 +34,11 @@ __all__ = [
 FloatArray = npt.NDArray[np.float64]
 
 UNITS = {"m": "kg", "K": "N/m", "f_c": "N", "f_v": "N s/m", "f_s": "N (s/m)^(1/3)", "J": "kg m^2"}
+
+
+def effort_unit(joint: Joint) -> str:
+    """Unit of what drives a joint: N of a piston, the joint's own where there is none."""
+    return UNITS["f_c"] if joint.cylinder is not None else joint.effort_unit
 
 
 def direct_units(effort: str) -> dict[str, str]:

@@ -1,7 +1,8 @@
 """Rigid-body dynamics that are linear in the inertial parameters: ``tau = Y(q, q', q'') pi``.
 
 ``tau = M(q) q'' + C(q, q') q' + G(q)`` by Newton and Euler, from the Denavit-Hartenberg table. The parameters
-of link ``i``, in its frame ``i`` (distal convention, :mod:`fitting.geometry`), are in this order::
+of link ``i``, in its frame ``i`` (of whichever convention the table is in, :mod:`fitting.geometry`), are in this
+order::
 
     m  mx  my  mz  Ixx  Ixy  Ixz  Iyy  Iyz  Izz
 
@@ -32,7 +33,7 @@ Siciliano et al.,
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -53,6 +54,7 @@ JOINT_PARAMETERS = (*LINK_PARAMETERS, "f_c", "f_v", "J")
 _CHUNK = 16384
 COUPLED_PARAMETERS = ("f_cm", "f_vm", "Jm")
 _ZERO: Vector = (0.0, 0.0, 0.0)
+_Units = list[tuple[Vector, Vector]]  # per joint: angular velocity of the link and velocity of its frame's origin
 
 
 def rigid_body_regressor(
@@ -148,7 +150,8 @@ def standard_regressor(
         out[13 * i : 13 * i + 10] = rigid[:, :, 10 * i : 10 * i + 10].transpose(2, 1, 0)
         out[13 * i + 10, i] = np.sign(speed[:, i])
         out[13 * i + 11, i] = speed[:, i]
-        out[13 * i + 12, i] = acceleration[:, i]
+        if i not in geometry.link_side:
+            out[13 * i + 12, i] = acceleration[:, i]
     return out.transpose(2, 1, 0)
 
 
@@ -170,11 +173,12 @@ def coupled_regressor(
     speed, acceleration = np.asarray(qd, dtype=float), np.asarray(qdd, dtype=float)
     out = np.zeros((3 * len(geometry.coupled), geometry.joints, len(speed)))
     noise = np.zeros(geometry.joints) if speed_noise is None else np.asarray(speed_noise, dtype=float)
+    felt = np.array([float(joint not in geometry.link_side) for joint in range(geometry.joints)])
     for place, row in enumerate(geometry.coupling):
         own = speed @ row
         columns = (expected_sign(own, float(np.linalg.norm(noise * row))), own, acceleration @ row)
         for number, column in enumerate(columns):
-            out[3 * place + number] = row[:, None] * column
+            out[3 * place + number] = (felt * row)[:, None] * column
     return out.transpose(2, 1, 0)
 
 
@@ -298,17 +302,24 @@ def _newton_euler(
     qdd: FloatArray,
 ) -> FloatArray:
     frames = link_frames(geometry, q)
+
+    def joint_frame(joint: int) -> int:
+        return joint + 1 if geometry.modified else joint
+
     w, wd, a = np.zeros(3), np.zeros(3), -geometry.gravity
     forces, moments, centres = [], [], []
     for i in range(geometry.joints):
-        axis = frames[i, :3, 2]
+        axis = frames[joint_frame(i), :3, 2]
         arm = frames[i + 1, :3, 3] - frames[i, :3, 3]
+        if geometry.modified:  # the way to joint i belongs to the link before
+            a = a + np.cross(wd, arm) + np.cross(w, np.cross(w, arm))
         if geometry.revolute[i]:
             wd = wd + axis * qdd[i] + np.cross(w, axis * qd[i])
             w = w + axis * qd[i]
         else:
             a = a + axis * qdd[i] + 2 * np.cross(w, axis * qd[i])
-        a = a + np.cross(wd, arm) + np.cross(w, np.cross(w, arm))
+        if not geometry.modified:
+            a = a + np.cross(wd, arm) + np.cross(w, np.cross(w, arm))
         rotation = frames[i + 1, :3, :3]
         offset = rotation @ centre[i]
         inertia = rotation @ central[i] @ rotation.T
@@ -317,7 +328,7 @@ def _newton_euler(
         centres.append(frames[i + 1, :3, 3] + offset)
     tau = np.zeros(geometry.joints)
     for j in range(geometry.joints):
-        axis, origin = frames[j, :3, 2], frames[j, :3, 3]
+        axis, origin = frames[joint_frame(j), :3, 2], frames[joint_frame(j), :3, 3]
         for i in range(j, geometry.joints):
             load = moments[i] + np.cross(centres[i] - origin, forces[i]) if geometry.revolute[j] else forces[i]
             tau[j] += axis @ load
@@ -405,26 +416,27 @@ def _links(geometry: Geometry, states: list[list[Component]], a: Vector) -> Iter
     """Forward recursion: velocities and accelerations of the links, base to tip."""
     w: Vector = _ZERO
     wd: Vector = _ZERO
-    unit: list[tuple[Vector, Vector]] = []
+    unit: _Units = []
     sines, cosines = geometry.sin_alpha, geometry.cos_alpha
     for i, (q, qd, qdd) in enumerate(states):
-        sa, ca = float(sines[i]), float(cosines[i])
+        sa, ca, along = float(sines[i]), float(cosines[i]), float(geometry.a[i])
         revolute = bool(geometry.revolute[i])
         angle = geometry.theta[i] + q if revolute else float(geometry.theta[i])
         ct: Component = np.cos(angle) if revolute else _snap(np.cos(angle))
         st: Component = np.sin(angle) if revolute else _snap(np.sin(angle))
         d: Component = float(geometry.d[i]) if revolute else geometry.d[i] + q
 
-        def turn(v: Vector, ct: Component = ct, st: Component = st, ca: float = ca, sa: float = sa) -> Vector:
-            """``R' v``: from frame i - 1 to frame i, ``R = Rz(theta) Rx(alpha)``."""
-            y, z = _sub(_mul(ct, v[1]), _mul(st, v[0])), v[2]
-            return (
-                _add(_mul(ct, v[0]), _mul(st, v[1])),
-                _add(_mul(ca, y), _mul(sa, z)),
-                _sub(_mul(ca, z), _mul(sa, y)),
-            )
+        def about_x(v: Vector, ca: float = ca, sa: float = sa) -> Vector:
+            """``Rx(alpha)' v``."""
+            return v[0], _add(_mul(ca, v[1]), _mul(sa, v[2])), _sub(_mul(ca, v[2]), _mul(sa, v[1]))
 
-        arm: Vector = (float(geometry.a[i]), _mul(sa, d), _mul(ca, d))  # origin i - 1 to origin i, in frame i
+        def about_z(v: Vector, ct: Component = ct, st: Component = st) -> Vector:
+            """``Rz(theta)' v``."""
+            return _add(_mul(ct, v[0]), _mul(st, v[1])), _sub(_mul(ct, v[1]), _mul(st, v[0])), v[2]
+
+        if geometry.modified:  # link i - 1 reaches to joint i before that moves
+            (w, wd, a), unit = _turned(about_x, (w, wd, a), unit)
+            a, unit = _carried((along, 0.0, d), (w, wd, a), unit)
         if revolute:
             # w x (z qd) = qd (w_y, -w_x, 0)
             wd = _add(wd[0], _mul(qd, w[1])), _sub(wd[1], _mul(qd, w[0])), _add(wd[2], qdd)
@@ -432,12 +444,27 @@ def _links(geometry: Geometry, states: list[list[Component]], a: Vector) -> Iter
         else:
             double = _mul(2.0, qd)
             a = _add(a[0], _mul(double, w[1])), _sub(a[1], _mul(double, w[0])), _add(a[2], qdd)
-        w, wd, a = turn(w), turn(wd), turn(a)
-        a = _plus(a, _plus(_cross(wd, arm), _cross(w, _cross(w, arm))))
-        unit.append(((0.0, 0.0, 1.0), _ZERO) if revolute else (_ZERO, (0.0, 0.0, 1.0)))
-        turned = [(turn(u), turn(s)) for u, s in unit]
-        unit = [(u, _plus(s, _cross(u, arm))) for u, s in turned]
+        unit = [*unit, ((0.0, 0.0, 1.0), _ZERO) if revolute else (_ZERO, (0.0, 0.0, 1.0))]
+        (w, wd, a), unit = _turned(about_z, (w, wd, a), unit)
+        if not geometry.modified:
+            (w, wd, a), unit = _turned(about_x, (w, wd, a), unit)
+            a, unit = _carried((along, _mul(sa, d), _mul(ca, d)), (w, wd, a), unit)
         yield _Link(w, wd, a, tuple(unit))
+
+
+def _turned(
+    turn: Callable[[Vector], Vector], moving: tuple[Vector, Vector, Vector], unit: _Units
+) -> tuple[tuple[Vector, Vector, Vector], _Units]:
+    """Motion ``(w, wd, a)`` and velocities per unit of joint speed in a frame that is turned."""
+    w, wd, a = moving
+    return (turn(w), turn(wd), turn(a)), [(turn(u), turn(s)) for u, s in unit]
+
+
+def _carried(arm: Vector, moving: tuple[Vector, Vector, Vector], unit: _Units) -> tuple[Vector, _Units]:
+    """Acceleration, and velocities per unit of joint speed, of the point at ``arm`` on the same body."""
+    w, wd, a = moving
+    a = _plus(a, _plus(_cross(wd, arm), _cross(w, _cross(w, arm))))
+    return a, [(u, _plus(s, _cross(u, arm))) for u, s in unit]
 
 
 def _snap(value: float) -> float:

@@ -51,6 +51,6 @@ def _warning(flagged: list[dict[str, Any]]) -> str:
     names = ", ".join(f["name"] for f in worst[:6]) + (f" and {len(worst) - 6} more" if len(worst) > 6 else "")
     is_are, these = ("has", "it is") if len(worst) == 1 else ("have", "they are")
     return (
-        f"{names} {is_are} a standard deviation above {FLAG_PERCENT:.0f} % of the value: {these} hardly told by "
+        f"{names} {is_are} a standard deviation above {FLAG_PERCENT:.0f} % of the value: {these} poorly determined by "
         "these recordings"
     )

@@ -2,9 +2,12 @@
 
 Standard (distal) convention: ``A_i = Rz(theta) Tz(d) Tx(a) Rx(alpha)`` takes frame ``i`` to frame ``i - 1``;
 frame ``i`` is fixed to link ``i``, at its far end; joint ``i`` turns about, or slides along, ``z`` of frame
-``i - 1``. The joint variable adds to ``theta`` (revolute) or to ``d`` (prismatic).
+``i - 1``. Modified (proximal) convention: ``A_i = Rx(alpha) Tx(a) Rz(theta) Tz(d)``; frame ``i`` is fixed to link ``i``
+at joint ``i``, which turns about, or slides along, ``z`` of frame ``i`` itself. The joint variable adds to ``theta``
+(revolute) or to ``d`` (prismatic) in both.
 
-Sources: Denavit and Hartenberg 1955; Siciliano et al., *Robotics: Modelling, Planning and Control*, 2.8.2.
+Sources: Denavit and Hartenberg 1955; Siciliano et al., *Robotics: Modelling, Planning and Control*, 2.8.2; modified:
+Craig, *Introduction to Robotics*, 3.4; Khalil and Kleinfinger 1986.
 """
 
 from __future__ import annotations
@@ -59,6 +62,8 @@ class Geometry:
     names: tuple[str, ...]
     coupled: tuple[int, ...] = ()
     coupling: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
+    modified: bool = False
+    link_side: tuple[int, ...] = ()
 
     @property
     def joints(self) -> int:
@@ -74,6 +79,26 @@ class Geometry:
     def cos_alpha(self) -> FloatArray:
         """Cosines of the twist angles, zeros exact."""
         return _clean(np.cos(self.alpha))
+
+    @property
+    def axes(self) -> FloatArray:
+        """Direction of every joint's axis in its own link's frame, (n, 3)."""
+        if self.modified:
+            return np.tile([0.0, 0.0, 1.0], (self.joints, 1))
+        return np.stack([np.zeros(self.joints), self.sin_alpha, self.cos_alpha], axis=1)
+
+    @property
+    def ends(self) -> tuple[FloatArray, FloatArray]:
+        """Where every link begins (at its own joint) and ends (at the next), in its own frame, (n, 3) in m each.
+
+        At zero of prismatic joints. The table does not say where the last link of a modified one ends: where it begins.
+        """
+        own = np.stack([self.a, self.d * self.sin_alpha, self.d * self.cos_alpha], axis=1)
+        nothing = np.zeros((self.joints, 3))
+        if not self.modified:
+            return -own, nothing
+        own[:, 1] *= -1.0  # Rx(alpha) Tz(d) of the next row, seen from this frame
+        return nothing, np.vstack([own[1:], np.zeros((1, 3))])
 
     def uncoupled(self) -> Geometry:
         """The same arm with every motor on its own joint only."""
@@ -98,8 +123,13 @@ def geometry_of(machine: Machine | Geometry) -> Geometry:
     if isinstance(machine, Geometry):
         return machine
     joints = machine.joints
-    coupled = tuple(i for i, joint in enumerate(joints) if joint.drive is not None and joint.drive.coupled)
     ratios = machine.ratios
+    link_side = tuple(i for i, j in enumerate(joints) if j.drive is not None and j.drive.effort == "link_side")
+    coupled = tuple(
+        i
+        for i, joint in enumerate(joints)
+        if joint.drive is not None and joint.drive.coupled and set(np.flatnonzero(ratios[i])) - set(link_side)
+    )
     return Geometry(
         revolute=np.array([joint.type == "revolute" for joint in joints]),
         a=np.array([joint.dh.a for joint in joints]),
@@ -113,6 +143,8 @@ def geometry_of(machine: Machine | Geometry) -> Geometry:
         names=tuple(joint.name for joint in joints),
         coupled=coupled,
         coupling=np.array([ratios[i] / ratios[i, i] for i in coupled]).reshape(-1, len(joints)),
+        modified=machine.convention == "modified",
+        link_side=link_side,
     )
 
 
@@ -130,7 +162,8 @@ def link_frames(machine: Machine | Geometry, q: npt.ArrayLike) -> FloatArray:
     -------
     ndarray
         Homogeneous transforms to the base frame, shape (..., n + 1, 4, 4); entry 0 is the base itself. The
-        axis of joint ``i`` (counted from 1) is the z axis of entry ``i - 1``.
+        axis of joint ``i`` (counted from 1) is the z axis of entry ``i - 1``, of entry ``i`` in the modified
+        convention.
     """
     geometry = geometry_of(machine)
     q = np.asarray(q, dtype=float)
@@ -143,18 +176,16 @@ def link_frames(machine: Machine | Geometry, q: npt.ArrayLike) -> FloatArray:
         d = geometry.d[i] + (0.0 if geometry.revolute[i] else q[..., i])
         ct, st, ca, sa = np.cos(theta), np.sin(theta), geometry.cos_alpha[i], geometry.sin_alpha[i]
         step = np.zeros((*q.shape[:-1], 4, 4))
-        step[..., 0, 0], step[..., 0, 1], step[..., 0, 2], step[..., 0, 3] = (
-            ct,
-            -st * ca,
-            st * sa,
-            geometry.a[i] * ct,
-        )
-        step[..., 1, 0], step[..., 1, 1], step[..., 1, 2], step[..., 1, 3] = (
-            st,
-            ct * ca,
-            -ct * sa,
-            geometry.a[i] * st,
-        )
-        step[..., 2, 1], step[..., 2, 2], step[..., 2, 3], step[..., 3, 3] = sa, ca, d, 1.0
+        step[..., 3, 3] = 1.0
+        if geometry.modified:
+            step[..., 0, :3] = np.stack([ct, -st, np.zeros_like(ct)], axis=-1)
+            step[..., 1, :3] = np.stack([st * ca, ct * ca, np.full_like(ct, -sa)], axis=-1)
+            step[..., 2, :3] = np.stack([st * sa, ct * sa, np.full_like(ct, ca)], axis=-1)
+            step[..., 0, 3], step[..., 1, 3], step[..., 2, 3] = geometry.a[i], -sa * d, ca * d
+        else:
+            step[..., 0, :3] = np.stack([ct, -st * ca, st * sa], axis=-1)
+            step[..., 1, :3] = np.stack([st, ct * ca, -ct * sa], axis=-1)
+            step[..., 2, 1], step[..., 2, 2], step[..., 2, 3] = sa, ca, d
+            step[..., 0, 3], step[..., 1, 3] = geometry.a[i] * ct, geometry.a[i] * st
         frames[..., i + 1, :, :] = frames[..., i, :, :] @ step
     return frames

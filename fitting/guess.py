@@ -113,13 +113,13 @@ def default_guess(machine: Machine, base: BaseParameters, supply: float = USUAL_
     """A guess from geometry and cylinder sizes alone; ``supply`` is the supply pressure in Pa."""
     geometry = geometry_of(machine)
     links = []
-    for a, d, alpha in zip(geometry.a, geometry.d, geometry.alpha, strict=True):
-        arm = np.array([a, d * np.sin(alpha), d * np.cos(alpha)])  # from the joint to the link's frame, in that frame
+    for near, far in zip(*geometry.ends, strict=True):
+        arm = far - near
         length = max(float(np.linalg.norm(arm)), 0.1)
         direction = arm / length
         across = np.eye(3) - np.outer(direction, direction)
         central = length**2 / 12 * across + (0.1 * length) ** 2 * np.eye(3)
-        links.append(standard_of_link(length, -arm / 2, length * central[np.triu_indices(3)]))
+        links.append(standard_of_link(length, (near + far) / 2, length * central[np.triu_indices(3)]))
     per_density = base.from_standard(np.concatenate(links))
     pressure, effort = _holding(machine, base, per_density)
     most = float(pressure.max(initial=0.0))

@@ -1,4 +1,4 @@
-"""Recordings as the fitting wants them: positions and efforts at the joints, and a pressure for every chamber.
+"""Recordings as the fitting wants them: motion and efforts at the joints, and a pressure for every chamber.
 
 A machine file may say that motors are measured instead of joints. Motors stand at ``q_motor = R q``, and by virtual
 work (``tau dq = tau_motor dq_motor``) their efforts act on the joints as ``tau = R' tau_motor``. ``R`` is the
@@ -16,12 +16,11 @@ import numpy as np
 import numpy.typing as npt
 
 from daq.machine_file import Channel, Joint, Machine, Quantity
+from daq.quantities import MOTOR_QUANTITIES
 from daq.recording import Recording
 from fitting.linkage import joint_position
 
 FloatArray = npt.NDArray[np.float64]
-
-_MOTOR = ("motor_position", "motor_effort")
 
 
 def at_joints(machine: Machine, recordings: Sequence[Recording]) -> tuple[Machine, tuple[Recording, ...]]:
@@ -41,10 +40,10 @@ def at_joints(machine: Machine, recordings: Sequence[Recording]) -> tuple[Machin
         Both unchanged where the file has neither motor channels nor vented chambers.
     """
     vented = [j for j in machine.joints if j.cylinder is not None and j.cylinder.vented is not None]
-    if not vented and not any(channel.quantity in _MOTOR for channel in machine.channels):
+    if not vented and not any(channel.quantity in MOTOR_QUANTITIES for channel in machine.channels):
         return machine, tuple(recordings)
-    derived = [*_positions(machine), *_efforts(machine), *_chambers(machine)]
-    kept = [channel for channel in machine.channels if channel.quantity not in _MOTOR]
+    derived = [*_positions(machine), *_velocities(machine), *_efforts(machine), *_chambers(machine)]
+    kept = [channel for channel in machine.channels if channel.quantity not in MOTOR_QUANTITIES]
     joints = tuple(
         j.model_copy(update={"cylinder": j.cylinder.model_copy(update={"vented": None})})
         if j.cylinder is not None and j in vented
@@ -59,6 +58,18 @@ def _positions(machine: Machine) -> list[Channel]:
     return [
         Channel(name=f"{joint.name}.from_motors", quantity="joint_position", joint=joint.name, unit=_unit(joint))
         for n, joint in ((n, machine.joints[n]) for n in machine.at_motors)
+    ]
+
+
+def _velocities(machine: Machine) -> list[Channel]:
+    return [
+        Channel(
+            name=f"{joint.name}.velocity_from_motors",
+            quantity="joint_velocity",
+            joint=joint.name,
+            unit=f"{_unit(joint)}/s",
+        )
+        for joint in (machine.joints[n] for n in machine.turning_at_motors)
     ]
 
 
@@ -90,12 +101,15 @@ def _converted(
 ) -> Recording:
     values = {channel.name: recording.values[channel.name] for channel in kept}
     q = _joint_positions(machine, recording)
+    speeds = _joint_velocities(machine, recording)
     efforts = _motor_efforts(machine, recording)
     places = {joint.name: number for number, joint in enumerate(machine.joints)}
     for channel in derived:
         number = places[str(channel.joint)]
         if channel.quantity == "joint_position":
             made = q[:, number]
+        elif channel.quantity == "joint_velocity":
+            made = speeds[:, number]
         elif channel.quantity == "joint_effort":
             acting = np.flatnonzero(machine.ratios[:, number])
             made = efforts[:, acting] @ machine.ratios[acting, number]
@@ -117,13 +131,30 @@ def _joint_positions(machine: Machine, recording: Recording) -> FloatArray:
             piston = machine.channel("piston_position", joint.name)
             if piston is not None and any(machine.ratios[list(machine.at_motors), number]):
                 q[:, number] = joint_position(joint, recording.values[piston.name])
-    unknown = list(machine.at_motors)
-    if unknown:
-        R = machine.ratios[unknown]
-        motors = np.column_stack([recording.values[_channel(machine, "motor_position", n)] for n in unknown])
-        known = [n for n in range(len(machine.joints)) if n not in unknown and R[:, n].any()]
-        q[:, unknown] = np.linalg.solve(R[:, unknown], (motors - q[:, known] @ R[:, known].T).T).T
-    return q
+    return _solved(machine, recording, q, machine.at_motors, "motor_position")
+
+
+def _joint_velocities(machine: Machine, recording: Recording) -> FloatArray:
+    """Velocities of all joints (N, n), NaN for one that no motor and no joint sensor tells."""
+    qd = np.full((len(recording), len(machine.joints)), np.nan)
+    for number, joint in enumerate(machine.joints):
+        channel = machine.channel("joint_velocity", joint.name)
+        if channel is not None:
+            qd[:, number] = recording.values[channel.name]
+    return _solved(machine, recording, qd, machine.turning_at_motors, "motor_velocity")
+
+
+def _solved(
+    machine: Machine, recording: Recording, known: FloatArray, unknown: Sequence[int], quantity: str
+) -> FloatArray:
+    """Joint values (N, n) with the columns ``unknown`` from what their motors' channels of ``quantity`` say."""
+    places = list(unknown)
+    if places:
+        R = machine.ratios[places]
+        motors = np.column_stack([recording.values[_channel(machine, quantity, n)] for n in places])
+        others = [n for n in range(len(machine.joints)) if n not in places and R[:, n].any()]
+        known[:, places] = np.linalg.solve(R[:, places], (motors - known[:, others] @ R[:, others].T).T).T
+    return known
 
 
 def _motor_efforts(machine: Machine, recording: Recording) -> FloatArray:

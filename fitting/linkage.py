@@ -10,16 +10,22 @@ of a cylinder that delivers the force ``F_l`` in the direction of extension is `
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 import numpy.typing as npt
 
 from daq.errors import InputError
-from daq.linkages import Direct, Linkage, Polynomial, Rack, ThreePin
+from daq.linkages import Direct, FourBar, Linkage, Polynomial, Rack, ThreePin, reduced
 from daq.machine_file import Joint
+from fitting.rocker import rocker_motion
 
 FloatArray = npt.NDArray[np.float64]
 
 _polynomial = np.polynomial.polynomial
+#: Parameters of a four-bar linkage that a wrong length shows in, m; its points only move what these do.
+_FOUR_BAR = ("rod_arm", "coupler_arm", "coupler", "retracted")
+_STEP = 1e-5  # m: differences of a closed form over twice this are right to 1e-9
 
 
 def lever_arm(linkage: Linkage, q: npt.ArrayLike) -> FloatArray:
@@ -35,9 +41,13 @@ def lever_arm(linkage: Linkage, q: npt.ArrayLike) -> FloatArray:
     Returns
     -------
     ndarray
-        ``r`` in m/rad (m/m), shape of ``q``. For three pins ``r = a b sin(q + offset) / length``.
+        ``r`` in m/rad (m/m), shape of ``q``. For three pins ``r = a b sin(q + offset) / length``; for a four-bar
+        linkage that of its rocker times the rocker's speed per unit of the joint's.
     """
-    q = np.asarray(q, dtype=float)
+    linkage, q = reduced(linkage), np.asarray(q, dtype=float)
+    if isinstance(linkage, FourBar):
+        turned, ratio, _ = rocker_motion(linkage, q)
+        return lever_arm(linkage.at_rocker, turned) * ratio
     if isinstance(linkage, ThreePin):
         return np.asarray(linkage.a * linkage.b * np.sin(q + linkage.offset) / linkage.length(q))
     if isinstance(linkage, Rack):
@@ -52,7 +62,10 @@ def lever_arm_slope(linkage: Linkage, q: npt.ArrayLike) -> FloatArray:
 
     For three pins ``r' = (a b cos(q + offset) - r^2) / length``.
     """
-    q = np.asarray(q, dtype=float)
+    linkage, q = reduced(linkage), np.asarray(q, dtype=float)
+    if isinstance(linkage, FourBar):
+        turned, ratio, bend = rocker_motion(linkage, q)
+        return lever_arm_slope(linkage.at_rocker, turned) * ratio**2 + lever_arm(linkage.at_rocker, turned) * bend
     if isinstance(linkage, ThreePin):
         r = lever_arm(linkage, q)
         return np.asarray((linkage.a * linkage.b * np.cos(q + linkage.offset) - r**2) / linkage.length(q), dtype=float)
@@ -87,8 +100,8 @@ def joint_position(joint: Joint, x: npt.ArrayLike) -> FloatArray:
 
     The machine file guarantees that ``x(q)`` is monotone within ``limits.position``, so the inverse is
     unique. Three pins are inverted in closed form with the law of cosines: ``q + offset = +-arccos((a^2 + b^2
-    - length^2) / (2 a b)) + 2 pi k``. A polynomial is inverted by Newton's method from a table, kept inside
-    the limits widened by 2 % of their width.
+    - length^2) / (2 a b)) + 2 pi k``. Polynomials and four-bar linkages are inverted by Newton's method from a
+    table, kept inside the limits widened by 2 % of their width.
 
     Parameters
     ----------
@@ -108,7 +121,7 @@ def joint_position(joint: Joint, x: npt.ArrayLike) -> FloatArray:
     InputError
         If the joint has no cylinder.
     """
-    linkage = _linkage(joint)
+    linkage = reduced(_linkage(joint))
     x = np.asarray(x, dtype=float)
     if isinstance(linkage, Direct):
         return x.copy()
@@ -116,7 +129,7 @@ def joint_position(joint: Joint, x: npt.ArrayLike) -> FloatArray:
         return x / linkage.radius + linkage.zero
     if isinstance(linkage, ThreePin):
         return _three_pin_position(linkage, sum(joint.limits.position) / 2, x)
-    return _polynomial_position(linkage, joint.limits.position, x)
+    return _tabled_position(linkage, joint.limits.position, x)
 
 
 def _three_pin_position(linkage: ThreePin, q_inside: float, x: FloatArray) -> FloatArray:
@@ -133,7 +146,7 @@ def _three_pin_position(linkage: ThreePin, q_inside: float, x: FloatArray) -> Fl
     return np.asarray(side * magnitude + 2 * np.pi * turns - linkage.offset)
 
 
-def _polynomial_position(linkage: Polynomial, limits: tuple[float, float], x: FloatArray) -> FloatArray:
+def _tabled_position(linkage: Polynomial | FourBar, limits: tuple[float, float], x: FloatArray) -> FloatArray:
     margin = 0.02 * (limits[1] - limits[0])
     low, high = limits[0] - margin, limits[1] + margin
     table_q = np.linspace(*limits, 257)
@@ -161,7 +174,13 @@ def stroke_limits(joint: Joint) -> tuple[float, float]:
 
 
 def parameter_names(linkage: Linkage) -> tuple[str, ...]:
-    """Names of the linkage's parameters, in the order of :func:`parameter_derivatives`."""
+    """Names of the linkage's parameters, in the order of :func:`parameter_derivatives`.
+
+    Pins given by coordinates have those of the three-pin linkage that they are.
+    """
+    linkage = reduced(linkage)
+    if isinstance(linkage, FourBar):
+        return _FOUR_BAR
     if isinstance(linkage, ThreePin):
         return ("a", "b", "offset", "retracted")
     if isinstance(linkage, Rack):
@@ -183,8 +202,10 @@ def parameter_derivatives(linkage: Linkage, q: npt.ArrayLike) -> FloatArray:
         Shape ``q.shape + (number of parameters,)``, m per unit of the parameter, order of
         :func:`parameter_names`.
     """
-    q = np.asarray(q, dtype=float)
+    linkage, q = reduced(linkage), np.asarray(q, dtype=float)
     columns: list[FloatArray] = []
+    if isinstance(linkage, FourBar):
+        columns = [(up.piston_position(q) - down.piston_position(q)) / (2 * _STEP) for up, down in _varied(linkage)]
     if isinstance(linkage, ThreePin):
         a, b, length, cosine = linkage.a, linkage.b, linkage.length(q), np.cos(q + linkage.offset)
         columns = [
@@ -207,8 +228,10 @@ def lever_arm_derivatives(linkage: Linkage, q: npt.ArrayLike) -> FloatArray:
     ``dr/dp = d(dx/dp)/dq``. Three pins: with ``c = a - b cos phi`` and ``s = a b sin phi``,
     ``dr/da = (b sin phi - r c / L) / L`` and so on.
     """
-    q = np.asarray(q, dtype=float)
+    linkage, q = reduced(linkage), np.asarray(q, dtype=float)
     columns: list[FloatArray] = []
+    if isinstance(linkage, FourBar):
+        columns = [(lever_arm(up, q) - lever_arm(down, q)) / (2 * _STEP) for up, down in _varied(linkage)]
     if isinstance(linkage, ThreePin):
         a, b, length, r = linkage.a, linkage.b, linkage.length(q), lever_arm(linkage, q)
         sine, cosine = np.sin(q + linkage.offset), np.cos(q + linkage.offset)
@@ -223,6 +246,18 @@ def lever_arm_derivatives(linkage: Linkage, q: npt.ArrayLike) -> FloatArray:
     elif isinstance(linkage, Polynomial):
         columns = [k * q ** (k - 1) if k else np.zeros(q.shape) for k in range(len(linkage.coefficients))]
     return np.stack(columns, axis=-1) if columns else np.zeros((*q.shape, 0))
+
+
+def _varied(linkage: FourBar) -> Iterator[tuple[Linkage, Linkage]]:
+    """The linkage with each of its parameters a step longer and a step shorter."""
+    for name in _FOUR_BAR:
+        value = getattr(linkage, name)
+        yield with_parameter(linkage, name, value + _STEP), with_parameter(linkage, name, value - _STEP)
+
+
+def with_parameter(linkage: Linkage, name: str, value: float) -> Linkage:
+    """The linkage with another value of one of its parameters (without what was computed from the old one)."""
+    return linkage.model_validate({**linkage.model_dump(), name: value})
 
 
 def _linkage(joint: Joint) -> Linkage:

@@ -15,12 +15,12 @@ from fitting.effects.base import Effect
 from fitting.noise import difference_noise
 from fitting.preparation import position_channel_noise
 from fitting.prior import Prior
-from fitting.regression import full_residual
+from fitting.regression import Design, full_residual
 from fitting.residual.attribution import attribute
-from fitting.residual.change_points import ChangePoint, change_points, joint_rows
+from fitting.residual.change_points import ChangePoint, change_points, joint_rows, step_at
 from fitting.residual.confirmation import Misfit, misfit, validate_gain
 from fitting.residual.cross_validation import held_out_gain
-from fitting.residual.findings import Accepted, Attribution
+from fitting.residual.findings import Accepted, Attribution, Family
 from fitting.residual.kinematics import Corrections
 from fitting.residual.laws import Law
 from fitting.residual.levelling import residual_parts
@@ -31,6 +31,7 @@ from fitting.residual.surfaces import Surface
 from fitting.residual.terms import Model, Term, fit_model
 from fitting.residual.uncertainty import with_doubts
 from fitting.session import Options, Prepared, Session
+from fitting.weighting import Weighed, weighed
 
 FloatArray = npt.NDArray[np.float64]
 Progress = Callable[[float, str], None]
@@ -160,7 +161,12 @@ def run_attribution(
     validate = signals.prepared(()).validate
     found = attribute(base, effects(), validate, signals, session.options.bootstrap, ripples, progress)
     found = _screened(session, corrections, signals, found)
-    return replace(found, model=with_doubts(found.model, session.prior), lines=lines, changes=_changes(found.model))
+    return replace(
+        found,
+        model=with_doubts(found.model, session.prior),
+        lines=lines,
+        changes=_changes(found.model, signals.prepared(found.model.terms), session.prior),
+    )
 
 
 def _screened(session: Session, corrections: Corrections, signals: SessionSignals, found: Attribution) -> Attribution:
@@ -203,6 +209,30 @@ def _at_cutoff(
     other = Session(session.machine, session.recordings, replace(session.options, bandwidth_hz=cutoff))
     model = SessionSignals(other, corrections).refit(terms)
     return {n: _value(model, n, place) for n, place in places.items()}
+
+
+def other_bands(
+    session: Session, corrections: Corrections, progress: Progress = lambda fraction, text: None
+) -> tuple[tuple[float, tuple[Family, ...]], ...]:
+    """What the loop finds at other cut-offs of the identification filter: (Hz, families).
+
+    Where nothing is missing that is nothing at any of them.
+    """
+    result = []
+    for number, factor in enumerate(SCREEN):
+        progress(0.86 + 0.03 * number, "looking again with another bandwidth")
+        cutoff = min(factor * session.bank.bandwidth_hz, session.machine.rate_hz / 5)
+        other = Session(session.machine, session.recordings, replace(session.options, bandwidth_hz=cutoff))
+        signals = SessionSignals(other, corrections)
+        validate = signals.prepared(()).validate
+        base = signals.refit(())
+        found = attribute(base, effects(), validate, signals)
+        if found.verdict != "nothing_missing" and session.options.bootstrap:
+            # Replicas take off what noise makes of the candidates: only asked where something stands out at all.
+            found = attribute(base, effects(), validate, signals, session.options.bootstrap)
+        scores = (*(item.score for item in found.accepted), *(item.score for item in found.unconfirmed))
+        result.append((cutoff, tuple(score.term.family for score in scores)))
+    return tuple(result)
 
 
 def _leading(model: Model, number: int) -> int:
@@ -258,20 +288,56 @@ def _ripples(signals: SessionSignals) -> tuple[tuple[Line, ...], tuple[Accepted,
     return lines, tuple(accepted)
 
 
-def _changes(model: Model) -> tuple[ChangePoint, ...]:
-    """Moments from which on a joint behaves otherwise, with everything that was found taken into account."""
+def _changes(model: Model, prepared: Prepared, prior: Prior) -> tuple[ChangePoint, ...]:
+    """Moments from which on a joint behaves otherwise, with everything that was found taken into account.
+
+    What comes back at one phase of the motion in every run of it is no change in time: not what all recordings have at
+    the same moment, and not what another run of the same motion shows at that phase as well. Where the model does not
+    explain the recordings down to their noise, its error has phases, too, and only a second run tells the two apart.
+    """
     joints = len(model.design.machine.joints)
+    explained = weighed(model, prior).weights == "whitened"
     found: list[ChangePoint] = []
     for joint in range(joints):
         rows = joint_rows(model.design, model.noise, model.fit, model.fitted, joint)
-        found += [c for c in change_points(rows, looks=joints) if c.p < CHANGE_ALARM / joints][:1]
+        for point in change_points(rows, looks=joints):
+            if point.kind == "every" or point.p >= CHANGE_ALARM / joints:
+                continue
+            others = _other_runs(model.design, prepared, point)
+            if others or explained:
+                shown = [step_at(rows, point.column, recording, time) for recording, time in others]
+                if not any(_is_the_same(point, *step) for step in shown):
+                    found.append(point)
+                break
     return tuple(found)
 
 
-def final_model(session: Session, corrections: Corrections, terms: Sequence[Term]) -> tuple[Prepared, Model]:
-    """Both stages refitted jointly with everything that was found."""
+def _other_runs(design: Design, prepared: Prepared, point: ChangePoint) -> list[tuple[int, float]]:
+    """Other recordings of the same motion, and the time at which it is at the same phase there, s."""
+    begins: dict[int, float] = {}
+    for segment in design.segments:
+        begins[segment.recording] = min(begins.get(segment.recording, np.inf), float(segment.t[0]))
+    result = []
+    for pair in prepared.pairs:
+        own, other = design.segments[pair.train], design.segments[pair.repeat]
+        moments = [float(own.t[pair.train_start]), float(other.t[pair.repeat_start])]
+        late = (moments[1] - begins[other.recording]) - (moments[0] - begins[own.recording])
+        if point.recording == own.recording:
+            result.append((other.recording, point.time + late))
+        elif point.recording == other.recording:
+            result.append((own.recording, point.time - late))
+    return result
+
+
+def _is_the_same(point: ChangePoint, change: float, std: float) -> bool:
+    """Whether another run shows the same change: half of it at least, or no less than chance leaves open."""
+    return change / point.change > 0.5 or abs(change - point.change) < 2.0 * std
+
+
+def final_model(session: Session, corrections: Corrections, terms: Sequence[Term]) -> tuple[Prepared, Weighed]:
+    """Both stages refitted jointly with everything that was found, with the weights that suit it."""
     signals = SessionSignals(session, corrections)
-    return signals.prepared(terms), with_doubts(signals.refit(terms), session.prior)
+    return signals.prepared(terms), weighed(signals.refit(terms), session.prior)
 
 
 def term_to_json(term: Term) -> dict[str, Any]:

@@ -14,7 +14,8 @@ from typing import TypeVar
 import numpy as np
 import numpy.typing as npt
 
-from fitting.regression import Design, Extra, NoiseModel, full_residual, white_noise_model
+from daq.recording_checks import runs
+from fitting.regression import REST_SHARE, Design, Extra, NoiseModel, full_residual, white_noise_model
 from fitting.signals import lag_between
 from fitting.spectrum import unit_whitening, whitening
 from fitting.splines import spline_basis
@@ -84,6 +85,18 @@ def difference_noise(
     return result
 
 
+def _difference_stretches(
+    design: Design, theta: FloatArray, pairs: Sequence[Pairing], joint: int, extra: Extra | None
+) -> list[FloatArray]:
+    """:func:`difference_noise` with what both runs spend at rest for long cut out."""
+    stretches = []
+    for pair, series in zip(pairs, difference_noise(design, theta, pairs, joint, extra), strict=True):
+        first = design.segments[pair.train].rest[pair.train_start : pair.train_start + pair.length, joint]
+        second = design.segments[pair.repeat].rest[pair.repeat_start : pair.repeat_start + pair.length, joint]
+        stretches += _moving(series, first | second, design)
+    return stretches
+
+
 def effort_floor(design: Design, theta: FloatArray, pairs: Sequence[Pairing], extra: Extra | None = None) -> FloatArray:
     """Noise floor per joint in the joint's effort unit, (n,): std of (train less repeat) residual over root two."""
     floors = []
@@ -95,7 +108,9 @@ def effort_floor(design: Design, theta: FloatArray, pairs: Sequence[Pairing], ex
             right = slice(pair.repeat_start, pair.repeat_start + pair.length)
             first = (a.r[:, joint] * full_residual(design, theta, joint, pair.train, extra))[left]
             second = (b.r[:, joint] * full_residual(design, theta, joint, pair.repeat, extra))[right]
-            values.append(design.bank.reduce(first - second))
+            kept = design.bank.reduce((a.rest[left, joint] | b.rest[right, joint]).astype(float)) < REST_SHARE
+            reduced = design.bank.reduce(first - second)
+            values.append(reduced[kept] if kept.any() else reduced)
         floors.append(float(np.std(np.concatenate(values)) / np.sqrt(2.0)))
     return np.array(floors)
 
@@ -126,7 +141,7 @@ def noise_model(
                 found.append(model.whitenings[joint])
                 continue
             if pairs:
-                series = difference_noise(design, theta, pairs, joint, extra)
+                series = _difference_stretches(design, theta, pairs, joint, extra)
             else:
                 series = _flexible_residual(design, theta, heard, joint, extra)
             # A joint that stood still all the time has no rows to weigh.
@@ -145,7 +160,12 @@ def _spread(items: Sequence[_T]) -> Sequence[_T]:
 def _flexible_residual(
     design: Design, theta: FloatArray, fitted: Sequence[int], joint: int, extra: Extra | None
 ) -> list[FloatArray]:
-    """Full-rate residual of a joint after splines in its own position and speed, with and without the speed's sign."""
+    """Full-rate residual of a joint after splines in its own position and speed, with and without the speed's sign.
+
+    Splines are fitted to filtered rows that move, and taken off rows at the full rate: directions that the former
+    hardly show would be made up on the latter. So a spline is expected to be no larger than the residual itself (one
+    row's worth of a ridge on columns of unit size), and long rests are cut out.
+    """
     segments = [design.segments[i] for i in fitted]
     rows = []
     for variable in ("x", "v"):
@@ -162,11 +182,24 @@ def _flexible_residual(
     b = np.concatenate([design.bank.reduce(r)[keep] for r, keep in zip(residuals, keeps, strict=True)])
     if not len(b):
         return []
-    scale = np.maximum(np.linalg.norm(A, axis=0), 1e-12)
-    coefficients = np.linalg.lstsq(A / scale, b, rcond=1e-8)[0] / scale
+    scale = np.maximum(np.sqrt(np.mean(columns**2, axis=0)), 1e-12)
+    ridge = np.vstack([A / scale, np.eye(A.shape[1])])
+    coefficients = np.linalg.lstsq(ridge, np.concatenate([b, np.zeros(A.shape[1])]), rcond=None)[0] / scale
     freedom = float(np.sqrt(len(b) / max(len(b) - A.shape[1], 1)))
     return [
-        freedom * (residual - part @ coefficients)
-        for residual, part, keep in zip(residuals, parts, keeps, strict=True)
+        stretch
+        for residual, part, keep, segment in zip(residuals, parts, keeps, segments, strict=True)
         if keep.any()
+        for stretch in _moving(freedom * (residual - part @ coefficients), segment.rest[:, joint], design)
     ]
+
+
+def _moving(series: FloatArray, rest: npt.NDArray[np.bool_], design: Design) -> list[FloatArray]:
+    """Stretches of a series between long rests: those that fill the identification filter's whole window.
+
+    A drive at rest holds any effort up to its static friction; that is neither noise nor model.
+    """
+    dwells = [run for run in runs(rest) if run.stop - run.start > 2 * design.bank.half]
+    edges = [0, *(edge for run in dwells for edge in (run.start, run.stop)), len(series)]
+    stretches = [series[start:stop] for start, stop in zip(edges[::2], edges[1::2], strict=True)]
+    return [stretch for stretch in stretches if len(stretch)]

@@ -1,7 +1,8 @@
 """From recordings to the smooth motion and the measured drive effort that regressions are built on.
 
 A :class:`Segment` is one gap-free stretch of one recording. Positions are fused where a joint has both kinds: each
-weighted by the inverse variance of its own white noise. The drive effort of a joint with a cylinder is
+weighted by the inverse variance of its own white noise; a measured velocity is fused with the position's derivative
+(:mod:`fitting.velocities`). The drive effort of a joint with a cylinder is
 ``p1 A1 - p2 A2`` in N (positive extends), of a joint driven directly its measured effort.
 """
 
@@ -19,7 +20,9 @@ from daq.errors import RecordingError
 from daq.machine_file import Joint, Machine
 from daq.recording import Recording
 from fitting.linkage import joint_motion, joint_position, lever_arm, piston_motion
-from fitting.signals import FilterBank, advanced, white_noise_of
+from fitting.position_sensors import channel_noise, joint_velocity_share, piston_weight, position_variances
+from fitting.signals import FilterBank, advanced
+from fitting.velocities import Motion, VelocityShare
 
 FloatArray = npt.NDArray[np.float64]
 BoolArray = npt.NDArray[np.bool_]
@@ -112,22 +115,29 @@ def position_noise(machine: Machine, recordings: Sequence[Recording], bank: Filt
     """Noise of each joint's driving element, from the high-frequency part of the position channels."""
     result = []
     for joint in machine.joints:
-        variances = []
+        variances, shares = [], []
         for recording in recordings:
-            sources = _position_variances(machine, joint, recording)
+            sources = position_variances(machine, joint, recording)
             if sources:
                 variances.append(1.0 / sum(1.0 / v for v in sources.values()))
+            share = joint_velocity_share(machine, joint, recording, bank)
+            if share is not None:
+                shares.append(share)
         std = float(np.sqrt(np.median(variances))) if variances else 0.0
-        result.append(PositionNoise(std, bank.speed_noise(std), bank.acceleration_noise(std)))
+        speed, acceleration = bank.speed_noise(std), bank.acceleration_noise(std)
+        if shares:
+            usual = VelocityShare(*np.median([(s.speed, s.acceleration) for s in shares], axis=0).tolist())
+            speed, acceleration = usual.noise(speed, acceleration)
+        result.append(PositionNoise(std, speed, acceleration))
     return tuple(result)
 
 
 def position_channel_noise(machine: Machine, recordings: Sequence[Recording]) -> dict[str, float]:
-    """Standard deviation of every position channel's white noise, SI: median over the recordings, by channel."""
+    """Standard deviation of the white noise of every channel of a motion, SI: median over the recordings."""
     result = {}
     for channel in machine.channels:
-        if channel.quantity in ("joint_position", "piston_position"):
-            stds = [_white_std(recording, channel.name) for recording in recordings]
+        if channel.quantity in ("joint_position", "joint_velocity", "piston_position"):
+            stds = [channel_noise(recording, channel.name) for recording in recordings]
             result[channel.name] = float(np.median(stds))
     return result
 
@@ -198,7 +208,8 @@ def segments_of(
                 f"{recording.file}: no stretch of {least / bank.rate_hz:.1f} s without a gap; record again or raise "
                 "the bandwidth"
             )
-        weights = tuple(_piston_weight(machine, joint, recording) for joint in machine.joints)
+        weights = tuple(piston_weight(machine, joint, recording) for joint in machine.joints)
+        shares = tuple(joint_velocity_share(machine, joint, recording, bank) for joint in machine.joints)
         if long:
             most = PIECE_SAMPLES // len(machine.joints)
             parts = [piece for whole in parts for piece in pieces(whole, bank, most)]
@@ -211,6 +222,7 @@ def segments_of(
                 bank,
                 noise=noise,
                 weights=weights,
+                shares=shares,
                 position_error=position_error or {},
                 play=play or {},
             )
@@ -238,6 +250,7 @@ def _segment(
     *,
     noise: Sequence[PositionNoise],
     weights: Sequence[float],
+    shares: Sequence[VelocityShare | None],
     position_error: Mapping[str, PositionError],
     play: Mapping[str, Play],
 ) -> Segment:
@@ -252,8 +265,9 @@ def _segment(
     for number, joint in enumerate(machine.joints):
         error = position_error.get(joint.name)
         own = play.get(joint.name)
-        motion, gap = _motion(machine, joint, recording, part, bank, weights[number], error, own)
-        lead.append(_motion(machine, joint, *before, bank, weights[number], error, own)[0][2])
+        weight, share = weights[number], shares[number]
+        motion, gap = _motion(machine, joint, recording, part, bank, weight, share, error, own)
+        lead.append(_motion(machine, joint, *before, bank, weight, share, error, own)[0][2])
         for key, value in zip(("q", "qd", "qdd", "x", "v", "a"), motion, strict=True):
             columns[key].append(value)
         columns["gap"].append(gap)
@@ -323,6 +337,9 @@ def _with_start(machine: Machine, recording: Recording, bank: FilterBank) -> tup
             first = own[:count]
             line = np.polynomial.Polynomial.fit(np.arange(len(first)), first, 1)
             values[channel.name] = np.concatenate([line(np.arange(-bank.margin, 0)), own[: 2 * bank.margin]])
+        elif channel.quantity == "joint_velocity":
+            own = recording.values[channel.name]
+            values[channel.name] = np.concatenate([np.full(bank.margin, own[:count].mean()), own[: 2 * bank.margin]])
     return replace(recording, values=values), slice(0, 3 * bank.margin)
 
 
@@ -343,23 +360,31 @@ def _motion(
     part: slice,
     bank: FilterBank,
     weight: float,
+    share: VelocityShare | None,
     position_error: PositionError | None,
     play: Play | None,
 ) -> tuple[tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray, FloatArray], FloatArray]:
     angle = machine.channel("joint_position", joint.name)
     piston = machine.channel("piston_position", joint.name)
+    speed = machine.channel("joint_velocity", joint.name)
     q_raw = None if angle is None else recording.values[angle.name][part]
     if q_raw is not None and position_error is not None:
         q_raw = q_raw - position_error(q_raw)
     nothing = np.full(part.stop - part.start - 2 * bank.margin, np.nan)
+
+    def fused(motion: Motion) -> Motion:
+        if share is None or speed is None:
+            return motion
+        return share.fused(motion, recording.values[speed.name][part], bank)
+
     if joint.cylinder is None:
         assert q_raw is not None  # the machine file guarantees a position
-        motion = bank.smooth(q_raw)
+        motion = fused(bank.smooth(q_raw))
         return (*motion, *motion), nothing
     linkage = joint.cylinder.linkage
     if piston is None:
         assert q_raw is not None
-        motion = bank.smooth(q_raw)
+        motion = fused(bank.smooth(q_raw))
         return (*motion, *piston_motion(linkage, *motion)), nothing
     x_raw = recording.values[piston.name][part]
     smooth_x = bank.smooth(x_raw)
@@ -369,44 +394,14 @@ def _motion(
         q = np.full_like(smooth_x[0], parked)
         return (q, np.zeros_like(q), np.zeros_like(q), *smooth_x), nothing
     if q_raw is None:
-        return (*joint_motion(joint, *smooth_x), *smooth_x), nothing
+        motion = fused(joint_motion(joint, *smooth_x))
+        return (*motion, *(smooth_x if share is None else piston_motion(linkage, *motion))), nothing
     gap = smooth_x[0] - bank.smoothed(linkage.piston_position(q_raw))
     if play == "pin":
-        return (*bank.smooth(q_raw), *smooth_x), gap
-    share = 0.0 if play == "sensor" else weight
-    motion = bank.smooth((1 - share) * q_raw + share * joint_position(joint, x_raw))
+        return (*fused(bank.smooth(q_raw)), *smooth_x), gap
+    fraction = 0.0 if play == "sensor" else weight
+    motion = fused(bank.smooth((1 - fraction) * q_raw + fraction * joint_position(joint, x_raw)))
     return (*motion, *piston_motion(linkage, *motion)), gap
-
-
-def _piston_weight(machine: Machine, joint: Joint, recording: Recording) -> float:
-    """Weight of the piston's sensor where the joint has one too; NaN where there is nothing to fuse."""
-    variances = _position_variances(machine, joint, recording)
-    if len(variances) < 2:
-        return np.nan
-    return variances["joint"] / (variances["joint"] + variances["piston"])
-
-
-def _position_variances(machine: Machine, joint: Joint, recording: Recording) -> dict[str, float]:
-    """White-noise variance of each position sensor that says something, in the piston's unit squared."""
-    angle = machine.channel("joint_position", joint.name)
-    piston = machine.channel("piston_position", joint.name)
-    result = {}
-    if piston is not None:
-        result["piston"] = max(_white_std(recording, piston.name) ** 2, 1e-18)
-    if angle is not None and (recording.role != "unloaded" or piston is None):
-        values = recording.values[angle.name]
-        values = values[np.isfinite(values)]
-        scale = 1.0
-        if joint.cylinder is not None:
-            scale = float(np.sqrt(np.mean(lever_arm(joint.cylinder.linkage, values) ** 2)))
-        result["joint"] = max((scale * _white_std(recording, angle.name)) ** 2, 1e-18)
-    return result
-
-
-def _white_std(recording: Recording, channel: str) -> float:
-    """White noise of a channel, between its gaps."""
-    values = recording.values[channel]
-    return white_noise_of([values[part] for part in recording.segments([channel])])
 
 
 def _effort(

@@ -52,15 +52,22 @@ def mass_prior(machine: Machine) -> Prior:
     return Prior(mass, _RELATIVE_STD * mass)
 
 
+def prior_row(parameters: Parameters, prior: Prior, joint: int, columns: int) -> tuple[FloatArray, float] | None:
+    """A joint's prior as one row of unit noise: its ``columns`` coefficients and its target; None without a prior."""
+    if np.isnan(prior.mass[joint]):
+        return None
+    row = np.zeros(columns)
+    row[parameters.drive_slice(joint).start + parameters.drive[joint].index("m")] = 1.0 / prior.std[joint]
+    return row, float(prior.mass[joint] / prior.std[joint])
+
+
 def with_prior(rows: Sequence[WhiteRows], parameters: Parameters, prior: Prior) -> tuple[WhiteRows, ...]:
     """The rows with one more per joint for its prior (last row of each joint's block)."""
     result = []
     for joint, own in enumerate(rows):
-        if np.isnan(prior.mass[joint]):
+        row = prior_row(parameters, prior, joint, own.A.shape[1])
+        if row is None:
             result.append(own)
             continue
-        row = np.zeros(own.A.shape[1])
-        row[parameters.drive_slice(joint).start + parameters.drive[joint].index("m")] = 1.0 / prior.std[joint]
-        A = np.vstack([own.A, row])
-        result.append(WhiteRows(A, np.append(own.b, prior.mass[joint] / prior.std[joint]), own.sections))
+        result.append(WhiteRows(np.vstack([own.A, row[0]]), np.append(own.b, row[1]), own.sections))
     return tuple(result)

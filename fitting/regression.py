@@ -325,39 +325,67 @@ class Fit:
         return sum(len(r) for r in self.residual)
 
 
-def solve(rows: Sequence[WhiteRows], extra_names: tuple[str, ...] = ()) -> Fit:
-    """Least squares on whitened rows; columns that the rows cannot tell are left out, not guessed.
+@dataclass(frozen=True)
+class Factor:
+    """Pivoted QR of a least-squares problem, rank decided.
 
-    The rank is decided by pivoted QR on unit columns at 1e-9 of the largest pivot.
+    Attributes
+    ----------
+    Q, R : (N, rank), (rank, rank) of the columns that are told, at unit norm, in the order of ``told``
+    told : (rank,) numbers of these columns
+    root : (p, rank) with ``(A'A)^-1 = root root'`` on them, zero rows for the others
     """
-    A = np.vstack([r.A for r in rows])
-    b = np.concatenate([r.b for r in rows])
+
+    Q: FloatArray
+    R: FloatArray
+    told: npt.NDArray[np.intp]
+    root: FloatArray
+
+    @property
+    def condition_number(self) -> float:
+        """Of the columns that are told, each at unit norm."""
+        if not len(self.R):
+            return 1.0
+        singular = linalg.svdvals(self.R / np.linalg.norm(self.R, axis=0))
+        return float(singular[0] / singular[-1])
+
+
+def factor(A: FloatArray, extra: int = 0) -> Factor:
+    """Pivoted QR of ``A`` (N, p); columns that the rows cannot tell are left out, not guessed.
+
+    The rank is decided on unit columns at 1e-9 of the largest pivot; the last ``extra`` columns come last.
+    """
     p = A.shape[1]
     scale = np.linalg.norm(A, axis=0)
     used = np.flatnonzero(scale > 0)
     # Effects come last: where a law could stand in for a base column, the base keeps its meaning.
-    scale = np.where(np.arange(p) < p - len(extra_names), scale, 1e3 * scale)
+    scale = np.where(np.arange(p) < p - extra, scale, 1e3 * scale)
     Q, R, order = linalg.qr(A[:, used] / scale[used], mode="economic", pivoting=True)
     pivots = np.abs(np.diag(R))
     rank = int(np.count_nonzero(pivots > 1e-9 * pivots[0])) if len(pivots) else 0
-    Q, R, told_order = Q[:, :rank], R[:rank, :rank], used[order[:rank]]
-    projected = Q.T @ b
-    theta, covariance, told = np.zeros(p), np.zeros((p, p)), np.zeros(p, dtype=bool)
-    theta[told_order] = linalg.solve_triangular(R, projected) / scale[told_order]
-    inverse = linalg.solve_triangular(R, np.eye(rank))
-    covariance[np.ix_(told_order, told_order)] = (inverse @ inverse.T) / np.outer(scale[told_order], scale[told_order])
-    told[told_order] = True
-    unit = R / np.linalg.norm(R, axis=0) if rank else R
-    singular = linalg.svdvals(unit) if rank else np.array([1.0])
-    residual = b - Q @ projected
+    Q, R, told = Q[:, :rank], R[:rank, :rank], used[order[:rank]]
+    root = np.zeros((p, rank))
+    root[told] = linalg.solve_triangular(R, np.eye(rank)) / scale[told][:, None]
+    return Factor(Q, R, told, root)
+
+
+def solve(rows: Sequence[WhiteRows], extra_names: tuple[str, ...] = ()) -> Fit:
+    """Least squares on whitened rows (:func:`factor`)."""
+    A = np.vstack([r.A for r in rows])
+    b = np.concatenate([r.b for r in rows])
+    found = factor(A, len(extra_names))
+    projected = found.Q.T @ b
+    told = np.zeros(A.shape[1], dtype=bool)
+    told[found.told] = True
+    residual = b - found.Q @ projected
     ends = np.cumsum([len(r.b) for r in rows])[:-1]
     return Fit(
-        theta=theta,
-        covariance=covariance,
+        theta=found.root @ projected,
+        covariance=found.root @ found.root.T,
         told=told,
-        orthonormal=tuple(np.split(Q, ends)),
+        orthonormal=tuple(np.split(found.Q, ends)),
         residual=tuple(np.split(residual, ends)),
-        condition_number=float(singular[0] / singular[-1]),
+        condition_number=found.condition_number,
         extra_names=extra_names,
     )
 

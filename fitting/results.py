@@ -10,10 +10,14 @@ from typing import Any
 
 import numpy as np
 
-from fitting.drive import UNITS, direct_units
+from daq.machine_file import Machine
+from fitting.checks.gate import for_report
+from fitting.cylinder_stage import MOST_CONDITION
+from fitting.drive import UNITS, direct_units, effort_unit
 from fitting.effects import effect
 from fitting.flags import mark
 from fitting.identifiability import Telling, statement, tellings
+from fitting.joint_words import in_own_units, in_words_of, own_unit
 from fitting.kinematic_check import corrections_from_json
 from fitting.loop import final_model, term_from_json
 from fitting.report.model import Figures
@@ -22,6 +26,7 @@ from fitting.residual.laws import Law
 from fitting.residual.surfaces import second_variable
 from fitting.residual.terms import Model, Term
 from fitting.session import Prepared, Session
+from fitting.verdict import verdict
 
 Results = Mapping[str, dict[str, Any]]
 
@@ -34,6 +39,9 @@ _PLACES = {
     0.0: "; the efforts follow the piston's own speed, so the play is in a pin",
     1.0: "; the efforts follow the joint's speed, so the play is in the piston's sensor",
 }
+#: What the joint refit's weights make it, and its deviations.
+_ESTIMATORS = {"whitened": "gls", "equal": "joint_ols"}
+_COVARIANCES = {"whitened": "whitened", "equal": "hac"}
 _EVIDENCE = ("score", "gain", "held_out_gain", "held_out_z", "validate_gain", "surviving", "witness", "cutoffs")
 _CHANGED = {
     "1": "the zero of the effort",
@@ -48,7 +56,8 @@ def build_report(session: Session, results: Results) -> tuple[dict[str, Any], Fi
     """Content of report.json (DESIGN 6) and the data of the page's figures."""
     terms = [term_from_json(a["term"]) for a in results["attribution"]["accepted"]]
     steps = [step for f in results["residual"]["kinematics"] for step in f["steps"]]
-    prepared, model = final_model(session, corrections_from_json(session, steps), terms)
+    prepared, final = final_model(session, corrections_from_json(session, steps), terms)
+    model = final.model
     content = {
         "schema": "hilfit/report/1",
         "machine": session.machine.name,
@@ -72,19 +81,37 @@ def build_report(session: Session, results: Results) -> tuple[dict[str, Any], Fi
         "errors": _errors(session, results),
         "overall": results["refit"]["overall"],
         "loop": _loop(session, results, model, terms),
+        "estimation": results["refit"]["estimation"],
+        "plausibility": _plausibility(session, results),
         "parameter_shifts": _shifts(session, results),
         "identifiability": _identifiability(session),
+        "checks": for_report(results["check"].get("findings", [])),
         "warnings": _warnings(session, results),
     }
+    for part in ("loop", "estimation", "plausibility", "warnings"):
+        content[part] = in_words_of(session.machine, content[part])
     mark(content)
     return content, _figures(session, results, prepared, model, terms)
 
 
-def _verdict(results: Results) -> str:
-    kinematics, verdict = results["residual"]["kinematics"], str(results["attribution"]["verdict"])
-    if not kinematics or verdict in ("unexplained", "ambiguous"):
-        return verdict
-    return "ambiguous" if any(f["rivals"] for f in kinematics) else "effect_added"
+def _plausibility(session: Session, results: Results) -> dict[str, Any]:
+    """Parameters that cannot be, and beside them the fit that keeps to what can."""
+    found = results["refit"]["plausibility"]
+    if "constrained" not in found:
+        return {"violations": []}
+    constrained, names = found["constrained"], session.plain.design.parameters.names
+    errors = {
+        joint.name: {key: values[number] for key, values in constrained["errors"].items()}
+        for number, joint in enumerate(session.machine.joints)
+    }
+    parameters = [
+        {"name": name, "value": value, "free": free}
+        for name, value, free in zip(names, constrained["theta"], results["refit"]["after"]["theta"], strict=False)
+    ]
+    return {
+        "violations": found["violations"],
+        "constrained": {"errors": errors, "price_percent": constrained["price_percent"], "parameters": parameters},
+    }
 
 
 def _cylinders(session: Session, results: Results) -> dict[str, Any]:
@@ -94,14 +121,11 @@ def _cylinders(session: Session, results: Results) -> dict[str, Any]:
         zip(session.machine.joints, results["cylinder_stage"]["cylinders"], strict=True)
     ):
         part = session.plain.design.parameters.drive_slice(number)
-        unit = "N" if joint.cylinder is not None else joint.effort_unit
-        units = {name: UNITS[name] for name in first["names"]}
-        if joint.cylinder is None:
-            units = direct_units(joint.effort_unit)
+        units = UNITS if joint.cylinder is not None else direct_units(joint.effort_unit)
         cylinders[joint.name] = {
             "parameters": _values(first["names"], refit["after"]["theta"][part], refit["after"]["std"][part], units),
             "residual_std": refit["drive_residual_std"][number],
-            "unit": unit,
+            "unit": effort_unit(joint),
             "stage_1": _values(first["names"], first["theta"], first["std"], units),
             "stage_1_residual_std": first["residual_std"],
             "stage_1_in_situ": first["in_situ"],
@@ -124,8 +148,8 @@ def _rigid_body(session: Session, results: Results) -> dict[str, Any]:
     final = chosen or refit["after"]
     joint_refit = _values_of(refit["after"], part) if chosen else [{}] * len(base)
     return {
-        "estimator": chosen["estimator"] if chosen else "gls",
-        "covariance": session.options.covariance if chosen else "whitened",
+        "estimator": chosen["estimator"] if chosen else _ESTIMATORS[refit["weights"]],
+        "covariance": session.options.covariance if chosen else _COVARIANCES[refit["weights"]],
         "condition_number": (chosen or refit)["condition_number"],
         "parameters": [
             {
@@ -163,7 +187,7 @@ def _price(session: Session, results: Results, chosen: Mapping[str, Any]) -> dic
     """What the estimator asked for costs in error against the joint refit, and what it had to say."""
     after = results["refit"]["errors"]["after"]
     errors = {
-        joint.name: {role: chosen["errors"][role][number] for role in ("train", "validate")}
+        joint.name: {key: values[number] for key, values in chosen["errors"].items()}
         for number, joint in enumerate(session.machine.joints)
     }
     price = {}
@@ -186,9 +210,10 @@ def _one_shot(session: Session, results: Results) -> dict[str, Any]:
         **({"comparison": comparison} if comparison else {}),
         "condition_number": one_shot["condition_number"],
         "errors": {
-            joint.name: {role: one_shot["errors"][role][number] for role in ("train", "validate")}
+            joint.name: {key: values[number] for key, values in one_shot["errors"].items()}
             for number, joint in enumerate(session.machine.joints)
         },
+        "relative": one_shot["relative"],
     }
 
 
@@ -200,19 +225,21 @@ def _errors(session: Session, results: Results) -> dict[str, Any]:
         joint.name: {
             "unit": joint.effort_unit,
             "noise_floor": floor[number],
-            "before": {role: errors["before"][role][number] for role in ("train", "validate")},
-            "after": {role: errors["after"][role][number] for role in ("train", "validate")},
-            "two_stage": {role: two_stage[role][number] for role in ("train", "validate")},
+            "noise_floor_valid": results["residual"]["floor_valid"][number],
+            "before": {key: values[number] for key, values in errors["before"].items()},
+            "after": {key: values[number] for key, values in errors["after"].items()},
+            "two_stage": {key: values[number] for key, values in two_stage.items()},
         }
         for number, joint in enumerate(session.machine.joints)
     }
 
 
 def _loop(session: Session, results: Results, model: Model, terms: list[Term]) -> dict[str, Any]:
-    names = [joint.name for joint in session.machine.joints]
+    machine = session.machine
+    names = [joint.name for joint in machine.joints]
     found, effects, unexplained = results["attribution"], [], []
     for finding in results["residual"]["kinematics"]:
-        effects.append(_kinematic_effect(names, finding))
+        effects.append(_kinematic_effect(machine, finding))
     for number, (term, accepted) in enumerate(zip(terms, found["accepted"], strict=True)):
         evidence = {key: accepted[key] for key in _EVIDENCE if accepted[key] not in (None, "", [])}
         if accepted["null"] is not None:
@@ -220,16 +247,20 @@ def _loop(session: Session, results: Results, model: Model, terms: list[Term]) -
         part = model.term_slice(number)
         if isinstance(term.content, Law):
             unexplained.append(
-                {
-                    "joint": names[term.joint or 0],
-                    "variable": term.content.variable(tuple(names)),
-                    "times_sign_of_speed": term.content.signed,
-                    **second_variable(term.content, tuple(names)),
-                    "law": law_curve(term.content, model, part),
-                    "unit": term.content.unit,
-                    "added": True,
-                    "evidence": evidence,
-                }
+                in_own_units(
+                    machine,
+                    {
+                        "joint": names[term.joint or 0],
+                        "variable": term.content.variable(tuple(names)),
+                        "times_sign_of_speed": term.content.signed,
+                        **second_variable(term.content, tuple(names)),
+                        "law": law_curve(term.content, model, part),
+                        "unit": term.content.unit,
+                        "amplitude": _amplitude(model, number),
+                        "added": True,
+                        "evidence": evidence,
+                    },
+                )
             )
             continue
         effects.append(
@@ -238,7 +269,8 @@ def _loop(session: Session, results: Results, model: Model, terms: list[Term]) -
                 "joint": None if term.joint is None else names[term.joint],
                 "title": term.content.title,
                 "equation": term.content.equation,
-                "parameters": _term_parameters(term, model, part, names),
+                "parameters": _term_parameters(term, model, part, machine),
+                "amplitude": _amplitude(model, number),
                 "indistinguishable_from": [
                     {
                         "id": r["id"],
@@ -251,12 +283,16 @@ def _loop(session: Session, results: Results, model: Model, terms: list[Term]) -
             }
         )
     effects += [_line_effect(names, line) for line in found["lines"] if not line["in_band"]]
-    unexplained += [{**item, "joint": names[item["joint"]], "added": False} for item in found["unconfirmed"]]
+    unexplained += [
+        in_own_units(machine, {**item, "joint": names[item["joint"]], "added": False}) for item in found["unconfirmed"]
+    ]
+    said, reasons = verdict(results, names)
     experiment = found["next_experiment"]
     if experiment is not None:
         experiment = {key: value for key, value in experiment.items() if key != "program"}
     return {
-        "verdict": _verdict(results),
+        "verdict": said,
+        "reasons": reasons,
         "effects": effects,
         "unexplained": unexplained,
         "candidates": [
@@ -275,7 +311,13 @@ def _loop(session: Session, results: Results, model: Model, terms: list[Term]) -
             for c in found["candidates"]
         ],
         "detection_limits": [
-            {**limit, "joint": None if limit["joint"] is None else names[limit["joint"]]} for limit in found["limits"]
+            {
+                **limit,
+                "title": effect(limit["id"]).title,
+                "joint": None if limit["joint"] is None else names[limit["joint"]],
+                "unit": own_unit(machine, limit["joint"], limit["unit"]),
+            }
+            for limit in found["limits"]
         ],
         "changes": found["changes"],
         "looked": found.get("looked", True),
@@ -283,15 +325,15 @@ def _loop(session: Session, results: Results, model: Model, terms: list[Term]) -
     }
 
 
-def _kinematic_effect(names: list[str], finding: Mapping[str, Any]) -> dict[str, Any]:
+def _kinematic_effect(machine: Machine, finding: Mapping[str, Any]) -> dict[str, Any]:
     first = finding["steps"][0]
     content = effect(first["effect"])
-    joint = names[first["joint"]]
+    joint = machine.joints[first["joint"]].name
     parameters: dict[str, Any] = {
-        p.name: {"value": value, "std": std, "unit": p.unit}
+        p.name: {"value": value, "std": std, "unit": own_unit(machine, first["joint"], p.unit)}
         for p, value, std in zip(content.parameters, finding["values"], finding["stds"], strict=True)
     }
-    parameters.update(_shape_values(first["shape"], names))
+    parameters.update(_shape_values(first["shape"], machine, first["joint"]))
     return {
         "id": content.id,
         "joint": joint,
@@ -323,11 +365,18 @@ def _line_effect(names: list[str], line: Mapping[str, Any]) -> dict[str, Any]:
     }
 
 
-def _term_parameters(term: Term, model: Model, part: slice, names: list[str]) -> dict[str, Any]:
+def _term_parameters(term: Term, model: Model, part: slice, machine: Machine) -> dict[str, Any]:
     assert not isinstance(term.content, Law)
+    other = term.shape.get("other")
+    slides = other is not None and machine.joints[int(other)].type == "prismatic"
     rebuilt = term.rebuilt or (0.0,) * len(term.content.parameters)
     values = {
-        p.name: {"value": float(value) + already, "std": float(std), "unit": p.unit}
+        p.name: {
+            "value": float(value) + already,
+            "std": float(std),
+            # Per radian of another joint, or per metre where that one slides.
+            "unit": own_unit(machine, term.joint, p.unit.replace("/rad", "/m") if slides else p.unit),
+        }
         for p, value, std, already, told in zip(
             term.content.parameters,
             model.fit.theta[part],
@@ -338,15 +387,49 @@ def _term_parameters(term: Term, model: Model, part: slice, names: list[str]) ->
         )
         if told  # a column that the base takes whole has no value of its own
     }
-    return {**values, **_shape_values(term.shape, names)}
+    view = model.views[model.fitted[0]][term.joint or 0]
+    references = {}
+    for name, (value, unit) in term.content.references(view, term.shape).items():
+        if other is not None:  # a pose of the other joint
+            unit = unit.replace("rad", "m") if slides else unit
+        else:
+            unit = own_unit(machine, term.joint, unit)
+        references[name] = {"value": value, "std": None, "unit": unit}
+    return {**values, **_shape_values(term.shape, machine, term.joint), **references}
 
 
-def _shape_values(shape: Mapping[str, float], names: list[str]) -> dict[str, Any]:
+def _amplitude(model: Model, number: int) -> dict[str, Any]:
+    """How large a term is over the motions that were fitted: a size that does not depend on what a formula counts from.
+
+    ``largest`` is the 99th percentile of its magnitude over the moving samples, on the joint where it is largest; of a
+    delay what is left of it after the efforts were moved.
+    """
+    machine = model.design.machine
+    best = {"largest": 0.0, "rms": 0.0, "unit": "N", "joint": None}
+    for joint, own in enumerate(machine.joints):
+        if model.terms[number].joint not in (joint, None) and not model.terms[number].everywhere:
+            continue
+        parts = [
+            model.contribution(number, joint, index)[~model.design.segments[index].rest[:, joint]]
+            for index in model.fitted
+        ]
+        force = np.abs(np.concatenate(parts))
+        if len(force) and np.quantile(force, 0.99) > best["largest"]:
+            best = {
+                "largest": float(np.quantile(force, 0.99)),
+                "rms": float(np.sqrt(np.mean(force**2))),
+                "unit": effort_unit(own),
+                "joint": own.name,
+            }
+    return best
+
+
+def _shape_values(shape: Mapping[str, float], machine: Machine, joint: int | None) -> dict[str, Any]:
     values: dict[str, Any] = {}
     for key, value in shape.items():
-        unit = SHAPE_UNITS.get(key, "1")
+        unit = own_unit(machine, joint, SHAPE_UNITS.get(key, "1"))
         if key == "other":
-            values[f"other joint: {names[int(value)]}"] = {"value": value, "std": None, "unit": "index"}
+            values[f"other joint: {machine.joints[int(value)].name}"] = {"value": value, "std": None, "unit": "index"}
         elif key == "sensor":
             values[f"place: {'in the piston sensor' if value else 'in a pin'}"] = {
                 "value": value,
@@ -386,7 +469,8 @@ def _shifts(session: Session, results: Results) -> list[dict[str, Any]]:
 
 
 def _warnings(session: Session, results: Results) -> list[str]:
-    warnings = [*session.left_out, *results["attribution"]["warnings"]]
+    notes = dict.fromkeys(note for recording in session.recordings for note in recording.notes)
+    warnings = [*notes, *session.left_out, *results["attribution"]["warnings"]]
     if not results["residual"]["measured"]:
         warnings.append(
             "no repeated motion: the noise floor is an estimate from residuals; record the training motion twice"
@@ -396,7 +480,18 @@ def _warnings(session: Session, results: Results) -> list[str]:
     still = [c["joint"] for c in results["cylinder_stage"]["cylinders"] if c["rows"] == 0]
     if still:
         warnings.append(f"{', '.join(still)} never moved: nothing is known of its friction and stiffness")
-    in_situ = [c["joint"] for c in results["cylinder_stage"]["cylinders"] if c["in_situ"] and c["rows"] > 0]
+    refused = [c for c in results["cylinder_stage"]["cylinders"] if c["refused"]]
+    if refused:
+        listed = ", ".join(f"{c['joint']} ({c['condition']:.3g})" for c in refused)
+        warnings.append(
+            f"stage 1 without an unloaded recording is refused for {listed}: the load looks like the drive there "
+            f"(condition number above {MOST_CONDITION:g}); the values of the joint fit stand in its place"
+        )
+    in_situ = [
+        c["joint"]
+        for c in results["cylinder_stage"]["cylinders"]
+        if c["in_situ"] and c["rows"] > 0 and not c["refused"]
+    ]
     if in_situ:
         warnings.append(f"stage 1 ran with the load as a nuisance on {', '.join(in_situ)}: no unloaded recording of it")
     parameters = session.plain.design.parameters
@@ -416,7 +511,7 @@ def _warnings(session: Session, results: Results) -> list[str]:
 
 def _tellings(session: Session) -> tuple[Telling, ...]:
     plain = session.plain
-    theta = session.base_model.fit.theta
+    theta = session.handed_base.model.fit.theta
     return tellings(plain.design, plain.noise, plain.fitted, theta, session.prior)
 
 
@@ -434,7 +529,7 @@ def _identifiability(session: Session) -> list[dict[str, Any]]:
 
 
 def _figures(session: Session, results: Results, prepared: Prepared, model: Model, terms: list[Term]) -> Figures:
-    before = session.base_model
+    before = session.base_with(results["refit"]["weights"])
     shown = session.plain.validate or session.plain.design.indices("train", "operation")
     return Figures(
         scatter=scatters(before, model, shown),

@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
+from daq.column_map import load_map
 from daq.errors import InputError, RecordingError
 from daq.machine_file import Machine, load_machine
 from daq.recording import Recording, read_recording
@@ -24,14 +25,16 @@ from fitting.joint_side import at_joints
 from fitting.noise import Pairing, noise_model, pair_repeats
 from fitting.preparation import PIECE_SAMPLES, PositionNoise, pieces, position_noise, segments_of, with_delays
 from fitting.prior import Prior, mass_prior
-from fitting.regression import Design, NoiseModel, build_design, with_efforts
+from fitting.regression import Design, NoiseModel, build_design, reduced_residual, with_efforts
 from fitting.residual.kinematics import Corrections
 from fitting.residual.terms import Model, fit_model
 from fitting.rods import with_rods_as_said
 from fitting.search_pieces import choose_pieces, thinned
 from fitting.signals import FilterBank, edge_frequency, filter_bank, white_noise_std
+from fitting.spectrum import unit_whitening
 from fitting.stored import storing
 from fitting.streamed import triangle
+from fitting.weighting import Weighed, Weights, weighed
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -64,6 +67,8 @@ class Options:
     estimator : id of stage 2's estimator; ``gls`` is the joint refit of both stages
     covariance : what its deviations make of coloured residuals: ``hac``, ``bootstrap`` or ``white``
     prior : file with what is believed of the links beforehand (:mod:`fitting.body_prior`)
+    columns : file with a map of the recordings' columns (:mod:`daq.column_map`)
+    resample : whether recordings of other rates are brought to the machine's (:mod:`daq.resampling`)
     """
 
     loop: bool = True
@@ -73,6 +78,8 @@ class Options:
     estimator: str = "gls"
     covariance: str = "hac"
     prior: str | None = None
+    columns: str | None = None
+    resample: bool = False
 
 
 @dataclass(frozen=True)
@@ -136,15 +143,23 @@ class Session:
     Attributes
     ----------
     left_out : a line for each recording of which rows are left out
+    file : the machine file, if it came from one
     """
 
-    def __init__(self, machine: Machine, recordings: Sequence[Recording], options: Options | None = None) -> None:
+    def __init__(
+        self,
+        machine: Machine,
+        recordings: Sequence[Recording],
+        options: Options | None = None,
+        file: Path | None = None,
+    ) -> None:
         options = options or Options()
         if not any(r.role in ("train", "operation") for r in recordings):
             raise InputError("no training recording; give at least one with --train (or --operation)")
         self.machine, measured = at_joints(machine, recordings)
         self.recordings, self.left_out = with_rods_as_said(self.machine, measured)
         self.options = options
+        self.file = file
 
     @classmethod
     def load(cls, request: Request) -> Session:
@@ -156,7 +171,11 @@ class Session:
             One line that names file, key or channel.
         """
         machine = load_machine(request.machine)
-        recordings = [read_recording(path, machine, role) for role, path in request.recordings]
+        columns = None if request.options.columns is None else load_map(request.options.columns, machine)
+        recordings = [
+            read_recording(path, machine, role, columns=columns, resample=request.options.resample)
+            for role, path in request.recordings
+        ]
         for number, recording in enumerate(recordings):
             for earlier in recordings[:number]:
                 if "validate" in (recording.role, earlier.role) and recording.sha256 == earlier.sha256:
@@ -164,7 +183,7 @@ class Session:
                         f"{recording.file}: is the same recording as {earlier.file} in role {earlier.role}; "
                         "validate on another motion"
                     )
-        return cls(machine, recordings, request.options)
+        return cls(machine, recordings, request.options, request.machine)
 
     @cached_property
     def bank(self) -> FilterBank:
@@ -296,6 +315,30 @@ class Session:
     def base_model(self) -> Model:
         """Joint fit of the base model on the uncorrected design."""
         return self.fit(self.plain)
+
+    @cached_property
+    def handed_base(self) -> Weighed:
+        """The base model with the weights that suit it."""
+        return weighed(self.base_model, self.prior)
+
+    def base_with(self, weights: Weights) -> Model:
+        """The base model with given weights: what the errors before the loop are of."""
+        suited = self.handed_base
+        return suited.model if suited.weights == weights else weighed(self.base_model, self.prior, weights).model
+
+    @cached_property
+    def stage_noise(self) -> NoiseModel:
+        """What stage 1 in situ weighs its rows by: the noise, or each joint's own misfit where that is no noise."""
+        if self.handed_base.weights == "whitened":
+            return self.plain.noise
+        design, fit = self.plain.design, self.handed_base.model.fit
+        spread = []
+        for joint in range(len(design.machine.joints)):
+            rows = [
+                reduced_residual(design, fit.theta, joint, i)[design.blocks[joint][i].keep] for i in self.plain.fitted
+            ]
+            spread.append(float(np.sqrt(np.mean(np.concatenate(rows) ** 2))) if any(map(len, rows)) else 1.0)
+        return NoiseModel(tuple(unit_whitening(s) for s in spread), False)
 
     def fit(self, prepared: Prepared) -> Model:
         """Joint fit of the base model on a design."""

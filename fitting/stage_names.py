@@ -3,7 +3,7 @@
 #: Stage to what is said while it runs.
 WORDS = {
     "check": "checking recordings and equations",
-    "cylinder_stage": "stage 1: each cylinder's friction and stiffness",
+    "cylinder_stage": "stage 1: each drive's friction and stiffness",
     "rigid_body_stage": "stage 2: base parameters with the friction frozen",
     "residual": "noise floor and kinematic check",
     "attribution": "tracing the residual to an effect",

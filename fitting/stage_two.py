@@ -10,9 +10,10 @@ import numpy.typing as npt
 
 from fitting.comparison import Contender, compare, cylinder_conditions, stage_condition
 from fitting.cylinder_stage import CylinderEstimate
+from fitting.error_sizes import errors_of
 from fitting.estimator_choice import Choice, chosen
 from fitting.geometry import geometry_of
-from fitting.regression import Design, Extra, effort_errors
+from fitting.regression import Design, Extra
 from fitting.residual.terms import Model
 from fitting.rigid_body_stage import StackedEstimate, identify_one_shot, identify_rigid_body, refit_rigid_body
 from fitting.session import Session
@@ -69,10 +70,7 @@ def stacked(session: Session, estimate: StackedEstimate) -> dict[str, Any]:
 
 def stacked_on(design: Design, estimate: StackedEstimate, extra: Extra | None = None) -> dict[str, Any]:
     """An estimate as JSON, with its errors per role and joint in the joint's effort unit."""
-    errors = {
-        role: [std(e) for e in effort_errors(design, estimate.theta, design.indices(*roles), extra)]
-        for role, roles in {"train": ("train", "operation"), "validate": ("validate",)}.items()
-    }
+    errors, _, relative = errors_of(design, estimate.theta, extra)
     deviations = np.where(np.isfinite(estimate.std), estimate.std, 0.0)
     return {
         "estimator": estimate.estimator,
@@ -82,6 +80,7 @@ def stacked_on(design: Design, estimate: StackedEstimate, extra: Extra | None = 
         "told": estimate.told.tolist(),
         "condition_number": estimate.condition_number,
         "errors": errors,
+        "relative": relative,
     }
 
 

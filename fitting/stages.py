@@ -19,25 +19,32 @@ import numpy as np
 import numpy.typing as npt
 
 from daq.errors import HilfitError, InputError
-from fitting.cylinder_stage import identify_cylinders
+from fitting.checks.gate import checked, with_explanation
+from fitting.cylinder_stage import InSitu, identify_cylinders
 from fitting.detection import visible_size
 from fitting.dynamics import self_check
+from fitting.effort_confirmation import confirmed_in_effort
+from fitting.effort_fit import EffortRows, mean_levers, parameter_error
+from fitting.error_sizes import ROLES, errors_of, independent_rows, overall_errors
+from fitting.estimation import estimation
 from fitting.everything import held_against_everything, said
 from fitting.kinematic_check import corrections_from_json, kinematic_findings, step_to_json
 from fitting.loop import (
     final_model,
+    other_bands,
     run_attribution,
     term_from_json,
     term_to_json,
 )
 from fitting.motion import Motion, write_motion
 from fitting.noise import effort_floor
-from fitting.regression import Design, effort_errors, reduced_residual
+from fitting.plausibility import physics
+from fitting.regression import Design, reduced_residual
 from fitting.report import presented, write_report
 from fitting.residual.change_points import ChangePoint
 from fitting.residual.confirmation import overall_change
 from fitting.residual.drawing_data import spline_curve
-from fitting.residual.findings import Accepted, Attribution, Unconfirmed
+from fitting.residual.findings import Accepted, Attribution, Family, Unconfirmed
 from fitting.residual.kinematics import Corrections
 from fitting.residual.laws import Law
 from fitting.residual.next_experiment import design_next
@@ -48,6 +55,7 @@ from fitting.results import build_report
 from fitting.session import Request, Session
 from fitting.stage_names import NEXT_MOTION, STAGES, WORDS
 from fitting.stage_two import choice, chosen_refit, comparison, rigid_body_stage, std
+from fitting.verdict import MOST_NOISE
 
 FloatArray = npt.NDArray[np.float64]
 Progress = Callable[[float, str], None]
@@ -63,6 +71,7 @@ def _quiet(fraction: float, text: str) -> None:
 def check(session: Session, results: Results, progress: Progress) -> dict[str, Any]:
     """Recordings fit the machine and excite it; the machine's own equations agree with each other."""
     choice(session)
+    findings = checked(session)
     session.require_excitation()
     progress(0.5, "checking the equations of motion against themselves")
     return {
@@ -71,6 +80,7 @@ def check(session: Session, results: Results, progress: Progress) -> dict[str, A
         "standard_parameters": session.base.standard_count,
         "base_parameters": len(session.base),
         "repeated": bool(session.plain.pairs),
+        "findings": findings,
     }
 
 
@@ -78,7 +88,13 @@ def cylinder_stage(session: Session, results: Results, progress: Progress) -> di
     """Stage 1."""
     prepared = session.plain
     estimates = identify_cylinders(
-        prepared.design, prepared.noise, session.prior, forgetting=session.options.forgetting
+        prepared.design,
+        prepared.noise,
+        session.prior,
+        forgetting=session.options.forgetting,
+        in_situ=lambda: InSitu(
+            session.stage_noise, session.handed_base.model.fit, session.handed_base.weights == "equal"
+        ),
     )
     return {
         "cylinders": [
@@ -91,6 +107,8 @@ def cylinder_stage(session: Session, results: Results, progress: Progress) -> di
                 "in_situ": e.in_situ,
                 "rows": e.rows,
                 "covariance": None if e.covariance is None else e.covariance.tolist(),
+                "condition": e.condition,
+                "refused": e.refused,
             }
             for e in estimates
         ]
@@ -99,13 +117,17 @@ def cylinder_stage(session: Session, results: Results, progress: Progress) -> di
 
 def residual(session: Session, results: Results, progress: Progress) -> dict[str, Any]:
     """Noise floor, and what two position sensors say of each other."""
-    prepared, model = session.plain, session.base_model
+    prepared, model = session.plain, session.handed_base.model
     floor = (
         effort_floor(prepared.design, model.fit.theta, prepared.pairs) if prepared.pairs else _estimated_floor(session)
     )
+    left = np.nan_to_num(session.handed_base.errors[session.handed_base.weights])
+    valid = (floor <= MOST_NOISE * left) | (left == 0)
     findings = kinematic_findings(session.search.session, progress)[0] if session.options.loop else ()
     return {
-        "noise_floor": np.asarray(floor).tolist(),
+        # What is above the error that the fit leaves is no noise floor; that error is a bound from above.
+        "noise_floor": np.where(valid, floor, left).tolist(),
+        "floor_valid": valid.tolist(),
         "measured": bool(prepared.pairs),
         "kinematics": [
             {
@@ -125,11 +147,7 @@ def residual(session: Session, results: Results, progress: Progress) -> dict[str
 
 def _estimated_floor(session: Session) -> FloatArray:
     """Noise floor in joint effort from the noise model, at each joint's mean lever arm."""
-    design = session.plain.design
-    loaded = [s for s in design.segments if s.loaded]
-    squares = np.sum([np.sum(s.r**2, axis=0) for s in loaded], axis=0)
-    lever = np.sqrt(squares / sum(len(s) for s in loaded))
-    return np.asarray(session.plain.noise.std * lever)
+    return np.asarray(session.plain.noise.std * mean_levers(session.plain.design))
 
 
 def attribution(session: Session, results: Results, progress: Progress) -> dict[str, Any]:
@@ -137,13 +155,16 @@ def attribution(session: Session, results: Results, progress: Progress) -> dict[
     if not session.options.loop:
         nothing: dict[str, Any] = {key: [] for key in ("accepted", "candidates", "limits", "warnings")}
         nothing |= {key: [] for key in ("unconfirmed", "lines", "changes")}
-        return nothing | {"verdict": "nothing_missing", "looked": False, "next_experiment": None}
+        return nothing | {"verdict": "not_examined", "looked": False, "next_experiment": None}
     corrections, search = _corrections(session, results), session.search
     found = run_attribution(search.session, corrections, progress)
     warnings = list(found.warnings)
     if not search.whole:
         found = held_against_everything(session, corrections, search, found, progress)
         warnings.append(said(search))
+    found = confirmed_in_effort(session, corrections, found)
+    silent = found.verdict == "nothing_missing" and not results["residual"]["kinematics"]
+    others = other_bands(search.session, corrections, progress) if silent else ()
     progress(0.92, "designing the experiment that tells rivals apart")
     names = tuple(joint.name for joint in session.machine.joints)
     result = {
@@ -170,6 +191,9 @@ def attribution(session: Session, results: Results, progress: Progress) -> dict[
             for line in found.lines
         ],
         "changes": [_change(c, names) for c in found.changes],
+        "other_bands": [
+            {"bandwidth_hz": hz, "found": [_called(f, names) for f in families]} for hz, families in others
+        ],
         "next_experiment": _next_experiment(search.session, found),
     }
     session.forget_search()
@@ -212,6 +236,13 @@ def _change(found: ChangePoint, names: tuple[str, ...]) -> dict[str, Any]:
         "std": found.std,
         "p": found.p,
     }
+
+
+def _called(family: Family, names: tuple[str, ...]) -> str:
+    """An effect and its joint in words."""
+    name, joint = family
+    what = "a law" if name == "law" else name
+    return what if joint is None else f"{what} at {names[joint]}"
 
 
 def _next_experiment(session: Session, found: Attribution) -> dict[str, Any] | None:
@@ -276,32 +307,37 @@ def _limits(found: Attribution) -> list[dict[str, Any]]:
 def refit(session: Session, results: Results, progress: Progress) -> dict[str, Any]:
     """Both stages refitted jointly with what was found; errors before and after."""
     terms = [term_from_json(a["term"]) for a in results["attribution"]["accepted"]]
-    prepared, model = final_model(session, _corrections(session, results), terms)
-    before = session.base_model
-    design, roles = session.plain.design, {"train": ("train", "operation"), "validate": ("validate",)}
-    errors: dict[str, dict[str, list[float | None]]] = {"before": {}, "after": {}}
-    series = {}
-    for role, names in roles.items():
-        first = effort_errors(design, before.fit.theta, design.indices(*names))
-        second = effort_errors(prepared.design, model.fit.theta, prepared.design.indices(*names), model.extra)
-        errors["before"][role] = [std(e) for e in first]
-        errors["after"][role] = [std(e) for e in second]
-        series[role] = (first, second)
+    prepared, final = final_model(session, _corrections(session, results), terms)
+    model, before = final.model, session.base_with(final.weights)
+    design = session.plain.design
+    found = {
+        "before": errors_of(design, before.fit.theta),
+        "after": errors_of(prepared.design, model.fit.theta, model.extra),
+    }
+    errors = {state: sizes for state, (sizes, _, _) in found.items()}
     progress(0.6, "interval of the improvement")
     shown = "validate" if design.indices("validate") else "train"
     floor = np.asarray(results["residual"]["noise_floor"])
-    change = overall_change(*series[shown], floor, design.bank.reduced_rate_hz, np.random.default_rng(20))
+    series = [by_role[shown] for _, by_role, _ in found.values()]
+    change = overall_change(series[0], series[1], floor, design.bank.reduced_rate_hz, np.random.default_rng(20))
     parameters = len(design.parameters)
     return {
         "chosen": chosen_refit(session, prepared.design, model),
         "comparison": comparison(session, results, floor),
+        "weights": final.weights,
+        "estimation": estimation(session, results, final),
         "before": _parameters(before.fit.theta[:parameters], before.fit.std[:parameters], before.fit.told[:parameters]),
         "after": _parameters(model.fit.theta, model.fit.std, model.fit.told),
+        "parameter_error": parameter_error(
+            EffortRows(prepared.design, prepared.design.indices(*ROLES[shown]), model.extra), model.fit, floor
+        ),
+        "independent_rows": {role: independent_rows(found["after"][1][role]) for role in ("train", "validate")},
+        "plausibility": physics(prepared.design, model),
         "condition_number": model.fit.condition_number,
         "chi_square_per_row": model.fit.chi_square / max(model.fit.rows - len(model.fit.theta), 1),
         "drive_residual_std": [std(e) for e in _drive_errors(prepared.design, model)],
         "errors": errors,
-        "overall": {**change, "role": shown, "unit": "noise floors"},
+        "overall": {**change, "role": shown, "unit": "noise floors", **overall_errors(found, floor, shown)},
     }
 
 
@@ -325,7 +361,8 @@ def _corrections(session: Session, results: Results) -> Corrections:
     return corrections_from_json(session, steps)
 
 
-_COMPUTE: dict[str, Callable[[Session, Results, Progress], dict[str, Any]]] = {
+#: The stages before the report, in order.
+STEPS: dict[str, Callable[[Session, Results, Progress], dict[str, Any]]] = {
     "check": check,
     "cylinder_stage": cylinder_stage,
     "rigid_body_stage": rigid_body_stage,
@@ -344,15 +381,23 @@ def identify(request: Request, progress: Progress = _quiet) -> dict[str, Any]:
         One line about the machine file or a recording; nothing is written then.
     """
     require_writable(request.output)
-    session = Session.load(request)
+    session = with_explanation(request, lambda: Session.load(request))
     choice(session)  # a wrong option is said before any work
     results: dict[str, dict[str, Any]] = {}
-    for number, stage in enumerate(_COMPUTE):
-        results[stage] = _COMPUTE[stage](session, results, _part(progress, number))
+    for number, stage in enumerate(STEPS):
+        results[stage] = _computed(stage, request, session, results, _part(progress, number))
     progress((len(STAGES) - 1) / len(STAGES), WORDS["report"])
     content, _, _ = _write_results(session, results, request.output)
     progress(1.0, "done")
     return content
+
+
+def _computed(stage: str, request: Request, session: Session, results: Results, progress: Progress) -> dict[str, Any]:
+    """A stage's result; where the first one refuses the input, what the checks make of it is said as well."""
+    compute = STEPS[stage]
+    if stage != "check":
+        return compute(session, results, progress)
+    return with_explanation(request, lambda: compute(session, results, progress))
 
 
 def _write_results(session: Session, results: Results, output: Path) -> tuple[dict[str, Any], Path, Path]:
@@ -422,12 +467,12 @@ def run_stage(
             raise HilfitError(f"{path}: stage '{earlier}' has not been run; run the stages in order")
         results[earlier] = json.loads(path.read_text(encoding="utf-8"))
     progress(0.0, WORDS[stage])
-    session = load(request)
+    session = with_explanation(request, lambda: load(request))
     if stage == "report":
         _, json_path, html_path = _write_results(session, results, request.output)
         result: dict[str, Any] = {"report": json_path.name, "page": html_path.name}
     else:
-        result = _COMPUTE[stage](session, results, progress)
+        result = _computed(stage, request, session, results, progress)
     _write(stored, result)
     progress(1.0, WORDS[stage])
     return result

@@ -12,22 +12,38 @@ from rich.table import Table
 
 def print_summary(report: Mapping[str, Any], output: Path) -> None:
     """Print the table of errors, the verdict and where the report is."""
-    from fitting.report.wording import verdict_sentence
+    from fitting.report.text import share
+    from fitting.report.wording import RELATIVE_OF, verdict_sentence
 
     console = Console()
-    table = Table("joint", "unit", "noise floor", "before", "after", "change", title="error on the validation motion")
+    role = "validate" if any(e["after"]["validate"] is not None for e in report["errors"].values()) else "train"
+    motion = {"validate": "validation", "train": "training"}[role]
+    for own in report.get("checks", []):
+        serious = own.get("severity") == "mistake"
+        console.print(f"{'MISTAKE' if serious else 'note'}: {own['text']}; {own['cure']}", soft_wrap=True, markup=False)
+    table = Table("joint", "unit", "noise floor", "before", "after", "change", title=f"error on the {motion} motion")
+    sizes = Table("joint", "unit", "RMS before", "after", "mean before", "after", "relative before", "after")
     for joint, errors in report["errors"].items():
-        before, after = errors["before"]["validate"], errors["after"]["validate"]
-        if before is None:
-            before, after = errors["before"]["train"], errors["after"]["train"]
+        pair = errors["before"], errors["after"]
+        before, after = (entry[role] for entry in pair)
         change = (
             "-"
             if not before or after is None
             else f"{100 * (after / before - 1):+.0f} %".replace("-0 %", "0 %").replace("+0 %", "0 %")
         )
-        numbers = ("-" if n is None else f"{n:.3g}" for n in (errors["noise_floor"], before, after))
-        table.add_row(joint, errors["unit"], *numbers, change)
+        table.add_row(joint, errors["unit"], *map(_short, (errors["noise_floor"], before, after)), change)
+        more = [_short(entry.get(f"{role}_{size}")) for size in ("rms", "mean") for entry in pair]
+        sizes.add_row(joint, errors["unit"], *more, *(share(entry.get(f"{role}_relative")) for entry in pair))
     console.print(table)
+    console.print(sizes)
+    relative = report["overall"].get("relative")
+    if relative:
+        console.print(
+            f"relative error of all joints: {share(relative['before'])} before, {share(relative['after'])} after"
+            f" ({RELATIVE_OF[relative['of']]})",
+            soft_wrap=True,
+            highlight=False,
+        )
     titles = {entry["id"]: entry["title"] for entry in report["loop"]["effects"]}
     console.print(verdict_sentence(report, titles), soft_wrap=True)
     if report.get("one_shot", {}).get("comparison"):
@@ -35,3 +51,7 @@ def print_summary(report: Mapping[str, Any], output: Path) -> None:
     for warning in report["warnings"]:
         console.print(f"note: {warning}", soft_wrap=True, markup=False)
     console.print(f"report: {output / 'report.html'}", soft_wrap=True, markup=False)
+
+
+def _short(value: float | None) -> str:
+    return "-" if value is None else f"{value:.3g}"

@@ -246,6 +246,14 @@ class Effect(ABC):
     def columns(self, view: DriveView, shape: Shape) -> FloatArray:
         """Columns, drive effort per unit of each parameter: (N, k), or (N, n, k) where it acts on all joints."""
 
+    def references(self, view: DriveView, shape: Shape) -> Mapping[str, tuple[float, str]]:
+        """Values that the formula counts from and that no parameter holds: name to value and unit.
+
+        Where the recordings or the machine file set them (a middle of the stroke that was used), coefficients of two
+        identifications can be compared only beside them.
+        """
+        return {}
+
     def confined(self, shape: Shape) -> bool:
         """Whether the effect, in this shape, acts in single recordings only: no other can confirm or refuse it."""
         return False

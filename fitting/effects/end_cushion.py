@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -18,7 +18,7 @@ class EndCushion(Effect):
     needs_cylinder = True
     variable = "piston_position"
     uses_model = False
-    equation = "w^n (k + d v), w = distance inside the cushion"
+    equation = "w^n (k + d v), w = distance inside the cushion, which begins at x_c"
     parity = "even and odd parts, only near one end"
     parameters = (
         Parameter("k", "N/m^n"),
@@ -36,6 +36,12 @@ class EndCushion(Effect):
             for share in (0.08, 0.15, 0.25)
             for n in (1.0, 2.0)
         ]
+
+    def references(self, view: DriveView, shape: Shape) -> Mapping[str, tuple[float, str]]:
+        """Values that the formula counts from; see :class:`Effect`."""
+        low, high = view.range.x
+        depth = shape["share"] * view.range.span
+        return {"x_c": (high - depth if shape["side"] > 0 else low + depth, "m")}
 
     def columns(self, view: DriveView, shape: Shape) -> FloatArray:
         """Columns (N, k); see :class:`Effect`."""

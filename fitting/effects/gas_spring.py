@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -30,6 +30,12 @@ class GasSpring(Effect):
         return [
             {"side": side, "rest": rest, "n": n} for side in (-1.0, 1.0) for rest in (0.3, 0.6, 1.2) for n in (1.0, 1.4)
         ]
+
+    def references(self, view: DriveView, shape: Shape) -> Mapping[str, tuple[float, str]]:
+        """Values that the formula counts from; see :class:`Effect`."""
+        low, high = view.range.x
+        reach = (1.0 + shape["rest"]) * view.range.span
+        return {"x_0": (low + reach if shape["side"] > 0 else high - reach, "m")}
 
     def columns(self, view: DriveView, shape: Shape) -> FloatArray:
         """Columns (N, k); see :class:`Effect`."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from fitting.effects.base import DriveView, Effect, FloatArray, Parameter, Shape
@@ -26,6 +28,10 @@ class HoseStiffness(Effect):
     confounders = ("gas_spring", "linkage_geometry")
     experiment = "take the harness off and repeat"
     source = "polynomial of the joint angle"
+
+    def references(self, view: DriveView, shape: Shape) -> Mapping[str, tuple[float, str]]:
+        """Values that the formula counts from; see :class:`Effect`."""
+        return {"q_m": (0.5 * sum(view.machine.joints[view.joint].limits.position), "rad")}
 
     def columns(self, view: DriveView, shape: Shape) -> FloatArray:
         """Columns (N, k); see :class:`Effect`."""

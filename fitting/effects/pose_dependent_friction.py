@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -29,6 +29,10 @@ class PoseDependentFriction(Effect):
     def variants(self, machine: Machine, joint: int) -> Sequence[tuple[int, ...]]:
         """Every other joint in turn."""
         return [(other,) for other in range(len(machine.joints)) if other != joint]
+
+    def references(self, view: DriveView, shape: Shape) -> Mapping[str, tuple[float, str]]:
+        """Values that the formula counts from; see :class:`Effect`."""
+        return {"q_m": (0.5 * sum(view.machine.joints[int(shape["other"])].limits.position), "rad")}
 
     def columns(self, view: DriveView, shape: Shape) -> FloatArray:
         """Columns (N, k); see :class:`Effect`."""

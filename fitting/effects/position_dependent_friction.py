@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from fitting.effects.base import DriveView, Effect, FloatArray, Parameter, Shape
@@ -22,6 +24,10 @@ class PositionDependentFriction(Effect):
     confounders = ("load_dependent_friction", "pose_dependent_friction")
     experiment = "move other joints so that load and position decorrelate"
     source = "Armstrong-Helouvry, Control of Machines with Friction, 1991 (position-dependent friction)"
+
+    def references(self, view: DriveView, shape: Shape) -> Mapping[str, tuple[float, str]]:
+        """Values that the formula counts from; see :class:`Effect`."""
+        return {"x_m": (view.range.middle, "m")}
 
     def columns(self, view: DriveView, shape: Shape) -> FloatArray:
         """Columns (N, k); see :class:`Effect`."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -17,7 +17,7 @@ class PositionHarmonic(Effect):
     level = "cylinder"
     variable = "piston_position"
     uses_model = False
-    equation = "a sin(2 pi x / pitch) + b cos(2 pi x / pitch), also times sgn v"
+    equation = "a sin(2 pi (x - x_m) / pitch) + b cos(2 pi (x - x_m) / pitch), also times sgn v"
     parity = "periodic in x"
     parameters = (
         Parameter("a", "N"),
@@ -32,6 +32,10 @@ class PositionHarmonic(Effect):
         # Fewer than three periods over the stroke are no periodicity that data could show.
         cycles = np.arange(3.25, 40.0, 0.75)
         return [{"pitch": view.range.span / c, "odd": odd} for c in cycles.tolist() for odd in (0.0, 1.0)]
+
+    def references(self, view: DriveView, shape: Shape) -> Mapping[str, tuple[float, str]]:
+        """Values that the formula counts from; see :class:`Effect`."""
+        return {"x_m": (view.range.middle, "m")}
 
     def columns(self, view: DriveView, shape: Shape) -> FloatArray:
         """Columns (N, k); see :class:`Effect`."""

@@ -154,7 +154,8 @@ def scale_bodies(geometry: Geometry, base: BaseParameters, theta: FloatArray, pr
     links = base.inertial_columns // 10
     if prior is not None and prior.standard is not None:
         return np.array([pseudo_inertia(row) for row in prior.standard.reshape(-1, 10)])
-    lengths = np.hypot(geometry.a, np.where(geometry.revolute, geometry.d, 0.0))
+    starts, ends = geometry.ends
+    lengths = np.linalg.norm(ends - starts, axis=1)
     lengths = np.maximum(lengths, max(0.2 * float(np.mean(lengths)), 1e-3))
     mass = 0.0
     for column, value, unit in zip(base.independent, theta, base.units, strict=True):
@@ -164,12 +165,11 @@ def scale_bodies(geometry: Geometry, base: BaseParameters, theta: FloatArray, pr
     share = max(mass, 1e-3) * lengths / lengths.sum()
     bodies = []
     for i in range(links):
-        # Frame i stands at the link's far end: its near end is the origin of frame i - 1 as seen from there.
-        d = geometry.d[i] if geometry.revolute[i] else 0.0
-        near = -np.array([geometry.a[i], d * geometry.sin_alpha[i], d * geometry.cos_alpha[i]])
+        arm = ends[i] - starts[i]
         thick = (_RADIUS * lengths[i]) ** 2
-        central = share[i] * ((near @ near / 12 + 2 * thick) * np.eye(3) - np.outer(near, near) / 12)
-        bodies.append(pseudo_inertia(standard_of_link(share[i], near / 2, central[np.triu_indices(3)])))
+        central = share[i] * ((arm @ arm / 12 + 2 * thick) * np.eye(3) - np.outer(arm, arm) / 12)
+        middle = (starts[i] + ends[i]) / 2
+        bodies.append(pseudo_inertia(standard_of_link(share[i], middle, central[np.triu_indices(3)])))
     return np.array(bodies)
 
 
@@ -179,7 +179,7 @@ def _constrained(data: Information, base: BaseParameters, bodies: FloatArray) ->
 
     variables = [cp.Variable((4, 4), PSD=True) for _ in bodies]
     parts = [
-        _link_map(root) @ cp.vec(X, order="C") for root, X in zip(np.linalg.cholesky(bodies), variables, strict=True)
+        link_map(root) @ cp.vec(X, order="C") for root, X in zip(np.linalg.cholesky(bodies), variables, strict=True)
     ]
     motors = base.regrouping.shape[1] - 10 * len(bodies)
     if motors:  # friction and drive inertia of motors: not negative
@@ -207,7 +207,7 @@ def _constrained(data: Information, base: BaseParameters, bodies: FloatArray) ->
     raise HilfitError(f"estimator 'consistent': the solver gave up ({said}); use 'wls'")
 
 
-def _link_map(root: FloatArray) -> FloatArray:
+def link_map(root: FloatArray) -> FloatArray:
     """``pi_i`` (10,) from ``X`` (4, 4, row by row) with ``J = root X root'``: matrix (10, 16)."""
     columns = []
     for k in range(16):

@@ -75,11 +75,17 @@ def write_report(report: Mapping[str, Any], figures: Figures, directory: Path) -
 
 def render_html(report: Mapping[str, Any], figures: Figures) -> str:
     """The page of a checked report (see :func:`fitting.report.schema.validate_report`)."""
-    titles = {
-        str(entry["id"]): str(entry["title"])
+    named = [
+        (str(entry["id"]), str(entry["title"]), entry.get("joint"))
         for entry in (*(report["loop"].get("candidates") or []), *(report["loop"].get("effects") or []))
         if entry.get("title")
-    }
+    ]
+    titles = {id: title for id, title, _ in named}
+
+    def titles_at(joint: str | None) -> dict[str, str]:
+        """Titles by id; of a joint that is driven otherwise than others its own."""
+        return titles | {id: title for id, title, where in named if where == joint}
+
     return (
         _environment()
         .get_template("report.html.j2")
@@ -89,6 +95,7 @@ def render_html(report: Mapping[str, Any], figures: Figures) -> str:
             sentence=wording.verdict_sentence(report, titles),
             label=wording.label(report["loop"]),
             titles=titles,
+            titles_at=titles_at,
             drawn=_drawn(report, figures),
             over_noise=wording.over_noise,
             alternatives=wording.alternatives,
@@ -102,6 +109,8 @@ def render_html(report: Mapping[str, Any], figures: Figures) -> str:
             flag_sigmas=FLAG_SIGMAS,
             change=text.change,
             ratio=text.ratio,
+            relative_of=wording.RELATIVE_OF,
+            offset=wording.is_offset,
             relative_std=text.relative_std,
         )
     )
@@ -121,6 +130,7 @@ def _environment() -> jinja2.Environment:
         number=lambda value, digits=3: text.number(_defined(value), digits),
         count_of=lambda value: text.count(int(value)),
         percent=lambda value: text.percent(_defined(value)),
+        share=lambda value: text.share(_defined(value)),
         unit=text.unit,
         words=lambda value: text.words(str(value)),
         title_of=wording.title,

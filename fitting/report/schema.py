@@ -1,7 +1,8 @@
 """`report.json`, schema `hilfit/report/1`: its only definition, its check and its published JSON schema.
 
 Keys may be added, never renamed: every object takes further keys. Numbers that do not exist are null, never NaN, which
-JSON does not have. All errors are standard deviations of measured less predicted effort, in the joint's effort unit.
+JSON does not have. Errors are of measured less predicted effort, in the joint's effort unit: ``train`` and ``validate``
+are standard deviations, further sizes stand beside them (:class:`ErrorPair`).
 """
 
 from __future__ import annotations
@@ -18,7 +19,9 @@ from daq.errors import HilfitError
 
 SCHEMA = "hilfit/report/1"
 
-Verdict = Literal["nothing_missing", "effect_added", "ambiguous", "unexplained"]
+Verdict = Literal[
+    "check_input", "implausible", "not_examined", "nothing_missing", "effect_added", "ambiguous", "unexplained"
+]
 Status = Literal["accepted", "rejected", "indistinguishable", "artefact"]
 
 
@@ -81,10 +84,20 @@ class RigidBody(_Part):
 
 
 class ErrorPair(_Part):
-    """Error on the motion that was fitted, and on the one that was not."""
+    """Error on the motion that was fitted, and on the one that was not.
+
+    The bare role is the standard deviation; ``rms`` and ``mean`` see a constant offset too; ``relative`` is the norm of
+    the error over that of the measured effort (0.03 is 3 %). Reports of earlier versions have the bare roles only.
+    """
 
     train: float | None = None
+    train_rms: float | None = None
+    train_mean: float | None = None
+    train_relative: float | None = None
     validate_: float | None = Field(default=None, alias="validate")
+    validate_rms: float | None = None
+    validate_mean: float | None = None
+    validate_relative: float | None = None
 
 
 class JointErrors(_Part):
@@ -92,6 +105,7 @@ class JointErrors(_Part):
 
     unit: str
     noise_floor: float | None
+    noise_floor_valid: bool = True
     before: ErrorPair
     after: ErrorPair
     two_stage: ErrorPair | None = None
@@ -102,15 +116,38 @@ class OneShot(_Part):
 
     condition_number: float | None
     errors: dict[str, ErrorPair]
+    relative: dict[str, Any] | None = None
+
+
+class OverallSize(_Part):
+    """One size of the error of all joints, on the validation motion and (``train_``) on the one that was fitted."""
+
+    before: float | None = None
+    after: float | None = None
+    train_before: float | None = None
+    train_after: float | None = None
+
+
+class OverallRelative(OverallSize):
+    """Relative error of all joints.
+
+    ``of`` is ``stacked`` (norm of all joints' errors over that of all joints' efforts) where all joints have one unit,
+    else ``joints`` (root mean square of the joints' relative errors).
+    """
+
+    of: Literal["stacked", "joints"] = "stacked"
 
 
 class Overall(_Part):
-    """All joints together, on the validation motion."""
+    """All joints together, on the validation motion; ``rms`` and ``mean`` are in noise floors as well."""
 
     before: float | None
     after: float | None
     change_percent: float | None
     ci95_percent: tuple[float, float] | None
+    rms: OverallSize | None = None
+    mean: OverallSize | None = None
+    relative: OverallRelative | None = None
 
 
 class Named(_Part):
@@ -167,6 +204,7 @@ class Loop(_Part):
     """What the residual loop found."""
 
     verdict: Verdict
+    reasons: list[str] = []
     effects: list[AddedEffect] = []
     unexplained: list[Unexplained] = []
     candidates: list[Candidate] = []
@@ -178,6 +216,55 @@ class Loop(_Part):
 def looked(loop: Mapping[str, Any]) -> bool:
     """Whether anybody looked for what the model lacks, of a report's ``loop``; without the key somebody did."""
     return bool(loop.get("looked", True))
+
+
+class Way(_Part):
+    """One way to the base model's parameters, with its relative errors."""
+
+    name: str
+    what: str = ""
+    training_error: float | None = None
+    held_out_error: float | None = None
+
+
+class Estimation(_Part):
+    """The ways to the parameters that were tried, and why one is handed out."""
+
+    chosen: str
+    tried: list[Way]
+    why: str
+
+
+class Violation(_Part):
+    """A parameter that cannot be, physically."""
+
+    kind: str
+    joint: str | None
+    parameter: str
+    value: float | None
+    std: float | None
+    unit: str
+    sigmas: float | None
+    text: str
+    cause: str
+
+
+class Plausibility(_Part):
+    """Parameters that cannot be, and beside them the fit that keeps to what can (``constrained``)."""
+
+    violations: list[Violation] = []
+    constrained: dict[str, Any] | None = None
+
+
+class Checked(_Part):
+    """What may be wrong with files or wiring, and its cure."""
+
+    code: str
+    joint: str | None = None
+    channel: str | None = None
+    text: str
+    cure: str
+    severity: Literal["mistake", "note"] = "mistake"
 
 
 class Shift(_Part):
@@ -204,8 +291,11 @@ class Report(_Part):
     errors: dict[str, JointErrors]
     overall: Overall
     loop: Loop
+    estimation: Estimation | None = None
+    plausibility: Plausibility | None = None
     parameter_shifts: list[Shift]
     warnings: list[str]
+    checks: list[Checked] = []
     bandwidth_hz: float | None = None
     noise_floor_method: str | None = None
 

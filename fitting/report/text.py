@@ -89,6 +89,11 @@ def percent(value: float | None) -> str:
     return f"{plus}{text}\u202f%"
 
 
+def share(value: float | None) -> str:
+    """A part of one in percent, without a sign of its own: ``3.12 %``."""
+    return NONE if value is None or not math.isfinite(value) else f"{number(100.0 * value)}\u202f%"
+
+
 def change(before: float | None, after: float | None) -> float | None:
     """Change in percent of ``before``; None where there is none."""
     if before is None or after is None or not before:

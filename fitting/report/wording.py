@@ -15,10 +15,10 @@ LABELS = {
     "effect_added": "Effect found and added",
     "ambiguous": "Something is missing, several causes fit",
     "unexplained": "Something is missing, no known cause fits",
+    "implausible": "A parameter is physically impossible",
+    "check_input": "A mistake in files or wiring is likely",
+    "not_examined": "Fitted only: what is missing was not looked for",
 }
-
-#: Where nobody looked for what is missing, "nothing" would not be true.
-NOT_LOOKED = "Fitted only: what is missing was not looked for"
 
 MEANINGS = {
     "m": "moving mass",
@@ -40,6 +40,7 @@ ESTIMATORS = {
     "ols": "ordinary least squares (ols)",
     "wls": "weighted least squares (wls)",
     "gls": "generalised least squares (gls)",
+    "joint_ols": "least squares of all efforts, both stages at once (joint_ols)",
     "robust": "robust least squares (robust)",
     "huber": "Huber's robust regression (huber)",
     "iv": "instrumental variables (iv)",
@@ -95,6 +96,17 @@ NOISE_FLOOR = {
     "estimated": "estimated from the residuals alone, because no repeated motion was recorded; record one "
     "(role \u201crepeat\u201d) to have it measured",
 }
+
+#: How the relative error of all joints was made of those of single joints.
+RELATIVE_OF = {
+    "stacked": "the norm of all joints\u2019 errors over that of all joints\u2019 measured efforts",
+    "joints": "the root mean square of the joints\u2019 relative errors, because N and N\u202fm do not add up",
+}
+
+
+def is_offset(mean: float | None, rms: float | None) -> bool:
+    """Whether more than half of an error's power is its mean: a constant offset rather than a scatter."""
+    return mean is not None and rms is not None and mean**2 > 0.5 * rms**2
 
 
 def title(effect: Mapping[str, Any]) -> str:
@@ -221,11 +233,17 @@ def follows(law: Mapping[str, Any]) -> str:
 
 def label(loop: Mapping[str, Any]) -> str:
     """The verdict in a few words, of the report's ``loop``."""
-    return LABELS[loop["verdict"]] if looked(loop) else NOT_LOOKED
+    return LABELS[loop["verdict"] if looked(loop) else _unlooked(loop)]
+
+
+def _unlooked(loop: Mapping[str, Any]) -> str:
+    """The verdict where nobody looked for what is missing; reports of earlier versions called it nothing."""
+    verdict = str(loop["verdict"])
+    return "not_examined" if verdict == "nothing_missing" else verdict
 
 
 def verdict_sentence(report: Mapping[str, Any], titles: Mapping[str, str]) -> str:
-    """The verdict in one sentence.
+    """The verdict in a few sentences; every effect and law that was found is in it.
 
     Parameters
     ----------
@@ -233,38 +251,70 @@ def verdict_sentence(report: Mapping[str, Any], titles: Mapping[str, str]) -> st
     titles : effect id to title, for effects that are only named
     """
     loop = report["loop"]
-    effects: Sequence[Mapping[str, Any]] = loop.get("effects") or []
-    laws: Sequence[Mapping[str, Any]] = loop.get("unexplained") or []
-    gain = improvement(report, [entry.get("joint") for entry in (*effects, *laws)])
-    verdict = loop["verdict"]
+    verdict = loop["verdict"] if looked(loop) else _unlooked(loop)
+    reasons = [str(reason) for reason in loop.get("reasons") or []]
+    times = over_noise(report, "after")
     if verdict == "nothing_missing":
-        times = over_noise(report, "after")
-        if not looked(loop):
-            error = f": on the validation motion the error is {number(times)} times the noise" if times else ""
-            return f"The model was fitted, and nobody looked for what it may lack{error}."
         noise = f": on the validation motion the error is {number(times)} times that noise" if times else ""
         return f"No joint shows anything above its measurement noise that the model does not explain{noise}."
-    if verdict == "effect_added":
-        found = listed(
-            [at(e) + (f" ({sizes(e.get('parameters'))})" if sizes(e.get("parameters")) else "") for e in effects]
-        )
-        them = "it" if len(effects) == 1 else "them"
-        return f"The model lacked {found}; with {them} added, {gain}." if gain else f"The model lacked {found}."
-    if verdict == "ambiguous":
-        best = next((e for e in effects if e.get("indistinguishable_from")), effects[0] if effects else None)
-        if best is None:
-            return "Something is missing in the model, and these recordings cannot tell what it is."
-        names = [lower(title(best)), *alternatives(best, titles)]
-        sentence = (
-            f"Something is missing {place(best.get('joint'))}, and these recordings cannot tell whether it is "
-            f"{listed(names, 'or')}"
-        )
-        return f"{sentence}; with the first of them added, {gain}." if gain else f"{sentence}."
-    lines = [f"the error {place(law.get('joint'))} follows the {_signals(law)}" for law in laws]
-    found = listed(list(dict.fromkeys(lines)))
-    sentence = (
-        f"{found[:1].upper()}{found[1:]}, and no known effect explains it"
-        if found
-        else ("Structure is left in the error that no known effect explains")
-    )
-    return f"{sentence}; with the measured law added as such, {gain}." if gain and found else f"{sentence}."
+    if verdict == "not_examined":
+        error = f": on the validation motion the error is {number(times)} times the noise" if times else ""
+        return f"The model was fitted, and nobody looked for what it may lack{error}."
+    found = _found(report, titles)
+    if verdict == "check_input":
+        return " ".join(["A mistake is more likely than any effect.", *(f"{capital(r)}." for r in reasons), *found])
+    if verdict == "implausible":
+        violations = (report.get("plausibility") or {}).get("violations") or []
+        said = [f"{capital(impossible(v))}. Usual cause: {v['cause']}." for v in violations[:_MOST_SAID]]
+        more = len(violations) - _MOST_SAID
+        rest = [f"{more} more parameters are impossible too."] if more > 0 else []
+        return " ".join([*said, *rest, *found])
+    if found:
+        return " ".join([*found, *(f"{capital(r)}." for r in reasons)])
+    because = f": {listed(reasons)}" if reasons else " that no known effect explains"
+    return f"{'It cannot be said that nothing is missing' if reasons else 'Structure is left in the error'}{because}."
+
+
+#: Impossible parameters that a verdict names one by one.
+_MOST_SAID = 3
+
+
+def impossible(violation: Mapping[str, Any]) -> str:
+    """A violation with its numbers: ``the stiffness of joint1 is negative (-2260 +- 5 N/m)``."""
+    size = f"{with_std(violation.get('value'), violation.get('std'))} {unit(violation.get('unit'))}".strip()
+    return f"{violation['text']} ({size})"
+
+
+def _found(report: Mapping[str, Any], titles: Mapping[str, str]) -> list[str]:
+    """What was found, in sentences: effects that are certain, sets, laws, and what it is all worth."""
+    loop = report["loop"]
+    effects: Sequence[Mapping[str, Any]] = loop.get("effects") or []
+    laws: Sequence[Mapping[str, Any]] = loop.get("unexplained") or []
+    if not effects and not laws:
+        return []
+    gain = improvement(report, [entry.get("joint") for entry in (*effects, *laws)])
+    certain = [e for e in effects if not e.get("indistinguishable_from")]
+    sentences = []
+    if certain:
+        named = [at(e) + (f" ({sizes(e.get('parameters'))})" if sizes(e.get("parameters")) else "") for e in certain]
+        sentences.append(f"the model lacked {listed(named)}")
+    for entry in effects:
+        if entry.get("indistinguishable_from"):
+            names = [lower(title(entry)), *alternatives(entry, titles)]
+            sentences.append(
+                f"something is missing {place(entry.get('joint'))}, and these recordings cannot tell whether it is "
+                f"{listed(names, 'or')}"
+            )
+    if laws:
+        lines = listed(list(dict.fromkeys(follows(law) for law in laws)))
+        sentences.append(f"{lines}, and no known effect explains {'it' if len(laws) == 1 else 'them'}")
+    if gain:
+        added = [*effects] + [law for law in laws if law.get("added", True)]
+        with_it = "it added" if len(added) == 1 else "them added"
+        if any(e.get("indistinguishable_from") for e in effects):
+            with_it = "the first of them added" if len(effects) == 1 else "the first of each added"
+        elif laws and not effects:
+            with_it = "the measured law added as such" if len(laws) == 1 else "the measured laws added as such"
+        if added:
+            sentences[-1] += f"; with {with_it}, {gain}"
+    return [f"{capital(sentence)}." for sentence in sentences]

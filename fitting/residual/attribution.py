@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from fitting.effects.base import Effect
+from fitting.friction_power import CERTAIN, driving, friction_power, rubs
 from fitting.residual import rules
 from fitting.residual.confirmation import worse_joint
 from fitting.residual.draws import Draws
@@ -344,7 +345,7 @@ class _Selection:
         if isinstance(choice.term.content, Effect) and seen is not None:
             against = objection(choice.term.content.level, seen)
             if against:
-                reason = f"an effect of the cylinder itself has to be there without a load: {against}"
+                reason = f"an effect of the drive itself has to be there without a load: {against}"
         reason = reason or self._added(choice, "" if seen is None else seen.words)
         if reason:
             family = choice.term.family
@@ -392,6 +393,7 @@ class _Selection:
                 return ""
             name = self.base.design.parameters.joints[worse[0]]
             reason = f"it makes {name} worse on the validation motion (error {100 * worse[1]:+.1f} %)"
+        reason = reason or self._driving(choice, trial)
         if reason:
             if rules.too_faint(choice, held_out):
                 return reason
@@ -415,6 +417,20 @@ class _Selection:
             self.table[rival.term.family] = Candidate(*rival.term.family, rival.score, "indistinguishable", words)
         self.model = trial
         return ""
+
+    def _driving(self, choice: Score, trial: Model) -> str:
+        """Whether a friction turns the whole friction of its joint into a drive; signs of single parts say nothing."""
+        joint = choice.term.joint
+        if joint is None or not rubs(choice.term, joint):
+            return ""
+        found = driving(friction_power(trial, joint), trial.fit, CERTAIN)
+        if found is None or driving(friction_power(self.model, joint), self.model.fit, CERTAIN) is not None:
+            return ""
+        name = self.base.design.parameters.joints[joint]
+        return (
+            f"with it the friction of {name} would drive the motion at {found.speed:.3g} of speed "
+            f"({found.force:.3g} ± {found.std:.2g})"
+        )
 
     def _witness(self, choice: Score) -> Witness | None:
         """What unloaded and loaded recordings say of a candidate; None where one of the two is not there."""
@@ -474,7 +490,7 @@ class _Selection:
                 if score.score > ACCUSE and isinstance(law, Law):
                     warnings.append(
                         f"{joints[score.term.joint or 0]}: a small structure in {law.variable(joints)} is left "
-                        f"(chi-square {score.gain:.0f}); the added effect's formula is not exactly nature's"
+                        f"(chi-square {score.gain:.0f}); the added effect does not describe it completely"
                     )
         ordered = tuple(sorted(self.table.values(), key=lambda c: -c.score))
         return Attribution(

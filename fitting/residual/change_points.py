@@ -110,25 +110,6 @@ class ChangePoint:
         return np.full(len(clock), self.kind == "lasting" and recording > self.recording)
 
 
-@dataclass(frozen=True)
-class CommonMoment:
-    """A moment at which several joints change: something that the whole machine feels, such as a payload.
-
-    Attributes
-    ----------
-    kind, recording, time, interval : as of a :class:`ChangePoint`
-    joints : which joints change
-    gain : sum of their chi-squares
-    """
-
-    kind: Kind
-    recording: int | None
-    time: float
-    interval: tuple[float, float]
-    joints: tuple[int, ...]
-    gain: float
-
-
 def change_points(rows: JointRows, *, looks: int = 1, alarm: float = 1e-3) -> tuple[ChangePoint, ...]:
     """Changes in time on one joint: the best moment of every column and kind of change, most likely first.
 
@@ -158,24 +139,23 @@ def change_points(rows: JointRows, *, looks: int = 1, alarm: float = 1e-3) -> tu
     return tuple(sorted(found, key=lambda c: (c.p, -c.gain)))
 
 
-def common_moments(points: Sequence[ChangePoint], least: int = 2) -> tuple[CommonMoment, ...]:
-    """Moments that the intervals of at least ``least`` joints share, largest gain first; ``points`` of all joints.
+def step_at(rows: JointRows, column: str, recording: int, time: float) -> tuple[float, float]:
+    """Change of a column's coefficient at a given moment of one recording, and its standard deviation.
 
-    Each joint counts once, with its best column.
+    Zero and infinite where the recording has no rows on either side of it.
     """
-    found: list[CommonMoment] = []
-    for lead in sorted(points, key=lambda c: -c.gain):
-        own: dict[int, ChangePoint] = {}
-        for point in sorted(points, key=lambda c: -c.gain):
-            same = (point.kind, point.recording) == (lead.kind, lead.recording)
-            if same and point.interval[0] <= lead.time <= point.interval[1]:
-                own.setdefault(point.joint, point)
-        if len(own) < least or any(set(own) <= set(c.joints) and c.kind == lead.kind for c in found):
-            continue
-        low, high = max(c.interval[0] for c in own.values()), min(c.interval[1] for c in own.values())
-        gain = sum(c.gain for c in own.values())
-        found.append(CommonMoment(lead.kind, lead.recording, lead.time, (low, high), tuple(sorted(own)), gain))
-    return tuple(sorted(found, key=lambda c: -c.gain))
+    own = _fitted(rows, rows.columns[column])
+    span = np.flatnonzero(rows.recording == recording)
+    later = rows.time[span] >= time
+    if not later.any() or later.all():
+        return 0.0, np.inf
+    c, e, Q = rows.columns[column][span], own.residual[span], own.orthonormal[span]
+    at = int(np.argmax(later))
+    score, norm = _sums(c, e, Q)
+    if not norm[at] > _DEAD**2 * float(c @ c):
+        return 0.0, np.inf
+    change = float(score[at] / norm[at])
+    return change, float(np.sqrt(_long_run(rows.time, span, c, e, Q, at, change) / norm[at]))
 
 
 def _fitted(rows: JointRows, column: FloatArray) -> JointRows:

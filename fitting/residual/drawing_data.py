@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from fitting.drive import UNITS, drive_columns
+from fitting.drive import UNITS, drive_columns, effort_unit
+from fitting.joint_words import joint_words
 from fitting.regression import effort_residual, full_residual
 from fitting.report.model import FrictionCurve, Scatter, Worst
 from fitting.residual.laws import NEIGHBOUR, OWN, Law
@@ -115,7 +116,7 @@ def _scatter(before: Model, after: Model, number: int, shown: Sequence[int], oth
     design = after.design
     joint = _joint_of(after, number)
     name = design.machine.joints[joint].name
-    variable, unit = _variable(after, number)
+    variable, unit = _variable(after, number, joint)
     x, direction, columns = [], [], []
     first: list[FloatArray] = []
     second: list[FloatArray] = []
@@ -145,7 +146,6 @@ def _scatter(before: Model, after: Model, number: int, shown: Sequence[int], oth
         forth = np.concatenate(direction) > 0
         law_x, law_y = _binned(np.concatenate(x)[forth], np.concatenate(columns)[forth])
         _, law_back = _binned(np.concatenate(x)[~forth], np.concatenate(columns)[~forth], law_x)
-    unit_effort = "N" if design.machine.joints[joint].cylinder is not None else design.machine.joints[joint].effort_unit
     return Scatter(
         joint=name,
         variable=variable,
@@ -156,7 +156,7 @@ def _scatter(before: Model, after: Model, number: int, shown: Sequence[int], oth
         law_x=law_x,
         law_y=law_y,
         law_std=law_std if len(law_std) else np.zeros_like(law_x),
-        effort_unit=unit_effort,
+        effort_unit=effort_unit(design.machine.joints[joint]),
         direction=None if law_back is None else np.concatenate(direction),
         law_back=law_back,
     )
@@ -174,17 +174,23 @@ def _joint_of(model: Model, number: int) -> int:
     return int(np.argmax(sizes))
 
 
-def _variable(model: Model, number: int) -> tuple[str, str]:
+def _variable(model: Model, number: int, joint: int) -> tuple[str, str]:
+    """What a term is drawn against, and its unit, in the words of the joint whose signal it is."""
     term = model.terms[number]
-    joints = model.design.parameters.joints
+    joints = model.design.machine.joints
     if isinstance(term.content, Law):
-        return term.content.variable(joints), term.content.unit
-    name = term.content.variable
-    if name.startswith("other."):
-        return f"{joints[int(term.shape['other'])]}.{name[6:]}", NEIGHBOUR[name[6:]][0]
-    if name == "joint_position":
-        return name, "rad"
-    return name, "N/s" if name == "force_rate" else OWN[name][0]
+        name, other, unit = term.content.signal, term.content.other, term.content.unit
+    else:
+        name, other = term.content.variable, None
+        if name.startswith("other."):
+            name, other = name[6:], int(term.shape["other"])
+        if other is not None or name == "joint_position":
+            unit = NEIGHBOUR[name][0]
+        else:
+            unit = "N/s" if name == "force_rate" else OWN[name][0]
+    words = joint_words(joints[joint if other is None else other])
+    own = words.signal(name)
+    return (own if other is None else f"{joints[other].name}.{own}"), words.unit(unit)
 
 
 def _signal(model: Model, number: int, index: int, joint: int) -> FloatArray:

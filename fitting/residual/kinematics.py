@@ -15,10 +15,10 @@ import numpy as np
 import numpy.typing as npt
 from scipy import linalg
 
-from daq.linkages import Linkage
+from daq.linkages import Direct, Linkage, Polynomial, reduced
 from daq.machine_file import Machine
 from fitting.effects.base import Effect, Shape, has_both_positions
-from fitting.linkage import parameter_names
+from fitting.linkage import parameter_names, with_parameter
 from fitting.noise import Pairing
 from fitting.preparation import Play, PositionError
 from fitting.regression import Design
@@ -172,14 +172,16 @@ def _position_error(finding: GapScore) -> PositionError:
 def _with_linkage(machine: Machine, joint: int, parameter: int, change: float) -> Machine:
     cylinder = machine.joints[joint].cylinder
     assert cylinder is not None
-    linkage: Linkage = cylinder.linkage
-    name = parameter_names(linkage)[parameter]
-    if hasattr(linkage, name):
-        changed = linkage.model_copy(update={name: getattr(linkage, name) + change})
-    else:  # a polynomial's coefficient
-        coefficients = list(linkage.coefficients)  # type: ignore[union-attr]
+    linkage = reduced(cylinder.linkage)
+    changed: Linkage
+    if isinstance(linkage, Polynomial):
+        coefficients = list(linkage.coefficients)
         coefficients[parameter] += change
         changed = linkage.model_copy(update={"coefficients": tuple(coefficients)})
+    else:
+        assert not isinstance(linkage, Direct)  # it has no parameters
+        name = parameter_names(linkage)[parameter]
+        changed = with_parameter(linkage, name, getattr(linkage, name) + change)
     joints = list(machine.joints)
     joints[joint] = joints[joint].model_copy(update={"cylinder": cylinder.model_copy(update={"linkage": changed})})
     return machine.model_copy(update={"joints": tuple(joints)})

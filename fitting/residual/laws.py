@@ -35,6 +35,8 @@ NEIGHBOUR: dict[str, tuple[str, Callable[[DriveView, int], FloatArray]]] = {
     "piston_speed": ("m/s", lambda view, other: view.segment.v[:, other]),
     "cylinder_force": ("N", lambda view, other: view.forces[:, other]),
 }
+#: The joint's own force, which is what is to be predicted.
+OWN_FORCE = "cylinder_force"
 #: Basis functions of the splines: smooth laws of every signal, bumpier ones of the joint's own.
 SMOOTH, FINE, FINEST = 4, 8, 16
 _LOCAL = ("piston_position",)
@@ -111,7 +113,9 @@ def laws(views: Views, joint: int, fitted: tuple[int, ...]) -> Iterator[Law]:
         values = np.concatenate([OWN[signal][1](views[i][joint]) for i in fitted])
         for loaded_only in (False, True) if signal in ("piston_position", "cylinder_force") else (False,):
             functions = (SMOOTH, FINE, FINEST) if signal in _LOCAL else (SMOOTH, FINE)
-            yield from _family(values, signal, None, loaded_only, functions)
+            # Without the sign of speed, a law of the own force would predict the effort from itself.
+            signs = (True,) if signal == OWN_FORCE else (False, True)
+            yield from _family(values, signal, None, loaded_only, functions, signs)
     for other in range(len(machine.joints)):
         if other == joint:
             continue
@@ -125,13 +129,18 @@ def laws(views: Views, joint: int, fitted: tuple[int, ...]) -> Iterator[Law]:
 
 
 def _family(
-    values: FloatArray, signal: str, other: int | None, loaded_only: bool, functions: tuple[int, ...]
+    values: FloatArray,
+    signal: str,
+    other: int | None,
+    loaded_only: bool,
+    functions: tuple[int, ...],
+    signs: tuple[bool, ...] = (False, True),
 ) -> Iterator[Law]:
     if not np.all(np.isfinite(values)) or np.ptp(values) <= 1e-9 * max(float(np.max(np.abs(values))), 1e-300):
         return
     for count in functions:
         knots = tuple(spline_knots(values, count).tolist())
-        for signed in (False, True):
+        for signed in signs:
             yield Law(signal, other, signed, loaded_only, knots)
 
 

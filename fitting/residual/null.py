@@ -179,13 +179,15 @@ def resampled(noise: Sequence[FloatArray], length: int, rate_hz: float, rng: np.
 def _ideal(joint: Joint, segment: Segment, number: int, effort: FloatArray) -> dict[str, FloatArray]:
     """What the joint's channels would read without sensor noise, by quantity."""
     q, x, r = segment.q[:, number], segment.x[:, number], segment.r[:, number]
+    qd = segment.qd[:, number]
     if joint.cylinder is None:
-        return {"joint_position": q, "joint_effort": effort}
+        return {"joint_position": q, "joint_velocity": qd, "joint_effort": effort}
     rod = segment.p2[:, number]
     external = np.zeros_like(x) if segment.external is None else segment.external[:, number]
     return {
         "external_force": external,
         "joint_position": q,
+        "joint_velocity": qd,
         "piston_position": x,
         "cylinder_force": effort,
         "joint_effort": effort * r,

@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from fitting.effects.base import DriveView
-from fitting.residual.laws import NEIGHBOUR, OWN, Law
+from fitting.residual.laws import NEIGHBOUR, OWN, OWN_FORCE, Law
 from fitting.residual.scoring import Score, score_terms
 from fitting.residual.terms import Model, Term
 
@@ -108,7 +108,8 @@ def surfaces(model: Model, joint: int, *, twist: bool = False) -> Iterator[Surfa
             ranges[name, other] = (float(values.min()), float(values.max()))
     for (first, other), (second, second_other) in combinations(ranges, 2):
         loaded_only = other is not None or second_other is not None
-        for signed in (False, True):
+        own_force = (OWN_FORCE, None) in ((first, other), (second, second_other))
+        for signed in (True,) if own_force else (False, True):
             yield Surface(
                 first,
                 other,

@@ -11,7 +11,9 @@ laws
     large as what was found beside them. And what parameters move by when the law is added is doubt as well: the law is
     a spline, not nature's formula.
 noise
-    The spectrum that rows were whitened by was estimated (:mod:`fitting.freedom`).
+    The spectrum that rows were whitened by was estimated (:mod:`fitting.freedom`). And where a joint's whitened
+    residual is refused as white and normal noise, or an effect was found there whose formula need not be nature's, its
+    rows count with what their scores say of themselves (a sandwich, Newey and West's).
 
 Source: G. Seber and C. Wild, *Nonlinear Regression*, 1989, section 2.1 (linear approximation).
 """
@@ -23,14 +25,18 @@ from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
+from scipy import stats
 
+from daq.recording_checks import runs
 from fitting.effects.base import Effect
+from fitting.estimators.covariance import series_scores
 from fitting.freedom import coverage_factors, degrees_of_freedom
 from fitting.prior import Prior
-from fitting.regression import WhiteRows
+from fitting.regression import Extra, WhiteRows
 from fitting.residual.laws import Law
 from fitting.residual.refinement import CHOICES
 from fitting.residual.terms import Model, Term, extra_columns
+from fitting.signals import FilterBank
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -38,6 +44,10 @@ FloatArray = npt.NDArray[np.float64]
 _STEP, _SHAPE_STD = 0.004, 0.5
 #: The share of an unknown law that lies in the base's columns, in units of what lies beside them.
 _HIDDEN = 2.0
+#: Chance that white and normal noise is refused as such, and rows of a stretch that say something of its spectrum.
+REFUSED, _SHORTEST = 1e-3, 32
+#: Share of the bandwidth below which whitened noise is flat: the filter falls around it.
+_INSIDE = 0.9
 
 
 def with_doubts(model: Model, prior: Prior) -> Model:
@@ -50,20 +60,76 @@ def with_doubts(model: Model, prior: Prior) -> Model:
         return model
     rows = model.rows(prior)
     covariance = _with_shapes(model, rows)
-    covariance = covariance + np.diag(_law_variances(model, rows))
+    covariance = covariance + np.diag(law_variances(model, rows))
     freedom = degrees_of_freedom(rows, model.fit.covariance, model.noise, model.design.bank.reduced_rate_hz)
-    factors = coverage_factors(freedom)
+    factors = coverage_factors(freedom) * sandwich_factors(model, rows)
     covariance = covariance * factors[:, None] * factors[None, :]
     return replace(model, fit=replace(model.fit, covariance=covariance))
 
 
+def sandwich_factors(model: Model, rows: Sequence[WhiteRows]) -> FloatArray:
+    """Factors (p,), at least 1, that make deviations those of a sandwich on the joints that ask for it.
+
+    The variance of a parameter is ``c' S c`` with ``c`` its row of the covariance and ``S`` the sum over the joints of
+    ``A_j'A_j`` (unit noise), or of the long-run covariance of ``A_j' e_j`` where the noise is refused.
+    """
+    named = {term.joint for term in model.terms if not term.everywhere}
+    covariance = model.fit.covariance
+    more = np.zeros_like(covariance)
+    rng = np.random.default_rng(0)  # the sum over lags does not draw
+    for joint, (own, residual) in enumerate(zip(rows, model.fit.residual, strict=True)):
+        if not own.sections or not (joint in named or is_refused(own, residual, model.design.bank)):
+            continue
+        start = 0
+        for _, kept in own.sections:
+            part = slice(start, start := start + int(np.count_nonzero(kept)))
+            A, e = own.A[part], residual[part]
+            if len(e):
+                more += series_scores(A, e, "hac", rng) - A.T @ A
+    variance = np.diag(covariance)
+    raised = variance + np.einsum("ij,jk,ik->i", covariance, more, covariance)
+    return np.sqrt(np.where(variance > 0, np.maximum(raised, variance) / np.where(variance > 0, variance, 1.0), 1.0))
+
+
+def is_refused(rows: WhiteRows, residual: FloatArray, bank: FilterBank) -> bool:
+    """Whether a joint's whitened residual is refused as white inside the band and normal.
+
+    White: the cumulated periodogram of frequencies below the bandwidth is a straight line (Kolmogorov and Smirnov's
+    distance; M. S. Bartlett, *Stochastic Processes*, 1955, ch. 9); the filter leaves nothing beyond. Normal: skewness
+    and kurtosis (C. Jarque and A. Bera, Economics Letters 6, 1980), of as many values as the band leaves independent.
+    """
+    frequencies, powers, values, start = [], [], [], 0
+    for _, kept in rows.sections:
+        part = residual[start : start + int(np.count_nonzero(kept))]
+        start += len(part)
+        values.append(part)
+        ends = np.cumsum([run.stop - run.start for run in runs(kept)]) if len(part) else np.zeros(0, dtype=int)
+        for e in np.split(part, ends[:-1]):
+            if len(e) >= _SHORTEST:
+                own = np.fft.rfftfreq(len(e), 1.0 / bank.reduced_rate_hz)
+                inside = (own > 0) & (own <= _INSIDE * bank.bandwidth_hz)
+                frequencies.append(own[inside])
+                powers.append((np.abs(np.fft.rfft(e)) ** 2)[inside] / len(e))
+    if not powers or sum(map(len, powers)) < _SHORTEST:
+        return False
+    power = np.concatenate(powers)[np.argsort(np.concatenate(frequencies), kind="stable")]
+    lines = len(power)
+    distance = float(np.max(np.abs(np.cumsum(power) / power.sum() - np.arange(1, lines + 1) / lines)))
+    everything = np.concatenate(values)
+    everything = everything / np.sqrt(np.mean(everything**2))
+    skew, tail = float(np.mean(everything**3)), float(np.mean(everything**4)) - 3.0
+    share = min(1.0, 2.0 * bank.bandwidth_hz / bank.reduced_rate_hz)
+    bera = share * len(everything) / 6.0 * (skew**2 + tail**2 / 4.0)
+    return bool(stats.kstwobign.sf(distance * np.sqrt(lines)) < REFUSED / 2 or stats.chi2.sf(bera, 2) < REFUSED / 2)
+
+
 def _with_shapes(model: Model, rows: Sequence[WhiteRows]) -> FloatArray:
     """Covariance (p, p) with the shapes of effects free to move."""
-    slopes = [slope for number in range(len(model.terms)) for slope in _slopes(model, number)]
+    slopes = shape_columns(model)
     told = model.fit.told
-    if not slopes:
+    if slopes is None:
         return model.fit.covariance
-    D = np.column_stack(slopes)
+    D = _white(model, slopes)
     A = np.vstack([own.A[:, told] for own in rows])
     # Of the covariance with D beside A: C + C A'D (D'D + P - D'A C A'D)^-1 D'A C.
     C = model.fit.covariance[np.ix_(told, told)]
@@ -74,44 +140,69 @@ def _with_shapes(model: Model, rows: Sequence[WhiteRows]) -> FloatArray:
     return covariance
 
 
-def _slopes(model: Model, number: int) -> list[FloatArray]:
-    """Derivatives of a term's contribution by the logarithm of each of its shapes, in the rows of all joints."""
-    term = model.terms[number]
-    if not isinstance(term.content, Effect) or term.rebuilt:
-        return []
-    values = model.fit.theta[model.term_slice(number)]
-    result = []
-    for key, value in term.shape.items():
-        if key in CHOICES or not value:
+def shape_columns(model: Model) -> Extra | None:
+    """Full-rate columns of how terms change with the logarithm of each of their shapes; None without any shape."""
+    names, parts = list[str](), list[list[list[FloatArray | None]]]()
+    for number, term in enumerate(model.terms):
+        if not isinstance(term.content, Effect) or term.rebuilt:
             continue
-        up, down = (
-            _contribution(model, replace(term, shape={**term.shape, key: value * factor}), values)
-            for factor in (1 + _STEP, 1 - _STEP)
-        )
-        slope = (up - down) / (2 * _STEP)
-        if np.isfinite(slope).all() and slope.any():
-            result.append(slope)
-    return result
+        values = model.fit.theta[model.term_slice(number)]
+        for key, value in term.shape.items():
+            if key in CHOICES or not value:
+                continue
+            slope = _slope(model, term, key, values)
+            found = [c for joint in slope for c in joint if c is not None]
+            if all(np.isfinite(c).all() for c in found) and any(c.any() for c in found):
+                names.append(f"{term.id}.{key}")
+                parts.append(slope)
+    if not names:
+        return None
+    joints, segments = range(len(model.design.machine.joints)), range(len(model.design.segments))
+    return Extra(tuple(names), [[_stacked([part[j][i] for part in parts]) for i in segments] for j in joints])
 
 
-def _contribution(model: Model, term: Term, values: FloatArray) -> FloatArray:
-    """A term's whitened contribution in the rows of all joints, in the order of the fit's (a prior's row is 0)."""
-    extra = extra_columns(model.design, model.views, [term])
+def _slope(model: Model, term: Term, key: str, values: FloatArray) -> list[list[FloatArray | None]]:
+    """Derivative of a term's contribution by the logarithm of one shape, per joint and segment (N, 1)."""
+    up, down = (
+        extra_columns(
+            model.design, model.views, [replace(term, shape={**term.shape, key: term.shape[key] * factor})]
+        ).columns
+        for factor in (1 + _STEP, 1 - _STEP)
+    )
+    return [
+        [
+            None if first is None or second is None else ((first - second) @ values / (2 * _STEP))[:, None]
+            for first, second in zip(a, b, strict=True)
+        ]
+        for a, b in zip(up, down, strict=True)
+    ]
+
+
+def _stacked(columns: Sequence[FloatArray | None]) -> FloatArray | None:
+    """Columns (N, 1) side by side, zero where there is none."""
+    there = next((c for c in columns if c is not None), None)
+    if there is None:
+        return None
+    return np.hstack([np.zeros_like(there) if c is None else c for c in columns])
+
+
+def _white(model: Model, extra: Extra) -> FloatArray:
+    """Whitened columns in the rows of all joints, in the order of the fit's (a prior's row is 0)."""
     parts = []
     for joint in range(len(model.design.machine.joints)):
-        rows = np.zeros(len(model.fit.residual[joint]))
+        rows = np.zeros((len(model.fit.residual[joint]), len(extra.names)))
         start = 0
         for index in model.fitted:
             kept = model.noise.kept(joint, model.design.blocks[joint][index].keep)
             count, own = int(np.count_nonzero(kept)), extra.columns[joint][index]
             if own is not None:
-                rows[start : start + count] = model.noise.whiten(joint, model.design.bank.reduce(own @ values))[kept]
+                rows[start : start + count] = model.noise.whiten(joint, model.design.bank.reduce(own))[kept]
             start += count
         parts.append(rows)
-    return np.concatenate(parts)
+    return np.vstack(parts)
 
 
-def _law_variances(model: Model, rows: Sequence[WhiteRows]) -> FloatArray:
+def law_variances(model: Model, rows: Sequence[WhiteRows]) -> FloatArray:
     """Variance (p,) that unknown laws add to the drive parameters of their joints."""
     variances = np.zeros(len(model.fit.theta))
     count = len(model.design.parameters)

@@ -141,7 +141,7 @@ def test_terms_survive_their_way_through_json(strange: Attribution) -> None:
 def test_the_final_model_is_the_loops_model() -> None:
     session = session_with(lambda s, i: 900.0 * (s.x[:, 1] - 0.15) * np.sign(s.v[:, 1]))
     attribution = run(session)
-    _, model = final_model(session, Corrections(session.machine), attribution.model.terms)
+    model = final_model(session, Corrections(session.machine), attribution.model.terms)[1].model
     assert model.fit.theta == pytest.approx(attribution.model.fit.theta, rel=1e-6, abs=1e-6)
 
 

@@ -7,16 +7,19 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy import signal
-from synthetic_arm import clean_session
+from synthetic_arm import USUAL, clean_session, make_motion, make_session, planar_machine, truth
 
+from fitting.loop import SessionSignals, _changes
 from fitting.residual.change_points import (
     ChangePoint,
     JointRows,
     change_points,
-    common_moments,
     joint_rows,
+    step_at,
     supremum_chance,
 )
+from fitting.residual.kinematics import Corrections
+from fitting.session import Options, Session
 
 RATE, SECONDS, RECORDINGS = 8.0, 60.0, 4
 
@@ -155,14 +158,15 @@ def test_where_a_change_is_at_work() -> None:
         assert [point.active(r, clock).astype(int).tolist() for r in range(3)] == [before, own, later]
 
 
-def test_joints_that_change_at_one_moment_are_put_together() -> None:
-    points = [change_points(replace(rows(seed, 0.9, "load"), joint=seed)) for seed in range(3)]
-    points.append(change_points(replace(rows(3, 0.9, "load", time=12.0), joint=3)))
-    moment = common_moments([p for own in points for p in own])[0]
-    assert (moment.kind, moment.recording, moment.joints) == ("once", 2, (0, 1, 2))
-    assert moment.interval[0] - 0.2 <= 30.0 <= moment.interval[1] + 0.2
-    assert moment.gain == pytest.approx(sum(max(p.gain for p in own) for own in points[:3]))
-    assert common_moments(points[3]) == ()
+def test_a_step_at_a_given_moment_is_that_of_a_joint_refit() -> None:
+    data = rows(6, 0.9)
+    best = next(c for c in change_points(data) if c.kind == "once")
+    change, std = step_at(data, best.column, best.recording, best.time)  # type: ignore[arg-type]
+    assert change == pytest.approx(best.change, rel=1e-9)
+    assert std == pytest.approx(best.std, rel=1e-9)
+    elsewhere, doubt = step_at(data, best.column, 1, best.time)
+    assert abs(elsewhere) < 4.0 * doubt
+    assert step_at(data, best.column, 1, 1e9) == (0.0, np.inf)
 
 
 def test_more_looks_raise_the_bar() -> None:
@@ -220,3 +224,28 @@ def test_rows_of_a_fit_are_in_order_and_show_a_step_in_the_effort() -> None:
     point = next(p for p in change_points(replace(data, residual=moved)) if p.column == "1")
     assert (point.kind, point.recording) == ("once", train)
     assert point.time == pytest.approx(14.0, abs=1.0)
+
+
+def stepped(recordings: tuple[int, ...], size: float) -> Session:
+    """An arm whose joint 1 gets another force zero at 20 s of some recordings (numbers in the order of ``USUAL``)."""
+    machine, added = planar_machine(2), []
+    for number, (role, seed) in enumerate(USUAL):
+        motion = make_motion(machine, role, seed, 40.0, None)
+        force = np.zeros((len(motion.t), 2))
+        if number in recordings:
+            force[motion.t >= 20.0, 0] = size
+        added.append(force)
+    return make_session(machine, truth(2), added=added, options=Options(bootstrap=0))
+
+
+@pytest.mark.parametrize(("recordings", "said"), [((1,), True), ((1, 2), False)])
+def test_what_every_run_of_a_motion_has_at_one_phase_is_no_change_in_time(
+    recordings: tuple[int, ...], said: bool
+) -> None:
+    session = stepped(recordings, 60.0)
+    signals = SessionSignals(session, Corrections(session.machine))
+    found = [c for c in _changes(session.base_model, signals.prepared(()), session.prior) if c.joint == 0]
+    assert bool(found) is said
+    if said:
+        assert abs(found[0].time - 20.0) < 1.0
+        assert found[0].recording == 1

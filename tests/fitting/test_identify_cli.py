@@ -5,7 +5,9 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+import numpy as np
 import pytest
+from scipy.interpolate import make_interp_spline
 from synthetic_arm import make_recordings, planar_machine, truth
 
 from daq.machine_file import machine_to_yaml
@@ -67,6 +69,48 @@ def test_csv_gives_the_same_parameters(arm: Path, tmp_path: Path, capsys: pytest
         report = json.loads(capsys.readouterr().out)
         values.append([p["value"] for p in report["cylinders"]["joint1"]["parameters"].values()])
     assert values[0] == pytest.approx(values[1], rel=1e-6)
+
+
+def logged(source: Path, target: Path) -> None:
+    """A CSV of ours as a logger would have it: 200 Hz, milliseconds, semicolons and decimal commas, its own names."""
+    names = source.read_text(encoding="utf-8").splitlines()[0].replace('"', "").split(",")
+    rows = np.loadtxt(source, delimiter=",", skiprows=1)
+    time = np.arange(rows[0, 0], rows[-1, 0], 1 / 200)
+    columns = make_interp_spline(rows[:, 0], rows[:, 1:], k=5)(time)
+    header = ";".join(["t_ms", *(f"ch{number} ({unit})" for number, unit in enumerate(UNITS))])
+    lines = [
+        ";".join(f"{v:.9g}" for v in (1e3 * t, *row)).replace(".", ",") for t, row in zip(time, columns, strict=True)
+    ]
+    target.write_text("\n".join([header, *lines]), encoding="utf-16")
+    assert names[1:] == list(CHANNELS)
+
+
+CHANNELS = ("joint1.x", "joint1.head", "joint1.rod", "joint1.q")
+UNITS = ("m", "Pa", "Pa", "rad")
+
+
+def test_a_loggers_files_are_identified_with_a_map_on_request(
+    arm: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for role in ("unloaded", "train", "repeat", "validate"):
+        logged(arm / f"{role}.csv", tmp_path / f"{role}.csv")
+    (tmp_path / "machine.yaml").write_bytes((arm / "machine.yaml").read_bytes())
+    written = tmp_path / "map.yaml"
+    written.write_text("".join(f"{name}: ch{number}\n" for number, name in enumerate(CHANNELS)), encoding="utf-8")
+    asked = [*command(tmp_path, tmp_path / "out", "csv"), "--json", "--no-loop", "--map", str(written)]
+    assert run(asked) == 2
+    line = capsys.readouterr().err
+    assert len(line.splitlines()) == 1 and "200 Hz" in line and "rate_hz 50" in line and "--resample" in line
+    assert run([*asked, "--resample"]) == 0
+    report = json.loads(capsys.readouterr().out)
+    said = [warning for warning in report["warnings"] if "resampled from 200 Hz to 50 Hz" in warning]
+    assert len(said) == 4 and said[0].startswith("unloaded.csv: ")
+    assert run([*command(arm, tmp_path / "plain"), "--json", "--no-loop"]) == 0
+    plain = json.loads(capsys.readouterr().out)
+    # The samples between were made up from the noisy ones, so only what the motion tells is the same.
+    friction = [r["cylinders"]["joint1"]["parameters"]["f_c"] for r in (report, plain)]
+    assert friction[0]["value"] == pytest.approx(friction[1]["value"], abs=4 * friction[1]["std"])
+    assert not [warning for warning in plain["warnings"] if "resampled" in warning]
 
 
 def test_the_bandwidth_is_the_one_that_was_asked_for(

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+import yaml
 from arm_examples import driven_arm
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
+from scipy.optimize import fsolve
 
 from daq.errors import InputError
-from daq.linkages import Direct, Linkage, Polynomial, Rack, ThreePin
-from daq.machine_file import Cylinder, Joint, Limits
+from daq.linkages import Direct, FourBar, Linkage, Pins, Polynomial, Rack, ThreePin, reduced
+from daq.machine_file import Cylinder, Joint, Limits, MachineFileError, machine_to_yaml, parse_machine
 from fitting.linkage import (
     joint_motion,
     joint_position,
@@ -24,6 +26,34 @@ from fitting.linkage import (
 )
 
 THREE_PIN = ThreePin(type="three_pin", a=0.45, b=0.16, offset=1.7, retracted=0.37)
+PINS = Pins(
+    type="pins", base_pin=(-0.3, 0.2), base_pivot=(0.1, 0.1), rod_pin=(0.1, 0.3), link_pivot=(0.2, 0.4), retracted=0.2
+)
+#: An excavator's bucket: origin at the bucket's axis, the stick to the left of it, the cylinder above the stick.
+BUCKET = FourBar(
+    type="four_bar",
+    base_pin=(-1.5, 0.30),
+    base_pivot=(0.0, 0.0),
+    rocker_pivot=(-0.40, 0.05),
+    coupler_pin=(-0.05, 0.30),
+    link_pivot=(0.0, 0.0),
+    rod_arm=0.48,
+    coupler_arm=0.45,
+    arms_angle=0.1,
+    coupler=0.42,
+    side="left",
+    retracted=0.85,
+)
+#: The same seen from the other side.
+MIRRORED = BUCKET.model_copy(
+    update={
+        "base_pin": (-1.5, -0.30),
+        "rocker_pivot": (-0.40, -0.05),
+        "coupler_pin": (-0.05, -0.30),
+        "arms_angle": -0.1,
+        "side": "right",
+    }
+)
 LINKAGES: list[Linkage] = [
     THREE_PIN,
     ThreePin(type="three_pin", a=0.45, b=0.16, offset=-1.7, retracted=0.37),
@@ -31,6 +61,9 @@ LINKAGES: list[Linkage] = [
     Rack(type="rack", radius=-0.08, zero=1.5),
     Direct(type="direct"),
     Polynomial(type="polynomial", coefficients=(0.12, 0.15, -0.02, 0.01)),
+    PINS,
+    BUCKET,
+    MIRRORED,
 ]
 
 
@@ -75,7 +108,7 @@ def test_derivatives_converge_with_the_square_of_the_step(linkage):
     ):
         coarse = np.abs(central(function, q, 1e-2) - derivative).max()
         fine = np.abs(central(function, q, 1e-3) - derivative).max()
-        assert fine < 1e-6
+        assert fine < 5e-6  # third derivatives of a bucket's linkage reach 10 m
         assert coarse < 1e-9 or 80 < coarse / fine < 120  # order 2: a tenth of the step, a hundredth of the error
 
 
@@ -165,3 +198,156 @@ def test_a_joint_without_cylinder_has_no_piston():
     bare = driven_arm(1).joints[0].model_copy(update={"cylinder": None})
     with pytest.raises(InputError, match=r"joints\.joint1: has no cylinder"):
         joint_position(bare, np.zeros(3))
+
+
+POINT = st.tuples(st.floats(-1, 1), st.floats(-1, 1))
+
+
+def turned(point, angle):
+    """A point of the plane turned about the origin, by complex numbers."""
+    z = complex(*point) * np.exp(1j * np.asarray(angle))
+    return np.stack([z.real, z.imag], axis=-1)
+
+
+@given(POINT, POINT, POINT, POINT, st.floats(-7, 7), st.floats(-2, 2))
+def test_pins_are_the_distance_of_the_points_that_were_measured(base_pin, base_pivot, rod_pin, link_pivot, angle, q):
+    assume(np.hypot(*np.subtract(base_pin, base_pivot)) > 0.05 and np.hypot(*np.subtract(rod_pin, link_pivot)) > 0.05)
+    pins = Pins(
+        type="pins", base_pin=base_pin, base_pivot=base_pivot, rod_pin=rod_pin, link_pivot=link_pivot, angle=angle,
+        retracted=0.1,
+    )  # fmt: skip
+    # The moving link is put onto the parent so that both pivots lie on each other, and turned by q + angle.
+    rod = np.add(base_pivot, turned(np.subtract(rod_pin, link_pivot), q + angle))
+    along = rod - base_pin
+    length = np.hypot(*along)
+    assert pins.piston_position(q) + 0.1 == pytest.approx(length, abs=1e-9)
+    assume(length > 0.02)
+    arm = rod - base_pivot
+    moment = (arm[0] * along[1] - arm[1] * along[0]) / length  # of a unit force along the rod, about the joint
+    assert lever_arm(pins, q) == pytest.approx(moment, abs=1e-9)
+
+
+@given(st.floats(0.2, 1), st.floats(0.2, 1), st.floats(-3, 3), st.floats(-3, 3), st.floats(-2, 2))
+def test_pins_made_of_a_three_pin_linkage_are_that_linkage(a, b, offset, bearing, theta):
+    pins = Pins(
+        type="pins", base_pin=tuple(turned((a, 0), bearing)), base_pivot=(0, 0), link_pivot=(0, 0),
+        rod_pin=tuple(turned((b, 0), bearing + offset - theta)), angle=theta, retracted=0.1,
+    )  # fmt: skip
+    same = ThreePin(type="three_pin", a=a, b=b, offset=offset, retracted=0.1)
+    q = np.linspace(-3, 3, 13)
+    np.testing.assert_allclose(pins.piston_position(q), same.piston_position(q), atol=1e-8)
+    assert reduced(same) is same and isinstance(reduced(pins), ThreePin)
+    assert parameter_names(pins) == parameter_names(same)
+
+
+def loop_closure(linkage: FourBar, q: float, start: float) -> float:
+    """Piston position by solving both equations of the loop numerically; ``start`` is a guess of the rocker."""
+    theta = q + (linkage.angle or 0.0)
+    pin = np.add(linkage.base_pivot, turned(np.subtract(linkage.coupler_pin, linkage.link_pivot), theta))
+
+    def open_by(angles):
+        rocker = np.add(linkage.rocker_pivot, turned((linkage.coupler_arm, 0), angles[0]))
+        return rocker + turned((linkage.coupler, 0), angles[1]) - pin
+
+    tip = np.add(linkage.rocker_pivot, turned((linkage.coupler_arm, 0), start))
+    guess = np.arctan2(*(pin - tip)[::-1])
+    angles, _, found, text = fsolve(open_by, [start, guess], full_output=True, xtol=1e-13)
+    assert found == 1, text
+    rod = np.add(linkage.rocker_pivot, turned((linkage.rod_arm, 0), angles[0] + linkage.arms_angle))
+    return float(np.hypot(*(rod - np.array(linkage.base_pin)))) - linkage.retracted
+
+
+@settings(deadline=None)
+@given(st.integers(0, 100_000), st.floats(-0.5, 0.5), st.sampled_from([BUCKET, MIRRORED]), st.floats(-3, 3))
+def test_a_four_bar_linkage_closes_its_loop(seed, q, like, angle):
+    """Lengths and points of a bucket, 5 % off; the numerical loop starts from the rocker's direction, 3 degrees off."""
+    rng = np.random.default_rng(seed)
+    content = like.model_dump()
+    for name, value in content.items():
+        if isinstance(value, float) and name not in ("arms_angle", "retracted"):
+            content[name] = value * rng.uniform(0.95, 1.05)
+        elif isinstance(value, tuple):
+            content[name] = tuple(rng.normal(value, 0.02))
+    content["angle"] = angle
+    linkage = FourBar(**content)
+    q = q - angle
+    assume(abs(float(linkage.closing_cosine(q))) < 0.98)
+    assert linkage.piston_position(q) == pytest.approx(
+        loop_closure(linkage, q, float(linkage.rocker(q)) + 0.05), abs=1e-9
+    )
+    step = 1e-5
+    slope = (linkage.piston_position(q + step) - linkage.piston_position(q - step)) / (2 * step)
+    assert lever_arm(linkage, q) == pytest.approx(slope, abs=1e-6 * (1 + abs(slope)))
+
+
+def test_a_mirrored_bucket_is_the_bucket_backwards():
+    q = np.linspace(-0.6, 0.6, 9)
+    np.testing.assert_allclose(MIRRORED.piston_position(q), BUCKET.piston_position(-q), atol=1e-12)
+    np.testing.assert_allclose(lever_arm(MIRRORED, q), -lever_arm(BUCKET, -q), atol=1e-12)
+
+
+def test_power_goes_through_the_coupler():
+    """Static forces in the bars instead of derivatives: rod force to coupler force at the rocker, coupler to bucket."""
+    for q in np.linspace(-0.5, 0.5, 5):
+        pin = np.array(turned(BUCKET.coupler_pin, q))
+        phi = float(BUCKET.rocker(q))
+        pivot = np.array(BUCKET.rocker_pivot)
+        tip, rod = turned((BUCKET.coupler_arm, 0), phi), turned((BUCKET.rod_arm, 0), phi + BUCKET.arms_angle)
+        push = pivot + rod - BUCKET.base_pin
+        push = push / np.hypot(*push)
+        bar = (pin - pivot - tip) / BUCKET.coupler
+        cross = lambda a, b: a[0] * b[1] - a[1] * b[0]  # noqa: E731
+        in_bar = cross(rod, push) / cross(tip, bar)  # the rocker is massless: moments about its pivot cancel
+        assert lever_arm(BUCKET, q) == pytest.approx(in_bar * cross(pin, bar), rel=1e-10)
+
+
+def file_with(linkage: dict, **joint) -> str:
+    """A machine file of one joint with a linkage."""
+    tree = yaml.safe_load(machine_to_yaml(driven_arm(1)))
+    own = {**tree["joints"][0], "name": "boom", **joint}
+    own["cylinder"] = {"bore": 0.1, "rod": 0.05, "stroke": 0.6, "linkage": linkage}
+    own["limits"] = {"position": [-0.6, 0.6], "velocity": 1.0, "acceleration": 1.0}
+    channels = [
+        {"name": "q", "quantity": "joint_position", "joint": "boom", "unit": "rad"},
+        {"name": "f", "quantity": "cylinder_force", "joint": "boom", "unit": "N"},
+    ]
+    return yaml.safe_dump({**tree, "joints": [own], "channels": channels}, sort_keys=False)
+
+
+def test_linkages_in_files_come_back_and_take_the_tables_angle():
+    bucket = BUCKET.model_dump(exclude={"angle"})
+    for linkage in (bucket, PINS.model_dump(exclude={"angle"})):
+        plain = parse_machine(file_with({**linkage, "angle": -0.3}))
+        by_table = parse_machine(file_with(linkage, dh={"a": 1.0, "alpha": 0.0, "d": 0.0, "theta": -0.3}))
+        assert plain.joints[0].cylinder == by_table.joints[0].cylinder
+        assert parse_machine(machine_to_yaml(by_table)) == by_table
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"coupler": 0.1}, "cannot close: at q = .* coupler_pin is .* m from rocker_pivot, .* reach 0.35 to 0.55 m"),
+        ({"coupler": 2.0}, "cannot close: at q"),
+        ({"coupler": 0.2}, "dead centre.*the points, side or angle"),
+        ({"retracted": 2.5}, "cannot close: .* stroke of 0.6 m; check retracted, the points, side or angle"),
+        ({"side": "up"}, "linkage.side.*'left' or 'right'"),
+        ({"coupler_pin": [0.0, 0.0]}, "coupler_pin and link_pivot are the same point"),
+        ({"rod_arm": -1.0}, "rod_arm.*greater than 0"),
+    ],
+)
+def test_four_bar_linkages_that_cannot_be(change, words):
+    with pytest.raises(MachineFileError, match=words):
+        parse_machine(file_with({**BUCKET.model_dump(exclude={"angle"}), **change}))
+
+
+def test_pins_that_cannot_be():
+    good = PINS.model_dump(exclude={"angle"})
+    parse_machine(file_with(good))
+    with pytest.raises(MachineFileError, match="rod_pin and link_pivot are the same point"):
+        parse_machine(file_with({**good, "rod_pin": good["link_pivot"]}))
+    with pytest.raises(MachineFileError, match="needs a revolute joint"):
+        parse_machine(file_with(good, type="prismatic").replace("unit: rad", "unit: m"))
+    with pytest.raises(MachineFileError, match="unknown key; did you mean 'rod_pin'"):
+        parse_machine(file_with({**good, "rodpin": [0.0, 0.0]}))
+    with pytest.raises(MachineFileError, match="check the four points, retracted"):
+        parse_machine(file_with({**good, "retracted": 1.5}))

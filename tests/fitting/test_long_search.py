@@ -243,7 +243,8 @@ def test_a_moment_between_pieces_is_found_on_all_samples(hour: list[Recording], 
     (found,) = sharpened(signals.refit([guess]), session.prior, session.search.gap)
     assert abs(found.shape["t_0"] - moment) < 5.0
     model = signals.refit([found])
-    assert abs(model.fit.theta[model.term_slice(0)][0] - kilograms) < 0.2
+    # The moment is half a second off, and what was carried then counts against the mass: five per cent.
+    assert model.fit.theta[model.term_slice(0)][0] == pytest.approx(kilograms, rel=0.05)
 
 
 def test_recordings_are_numbered_as_in_the_whole(hour: list[Recording]) -> None:

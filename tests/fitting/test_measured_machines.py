@@ -97,7 +97,7 @@ def test_what_is_absent_is_said_and_skipped(tmp_path: Path) -> None:
     page = tmp_path / "page.md"
     outcome = run(tmp_path / "nothing", page)
     assert not outcome.checks
-    assert len(outcome.notes) == 3 and all("skipped" in note for note in outcome.notes)
+    assert len(outcome.notes) == 4 and all("skipped" in note for note in outcome.notes)
     assert page.read_text(encoding="utf-8").startswith("# Measured machines")
     assert len(run(tmp_path / "nothing", only="emps").notes) == 1
 

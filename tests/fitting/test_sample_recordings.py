@@ -14,7 +14,7 @@ from arm_examples import SHARED
 from fitting.report import Figures
 from fitting.results import build_report
 from fitting.session import Request, Session
-from fitting.stages import _COMPUTE
+from fitting.stages import STEPS
 
 pytestmark = pytest.mark.slow
 
@@ -36,7 +36,7 @@ def made(case: str) -> tuple[dict[str, Any], Figures]:
     files = tuple((role, directory / f"{name}.parquet") for name, role in ROLES.items())
     session = Session.load(Request(directory / "machine.yaml", files, Path("nowhere")))
     results: dict[str, dict[str, Any]] = {}
-    for stage, compute in _COMPUTE.items():
+    for stage, compute in STEPS.items():
         results[stage] = compute(session, results, lambda fraction, text: None)
     return build_report(session, results)
 

@@ -112,7 +112,7 @@ def test_a_finished_stage_is_read_not_computed(
     def refuse(*args: object) -> None:
         raise AssertionError("computed again")
 
-    monkeypatch.setattr(stages, "_COMPUTE", dict.fromkeys(stages._COMPUTE, refuse))
+    monkeypatch.setattr(stages, "STEPS", dict.fromkeys(stages.STEPS, refuse))
     monkeypatch.setattr(stages, "build_report", refuse)
     monkeypatch.setattr(stages.Session, "load", refuse)
     for stage in STAGES:
@@ -135,7 +135,7 @@ def test_an_unknown_stage_is_an_input_error(files: Path, tmp_path: Path) -> None
 
 def test_a_stage_that_fails_leaves_nothing_half(files: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     request = request_of(files, tmp_path / "report")
-    monkeypatch.setitem(stages._COMPUTE, "check", lambda *args: {"value": {1, 2}})  # a set is no JSON
+    monkeypatch.setitem(stages.STEPS, "check", lambda *args: {"value": {1, 2}})  # a set is no JSON
     with pytest.raises(TypeError):
         run_stage("check", request)
     assert not [p for p in (tmp_path / "report").rglob("*") if p.is_file()]

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from scipy import signal
 from synthetic_arm import clean_session, exact_views, make_session, planar_machine, truth
 
 from fitting.effects import effect
@@ -14,7 +17,7 @@ from fitting.residual.null import Null
 from fitting.residual.refinement import refined
 from fitting.residual.scoring import score_terms
 from fitting.residual.terms import Model, Term, fit_model
-from fitting.residual.uncertainty import with_doubts
+from fitting.residual.uncertainty import is_refused, sandwich_factors, with_doubts
 from fitting.session import Session
 from fitting.splines import spline_knots
 
@@ -57,7 +60,8 @@ def test_a_shape_that_was_searched_makes_its_parameter_less_certain() -> None:
     ours = with_doubts(model, session.prior)
     assert ours.fit.theta == pytest.approx(model.fit.theta)
     ratio = ours.fit.std / explicit[: A.shape[1]]
-    # What is beyond is Student's t of the noise's spectrum.
+    # What is beyond is the sandwich of the joint with the effect, and Student's t of the noise's spectrum.
+    ratio /= sandwich_factors(model, rows)
     assert ratio.min() > 1 - 1e-4
     assert ratio.max() < 1.3
     names = model.design.parameters.names
@@ -72,7 +76,7 @@ def test_an_unknown_law_of_the_position_leaves_the_stiffness_open() -> None:
     values = np.concatenate([session.plain.design.segments[i].x[:, 1] for i in session.plain.fitted])
     law = Law("piston_position", None, False, False, tuple(spline_knots(values, 8).tolist()))
     plain = fitted(session, Term(law, 1))
-    _, model = final_model(session, Corrections(session.machine), [Term(law, 1)])
+    model = final_model(session, Corrections(session.machine), [Term(law, 1)])[1].model
     place = model.design.parameters.names.index("joint2.K")
     true = ARM.drive[1][1]
     apart = abs(model.fit.theta[place] - true)
@@ -106,3 +110,37 @@ def test_a_search_does_not_leave_what_is_plausible() -> None:
     assert found.gain >= score.gain
     assert found.term.shape["share"] <= 0.25 * 1.25 + 1e-12, "nor does a second search, from where the first ended"
     assert 0.8 <= found.term.shape["n"] <= 2.5
+
+
+def noisy(kind: str, seed: int) -> tuple[Session, Model, list[np.ndarray]]:
+    """The clean arm with made-up whitened residuals: white on joint 1, and of a kind on joint 2."""
+    session, rng = clean_session(), np.random.default_rng(seed)
+    model = session.base_model
+    first, second = (rng.normal(size=len(e)) for e in model.fit.residual)
+    if kind == "coloured":
+        second = signal.lfilter([1.0], [1.0, -0.7], second)
+    elif kind == "knocks":
+        second[rng.integers(0, len(second), 12)] += 9.0
+    return session, replace(model, fit=replace(model.fit, residual=(first, second))), [first, second]
+
+
+def test_white_and_normal_noise_is_refused_no_more_often_than_is_said() -> None:
+    refused, rows = 0, clean_session().base_model.rows(clean_session().prior)
+    for seed in range(150):
+        session, model, residuals = noisy("white", seed)
+        refused += sum(is_refused(own, e, session.bank) for own, e in zip(rows, residuals, strict=True))
+    assert refused <= 3  # of 300 at one in a thousand; Jarque and Bera's is a little more in short series
+    assert sandwich_factors(model, rows) == pytest.approx(np.ones(len(model.fit.theta)))
+
+
+@pytest.mark.parametrize("kind", ["coloured", "knocks"])
+def test_noise_that_is_not_as_whitened_is_refused_and_widens_its_own_joint(kind: str) -> None:
+    session, model, (_, wrong) = noisy(kind, 5)
+    rows = model.rows(session.prior)
+    assert is_refused(rows[1], wrong, session.bank)
+    factors = sandwich_factors(model, rows)
+    names = model.design.parameters.names
+    own = [factors[n] for n, name in enumerate(names) if name.startswith("joint2.f_")]
+    other = [factors[n] for n, name in enumerate(names) if name.startswith("joint1.f_")]
+    assert max(own) > 1.2
+    assert max(other) < min(1.1, max(own))

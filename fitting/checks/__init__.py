@@ -1,0 +1,23 @@
+"""What people get wrong: units, signs, cables, clocks, sizes, roles; found in recordings and said with the cure.
+
+Nothing is corrected. Start at :mod:`fitting.checks.check`; the findings are listed in ``docs/checks.md``.
+
+========================  ===========================================================================
+findings                  what is said
+reading                   recordings as far as they can be read
+signal_faults, time_axis  one channel, one clock alone
+magnitudes                numbers that no machine has
+motions                   recordings against one another
+two_sensors               joint against piston position
+samples, physical         the best arm that could exist, and what it leaves unexplained
+trials, areas, clocks     what would explain it if it were taken back
+payload                   the one effect that explains as much
+check                     all of it in order, and the root of what was found
+gate                      the checks at the doors of other commands
+========================  ===========================================================================
+"""
+
+from fitting.checks.check import check_files, check_recordings
+from fitting.checks.findings import Finding
+
+__all__ = ["Finding", "check_files", "check_recordings"]

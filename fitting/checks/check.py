@@ -1,0 +1,368 @@
+"""All checks in their order, and of what they find the root.
+
+First what a channel or the clock says alone, then numbers that cannot be, then recordings against one another, then the
+two sensors of a joint, and last the efforts. What an earlier step finds is taken back (or its recording left out)
+before the next one looks, so that a wrong unit is not said a second time as a strange mass.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from daq.errors import HilfitError
+from daq.machine_file import Machine
+from daq.recording import Recording
+from fitting.checks.areas import AreaRatio, area_ratios
+from fitting.checks.arm_motion import positions_of
+from fitting.checks.clocks import Clock, clock_of
+from fitting.checks.factors import gains
+from fitting.checks.findings import Finding
+from fitting.checks.magnitudes import magnitude_findings
+from fitting.checks.motions import motion_findings
+from fitting.checks.payload import with_payload
+from fitting.checks.physical import Trial
+from fitting.checks.places import Places
+from fitting.checks.reading import read_leniently
+from fitting.checks.recordings_apart import recordings_apart
+from fitting.checks.samples import take_samples
+from fitting.checks.signal_faults import signal_findings
+from fitting.checks.trials import Accused, Searched, search
+from fitting.checks.two_sensors import disagreements
+from fitting.joint_side import at_joints
+
+FloatArray = npt.NDArray[np.float64]
+_log = logging.getLogger(__name__)
+
+#: Share of a joint's effort that stays unexplained from which it is said without a cause. Measured joints with little
+#: effort of their own (wrists) have as much, so the joint has to carry this share of the arm's largest effort as well.
+GROSS, _CARRIES = 0.55, 0.1
+#: Findings of a recording's own file that make its values useless for what follows.
+_SPOILS = ("outliers", "wrap", "jump", "frozen", "clipped", "held", "same_channel", "coarse")
+#: What a refusal of the strict reader is a consequence of.
+_CONSEQUENCES = {
+    "saturated": ("clipped", "frozen", "unit", "held", "same_channel"),
+    "constant": ("frozen", "wrong_role", "parked", "unit"),
+    "positions_disagree": (
+        "unit",
+        "sign",
+        "linkage",
+        "exchanged_channels",
+        "wrong_role",
+        "other_machine",
+        "wrap",
+        "jump",
+    ),
+    "too_short": ("lost_rows", "time_jump", "time_unit", "wrong_rate"),
+    "out_of_range": ("sign", "unit", "wrap", "exchanged_channels", "outliers", "jump"),
+    "columns": ("other_machine",),
+    "no_repeat": (
+        "jump",
+        "wrap",
+        "outliers",
+        "frozen",
+        "wrong_rate",
+        "time_unit",
+        "time_jump",
+        "other_machine",
+        "wrong_role",
+    ),
+    "frozen": ("held",),
+    "same_motion": ("same_recording",),
+}
+
+
+def check_files(
+    machine: Machine, files: Sequence[tuple[str, Path]], machine_file: Path | None = None
+) -> tuple[Finding, ...]:
+    """Check recordings on disk, as far as they can be read.
+
+    Parameters
+    ----------
+    files : (role, path)
+    machine_file : where lines are looked up
+
+    Raises
+    ------
+    InputError
+        If a file is no table at all.
+    """
+    recordings: list[Recording] = []
+    found: list[Finding] = []
+    for role, path in files:
+        read = read_leniently(path, machine, role)
+        found += read.findings
+        if read.recording is not None:
+            recordings.append(read.recording)
+    return check_recordings(machine, recordings, places=Places.of(machine_file), found=found)
+
+
+def check_recordings(
+    machine: Machine,
+    recordings: Sequence[Recording],
+    *,
+    places: Places | None = None,
+    found: Sequence[Finding] = (),
+) -> tuple[Finding, ...]:
+    """What may be wrong with recordings and machine file, the root of it first.
+
+    Parameters
+    ----------
+    machine : of the machine file
+    recordings : in SI, of any roles, with all channels or only some
+    places : lines of the machine file
+    found : what is known already (of reading the files)
+
+    Returns
+    -------
+    tuple of Finding
+        Mistakes before notes; what is only a consequence of another one is left out.
+    """
+    places = places or Places()
+    result = list(found)
+    for recording in recordings:
+        result += signal_findings(machine, recording)
+    magnitudes = [f for f in magnitude_findings(machine, recordings) if not _spoilt(f, result)]
+    result += magnitudes
+    result += motion_findings(machine, recordings)
+    usable, known = _usable(machine, recordings, result)
+    if known and not any(f.code in ("time_unit", "wrong_rate", "out_of_range") for f in result):
+        try:
+            result += _together(machine, usable, places)
+        except (HilfitError, ValueError, ArithmeticError, np.linalg.LinAlgError) as error:
+            _log.warning("the efforts could not be checked: %s", error)
+    return _ordered(machine, result, places)
+
+
+def _spoilt(finding: Finding, earlier: Sequence[Finding]) -> bool:
+    return any(f.channel == finding.channel and f.code in ("wrap", "jump", "outliers") for f in earlier if f.channel)
+
+
+def _usable(
+    machine: Machine, recordings: Sequence[Recording], found: Sequence[Finding]
+) -> tuple[list[Recording], bool]:
+    """Recordings whose values can be compared, with units that were found taken back; False if nothing is left."""
+    spoilt = {f.recording for f in found if f.code in _SPOILS and f.severity == "mistake"}
+    left_out = {f.recording for f in found if f.code in ("wrong_role", "other_machine", "columns", "not_numbers")}
+    kept = [r for r in recordings if r.file not in spoilt | left_out]
+    for finding in found:
+        if finding.code != "unit":
+            continue
+        unit = finding.cure.partition("'")[2].partition("'")[0]
+        for channel in machine.channels:
+            named = finding.channel == channel.name
+            every = finding.channel is None and (
+                channel.quantity in finding.text
+                or (channel.quantity.endswith("_pressure") and "all pressures" in finding.text)
+            )
+            if not (named or every):
+                continue
+            options = gains(machine.si_unit(channel), machine.conversion(channel).factor)
+            gain = next((g for g, says in options.items() if says == unit), None)
+            if gain is None:
+                return [], False
+            kept = [
+                replace(r, values={**r.values, channel.name: gain * r.values[channel.name]})
+                if channel.name in r.values
+                else r
+                for r in kept
+            ]
+    return kept, any(r.role != "unloaded" for r in kept)
+
+
+def _together(machine: Machine, recordings: Sequence[Recording], places: Places) -> list[Finding]:
+    """Findings on two sensors and on the efforts."""
+    machine, converted = at_joints(machine, [r for r in recordings if r.values])
+    found, measured = recordings_apart(machine, converted)
+    samples = take_samples(machine, measured)
+    if samples is None or not samples.loaded.any():
+        return found
+    changed = machine
+    settled: set[int] = set()
+    for own in disagreements(machine, samples):
+        names = tuple(machine.joints[k].name for k in (own.joint, *(() if own.other is None else (own.other,))))
+        if own.code is None:
+            found.append(
+                Finding(
+                    "positions_disagree",
+                    f"{names[0]}: joint and piston position contradict each other ({own.before:.0%} of the "
+                    "motion), and "
+                    "nothing that was tried explains it",
+                    "look at both sensors, at the linkage, and whether the recordings are of this machine",
+                    joint=names[0], before=own.before, unit="of the motion", strength=4.0,
+                )
+            )  # fmt: skip
+            continue
+        channel = machine.channel(own.quantity, names[0]) if own.quantity else None
+        channels = [c.name for n in names if own.quantity and (c := machine.channel(own.quantity, n))]
+        where = places.channels(machine, channels) if channels else places.key(own.key)
+        text = own.text.format(channel=channel.name if channel else "", joint=names[0])
+        lead = (
+            ""
+            if channel is not None and text.startswith((channel.name, "the values", "the clock"))
+            else f"{names[0]}: "
+        )
+        found.append(
+            Finding(
+                own.code,
+                f"{lead}{text} (the two sensors disagree by {own.before:.0%} of the motion as it is, by "
+                f"{own.after:.1%} then)",
+                own.cure + where,
+                joint=names[0],
+                channel=channel.name if channel else None,
+                before=own.before,
+                after=own.after,
+                unit="of the motion",
+                factor=own.factor,
+                strength=8.0 + float(np.log(max(own.before, 1e-3) / max(own.after, 1e-3))),
+            )
+        )
+        settled.add(own.joint)
+        if own.machine is not None:
+            changed = _merged(changed, own.machine, own.joint)
+        if own.samples is not None:
+            samples = samples.replaced({k: v for k, v in own.samples.signals.items() if v is not samples.signals[k]
+                                        and k[1] in (own.joint, own.other)})  # fmt: skip
+    if any(f.code == "positions_disagree" for f in found):
+        return found
+    trial = Trial(samples, changed, positions_of(changed, samples))
+    clock = clock_of(trial)
+    if clock is not None:
+        found.append(_of_clock(clock))
+        trial = trial.with_samples(clock.samples)
+    searched = search(trial)
+    blamed = {k for own in searched.accused for k in own.hypothesis.joints}
+    ratios = area_ratios(searched.trial)
+    found += [_of_areas(machine, own, places) for own in ratios if own.wrong and own.joint not in blamed]
+    found += [_finding(machine, own, measured, places) for own in searched.accused]
+    found += _unexplained(machine, searched, places)
+    return found
+
+
+def _of_clock(clock: Clock) -> Finding:
+    late = "late" if (clock.rate or clock.offset) > 0 else "early"
+    if clock.rate:
+        what = f"the clock of the efforts runs {1e2 * abs(clock.rate):.2g} % {'slow' if clock.rate > 0 else 'fast'}"
+        code = "clock_rate"
+    else:
+        what, code = f"all efforts come {abs(clock.offset):.2g} s {late}", "clock_offset"
+    return Finding(
+        code,
+        f"{what} against the positions (unexplained effort: {clock.before:.1%} as it is, {clock.after:.1%} with "
+        "that taken "
+        "back)",
+        "put both buses on one clock and record again, or move the columns",
+        before=clock.before,
+        after=clock.after,
+        unit="of the effort",
+        factor=clock.rate or clock.offset,
+        strength=4.0 + float(np.log(clock.before / clock.after)),
+    )
+
+
+def _of_areas(machine: Machine, own: AreaRatio, places: Places) -> Finding:
+    joint = machine.joints[own.joint]
+    cylinder = joint.cylinder
+    assert cylinder is not None
+    declared = cylinder.rod_area / cylinder.head_area
+    ratio = own.rho * declared
+    options = []
+    if 0 < ratio < 1:
+        options.append(f"with this bore the rod would be {1e3 * cylinder.bore * np.sqrt(1 - ratio):.3g} mm thick")
+        if cylinder.rod > 0:
+            options.append(f"with this rod the bore would be {1e3 * cylinder.rod / np.sqrt(1 - ratio):.3g} mm")
+    said = f" ({' and '.join(options)})" if options else ""
+    return Finding(
+        "cylinder_areas",
+        f"{joint.name}: the rod side looks like {ratio:.2f} of the head side's area instead of {declared:.2f}{said}; "
+        f"unexplained effort: {own.before:.1%} as it is, {own.after:.1%} with that",
+        "measure bore and rod, and check the units of both pressures"
+        + places.key(("joints", own.joint, "cylinder", "bore")),
+        joint=joint.name,
+        before=own.before,
+        after=own.after,
+        unit="of the effort",
+        factor=own.rho,
+        strength=1.0 + float(np.log(own.before / own.after)),
+    )
+
+
+def _merged(machine: Machine, other: Machine, joint: int) -> Machine:
+    joints = tuple(other.joints[k] if k == joint else own for k, own in enumerate(machine.joints))
+    return machine.model_copy(update={"joints": joints})
+
+
+def _finding(machine: Machine, accused: Accused, recordings: Sequence[Recording], places: Places) -> Finding:
+    own = accused.hypothesis
+    names = [] if own.every else [machine.joints[k].name for k in own.joints]
+    channels = [c.name for n in names for q in own.channels if (c := machine.channel(q, n)) is not None]
+    where = places.key(own.key) if own.key else places.channels(machine, channels)
+    file = None if own.recording is None else recordings[own.recording].file
+    channel = channels[0] if len(channels) == 1 or (len(names) == 1 and "{channel}" in own.text) else None
+    text = own.text.format(joint=names[0] if names else "", channel=channel or "the effort")
+    who = f"{file}: " if file else (f"{names[0]}: " if names else "")
+    before, after = accused.before.misfits[accused.joint], accused.after.misfits[accused.joint]
+    at = "" if names and machine.joints[accused.joint].name == names[0] else f" of {machine.joints[accused.joint].name}"
+    return Finding(
+        own.code,
+        f"{who}{text} (unexplained effort{at}: {before:.0%} as it is, {after:.1%} with that taken back)",
+        own.cure + where,
+        joint=names[0] if names else None,
+        channel=channel,
+        recording=file,
+        before=float(before),
+        after=float(after),
+        unit="of the effort",
+        factor=own.factor,
+        strength=float(accused.gain),
+    )
+
+
+def _unexplained(machine: Machine, searched: Searched, places: Places) -> list[Finding]:
+    """Joints whose effort nothing explains, said in general terms."""
+    found = []
+    current = searched.current
+    misfits = current.misfits
+    if np.nanmax(misfits, initial=0.0) >= GROSS:
+        misfits = np.fmin(misfits, with_payload(searched.trial).misfits)
+    for number, joint in enumerate(machine.joints):
+        misfit = misfits[number]
+        if not np.isfinite(misfit) or misfit < GROSS or current.shares[number] < _CARRIES:
+            continue
+        found.append(
+            Finding(
+                "unexplained",
+                f"{joint.name}: the recorded effort cannot come from this machine file: {misfit:.0%} of it is "
+                "unexplained",
+                "look at this joint's channels (unit, sign, wiring, which joint), at its cylinder and linkage"
+                + places.key(("joints", number)),
+                joint=joint.name,
+                before=float(searched.nominal.misfits[number]),
+                after=float(misfit),
+                unit="of the effort",
+                strength=2.0,
+            )
+        )
+    return found
+
+
+def _ordered(machine: Machine, found: Sequence[Finding], places: Places) -> tuple[Finding, ...]:
+    """Mistakes first, strongest first; without what follows from another one, and each thing once."""
+    codes = {f.code for f in found}
+    kept: list[Finding] = []
+    seen: set[tuple[str, str | None, str | None]] = set()
+    for own in sorted(found, key=lambda f: (f.severity != "mistake", -f.strength)):
+        if any(cause in codes for cause in _CONSEQUENCES.get(own.code, ())):
+            continue
+        key = (own.code, own.joint, own.channel or (own.recording if own.joint is None else None))
+        if key in seen:
+            continue
+        seen.add(key)
+        where = places.channels(machine, [own.channel]) if own.channel and " line" not in own.cure else ""
+        kept.append(replace(own, cure=own.cure + where) if where else own)
+    return tuple(kept)

@@ -1,0 +1,143 @@
+"""The clock of the efforts against that of the positions: an offset or a rate that all joints share.
+
+A late sensor is an effect; a bus whose clock is not that of the other one makes all of its channels late by the same
+time, or by one that grows. Both are estimated for each joint alone, with everything else of it free: an effort that is
+late by ``d0 + d1 t`` is, to first order, ``y - (d0 + d1 t) y'``; the efforts are moved by what was found and the rest
+is estimated again.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from fitting.checks.physical import Trial, declared, friction, without
+from fitting.checks.samples import EFFORTS, Samples
+from fitting.dynamics import rigid_body_regressor
+
+FloatArray = npt.NDArray[np.float64]
+
+_ITERATIONS = 4
+#: s; a common delay below is a filter of the transducers. One joint alone may have a late sensor of 0.1 s.
+OFFSET, OFFSET_ALONE = 0.06, 0.25
+#: s by which a clock has to run away over the longest recording.
+RUNS_AWAY = 0.12
+#: Joints agree within this share and so many standard errors; each that counts has this many.
+_AGREE, _SIGMAS, _OWN_SIGMAS = 0.3, 4.0, 5.0
+_COLOURED = 3.0
+#: What is left of the efforts has to fall by this factor (geometric mean of the joints).
+_FALLS = 1.3
+
+
+@dataclass(frozen=True)
+class Clock:
+    """Efforts late by ``offset + rate * t`` s, with the misfits (geometric means) before and after."""
+
+    offset: float
+    rate: float
+    before: float
+    after: float
+    samples: Samples
+
+
+def clock_of(trial: Trial) -> Clock | None:
+    """What all joints' efforts are late by; None if that is nothing that they share, or nothing much."""
+    samples = trial.samples
+    keys = [key for key in samples.dense if key[0] in EFFORTS]
+    begins = np.array(
+        [samples.time[samples.recording == k].min(initial=np.inf) for k in range(samples.recording.max() + 1)]
+    )
+    since = samples.time - begins[samples.recording]
+    length = float(since.max(initial=0.0))
+    bodies = _Bodies(trial)
+    offset = rate = 0.0
+    first: FloatArray | None = None
+    moved = samples
+    for _ in range(_ITERATIONS):
+        estimates = bodies.estimates(moved, since)
+        if len(estimates) == 0:
+            return None
+        if first is None:
+            first = estimates[:, 4]
+            if not _shared(estimates[:, 0], estimates[:, 1]) and not _shared(estimates[:, 2], estimates[:, 3]):
+                return None
+        faster = _middle(estimates[:, 2], estimates[:, 3])
+        offset += _middle(estimates[:, 0], estimates[:, 1]) - faster * float(since.mean())
+        rate += faster
+        if abs(offset) > 3.0 or abs(rate) > 0.1:
+            return None
+        moved = samples.moved(keys, offset + rate * since)
+    last = bodies.estimates(moved, since)
+    assert first is not None
+    if len(last) != len(first):
+        return None
+    before, after = (float(np.exp(np.mean(np.log(m)))) for m in (first, last[:, 4]))
+    least = OFFSET if len(first) > 1 else OFFSET_ALONE
+    runs_away = abs(rate) * length
+    if before < _FALLS * after or (abs(offset) < least and runs_away < RUNS_AWAY):
+        return None
+    return Clock(offset, rate if runs_away > RUNS_AWAY else 0.0, before, after, moved)
+
+
+def _middle(values: FloatArray, stds: FloatArray) -> float:
+    weights = 1.0 / np.maximum(stds, 1e-9) ** 2
+    return float(np.sum(weights * values) / np.sum(weights))
+
+
+def _shared(values: FloatArray, stds: FloatArray) -> bool:
+    """Whether all joints have the same number, within their errors, and it is not zero."""
+    middle = float(np.median(values))
+    near = np.abs(values - middle) < np.maximum(_AGREE * abs(middle), _SIGMAS * stds)
+    sure = np.abs(values) > _OWN_SIGMAS * stds
+    return bool(np.mean(near) >= 0.8 and np.mean(sure) >= 0.5)
+
+
+class _Bodies:
+    """Columns of the joints, which a shift of the efforts leaves as they are."""
+
+    def __init__(self, trial: Trial) -> None:
+        self._trial = trial
+        motion, samples = trial.motion, trial.samples
+        body = rigid_body_regressor(trial.machine, motion.q, motion.qd, motion.qdd)
+        self._rows, self._columns = [], []
+        for number, joint in enumerate(trial.machine.joints):
+            rows = motion.active[:, number] & samples.used & (samples.loaded | (joint.cylinder is not None))
+            own = np.where(samples.loaded[:, None], body[:, number] / motion.r[:, [number]], 0.0)
+            v, a, x = motion.v[:, number], motion.a[:, number], motion.x[:, number]
+            columns = np.column_stack([own, a, friction(v, motion.speed_noise[number]), np.ones(len(v)), x])
+            self._rows.append(rows)
+            self._columns.append(columns[rows])
+
+    def estimates(self, samples: Samples, since: FloatArray) -> FloatArray:
+        """Rows ``(d0, its error, d1, its error, misfit)`` of the joints that say something; ``d0`` at mid-time."""
+        result = []
+        trial = replace(self._trial, samples=samples)
+        for number in range(len(trial.machine.joints)):
+            rows, columns = self._rows[number], self._columns[number]
+            weights = declared(trial.machine, samples, number)
+            if not weights or np.count_nonzero(rows) < 60:
+                continue
+            y, slope = np.zeros(len(samples)), np.zeros(len(samples))
+            for name, weight in weights.items():
+                signal = None if name == "known" else samples.get(name.rstrip("0123456789"), number)
+                if signal is not None:
+                    y, slope = y + weight * signal.value, slope + weight * signal.first
+            if "joint_effort" in "".join(weights) and trial.machine.joints[number].cylinder is not None:
+                y, slope = y / trial.motion.r[:, number], slope / trial.motion.r[:, number]
+            middle = since - since.mean()
+            late = without(columns, np.column_stack([slope, slope * middle])[rows])
+            target = without(columns, y[rows])
+            gram = late.T @ late
+            freedom = np.count_nonzero(rows) - columns.shape[1]
+            if freedom < 50 or np.linalg.cond(gram) > 1e14:
+                continue
+            theta = np.linalg.solve(gram, late.T @ target)
+            left = target - late @ theta
+            errors = _COLOURED * np.linalg.norm(left) / np.sqrt(freedom) * np.sqrt(np.diag(np.linalg.inv(gram)))
+            # y is late: y = true - d y', so its coefficient is -d.
+            d0, error0, d1 = -theta[0], float(errors[0]), -theta[1]
+            misfit = float(np.linalg.norm(target) / np.linalg.norm(y[rows] - y[rows].mean()))
+            result.append((d0, error0, d1, float(errors[1]), misfit))
+        return np.array(result).reshape(-1, 5)

@@ -1,0 +1,55 @@
+"""What a check says: a mistake or a remark, where it is, and what to do about it."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import Any, Literal
+
+#: `mistake`: more likely than any effect of the catalogue. `note`: said, but harmless.
+Severity = Literal["mistake", "note"]
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One thing that is wrong, or worth saying.
+
+    Attributes
+    ----------
+    code : what it is, as in ``docs/checks.md``
+    text : what was seen, one sentence
+    cure : what to do, one sentence
+    joint, channel : where; None where it is not of one
+    recording : file that it was seen in; None where it was in all
+    severity : ``mistake`` or ``note``
+    before, after : misfit (or another number that the text names) as the files are, and with the cure
+    unit : of both
+    factor : number that was interpreted (a gain, an offset, a delay), if there is one
+    strength : for the order of findings: natural logarithm of how much better the data fit with the cure
+    """
+
+    code: str
+    text: str
+    cure: str
+    joint: str | None = None
+    channel: str | None = None
+    recording: str | None = None
+    severity: Severity = "mistake"
+    before: float | None = None
+    after: float | None = None
+    unit: str = ""
+    factor: float | None = None
+    strength: float = 0.0
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain content."""
+        return asdict(self)
+
+    @property
+    def line(self) -> str:
+        """What was seen and what to do, in one line."""
+        return f"{self.text}; {self.cure}"
+
+
+def finding_from_json(content: dict[str, Any]) -> Finding:
+    """Inverse of :meth:`Finding.to_json`."""
+    return Finding(**content)

@@ -1,0 +1,262 @@
+"""Numbers that no machine has: pressures of a hundredth of a bar, joints that turn through ten times their limits.
+
+The bounds are those of physics and of the machine file, each with a wide margin: nothing here asks for more than an
+order of magnitude except where the file itself states a limit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from daq.machine_file import Channel, Machine
+from daq.recording import Recording
+from fitting.checks.factors import RARE, gains
+from fitting.checks.findings import Finding
+from fitting.signals import white_noise_of
+
+FloatArray = npt.NDArray[np.float64]
+
+#: Pa: the largest pressure of a cylinder that works lies between these (0.2 bar; 1000 bar), and a vacuum ends at minus
+#: one bar.
+PRESSURES = (2.0e4, 1.0e8)
+_VACUUM = -1.5e5
+#: Pa: usual largest pressures, to choose among units.
+_USUAL, _USUAL_RANGE = 1.2e7, (3.0e5, 6.0e7)
+#: A pressure's top and noise have to agree with the others' in its new unit within this factor.
+_ALIKE = 8.0
+#: A position beyond its limits by this share of their width is no overshoot.
+_BEYOND = 0.5
+#: Smallest share of the limits that a motion covers, in position and in speed, for its unit to be believed.
+_TINY = 0.025
+#: rad or m; a speed so many times the declared limit is another unit.
+_FAST = 8.0
+
+
+def magnitude_findings(machine: Machine, recordings: Sequence[Recording]) -> list[Finding]:
+    """Findings on channels whose values cannot be; on all channels of a kind at once where all have it."""
+    return [*_pressures(machine, recordings), *_positions(machine, recordings)]
+
+
+def _values(channel: Channel, recordings: Sequence[Recording]) -> FloatArray:
+    parts = [np.asarray(r.values[channel.name]) for r in recordings if channel.name in r.values]
+    joined = np.concatenate(parts) if parts else np.zeros(0)
+    return joined[np.isfinite(joined)]
+
+
+def _pressures(machine: Machine, recordings: Sequence[Recording]) -> list[Finding]:
+    tops: dict[str, dict[str, float]] = {}
+    found = []
+    for channel in machine.channels:
+        if channel.quantity not in ("head_pressure", "rod_pressure") or channel.joint is None:
+            continue
+        values = _values(channel, recordings)
+        if len(values) == 0:
+            continue
+        low, top = np.percentile(values, [0.5, 99.5])
+        tops.setdefault(channel.joint, {})[channel.name] = float(top)
+        if low < _VACUUM and top < PRESSURES[1]:
+            found.append(
+                Finding(
+                    "sign",
+                    f"{channel.name}: falls to {low:.3g} Pa, far below a vacuum",
+                    "correct the sign, the scale or the offset of this channel",
+                    joint=channel.joint,
+                    channel=channel.name,
+                    before=float(low),
+                    unit="Pa",
+                    strength=5.0,
+                )
+            )
+    # One chamber may be open to the air; a cylinder with both chambers empty does not work.
+    small = [j for j, own in tops.items() if max(own.values()) < PRESSURES[0]]
+    large = [j for j, own in tops.items() if max(own.values()) > PRESSURES[1]]
+    for joints, what in ((small, "no cylinder works with so little"), (large, "no cylinder holds that")):
+        if not joints:
+            continue
+        wrong = [machine.channel(q, j) for j in joints for q in ("head_pressure", "rod_pressure")]
+        channels = [c for c in wrong if c is not None and c.name in tops[str(c.joint)]]
+        if joints is large:
+            channels = [c for c in channels if tops[str(c.joint)][c.name] > PRESSURES[1]]
+        top = max(tops[str(c.joint)][c.name] for c in channels)
+        unit = _unit_of(machine, channels[0], top)
+        named = f"the values look like {unit}" if unit else "they are in no unit that is known here"
+        every = len(channels) == sum(len(own) for own in tops.values()) and len(tops) > 1
+        for number, channel in enumerate(channels):
+            if every and number:
+                break
+            who = "all pressures" if every else channel.name
+            found.append(
+                Finding(
+                    "unit",
+                    f"{who}: reach {tops[str(channel.joint)][channel.name] if not every else top:.4g} Pa, {what}; "
+                    f"{named}",
+                    f"set the unit to '{unit}'" if unit else "check unit, scale and wiring",
+                    joint=None if every else channel.joint,
+                    channel=None if every else channel.name,
+                    before=top,
+                    unit="Pa",
+                    strength=9.0,
+                )
+            )
+    return found or _unlike(machine, recordings, tops)
+
+
+def _unlike(machine: Machine, recordings: Sequence[Recording], tops: dict[str, dict[str, float]]) -> list[Finding]:
+    """A pressure whose values and whose noise are both smaller (larger) than those of the others by a unit's factor."""
+    sizes: dict[str, tuple[float, float]] = {}
+    for own in tops.values():
+        for name, top in own.items():
+            noise = max(
+                (white_noise_of([_finite(r.values[name])]) for r in recordings if name in r.values), default=0.0
+            )
+            if noise > 0 and top > 0:
+                sizes[name] = (float(np.log(top)), float(np.log(noise)))
+    found = []
+    for channel in machine.channels:
+        others = [size for name, size in sizes.items() if name != channel.name]
+        if channel.name not in sizes or not others:
+            continue
+        middle = np.median(np.array(others), axis=0)
+        away = np.array(sizes[channel.name]) - middle
+        for gain, unit in gains("Pa", machine.conversion(channel).factor).items():
+            if abs(np.log(gain)) < np.log(500) or np.any(np.abs(away + np.log(gain)) > np.log(_ALIKE)):
+                continue
+            top = float(np.exp(sizes[channel.name][0]))
+            if not _USUAL_RANGE[0] < top * gain < _USUAL_RANGE[1] or _USUAL_RANGE[0] < top < _USUAL_RANGE[1]:
+                continue
+            found.append((float(np.abs(away + np.log(gain)).sum()), channel, unit, top))
+    best: dict[str, tuple[float, Channel, str, float]] = {}
+    for item in found:
+        if item[1].name not in best or item[0] < best[item[1].name][0]:
+            best[item[1].name] = item
+    # Two channels alone cannot say which of them is odd: the one whose values no cylinder has.
+    return [
+        Finding(
+            "unit",
+            f"{channel.name}: reaches {top:.4g} Pa, and values and noise differ from those of the other pressures "
+            "by the same "
+            f"factor; the values look like {unit}",
+            f"set the unit to '{unit}'",
+            joint=channel.joint,
+            channel=channel.name,
+            before=top,
+            unit="Pa",
+            strength=9.0,
+        )
+        for _, channel, unit, top in best.values()
+    ]
+
+
+def _finite(values: FloatArray) -> FloatArray:
+    return np.asarray(values)[np.isfinite(values)]
+
+
+def _unit_of(machine: Machine, channel: Channel, top: float) -> str | None:
+    options = gains("Pa", machine.conversion(channel).factor)
+    near = {g: unit for g, unit in options.items() if _USUAL_RANGE[0] < g * top < _USUAL_RANGE[1]}
+    return min(near.items(), key=lambda item: abs(np.log(item[0] * top / _USUAL)))[1] if near else None
+
+
+def _positions(machine: Machine, recordings: Sequence[Recording]) -> list[Finding]:
+    found: list[Finding] = []
+    counted: dict[str, int] = {}
+    for channel in machine.channels:
+        if channel.quantity not in ("joint_position", "piston_position") or channel.joint is None:
+            continue
+        counted[channel.quantity] = counted.get(channel.quantity, 0) + 1
+        values = _values(channel, recordings)
+        if len(values) == 0:
+            continue
+        joint = machine.joint(channel.joint)
+        low, high = joint.limits.position
+        if channel.quantity == "piston_position" and joint.cylinder is not None:
+            low, high = 0.0, joint.cylinder.stroke
+        least, most = (float(v) for v in np.percentile(values, [1, 99]))
+        width, unit = high - low, machine.si_unit(channel)
+        beyond = max(low - least, most - high) / width
+        if beyond <= _BEYOND:
+            found += _too_little(machine, channel, (least, most), (low, high))
+            continue
+        options = gains(unit, machine.conversion(channel).factor)
+        fitting = [
+            (abs(np.log((most - least) * g / (0.6 * width))) + (0.7 if says in RARE else 0.0), says)
+            for g, says in options.items()
+            if abs(g) < 1 and least * g > low - 0.15 * width and most * g < high + 0.15 * width
+            and (most - least) * g > 0.02 * width
+        ]  # fmt: skip
+        says = min(fitting)[1] if fitting and most - least > 1.5 * width else None
+        sign = says is None and -most > low - 0.15 * width and -least < high + 0.15 * width
+        what = (
+            f"the values look like {says}"
+            if says
+            else "it looks as if it counted the other way"
+            if sign
+            else "unit, zero or sign are wrong, or the limits are"
+        )
+        cure = f"set its unit to '{says}'" if says else (
+            "correct the sign of its scale" if sign else "check its unit, sign and offset, and limits.position of "
+            "the joint"
+        )  # fmt: skip
+        found.append(
+            Finding(
+                "unit" if says else ("sign" if sign else "out_of_range"),
+                f"{channel.name}: goes from {least:.4g} to {most:.4g} {unit}, the machine file allows {low:.4g} "
+                f"to {high:.4g}; " + what,
+                cure,
+                joint=channel.joint,
+                channel=channel.name,
+                before=beyond,
+                strength=7.0 if says else 4.0,
+            )
+        )
+    return _together(found, counted, machine)
+
+
+def _too_little(
+    machine: Machine, channel: Channel, seen: tuple[float, float], allowed: tuple[float, float]
+) -> list[Finding]:
+    """A motion that is next to nothing in the unit that the file says, and a usual one in the unit of SI."""
+    factor, unit = machine.conversion(channel).factor, machine.si_unit(channel)
+    width, span = allowed[1] - allowed[0], seen[1] - seen[0]
+    inside = seen[0] / factor > allowed[0] - 0.1 * width and seen[1] / factor < allowed[1] + 0.1 * width
+    if factor > 0.05 or span > _TINY * width or span / factor < 0.1 * width or not inside:
+        return []
+    return [
+        Finding(
+            "unit",
+            f"{channel.name}: moves by {span / width:.1%} of what limits allow; the values look like {unit}, not "
+            f"{channel.unit}",
+            f"set its unit to '{unit}'",
+            joint=channel.joint,
+            channel=channel.name,
+            before=span / width,
+            after=span / factor / width,
+            unit="of the limits",
+            strength=6.0,
+        )
+    ]
+
+
+def _together(found: list[Finding], counted: dict[str, int], machine: Machine) -> list[Finding]:
+    """One finding where all channels of a kind have the same one."""
+    result = found
+    for quantity, count in counted.items():
+        own = [f for f in result if f.channel and _quantity(machine, f.channel) == quantity and f.code == "unit"]
+        if count > 1 and len(own) == count and len({f.cure for f in own}) == 1:
+            first = own[0]
+            whole = Finding(
+                "unit",
+                f"all channels of quantity {quantity}: {first.text.partition(': ')[2]} ({first.channel})",
+                first.cure.replace("its unit", "the unit"),
+                before=first.before,
+                strength=first.strength + 1,
+            )
+            result = [whole, *(f for f in result if f not in own)]
+    return result
+
+
+def _quantity(machine: Machine, name: str) -> str:
+    return next(c.quantity for c in machine.channels if c.name == name)

@@ -1,0 +1,145 @@
+"""Recordings against one another: `repeat` that does not repeat, `validate` that is `train`, joints that are parked."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from daq.machine_file import Machine
+from daq.recording import Recording
+from fitting.checks.findings import Finding
+from fitting.signals import lag_between
+
+FloatArray = npt.NDArray[np.float64]
+
+_MOST_LAG_S = 4.0
+#: Rows that are compared.
+_ROWS = 600
+#: Two motions are the same below the first share of their spread (the identification pairs repeats below 2 %), and
+#: another from the second on.
+_SAME, _OTHER = 0.02, 0.2
+#: Efforts of the same motion on the same day differ by less than this share: otherwise something else was changed.
+_SAME_EFFORT = 0.15
+#: A joint stands still within this share of its range of motion.
+_STILL = 2e-3
+
+
+def motion_findings(machine: Machine, recordings: Sequence[Recording]) -> list[Finding]:
+    """Findings on pairs of recordings, and on joints that do not move."""
+    found: list[Finding] = []
+    for number, recording in enumerate(recordings):
+        for earlier in recordings[:number]:
+            if earlier.sha256 == recording.sha256 and recording.sha256:
+                found.append(
+                    Finding(
+                        "same_recording",
+                        f"{recording.file}: is the same file as {earlier.file}, given as {earlier.role} and "
+                        f"{recording.role}",
+                        "give each recording once",
+                        recording=recording.file,
+                        strength=9.0,
+                    )
+                )
+    trains = [r for r in recordings if r.role == "train"]
+    for recording in recordings:
+        others = [(apart(machine, t, recording), t) for t in trains if t.sha256 != recording.sha256 or not t.sha256]
+        if recording.role not in ("repeat", "validate") or not others:
+            continue
+        (motion, effort), nearest = min(others, key=lambda item: item[0][0])
+        if recording.role == "repeat" and motion > _OTHER:
+            found.append(
+                Finding(
+                    "no_repeat",
+                    f"{recording.file}: does not repeat a training motion (positions differ by {motion:.0%} of "
+                    "their spread)",
+                    "record the motion of a training recording again, or give this one as train or validate",
+                    recording=recording.file,
+                    before=motion,
+                    strength=6.0,
+                )
+            )
+        if recording.role == "validate" and motion < _SAME and effort < _SAME_EFFORT:
+            found.append(
+                Finding(
+                    "same_motion",
+                    f"{recording.file}: is the motion of {nearest.file} once more (positions differ by "
+                    f"{motion:.1%}, efforts "
+                    f"by {effort:.0%}): it cannot show how the model does on another motion",
+                    "validate on another motion, and give this one as repeat",
+                    recording=recording.file,
+                    before=motion,
+                    strength=6.0,
+                )
+            )
+    return found + _parked(machine, recordings)
+
+
+def apart(machine: Machine, first: Recording, second: Recording) -> tuple[float, float]:
+    """How far two motions are apart (the joint that differs most), and their efforts (all), over their spread."""
+    step = max(1, min(len(first), len(second)) // _ROWS)
+    motion: list[float] = []
+    effort: list[tuple[float, float]] = []
+    columns = [
+        c.name
+        for c in machine.channels
+        if c.quantity in ("joint_position", "piston_position") and c.name in first.values and c.name in second.values
+    ]
+    spreads = {name: float(np.nanstd(first.values[name])) for name in columns}
+    columns = [name for name in columns if spreads[name] > 0]
+    if not columns:
+        return np.inf, np.inf
+    a, b = (np.nan_to_num(np.stack([r.values[n][::step] for n in columns], axis=1)) for r in (first, second))
+    lag = lag_between(a, b, max(1, int(_MOST_LAG_S * machine.rate_hz / step)))
+    for channel in machine.channels:
+        if channel.name not in first.values or channel.name not in second.values or channel.joint is None:
+            continue
+        left, right = first.values[channel.name][::step], second.values[channel.name][::step]
+        left, right = left[max(0, -lag) :], right[max(0, lag) :]
+        length = min(len(left), len(right))
+        spread = float(np.nanstd(left))
+        if spread <= 0 or length < 20:
+            continue
+        difference = left[:length] - right[:length]
+        # One lost stretch or spike must not make another motion of it.
+        own = float(np.sqrt(np.nanpercentile((difference - np.nanmedian(difference)) ** 2, 80))) / spread
+        if channel.quantity.endswith("position"):
+            motion.append(own)
+        else:
+            effort.append((float(np.nanstd(difference)), spread))
+    if not effort:
+        return (max(motion) if motion else np.inf), np.inf
+    # Over all of them: small ones are noise in good part.
+    return (max(motion) if motion else np.inf), float(np.divide(*np.linalg.norm(np.array(effort), axis=0)))
+
+
+def _parked(machine: Machine, recordings: Sequence[Recording]) -> list[Finding]:
+    """Joints that stand still in all loaded recordings, and stretches at rest: said, nothing more."""
+    found = []
+    loaded = [r for r in recordings if r.role != "unloaded"]
+    for joint in machine.joints:
+        quantity = "joint_position" if machine.channel("joint_position", joint.name) else "piston_position"
+        channel = machine.channel(quantity, joint.name)
+        if channel is None or not loaded:
+            continue
+        span = float(np.subtract(*joint.limits.position[::-1]))
+        if quantity == "piston_position" and joint.cylinder is not None:
+            span = joint.cylinder.stroke
+        ranges = []
+        for recording in loaded:
+            values = recording.values.get(channel.name)
+            if values is not None and np.isfinite(values).any():
+                ranges.append(float(np.subtract(*np.nanpercentile(values, [99, 1]))))
+        if ranges and max(ranges) < _STILL * span:
+            found.append(
+                Finding(
+                    "parked",
+                    f"{joint.name}: stands still in all recordings",
+                    "nothing has to be done: its rows are left out; move it if its parameters are wanted",
+                    joint=joint.name,
+                    severity="note",
+                    before=max(ranges),
+                )
+            )
+    return found

@@ -1,0 +1,44 @@
+"""Where something stands in a machine file, so that a finding can say the line."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import yaml
+
+from daq.machine_file import Machine
+from daq.machine_file_errors import line_of
+
+
+@dataclass(frozen=True)
+class Places:
+    """Lines of a machine file; without a file there are none."""
+
+    file: str = ""
+    tree: yaml.Node | None = None
+
+    @classmethod
+    def of(cls, path: Path | None) -> Places:
+        """Places of the file at ``path``; none if it cannot be read."""
+        if path is None:
+            return cls()
+        try:
+            return cls(path.name, yaml.compose(path.read_text(encoding="utf-8"), Loader=yaml.SafeLoader))
+        except (OSError, UnicodeDecodeError, yaml.YAMLError):
+            return cls()
+
+    def key(self, location: Sequence[str | int]) -> str:
+        """`` in machine.yaml line 12`` for a key, or nothing."""
+        line = line_of(self.tree, list(location)) if self.tree is not None and location else None
+        return f" in {self.file} line {line}" if line else ""
+
+    def channels(self, machine: Machine, names: Sequence[str]) -> str:
+        """`` in machine.yaml lines 88 and 89`` for channels, or nothing."""
+        numbers = [k for k, channel in enumerate(machine.channels) if channel.name in names]
+        lines = [line_of(self.tree, ["channels", k]) for k in numbers] if self.tree is not None else []
+        known = [str(line) for line in lines if line]
+        if not known:
+            return ""
+        return f" in {self.file} line{'s' if len(known) > 1 else ''} {' and '.join(known)}"

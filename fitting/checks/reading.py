@@ -1,0 +1,127 @@
+"""Recordings as far as they can be read: what the strict reader refuses becomes a finding, and the checks go on.
+
+:func:`daq.recording.read_recording` refuses a recording at its first problem, which is right for an identification and
+too early for a search for the cause: values out of range are what a wrong unit looks like.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from daq import recording_checks as gates
+from daq.errors import RecordingError
+from daq.machine_file import Machine
+from daq.quality import MEASURED
+from daq.recording import MINIMUM_SECONDS, ROLES, Recording
+from daq.recording_files import read_table
+from daq.recording_source import load_table
+from daq.units import conversion
+from fitting.checks.findings import Finding
+from fitting.checks.time_axis import repaired_time, time_findings
+
+FloatArray = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Read:
+    """A recording as far as it could be read (None: not at all), and what its own file says is wrong."""
+
+    recording: Recording | None
+    findings: tuple[Finding, ...]
+
+
+def recorded_role(path: Path) -> str:
+    """The role that a file says it was recorded in, else the one that its name begins with, else ``train``.
+
+    Raises
+    ------
+    RecordingError
+        If the file is no table.
+    """
+    said = read_table(path).metadata.get("hilfit.role", path.stem.partition("-")[0])
+    return said if said in ROLES else "train"
+
+
+def refused(code: str, error: RecordingError, file: str) -> Finding:
+    """A refusal of the strict reader as a finding: what is wrong before the last semicolon, the cure after it."""
+    text, _, cure = str(error).rpartition("; ")
+    return Finding(code, text or str(error), cure or "correct it", recording=file, strength=1.0)
+
+
+def read_leniently(path: Path, machine: Machine, role: str) -> Read:
+    """Read what can be read.
+
+    Raises
+    ------
+    RecordingError
+        If the file is no table at all.
+    """
+    found: list[Finding] = []
+
+    def gate(code: str, check: Callable[[], object]) -> bool:
+        try:
+            check()
+        except RecordingError as error:
+            found.append(refused(code, error, str(path)))
+            return False
+        return True
+
+    try:
+        table = load_table(path, machine)[0]
+    except RecordingError:
+        # Not these columns, or not this rate: what is there is looked at as it is.
+        table = read_table(path)
+        gate("columns", lambda: gates.columns_fit(path, table, machine))
+    code = "other_machine" if table.metadata.get("hilfit.machine", machine.name) != machine.name else "wrong_role"
+    gate(code, lambda: gates.metadata_fits(path, table.metadata, machine, role))
+    if "time" not in table.columns or table.rows < 2:
+        if table.rows < 2 and not found:
+            found.append(Finding("too_short", f"{path}: has no rows", "record it again", recording=str(path)))
+        return Read(None, tuple(found))
+    time = np.array(table.columns["time"], dtype=np.float64)
+    units = _units(table.metadata)
+    values: dict[str, FloatArray] = {}
+    for channel in machine.channels:
+        column = table.columns.get(channel.name)
+        if column is None:
+            continue
+        raw = np.array(column, dtype=np.float64)
+        flags = table.columns.get(f"{channel.name}.quality")
+        if flags is None:
+            name = channel.name
+            gate("not_numbers", lambda n=name, r=raw: gates.values_are_numbers(path, n, r, time, None))  # type: ignore[misc]
+        else:
+            raw = np.where(np.isin(np.asarray(flags), MEASURED), raw, np.nan)
+        try:
+            to_si = conversion(units.get(channel.name, channel.unit), machine.si_unit(channel))
+        except ValueError:
+            to_si = machine.conversion(channel)
+        values[channel.name] = np.where(np.isfinite(raw), to_si.to_si(raw), np.nan)
+    found += time_findings(machine, str(path), time, values)
+    used = repaired_time(time, machine.rate_hz)
+    recording = Recording(machine.name, role, str(path), table.sha256, machine.rate_hz, used, values)
+    if set(values) == {channel.name for channel in machine.channels}:
+        gate("too_short", lambda: gates.long_enough(path, values, machine, MINIMUM_SECONDS))
+    for channel in machine.channels:
+        if channel.name in values:
+            own = values[channel.name]
+            gate("saturated", lambda c=channel, v=own: gates.not_saturated(path, c, machine, v, used))  # type: ignore[misc]
+    if len(values) == len(machine.channels):
+        gate("constant", lambda: gates.nothing_constant(path, machine, role, values))
+    return Read(recording, tuple(found))
+
+
+def _units(metadata: Mapping[str, str]) -> dict[str, str]:
+    """Units that the file itself carries; none if it has none, or they are damaged."""
+    text = metadata.get("hilfit.units")
+    try:
+        units = json.loads(text) if text is not None else {}
+    except ValueError:
+        units = {}
+    return {str(k): str(v) for k, v in units.items()} if isinstance(units, dict) else {}

@@ -1,0 +1,87 @@
+"""Recordings in which a joint's two sensors contradict each other while they agree in others.
+
+Rods that are off where the role says they are on, rods that are on in an `unloaded` recording, a recording of another
+machine: then nothing is wrong with the machine file, and that recording alone is left out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from daq.machine_file import Machine
+from daq.recording import Recording
+from fitting.checks.findings import Finding
+from fitting.checks.two_sensors import AGREE, NEAR, gap
+
+
+def recordings_apart(machine: Machine, recordings: Sequence[Recording]) -> tuple[list[Finding], list[Recording]]:
+    """Recordings in which the two sensors contradict each other while they agree in others; those are left out."""
+    both = [
+        (k, angle.name, piston.name)
+        for k, joint in enumerate(machine.joints)
+        if joint.cylinder is not None
+        and (angle := machine.channel("joint_position", joint.name)) is not None
+        and (piston := machine.channel("piston_position", joint.name)) is not None
+    ]
+    found: list[Finding] = []
+    kept: list[Recording] = []
+    verdicts: list[tuple[Recording, int, int, int]] = []
+    gaps: dict[str, list[tuple[int, float]]] = {}
+    for recording in recordings:
+        off = alone = seen = 0
+        gaps[recording.file] = []
+        for number, first, second in both:
+            if first not in recording.values or second not in recording.values:
+                continue
+            q, x = recording.values[first], recording.values[second]
+            known = np.isfinite(q) & np.isfinite(x)
+            cylinder = machine.joints[number].cylinder
+            assert cylinder is not None
+            if np.count_nonzero(known) < 50 or np.ptp(x[known]) < 0.02 * cylinder.stroke:
+                continue
+            seen += 1
+            misfit, away = gap(machine, number, q[known], x[known])
+            gaps[recording.file].append((number, misfit))
+            off += misfit > AGREE or abs(away) > NEAR
+            follows = float(np.std(cylinder.linkage.piston_position(q[known])))
+            alone += follows < 0.1 * float(np.std(x[known]))
+        verdicts.append((recording, seen, off, alone))
+    for recording, seen, off, alone in verdicts:
+        wrong: Finding | None = None
+        if recording.role == "unloaded" and seen and off == 0 and alone == 0:
+            wrong = Finding("wrong_role", f"{recording.file}: the joints follow their pistons, so the rods are on "
+            "the arm",
+                            "give it as train, or take the rods off and record again", strength=8.0)  # fmt: skip
+        elif recording.role != "unloaded" and seen and alone == seen and off:
+            wrong = Finding("wrong_role", f"{recording.file}: the pistons move and the joints do not, so the rods "
+            "are off",
+                            "give it as unloaded", strength=8.0)  # fmt: skip
+        elif recording.role != "unloaded" and (other := _alone_off(recording, recordings, gaps)):
+            wrong = Finding("other_machine", f"{recording.file}: joint and piston positions of {other} of {seen} "
+            "joints "
+                            "contradict the linkages, which they do not in other recordings",
+                            "look whether it is a recording of this machine, and whether a sensor has slipped",
+                            strength=8.0)  # fmt: skip
+        if wrong is None:
+            kept.append(recording)
+        else:
+            found.append(replace(wrong, recording=recording.file, before=off / max(seen, 1)))
+    return found, kept
+
+
+#: A joint's two sensors disagree in one recording only: by this share of the motion, and so many times the usual.
+_ALONE_OFF, _TIMES = 0.03, 6.0
+
+
+def _alone_off(recording: Recording, recordings: Sequence[Recording], gaps: dict[str, list[tuple[int, float]]]) -> int:
+    """In how many joints a recording's two sensors disagree that agree in the other recordings."""
+    count = 0
+    for number, misfit in gaps[recording.file]:
+        others = [own for r in recordings if r is not recording and r.role != "unloaded"
+                  for joint, own in gaps[r.file] if joint == number]  # fmt: skip
+        if len(others) >= 2 and misfit > max(_ALONE_OFF, _TIMES * float(np.median(others))):
+            count += 1
+    return count

@@ -1,0 +1,260 @@
+"""One channel at a time: what sensors, cables and converters do to a signal, whatever it measures.
+
+Every test compares a signal with itself: how often it repeats, how large its steps are, what is usual of it elsewhere
+in the same recording. Nothing here knows the machine.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+import numpy.typing as npt
+
+from daq.machine_file import Channel, Machine
+from daq.recording import Recording
+from daq.recording_checks import piled_up, regular_steps
+from fitting.checks.findings import Finding
+
+FloatArray = npt.NDArray[np.float64]
+BoolArray = npt.NDArray[np.bool_]
+
+POSITIONS = ("joint_position", "piston_position", "motor_position")
+PRESSURES = ("head_pressure", "rod_pressure")
+#: s that a value has to stay the same at least, and chance of such a run that is too small.
+_FROZEN_S, _CHANCE = 0.3, 1e-9
+#: A signal of fewer levels is coarse.
+_LEVELS = 16
+#: A position that changes by less than this share of its travel stands still: few values are then no fault.
+_TRAVELS = 0.01
+#: Share of a signal's usual range (1st to 99th percentile) that a spike or a jump has at least.
+_SPIKE_POSITION, _SPIKE_EFFORT, _JUMP = 0.03, 0.25, 0.02
+#: Times the local noise, and times the largest ordinary step (99th percentile).
+_SPIKE_NOISE, _STEPS, _EFFORT_STEPS = 20.0, 6.0, 3.0
+#: Changes that fall on every k-th row: their share (of so many at least, up to that k). A signal that changes at random
+#: rows has a share of 1/k there.
+_IN_STEP, _LEAST_CHANGES, _LONGEST_HOLD = 0.97, 30, 60
+#: Held for so many rows, and slower than this, is more than a remark: motions of some hertz need ten values a period.
+_HELD_ROWS, _SLOW_HZ = 4, 20.0
+
+
+def signal_findings(machine: Machine, recording: Recording) -> list[Finding]:
+    """Findings on each channel of a joint; ``recording`` in SI, NaN where nothing was measured."""
+    found: list[Finding] = []
+    joined = regular_steps(recording.time, recording.rate_hz) if len(recording) > 1 else np.zeros(0, bool)
+    for channel in machine.channels:
+        values = recording.values.get(channel.name)
+        if channel.joint is None or values is None or np.count_nonzero(np.isfinite(values)) < 50:
+            continue
+        joint = machine.joint(channel.joint)
+        travel = 0.0
+        if channel.quantity in POSITIONS:
+            piston = channel.quantity == "piston_position" and joint.cylinder is not None
+            travel = joint.cylinder.stroke if piston and joint.cylinder else float(np.ptp(joint.limits.position))
+        own = next(_of_channel(channel, np.asarray(values), joined, recording, travel), None)
+        if own is not None:
+            found.append(replace(own, joint=channel.joint, channel=channel.name, recording=recording.file))
+    return found + _same_channels(machine, recording)
+
+
+def _of_channel(
+    channel: Channel, values: FloatArray, joined: BoolArray, recording: Recording, travel: float
+) -> Iterator[Finding]:
+    """What is wrong with a channel, the most telling first; ``travel`` is the range of a position, 0 of an effort."""
+    time, rate = recording.time, recording.rate_hz
+    known = np.isfinite(values)
+    span = float(np.subtract(*np.percentile(values[known], [99, 1])))
+    if span <= 0 or np.ptp(values[known]) <= 0:
+        return
+    steps = np.diff(values)
+    steps = np.where(joined & np.isfinite(steps), steps, 0.0)
+    changing = steps[steps != 0]
+    if len(changing) == 0:
+        return
+    yield from _coarse(channel, values[known], span, travel)
+    yield from _held(channel, steps, rate)
+    yield from _clipped(channel, values[known])
+    yield from _frozen(channel, values, steps, joined, time, rate)
+    yield from _jumps(channel, values, steps, span, time)
+
+
+def _coarse(channel: Channel, values: FloatArray, span: float, travel: float) -> Iterator[Finding]:
+    levels = len(np.unique(values))
+    if levels < _LEVELS and span > _TRAVELS * travel:
+        yield Finding(
+            "coarse",
+            f"{channel.name}: has only {levels} different values",
+            "record it with its full resolution (data type, scale)",
+            before=float(levels),
+            strength=5.0,
+        )
+
+
+def _held(channel: Channel, steps: FloatArray, rate: float) -> Iterator[Finding]:
+    """A slower signal whose values were repeated: it changes in every k-th row and in no other."""
+    places = np.flatnonzero(steps)
+    if len(places) < _LEAST_CHANGES:
+        return
+    for every in range(_LONGEST_HOLD, 1, -1):
+        if len(places) < 0.2 * len(steps) / every or np.bincount(places % every).max() < _IN_STEP * len(places):
+            continue
+        serious = every >= _HELD_ROWS and rate / every < _SLOW_HZ
+        yield Finding(
+            "held",
+            f"{channel.name}: a new value comes only every {every} rows ({rate / every:.3g} Hz instead of {rate:g} Hz)",
+            "read this device at the machine's rate, or resample all channels to its own",
+            severity="mistake" if serious else "note",
+            before=float(every),
+            unit="rows",
+            strength=4.0,
+        )
+        return
+
+
+def _jumps(channel: Channel, values: FloatArray, steps: FloatArray, span: float, time: FloatArray) -> Iterator[Finding]:
+    """Single wrong values, wraps, and steps of a position's zero."""
+    position = channel.quantity in POSITIONS
+    size = np.abs(steps)
+    ordinary = max(float(np.percentile(size, 98)), 1e-300)
+    local = 1.4826 * float(np.median(np.abs(np.diff(steps)))) / np.sqrt(6) + 1e-300
+    least = max(
+        (_STEPS if position else _EFFORT_STEPS) * ordinary,
+        _SPIKE_NOISE * local,
+        (_JUMP if position else _SPIKE_EFFORT) * span,
+    )
+    large = np.flatnonzero(size > least)
+    if len(large) == 0 or len(large) > 0.05 * len(size):
+        return
+    # A spike comes back at once: the next step undoes it.
+    back = [k for k in large if k + 1 < len(steps) and abs(steps[k] + steps[k + 1]) < 0.2 * size[k]]
+    after = {k + 1 for k in back}
+    lasting = [k for k in large if k not in after and k not in back]
+    spike_size = max((float(size[k]) for k in back), default=0.0)
+    if back and spike_size > (_SPIKE_POSITION if position else _SPIKE_EFFORT) * span and (position or len(back) >= 3):
+        yield Finding(
+            "outliers",
+            f"{channel.name}: {len(back)} single values are far off (the first at {time[back[0] + 1]:.6g} s, up to "
+            f"{spike_size / span:.0%} of the signal's range)",
+            "look after cable, shielding and sentinel values of this device, and mark the rows missing",
+            before=float(len(back)),
+            unit="rows",
+            strength=5.0,
+        )
+    if not position or not lasting:
+        return
+    sizes = size[lasting]
+    signs = np.sign(steps[lasting])
+    alike = float(np.ptp(sizes)) < 0.1 * float(np.median(sizes))
+    turn = float(np.median(sizes))
+    round_turn = channel.quantity != "piston_position" and min(abs(turn / t - 1) for t in (np.pi, 2 * np.pi)) < 0.05
+    if alike and ((len(lasting) >= 2 and np.any(signs > 0) and np.any(signs < 0)) or round_turn):
+        yield Finding(
+            "wrap",
+            f"{channel.name}: jumps by {turn:.4g} to and fro {len(lasting)} times (the first at "
+            f"{time[lasting[0]]:.6g} s): "
+            "the encoder wraps within the motion",
+            "move the encoder's zero out of the range of motion, or unwrap it in the device",
+            before=turn,
+            strength=6.0,
+        )
+    else:
+        yield Finding(
+            "jump",
+            f"{channel.name}: jumps by {steps[lasting[0]]:+.4g} from one row to the next at "
+            f"{time[lasting[0]]:.6g} s, as no "
+            "machine moves",
+            "look after this sensor (loose coupling, lost counts, restart) and record again, or split the "
+            "recording there",
+            before=turn,
+            strength=5.0,
+        )
+
+
+def _frozen(
+    channel: Channel, values: FloatArray, steps: FloatArray, joined: BoolArray, time: FloatArray, rate: float
+) -> Iterator[Finding]:
+    """The same value for longer than chance allows, while the signal comes back with a jump or is noisy elsewhere."""
+    equal = joined & (steps == 0) & np.isfinite(values[1:])
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], equal.astype(np.int8), [0]])))
+    starts, stops = edges[::2], edges[1::2]
+    if len(starts) == 0:
+        return
+    lengths = stops - starts
+    for k in np.argsort(-lengths)[:5]:
+        start, stop, length = int(starts[k]), int(stops[k]), int(lengths[k])
+        if length < max(8, _FROZEN_S * rate):
+            return
+        elsewhere = (np.count_nonzero(equal) - length) / max(len(equal) - length, 1)
+        improbable = len(equal) * max(elsewhere, 1e-3) ** length < _CHANCE
+        ordinary = float(np.percentile(np.abs(steps[steps != 0]), 75))
+        ends = [abs(steps[i]) for i in (start - 1, stop) if 0 <= i < len(steps)]
+        catches_up = max(ends, default=0.0) > 10 * ordinary
+        if channel.quantity in POSITIONS:
+            # A machine that stands has an encoder that stands; one that moves on comes back with a jump.
+            wrong = improbable and catches_up
+        else:
+            # Coarse steps in a quiet phase repeat too, but none so long alone, and none that ends with a jump.
+            second = int(np.sort(lengths)[-2]) if len(lengths) > 1 else 1
+            wrong = improbable and elsewhere < 0.3 and (catches_up or (length >= rate and length > 4 * second))
+        if wrong:
+            yield Finding(
+                "frozen",
+                f"{channel.name}: does not change for {length / rate:.3g} s from {time[start]:.6g} s on, although "
+                "it does "
+                "elsewhere",
+                "look after this device and its bus, and mark the rows missing",
+                before=length / rate,
+                unit="s",
+                strength=5.0,
+            )
+            return
+
+
+def _clipped(channel: Channel, values: FloatArray) -> Iterator[Finding]:
+    """An effort that stops at one value: far more samples there than at any value near it."""
+    if channel.quantity in POSITIONS:
+        return
+    if len(np.unique(values)) < 4 * _LEVELS:
+        return
+    for extreme, side in ((float(values.max()), "largest"), (float(values.min()), "smallest")):
+        count = piled_up(values, extreme)
+        if count > max(0.01 * len(values), 10):
+            yield Finding(
+                "clipped",
+                f"{channel.name}: {count} of {len(values)} values are exactly its {side} one ({extreme:.6g}): it "
+                "is clipped "
+                "there",
+                "use a sensor or an amplifier of wider range, and declare its range",
+                before=float(count),
+                unit="rows",
+                strength=4.0,
+            )
+
+
+def _same_channels(machine: Machine, recording: Recording) -> list[Finding]:
+    """Two channels with the very same values."""
+    seen: dict[bytes, Channel] = {}
+    found = []
+    for channel in machine.channels:
+        values = recording.values.get(channel.name)
+        if values is None or channel.joint is None:
+            continue
+        known = np.asarray(values)[np.isfinite(values)]
+        if len(known) < 50 or np.ptp(known) == 0:
+            continue
+        key = np.ascontiguousarray(known).tobytes()
+        first = seen.setdefault(key, channel)
+        if first is not channel:
+            found.append(
+                Finding(
+                    "same_channel",
+                    f"{channel.name}: has the very values of {first.name}",
+                    "correct the source (node, object, register) of one of the two channels",
+                    joint=channel.joint,
+                    channel=channel.name,
+                    recording=recording.file,
+                    strength=8.0,
+                )
+            )
+    return found

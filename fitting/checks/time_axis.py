@@ -1,0 +1,130 @@
+"""The time column: its unit, its rate, rows that are lost, and clocks that jump."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from daq.machine_file import Machine
+from daq.recording_checks import GAP_SHARE, RATE_TOLERANCE, regular_steps
+from fitting.checks.findings import Finding
+
+FloatArray = npt.NDArray[np.float64]
+
+#: What a time in another unit is too large by.
+_UNITS = {1e3: "milliseconds", 1e6: "microseconds", 1e9: "nanoseconds", 1 / 60: "minutes", 1 / 3600: "hours"}
+#: Share of the time that may be lost before it is more than a remark, and s of a pause.
+_LOST, _PAUSE_S = 0.05, 2.0
+_CONTINUES = 4.0
+
+
+def repaired_time(time: FloatArray, rate_hz: float) -> FloatArray:
+    """Time in s that the rest of the checks may use: another unit is converted, another rate taken as meant."""
+    steps = np.diff(time)
+    if len(steps) == 0 or not np.all(np.isfinite(time)):
+        return np.arange(len(time)) / rate_hz
+    step = float(np.median(steps))
+    if step <= 0 or np.any(steps <= 0) or abs(step * rate_hz - 1) > RATE_TOLERANCE:
+        ratio = step * rate_hz
+        near = [unit for unit in _UNITS if step > 0 and abs(ratio / unit - 1) < 0.02]
+        return time / near[0] if near and np.all(steps > 0) else np.arange(len(time)) / rate_hz
+    return time
+
+
+def time_findings(machine: Machine, file: str, time: FloatArray, values: dict[str, FloatArray]) -> list[Finding]:
+    """What is wrong with a time column; ``values`` tell whether the machine went on over a jump."""
+    rate, found = machine.rate_hz, []
+    steps = np.diff(time)
+    if len(steps) == 0 or not np.all(np.isfinite(time)):
+        return []
+    backwards = np.flatnonzero(steps <= 0)
+    if len(backwards):
+        row = int(backwards[0])
+        return [
+            Finding(
+                "time_jump",
+                f"{file}: time: goes from {time[row]:.6g} to {time[row + 1]:.6g} s in row {row + 2}"
+                + (f", and so in {len(backwards) - 1} more rows" if len(backwards) > 1 else ""),
+                "sort the rows, or split the file there",
+                recording=file,
+                strength=9.0,
+            )
+        ]
+    ratio = float(np.median(steps)) * rate
+    if abs(ratio - 1) > RATE_TOLERANCE:
+        for size, name in _UNITS.items():
+            if abs(ratio / size - 1) < 0.02:
+                return [
+                    Finding(
+                        "time_unit",
+                        f"{file}: time: looks like {name} instead of seconds (steps of {np.median(steps):.6g})",
+                        f"divide the column by {size:g}, or write its unit" if size > 1 else "write it in seconds",
+                        recording=file,
+                        factor=1 / size,
+                        strength=9.0,
+                    )
+                ]
+        return [
+            Finding(
+                "wrong_rate",
+                f"{file}: time: {rate / ratio:.6g} rows in a second, the machine file says rate_hz {rate:g}",
+                "correct rate_hz, or the column if the recorder ran at another rate than it says",
+                recording=file,
+                before=rate / ratio,
+                after=rate,
+                unit="Hz",
+                strength=9.0,
+            )
+        ]
+    odd = np.flatnonzero(~regular_steps(time, rate))
+    if len(odd) == 0:
+        return []
+    lost = float(np.sum(steps[odd] - 1 / rate))
+    went_on = [k for k in odd if steps[k] > _PAUSE_S and _goes_on(values, int(k))]
+    if went_on:
+        k = int(went_on[0])
+        found.append(
+            Finding(
+                "time_jump",
+                f"{file}: time: jumps by {steps[k]:.4g} s at {time[k]:.6g} s, and the machine stands where it "
+                "stood: the clock "
+                "was set",
+                "take the time of a clock that nobody sets, or split the file there",
+                recording=file,
+                before=float(steps[k]),
+                unit="s",
+                strength=8.0,
+            )
+        )
+        lost -= float(np.sum(steps[went_on]))
+        odd = np.setdiff1d(odd, went_on)
+    if len(odd):
+        share = lost / float(time[-1] - time[0])
+        many = share > _LOST or len(odd) > GAP_SHARE * len(steps)
+        found.append(
+            Finding(
+                "lost_rows",
+                f"{file}: time: {len(odd)} gaps, {max(lost, 0.0):.3g} s in all, the first at {time[odd[0]]:.6g} s",
+                "look after the bus or the recorder"
+                if many
+                else "nothing has to be done: rows beside a gap are left out",
+                recording=file,
+                severity="mistake" if many else "note",
+                before=share,
+                strength=6.0,
+            )
+        )
+    return found
+
+
+def _goes_on(values: dict[str, FloatArray], row: int) -> bool:
+    """Whether every moving signal goes on over a step of time as from one row to the next."""
+    judged = 0
+    for own in values.values():
+        steps = np.abs(np.diff(own))
+        ordinary = float(np.nanpercentile(steps, 95)) if np.isfinite(steps).any() else 0.0
+        if ordinary > 0 and np.isfinite(steps[row]):
+            judged += 1
+            if steps[row] > _CONTINUES * ordinary:
+                return False
+    return judged > 0

@@ -1,0 +1,72 @@
+"""``hilfit check``, and the checks inside ``hilfit identify``."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from synthetic_arm import make_recordings, planar_machine, truth
+
+from daq.machine_file import machine_to_yaml
+from daq.recording import write_recording
+from server.cli import main
+
+MACHINE = planar_machine(1)
+
+
+@pytest.fixture(scope="module")
+def arm(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """One joint with both sensors; ``swapped`` is the training motion with its chambers swapped."""
+    directory = tmp_path_factory.mktemp("arm")
+    (directory / "machine.yaml").write_text(machine_to_yaml(MACHINE), encoding="utf-8")
+    for recording in make_recordings(MACHINE, truth(1), [("train", 2), ("validate", 3)], seconds=25.0):
+        values = {name: np.array(column) for name, column in recording.values.items()}
+        write_recording(directory / f"{recording.role}.parquet", MACHINE, recording.role, recording.time, values)
+        values["joint1.head"], values["joint1.rod"] = values["joint1.rod"], values["joint1.head"]
+        path = directory / f"swapped-{recording.role}.csv"
+        write_recording(path, MACHINE, recording.role, recording.time, values)
+    return directory
+
+
+def run(*arguments: str) -> int:
+    with pytest.raises(SystemExit) as caught:
+        main(list(arguments))
+    return int(caught.value.code or 0)
+
+
+def test_nothing_is_wrong_with_a_sound_arm(arm: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    files = [str(arm / "train.parquet"), str(arm / "validate.parquet")]
+    assert run("check", *files, "--machine", str(arm / "machine.yaml")) == 0
+    assert "nothing was found to be wrong with 2 recording(s)" in capsys.readouterr().out
+
+
+def test_a_mistake_is_printed_with_its_cure_and_line(arm: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    files = ["--train", str(arm / "swapped-train.csv"), "--validate", str(arm / "swapped-validate.csv")]
+    assert run("check", *files, "--machine", str(arm / "machine.yaml"), "--json") == 1
+    found = json.loads(capsys.readouterr().out)["findings"]
+    assert (found[0]["code"], found[0]["joint"], found[0]["severity"]) == ("swapped_chambers", "joint1", "mistake")
+    assert run("check", *files, "--machine", str(arm / "machine.yaml")) == 1
+    line = capsys.readouterr().out.splitlines()[0]
+    assert line.startswith("MISTAKE [swapped_chambers] joint1: head and rod pressure look swapped")
+    assert "swap the two channels in machine.yaml lines" in line
+
+
+def test_bad_usage_is_one_line(arm: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run("check", "--machine", str(arm / "machine.yaml")) == 2
+    assert capsys.readouterr().err.startswith("hilfit: check: no recording; give at least one file")
+    assert run("check", str(arm / "absent.csv"), "--machine", str(arm / "machine.yaml")) == 2
+    assert "absent.csv: no such file" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_an_identification_says_it_first(arm: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    files = ["--train", str(arm / "swapped-train.csv"), "--validate", str(arm / "swapped-validate.csv")]
+    assert run("identify", str(arm / "machine.yaml"), *files, "--no-loop", "-o", str(tmp_path / "report")) == 0
+    assert "MISTAKE: joint1: head and rod pressure look swapped" in capsys.readouterr().out
+    report = json.loads((tmp_path / "report" / "report.json").read_text(encoding="utf-8"))
+    assert report["loop"]["verdict"] == "check_input"
+    assert [(own["code"], own["joint"]) for own in report["checks"]] == [("swapped_chambers", "joint1")]
+    page = (tmp_path / "report" / "report.html").read_text(encoding="utf-8")
+    assert page.index("look swapped") < page.index("Parameters of the rigid body")

@@ -1,0 +1,148 @@
+"""Faults of single channels, clocks and magnitudes, made in a sound signal of known noise."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from synthetic_arm import make_recordings, planar_machine, truth
+
+from daq.machine_file import Machine
+from daq.recording import Recording
+from fitting.checks.findings import Finding, finding_from_json
+from fitting.checks.magnitudes import magnitude_findings
+from fitting.checks.motions import motion_findings
+from fitting.checks.signal_faults import signal_findings
+from fitting.checks.time_axis import repaired_time, time_findings
+
+MACHINE = planar_machine(2)
+SOUND = make_recordings(MACHINE, truth(2), [("train", 2), ("validate", 3)])
+
+
+def spoilt(channel: str, of: Callable[[np.ndarray], np.ndarray], recording: Recording = SOUND[0]) -> Recording:
+    """The recording with one channel changed."""
+    return replace(recording, values={**recording.values, channel: of(np.array(recording.values[channel]))})
+
+
+def named(found: list[Finding]) -> list[tuple[str, str | None]]:
+    return [(own.code, own.channel) for own in found if own.severity == "mistake"]
+
+
+def with_rows(rows: slice | list[int], value: Callable[[np.ndarray], np.ndarray | float]) -> Callable[..., np.ndarray]:
+    def change(values: np.ndarray) -> np.ndarray:
+        values = values.copy()
+        values[rows] = value(values)
+        return values
+
+    return change
+
+
+def test_a_sound_recording_has_no_fault() -> None:
+    for recording in SOUND:
+        assert signal_findings(MACHINE, recording) == []
+    assert magnitude_findings(MACHINE, SOUND) == []
+    assert named(motion_findings(MACHINE, SOUND)) == []
+
+
+@pytest.mark.parametrize("channel", ["joint1.q", "joint1.x", "joint2.head", "joint2.rod"])
+@pytest.mark.parametrize(
+    ("code", "of"),
+    [
+        # 5 s of one value; twelve values off by half of the range; every tenth value held.
+        ("frozen", with_rows(slice(500, 750), lambda v: v[500])),
+        ("outliers", with_rows(list(range(40, 1900, 160)), lambda v: v[40:1900:160] + 0.6 * np.ptp(v))),
+        ("held", lambda v: v[np.arange(len(v)) // 10 * 10]),
+    ],
+)
+def test_a_fault_of_any_channel_is_named(channel: str, code: str, of: Callable[[np.ndarray], np.ndarray]) -> None:
+    assert named(signal_findings(MACHINE, spoilt(channel, of))) == [(code, channel)]
+
+
+def test_a_pressure_that_stops_at_a_value_is_clipped() -> None:
+    found = signal_findings(MACHINE, spoilt("joint1.head", lambda v: np.minimum(v, np.percentile(v, 90))))
+    assert named(found) == [("clipped", "joint1.head")]
+
+
+def test_an_encoder_that_wraps_and_one_that_slips() -> None:
+    wrapped = spoilt("joint2.q", lambda q: np.where(q > np.median(q), q - 2 * np.pi, q))
+    assert named(signal_findings(MACHINE, wrapped)) == [("wrap", "joint2.q")]
+    slipped = spoilt("joint2.q", lambda q: q + 0.2 * (np.arange(len(q)) > 900))
+    assert named(signal_findings(MACHINE, slipped)) == [("jump", "joint2.q")]
+
+
+def test_one_cable_in_two_sockets() -> None:
+    twice = spoilt("joint2.head", lambda v: np.array(SOUND[0].values["joint1.head"]))
+    assert ("same_channel", "joint2.head") in named(signal_findings(MACHINE, twice))
+
+
+def test_a_joint_that_stands_has_no_frozen_encoder() -> None:
+    """With a coarse encoder it says one value for as long as it stands; that is no fault."""
+    stands = spoilt("joint1.q", lambda q: np.round(np.where(np.arange(len(q)) < 800, q[800], q), 4))
+    assert signal_findings(MACHINE, stands) == []
+
+
+@pytest.mark.parametrize(
+    ("of", "code", "severity"),
+    [
+        (lambda t: 1e3 * t, "time_unit", "mistake"),
+        (lambda t: t / 60, "time_unit", "mistake"),
+        (lambda t: 2 * t, "wrong_rate", "mistake"),
+        (lambda t: t + 30.0 * (t > 15), "time_jump", "mistake"),
+        (lambda t: np.concatenate([t[:900], t[500:1600]]), "time_jump", "mistake"),
+        (lambda t: t + 0.2 * (t > 10.0), "lost_rows", "note"),
+    ],
+)
+def test_clocks(of: Callable[[np.ndarray], np.ndarray], code: str, severity: str) -> None:
+    time = of(np.arange(2000) / MACHINE.rate_hz)
+    found = time_findings(MACHINE, "run.csv", time, {"joint1.q": np.array(SOUND[0].values["joint1.q"])})
+    assert [(own.code, own.severity) for own in found] == [(code, severity)]
+    assert "run.csv" in found[0].text
+
+
+def test_a_time_in_milliseconds_is_used_in_seconds() -> None:
+    seconds = np.arange(500) / 50.0
+    assert repaired_time(1e3 * seconds, 50.0) == pytest.approx(seconds)
+
+
+@given(unit=st.sampled_from([("bar", 1e5), ("kPa", 1e3), ("psi", 6894.757)]), top=st.floats(5e6, 2.5e7))
+@settings(max_examples=15, deadline=None)
+def test_pressures_in_another_unit_say_which(unit: tuple[str, float], top: float) -> None:
+    """Pressures of 50 to 250 bar in another unit of which none is a factor of three from another."""
+    name, size = unit
+    values = dict(SOUND[0].values)
+    for channel in MACHINE.channels:
+        if channel.quantity.endswith("_pressure"):
+            own = np.array(values[channel.name])
+            values[channel.name] = own * top / np.abs(own).max() / size
+    found = magnitude_findings(MACHINE, [replace(SOUND[0], values=values)])
+    assert [own.code for own in found] == ["unit"]
+    assert found[0].cure.startswith(f"set the unit to '{name}'")
+
+
+def test_degrees_where_the_file_says_radians(n: int = 2) -> None:
+    found = magnitude_findings(MACHINE, [spoilt("joint2.q", np.rad2deg)])
+    assert named(found) == [("unit", "joint2.q")]
+    assert "'deg'" in found[0].cure
+
+
+def test_validate_has_to_be_another_motion_and_repeat_the_same() -> None:
+    again = make_recordings(MACHINE, truth(2), [("train", 2), ("validate", 2)], seed=4)
+    assert named(motion_findings(MACHINE, again)) == [("same_motion", None)]
+    other = make_recordings(MACHINE, truth(2), [("train", 2), ("repeat", 3)])
+    assert named(motion_findings(MACHINE, other)) == [("no_repeat", None)]
+
+
+def test_a_parked_joint_is_a_remark() -> None:
+    machine: Machine = planar_machine(2)
+    found = motion_findings(machine, make_recordings(machine, truth(2), [("train", 2)], moving=[0]))
+    assert [(own.code, own.joint, own.severity) for own in found] == [("parked", "joint2", "note")]
+
+
+def test_a_finding_is_json_and_back() -> None:
+    own = Finding("unit", "joint1.q: looks like deg", "set its unit to 'deg'", joint="joint1", factor=0.0175)
+    assert finding_from_json(own.to_json()) == own
+    assert own.line == "joint1.q: looks like deg; set its unit to 'deg'"

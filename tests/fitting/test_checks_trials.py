@@ -1,0 +1,185 @@
+"""Mistakes that only efforts, or two sensors together, can show: made in recordings of arms with known parameters."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from synthetic_arm import make_recordings, planar_machine, truth
+
+from daq.errors import RecordingError
+from daq.machine_file import Machine, machine_to_yaml
+from daq.recording import Recording, write_recording
+from fitting.checks import Finding, check_recordings
+from fitting.checks.arm_motion import positions_of
+from fitting.checks.gate import explained
+from fitting.checks.physical import Trial, fit
+from fitting.checks.places import Places
+from fitting.checks.samples import take_samples
+from fitting.checks.trials import SUSPECT, search
+
+JOINT = planar_machine(3, sensors="joint")
+BOTH = planar_machine(3)
+MOTIONS = [("train", 2), ("train", 3), ("validate", 4)]
+SINGLE = make_recordings(JOINT, truth(3), MOTIONS)
+DOUBLE = make_recordings(BOTH, truth(3), [("unloaded", 1), *MOTIONS])
+
+
+def changed(recordings: Sequence[Recording], of: Callable[[dict[str, np.ndarray]], dict[str, Any]]) -> list[Recording]:
+    """All recordings with some channels in place of others."""
+    return [replace(r, values={**r.values, **of({k: np.array(v) for k, v in r.values.items()})}) for r in recordings]
+
+
+def first(found: Sequence[Finding]) -> tuple[str, str | None]:
+    mistakes = [own for own in found if own.severity == "mistake"]
+    assert mistakes, "silent"
+    return mistakes[0].code, mistakes[0].joint
+
+
+def edited(machine: Machine, joint: int, **cylinder: float) -> Machine:
+    own = machine.joints[joint]
+    assert own.cylinder is not None
+    new = own.model_copy(update={"cylinder": own.cylinder.model_copy(update=cylinder)})
+    joints = tuple(new if k == joint else j for k, j in enumerate(machine.joints))
+    return machine.model_copy(update={"joints": joints})
+
+
+def test_the_arm_that_was_made_explains_its_efforts() -> None:
+    """Bounds (masses, braking friction) cost nothing where the arm exists: the misfit is that of least squares."""
+    for machine, recordings in ((JOINT, SINGLE), (BOTH, DOUBLE)):
+        assert check_recordings(machine, recordings) == ()
+        samples = take_samples(machine, recordings)
+        assert samples is not None
+        after = fit(Trial(samples, machine, positions_of(machine, samples)))
+        assert np.nanmax(after.misfits) < SUSPECT
+        assert after.misfits == pytest.approx(after.free, abs=0.02)
+
+
+def test_an_effort_turned_over_fits_without_bounds_and_not_with_them() -> None:
+    samples = take_samples(JOINT, SINGLE)
+    assert samples is not None
+    trial = Trial(samples, JOINT, positions_of(JOINT, samples))
+    own = {j: {f"head_pressure{j}": -c.head_area, f"rod_pressure{j}": c.rod_area, "known": -1.0}
+           for j in range(3) if (c := JOINT.joints[j].cylinder)}  # fmt: skip
+    after = fit(trial, own)
+    assert np.nanmax(after.free) < 0.1
+    assert np.nanmin(after.misfits) > 0.5
+
+
+def swap(a: str, b: str) -> Callable[[dict[str, np.ndarray]], dict[str, Any]]:
+    return lambda values: {a: values[b], b: values[a]}
+
+
+@pytest.mark.parametrize(
+    ("of", "code", "joint"),
+    [
+        (swap("joint2.head", "joint2.rod"), "swapped_chambers", "joint2"),
+        (swap("joint1.head", "joint3.head"), "exchanged_channels", "joint1"),
+        (swap("joint1.q", "joint2.q"), "exchanged_channels", "joint1"),
+        (lambda v: {"joint2.q": -v["joint2.q"]}, "sign", "joint2"),
+        (lambda v: {"joint3.head": v["joint3.head"] / 1e5}, "unit", "joint3"),
+    ],
+)
+def test_a_mistake_at_one_joint_is_named_there(of: Callable[..., dict[str, Any]], code: str, joint: str) -> None:
+    assert first(check_recordings(JOINT, changed(SINGLE, of))) == (code, joint)
+
+
+def test_gravity_turned_over() -> None:
+    machine = JOINT.model_copy(update={"gravity": (0.0, 9.81, 0.0)})
+    found = check_recordings(machine, SINGLE)
+    assert first(found) == ("gravity", None)
+    assert "[-0, -9.81, -0]" in found[0].cure or "[0, -9.81, 0]" in found[0].cure
+
+
+def test_a_wrong_rod_shows_in_the_ratio_of_the_areas_of_one_joint_alone() -> None:
+    machine = planar_machine(1, sensors="joint")
+    recordings = make_recordings(machine, truth(1), MOTIONS)
+    assert check_recordings(machine, recordings) == ()
+    found = check_recordings(edited(machine, 0, rod=0.068), recordings)
+    assert first(found) == ("cylinder_areas", "joint1")
+    # The rod is really 45 mm thick, of 80 mm bore: rho = (80^2 - 45^2) / (80^2 - 68^2).
+    assert found[0].factor == pytest.approx((80**2 - 45**2) / (80**2 - 68**2), rel=0.03)
+
+
+def test_two_sensors_tell_without_dynamics() -> None:
+    other = changed(DOUBLE, lambda v: {"joint2.x": 0.3 - v["joint2.x"]})
+    assert first(check_recordings(BOTH, other)) == ("sign", "joint2")
+    pins = edited(BOTH, 1, linkage=BOTH.joints[1].cylinder.linkage.model_copy(update={"b": 0.21}))  # type: ignore[union-attr,arg-type]
+    found = check_recordings(pins, DOUBLE)
+    assert first(found) == ("linkage", "joint2")
+    assert found[0].factor == pytest.approx(0.16 / 0.21, rel=0.01)
+
+
+def test_a_clock_that_all_efforts_share() -> None:
+    """Pressures 0.5 s late: every joint says so, and by how much."""
+    late = 25
+
+    def of(values: dict[str, np.ndarray]) -> dict[str, Any]:
+        return {k: np.concatenate([v[:late], v[:-late]]) for k, v in values.items() if not k.endswith(".q")}
+
+    found = check_recordings(JOINT, changed(SINGLE, of))
+    assert first(found) == ("clock_offset", None)
+    assert found[0].factor == pytest.approx(0.5, abs=0.05)
+
+
+def test_a_late_sensor_of_one_joint_is_an_effect_and_no_mistake() -> None:
+    def of(values: dict[str, np.ndarray]) -> dict[str, Any]:
+        return {k: np.concatenate([values[k][:2], values[k][:-2]]) for k in ("joint2.head", "joint2.rod")}
+
+    assert check_recordings(JOINT, changed(SINGLE, of)) == ()
+
+
+@pytest.mark.parametrize("size", [-0.08, 0.08])
+def test_a_gain_of_a_transducer_is_an_effect_and_no_mistake(size: float) -> None:
+    found = check_recordings(JOINT, changed(SINGLE, lambda v: {"joint1.head": (1 + size) * v["joint1.head"]}))
+    assert found == ()
+
+
+def test_rods_off_in_a_training_recording() -> None:
+    wrong = [replace(r, role="train") if r.role == "unloaded" else r for r in DOUBLE]
+    found = check_recordings(BOTH, wrong)
+    assert first(found) == ("wrong_role", None)
+    assert found[0].recording == DOUBLE[0].file
+
+
+@pytest.mark.slow
+def test_what_nothing_explains_is_said_in_general() -> None:
+    """Efforts of another motion: no unit, sign or cable makes them this one's."""
+    others = make_recordings(JOINT, truth(3), [("train", 11), ("train", 12), ("validate", 13)])
+    names = [c.name for c in JOINT.channels if c.quantity.endswith("pressure")]
+    mixed = [
+        replace(r, values={**r.values, **{n: o.values[n] for n in names}}) for r, o in zip(SINGLE, others, strict=True)
+    ]
+    code, _ = first(check_recordings(JOINT, mixed))
+    assert code == "unexplained"
+
+
+def test_the_line_of_the_machine_file_is_said(tmp_path: Path) -> None:
+    file = tmp_path / "machine.yaml"
+    file.write_text(machine_to_yaml(JOINT), encoding="utf-8")
+    found = check_recordings(JOINT, changed(SINGLE, lambda v: {"joint2.q": -v["joint2.q"]}), places=Places.of(file))
+    lines = file.read_text(encoding="utf-8").splitlines()
+    number = int(found[0].cure.rsplit(" ", 1)[1])
+    assert "name: joint2.q" in lines[number - 1]
+
+
+def test_a_refusal_is_explained(tmp_path: Path) -> None:
+    file = tmp_path / "machine.yaml"
+    file.write_text(machine_to_yaml(BOTH), encoding="utf-8")
+    recording = changed(DOUBLE[1:2], lambda v: {"joint1.x": 1e3 * v["joint1.x"]})[0]
+    path = write_recording(tmp_path / "train.parquet", BOTH, "train", recording.time, recording.values)
+    error = explained(RecordingError("train.parquet: joint1.x: out of its stroke"), file, [("train", path)])
+    assert "the values look like mm" in str(error)
+    assert "\n" not in str(error)
+
+
+def test_a_search_on_a_sound_arm_takes_nothing_back() -> None:
+    samples = take_samples(JOINT, SINGLE)
+    assert samples is not None
+    searched = search(Trial(samples, JOINT, positions_of(JOINT, samples)))
+    assert searched.accused == ()
+    assert searched.current.misfits == pytest.approx(searched.nominal.misfits, nan_ok=True)

@@ -1,0 +1,98 @@
+"""Least squares of joint efforts: against numpy on the stacked rows, and what its uncertainty promises."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from synthetic_arm import clean_session
+
+from fitting.effort_fit import EffortRows, mean_levers, parameter_error
+from fitting.prior import Prior
+from fitting.regression import effort_errors
+
+NOTHING = Prior(np.full(2, np.nan), np.full(2, np.nan))
+
+
+def stacked(rows: EffortRows) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Columns and target of each joint, all segments in a row."""
+    joints = range(len(rows.rows))
+    return [
+        tuple(np.concatenate(part) for part in zip(*rows.parts(joint), strict=True))  # type: ignore[misc]
+        for joint in joints
+    ]
+
+
+@pytest.fixture(scope="module")
+def rows() -> EffortRows:
+    plain = clean_session().plain
+    return EffortRows(plain.design, plain.fitted)
+
+
+@pytest.mark.parametrize("scale", [None, np.array([3.0, 0.2])])
+def test_the_solution_is_numpys_on_all_rows(rows: EffortRows, scale: np.ndarray | None) -> None:
+    weights = np.ones(2) if scale is None else 1.0 / scale
+    A = np.vstack([A * w for (A, _), w in zip(stacked(rows), weights, strict=True)])
+    b = np.concatenate([b * w for (_, b), w in zip(stacked(rows), weights, strict=True)])
+    size = np.linalg.norm(A, axis=0)
+    expected = np.linalg.lstsq(A / size, b, rcond=None)[0] / size
+    assert rows.solve(NOTHING, scale)[0] == pytest.approx(expected, rel=1e-6)
+
+
+def test_errors_are_those_of_the_efforts(rows: EffortRows) -> None:
+    plain = clean_session().plain
+    theta = rows.solve(NOTHING)[0]
+    loaded = EffortRows(plain.design, plain.design.indices("train"))
+    expected = [np.sqrt(np.mean(e**2)) for e in effort_errors(plain.design, theta, plain.design.indices("train"))]
+    assert loaded.errors(theta) == pytest.approx(expected, rel=1e-6)
+
+
+def test_a_free_cylinder_counts_at_its_mean_lever_arm(rows: EffortRows) -> None:
+    design = clean_session().plain.design
+    free = EffortRows(design, design.indices("unloaded"))
+    lever = mean_levers(design)[0]
+    block = design.blocks[0][design.indices("unloaded")[0]]
+    (_, b), *_ = stacked(free)
+    assert b == pytest.approx(lever * block.reduced_target[block.keep], rel=1e-9)
+
+
+def test_a_prior_counts_by_what_is_left_of_its_joint(rows: EffortRows) -> None:
+    names = clean_session().plain.design.parameters.names
+    mass = names.index("joint1.m")
+    free, bound = (
+        rows.solve(prior)[0] for prior in (NOTHING, Prior(np.array([40.0, np.nan]), np.array([1e-6, np.nan])))
+    )
+    assert bound[mass] == pytest.approx(40.0, rel=1e-3)
+    assert abs(free[mass] - 40.0) > 1.0
+
+
+def test_deviations_are_near_those_of_the_noise_where_the_model_is_right(rows: EffortRows) -> None:
+    session = clean_session()
+    ratio = rows.fit(session.prior).std / session.base_model.fit.std
+    assert 0.8 < float(np.median(ratio)) < 2.0  # weights by the noise are the best, so others are hardly better
+
+
+def test_the_parameters_error_is_exceeded_as_often_as_is_said() -> None:
+    session = clean_session()
+    design, fit = session.plain.design, session.base_model.fit
+    rows = EffortRows(design, design.indices("validate"))
+    floor = np.array([0.5, 0.3])
+    rng = np.random.default_rng(3)
+    root = np.linalg.cholesky(fit.covariance + 1e-12 * np.diag(np.diag(fit.covariance)))
+    drawn = []
+    for _ in range(400):
+        moved = root @ rng.normal(size=len(root))
+        sums = [np.sum((R[:, :-1] @ moved) ** 2) for R in rows.triangles]
+        drawn.append(np.sqrt(np.mean(np.array(sums) / rows.rows / floor**2)))
+    for chance in (0.05, 0.3):
+        share = float(np.mean(np.array(drawn) > parameter_error(rows, fit, floor, chance)))
+        assert abs(share - chance) < 3.5 * np.sqrt(chance * (1 - chance) / 400) + 0.02, chance
+
+
+def test_nothing_to_predict_has_no_error() -> None:
+    session = clean_session()
+    rows = EffortRows(session.plain.design, session.plain.design.indices("validate"))
+    fit = session.base_model.fit
+    assert parameter_error(rows, replace(fit, covariance=0.0 * fit.covariance), np.ones(2)) == 0.0
+    assert parameter_error(rows, fit, np.zeros(2)) == 0.0

@@ -1,0 +1,178 @@
+"""Reports of joints without cylinders speak of joints: rad and N m (or m and N), and of no part that is not there."""
+
+from __future__ import annotations
+
+import html
+import json
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from synthetic_arm import make_motion, make_recordings, planar_machine, truth
+
+from daq.machine_file import Machine, machine_to_yaml
+from daq.recording import write_recording
+from fitting.effects import effects
+from fitting.joint_words import in_own_units, in_words_of, joint_words, machine_words, own_unit
+from fitting.plausibility import _CAUSES
+from fitting.session import Options, Request
+from fitting.stages import identify
+from fitting.summary import print_summary
+
+#: Parts that a joint without a cylinder does not have.
+PARTS = re.compile(
+    r"(?<![A-Za-z])(piston|cylinder|rod|chamber|hydraulic|oil|stroke|pressure sensor)s?(?![A-Za-z])", re.I
+)
+RECORDED = (("train", 2), ("train", 4), ("repeat", 2), ("validate", 3))
+MIXED = planar_machine(kinds="Rrp")
+
+
+def texts(content: Any) -> list[str]:
+    """Every text of a JSON content; keys are the contract's."""
+    if isinstance(content, dict):
+        return [text for key, value in content.items() if key not in ("file", "software") for text in texts(value)]
+    if isinstance(content, list):
+        return [text for value in content for text in texts(value)]
+    return [content] if isinstance(content, str) else []
+
+
+def units(content: Any) -> set[str]:
+    if isinstance(content, dict):
+        own = {str(content["unit"])} if "unit" in content else set()
+        return own.union(*(units(value) for value in content.values()))
+    return set().union(*(units(value) for value in content)) if isinstance(content, list) else set()
+
+
+def spoken(page: str) -> str:
+    """What a page says: no styles, no tags."""
+    text = re.sub(r"<style>.*?</style>", " ", page, flags=re.DOTALL)
+    labels = " ".join(re.findall(r'(?:aria-label|title)="([^"]*)"', text))
+    return html.unescape(re.sub(r"<[^>]*>", " ", text)) + " " + labels
+
+
+def friction(machine: Machine, at: int, size: float) -> list[np.ndarray]:
+    """Friction of one joint that grows with its position, for each of the recordings."""
+    added = []
+    for role, seed in RECORDED:
+        motion = make_motion(machine, role, seed, 30.0, None)
+        effort = np.zeros_like(motion.v)
+        effort[:, at] = size * (motion.x[:, at] - motion.x[:, at].mean()) * np.tanh(motion.v[:, at] / 1e-3)
+        added.append(effort)
+    return added
+
+
+def report_of(machine: Machine, directory: Path, added: list[np.ndarray], **options: Any) -> tuple[dict[str, Any], str]:
+    (directory / "machine.yaml").write_text(machine_to_yaml(machine), encoding="utf-8")
+    recordings = []
+    made = make_recordings(machine, truth(len(machine.joints)), RECORDED, added=added, seconds=30.0)
+    for number, recording in enumerate(made):
+        path = directory / f"{recording.role}-{number}.parquet"
+        write_recording(path, machine, recording.role, recording.time, recording.values)
+        recordings.append((recording.role, path))
+    output = directory / "out"
+    content = identify(Request(directory / "machine.yaml", tuple(recordings), output, Options(**options)))
+    return content, (output / "report.html").read_text(encoding="utf-8")
+
+
+@pytest.fixture(scope="module")
+def robot(tmp_path_factory: pytest.TempPathFactory) -> tuple[dict[str, Any], str]:
+    machine = planar_machine(kinds="rr")
+    return report_of(machine, tmp_path_factory.mktemp("robot"), friction(machine, 0, 60.0), bootstrap=0)
+
+
+def test_a_robots_report_speaks_of_joints(
+    robot: tuple[dict[str, Any], str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    report, page = robot
+    assert report["loop"]["effects"] or report["loop"]["unexplained"]  # there is something to speak of
+    assert len(report["loop"]["candidates"]) > 10 and report["loop"]["detection_limits"]
+    assert [text for text in texts(report) if PARTS.search(text.replace("_", " "))] == []
+    assert PARTS.findall(spoken(page)) == []
+    print_summary(report, tmp_path)
+    assert PARTS.findall(capsys.readouterr().out) == []
+    assert "joint position" in spoken(page)
+
+
+def test_a_robots_report_has_radians_and_newton_metres(robot: tuple[dict[str, Any], str]) -> None:
+    report, _ = robot
+    found = units(report)
+    assert "N m" in found and "N m s/rad" in found
+    assert {unit for unit in found if re.search(r"\bm\b", unit.replace("N m", "")) and "kg" not in unit} == set()
+    assert {unit for unit in found if re.search(r"\bN\b(?! m)", unit)} == set()
+    for entry in report["figures"]["scatter"]:
+        assert entry["effort_unit"] == "N m" and entry["unit"] in ("rad", "rad/s", "rad/s^2", "N m", "N m/s", "s")
+
+
+def test_everything_an_effect_can_say_has_words_without_oil() -> None:
+    """Title and experiment of every effect that a joint without a cylinder can have, and every unit of theirs."""
+    machine = planar_machine(kinds="rr")
+    for entry in effects():
+        if not entry.applies(machine, 0):
+            continue
+        said = in_words_of(machine, {"joint": "joint1", "texts": [entry.title, entry.experiment, entry.variable]})
+        assert not PARTS.search(" ".join(said["texts"]).replace("_", " ")), entry.id
+        for parameter in entry.parameters:
+            unit = own_unit(machine, 0, parameter.unit) if not entry.machine_wide else parameter.unit
+            assert not re.search(r"(?<!N )\bm\b(?!\^2)", unit), (entry.id, unit)
+
+
+def test_causes_of_impossible_parameters_have_words_without_oil() -> None:
+    machine = planar_machine(kinds="rr")
+    causes = [cause for kind, cause in _CAUSES.items() if kind not in ("m", "K")]  # a piston's own
+    said = in_words_of(machine, {"violations": [{"joint": "joint1", "cause": causes}]})
+    assert not PARTS.search(" ".join(said["violations"][0]["cause"])) and len(causes) > 1
+
+
+def test_words_belong_to_the_joint_that_a_text_is_about() -> None:
+    content = {
+        "warnings": ["joint1: a small structure in piston_position is left", "joint2: in piston_speed", "all is well"],
+        "unexplained": [{"joint": "joint1", "variable": "joint2.piston_speed"}],
+        "effects": [{"joint": "joint2", "title": "friction that depends on the piston position"}],
+        "own": [{"joint": "joint1", "title": "friction that depends on the piston position"}],
+        "files": ["runs/piston_position.csv"],
+    }
+    said = in_words_of(MIXED, content)
+    assert said["warnings"] == [content["warnings"][0], "joint2: in joint_speed", "all is well"]
+    assert said["unexplained"][0]["variable"] == "joint2.joint_speed"
+    assert said["effects"][0]["title"] == "friction that depends on the joint position"
+    assert said["own"] == content["own"] and said["files"] == content["files"]
+
+
+def test_machines_of_cylinders_are_left_as_they_are() -> None:
+    machine = planar_machine(2)
+    content = {"joint": "joint1", "title": "piston_position", "unit": "m"}
+    assert in_words_of(machine, content) is content
+    assert machine_words(machine) == joint_words(machine.joints[0]) and own_unit(machine, 0, "N/m") == "N/m"
+
+
+def test_units_are_those_of_the_joint() -> None:
+    piston, turning, sliding = range(3)
+    assert [own_unit(MIXED, joint, "N s/m") for joint in (piston, turning, sliding)] == ["N s/m", "N m s/rad", "N s/m"]
+    assert [own_unit(MIXED, joint, "N m/rad") for joint in (piston, turning, sliding)] == ["N m/rad", "N m/rad", "N/m"]
+    law = {"joint": "joint1", "variable": "joint2.piston_speed", "unit": "m/s", "law": {"grid": []}}
+    assert in_own_units(MIXED, law) | {"law": 0} == law | {"unit": "rad/s", "effort_unit": "N", "law": 0}
+    own = {"joint": "joint2", "variable": "piston_position", "unit": "m"}
+    second = {"second": {"signal": "piston_speed", "other": 2, "unit": "m/s"}}
+    said = in_own_units(MIXED, own | {"law": second})
+    assert (said["unit"], said["effort_unit"], said["law"]["second"]["unit"]) == ("rad", "N m", "m/s")
+
+
+@pytest.mark.slow
+def test_a_report_of_a_law_speaks_of_joints(tmp_path: Path) -> None:
+    """What no effect explains becomes a law of a variable: of the joint's own, in the joint's words."""
+    machine = planar_machine(kinds="rr")
+    added = []
+    for role, seed in RECORDED:
+        motion = make_motion(machine, role, seed, 30.0, None)
+        effort = np.zeros_like(motion.v)
+        effort[:, 0] = 30.0 * np.exp(-(((motion.x[:, 0] - 0.1) / 0.06) ** 2))
+        added.append(effort)
+    report, page = report_of(machine, tmp_path, added, bootstrap=0)
+    laws = report["loop"]["unexplained"]
+    assert {(law["joint"], law["variable"], law["unit"], law["effort_unit"]) for law in laws} == {
+        ("joint1", "joint_position", "rad", "N m")
+    }
+    assert [text for text in texts(report) if PARTS.search(text.replace("_", " "))] == []
+    assert PARTS.findall(spoken(page)) == [] and json.dumps(report)
