@@ -6,11 +6,13 @@ from importlib.metadata import version
 from typing import Any
 
 from fastapi import FastAPI, Response
+from fastapi.routing import APIRoute
 
 from server import problems
 from server.access.guard import require
 from server.access.layer import Gate
 from server.access.rates import Rate, Rates
+from server.access.route import TypedRoute
 from server.kept_answers import LISTS, KeptAnswers
 from server.limits import BodyLimit, OwnPagesOnly, SafeHeaders
 from server.metrics import MEDIA_TYPE, Metrics, RequestTimes
@@ -55,13 +57,23 @@ def create_app(service: Service) -> FastAPI:
         openapi_url=f"{API}/openapi.json",
     )
     app.state.service = service
+    app.router.route_class = TypedRoute
     problems.install(app)
     for router in ROUTERS:
+        for route in router.routes:
+            if isinstance(route, APIRoute) and not isinstance(route, TypedRoute):
+                raise TypeError(f"{route.path}: nobody checks what its requests name; give its router TypedRoute")
         app.include_router(router, prefix=API)
 
+    @app.get("/livez", tags=["health"])
+    async def livez() -> Health:
+        """Whether the process answers: if not, restart it."""
+        return Health(status="ok")
+
+    @app.get("/readyz", tags=["health"], responses=problem_responses(503))
     @app.get("/healthz", tags=["health"], responses=problem_responses(503))
     def healthz() -> Health:
-        """Whether HTTP and the store work."""
+        """Whether requests can be served: the store can be read, and the data directory be written."""
         service.check()
         return Health(status="ok")
 

@@ -3,7 +3,8 @@
 ::
 
     backups/2026-06-01T020000Z/
-    ├── manifest.json            version, time, SHA-256 and size of every file; written last: without it, it is none
+    ├── manifest.json            version, time, SHA-256 and size of every file, and what was missing; written last:
+    │                            without it, it is none
     ├── store.sqlite|.pgdump     the whole database
     └── machines/, recordings/, excitations/, identifications/
 
@@ -13,14 +14,13 @@ bytes (hard link) and takes no room; anything else is copied.
 
 from __future__ import annotations
 
+import errno
 import hashlib
 import json
-import os
 import secrets
 import shutil
 import threading
 from collections.abc import Callable
-from contextlib import suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from importlib.metadata import version
@@ -29,17 +29,13 @@ from pathlib import Path
 import structlog
 
 from daq.errors import HilfitError
+from server.backup_files import FOLDERS, copy_named, named_files
 from server.errors import StartError
 from server.files import DataDirectory, sync_directory, sync_tree, write_atomically
 from server.store.copies import check_restore, copy_database, newer, restore_database
 from server.store.tables import SCHEMA_VERSION
 
 MANIFEST = "manifest.json"
-FOLDERS = ("machines", "recordings", "excitations", "identifications")
-#: The folder whose files never change once they are there.
-LINKED = "recordings"
-#: What is being written now has a name that begins so, or ends so; it is not a file yet.
-_UNFINISHED = (".journal", ".partial")
 DAILY = timedelta(days=1)
 #: Daily backups that are kept; those that somebody ordered stay until somebody removes them.
 KEPT = 14
@@ -49,12 +45,16 @@ _log = structlog.stdlib.get_logger(__name__)
 
 @dataclass(frozen=True)
 class Backup:
-    """One backup; ``bytes`` counts every file, linked or copied."""
+    """One backup; ``bytes`` counts every file, linked or copied.
+
+    ``missing``: what the store names and was not there when it was to be copied.
+    """
 
     id: str
     created: str
     bytes: int
     kind: str
+    missing: tuple[str, ...] = ()
 
 
 class Backups:
@@ -89,30 +89,37 @@ class Backups:
             partial = self.directory / f".{id}.partial"
             try:
                 partial.mkdir(parents=True)
-                # The store first: a file that is made meanwhile is one too many, which harms nobody.
-                copy_database(self._url, partial, "store")
-                for folder in FOLDERS:
-                    _copy_tree(self._files.root / folder, partial / folder)
+                missing = self._copy(partial)
                 manifest = {
                     "hilfit": version("hilfit"),
                     "created": moment.isoformat(timespec="milliseconds").replace("+00:00", "Z"),
                     "kind": kind,
                     "store": SCHEMA_VERSION,
+                    "missing": list(missing),
                     "files": _files_of(partial),
                 }
                 write_atomically(partial / MANIFEST, json.dumps(manifest, indent=1).encode())
                 partial.rename(self.directory / id)
                 sync_directory(self.directory)
             except OSError as error:
-                raise StartError(
-                    f"{self.directory}: the backup cannot be written ({error.strerror}); free some space"
-                ) from None
+                raise StartError(f"{self.directory}: the backup cannot be written ({_reason(error)}") from None
             finally:
                 shutil.rmtree(partial, ignore_errors=True)
         found = _backup(self.directory / id)
         assert found is not None
         _log.info("backup_made", backup=id, bytes=found.bytes)
+        if missing:
+            _log.warning("backup_incomplete", backup=id, missing=missing)
         return found
+
+    def _copy(self, partial: Path) -> tuple[str, ...]:
+        """Copy the store, then all that the copy names; what of that was not there."""
+        # What is made after the copy is one file too many, which harms nobody. PostgreSQL's copy cannot be read here:
+        # what it names was named before it was made, or after.
+        before = None if self._url.startswith("sqlite") else named_files(self._url)
+        copy = copy_database(self._url, partial, "store")
+        named = named_files(f"sqlite:///{copy}") if before is None else before | named_files(self._url)
+        return copy_named(named, self._files.root, partial)
 
     def list(self) -> tuple[Backup, ...]:
         """Newest first."""
@@ -225,29 +232,17 @@ def restore(backup: Path, files: DataDirectory, url: str) -> int:
     return len(wanted)
 
 
+def _reason(error: OSError) -> str:
+    """What is wrong, and what to do about it; the end of a line."""
+    full = error.errno in (errno.ENOSPC, errno.EDQUOT)
+    return f"{error.strerror}); " + ("free some space" if full else "see that it is there and can be written")
+
+
 def _sum_of(path: Path) -> str:
     try:
         return _sha256(path)
     except OSError as error:
         raise StartError(f"{path}: cannot be read ({error.strerror}); mend that or use another backup") from None
-
-
-def _copy_tree(source: Path, target: Path) -> None:
-    for path in sorted(source.rglob("*")):
-        if not path.is_file() or path.name.startswith(".") or path.name.endswith(_UNFINISHED):
-            continue
-        copy = target / path.relative_to(source)
-        copy.parent.mkdir(parents=True, exist_ok=True)
-        with suppress(FileNotFoundError):  # deleted meanwhile
-            if source.name == LINKED:
-                try:
-                    os.link(path, copy)
-                    continue
-                except FileNotFoundError:
-                    raise
-                except OSError:  # another file system, or one without hard links
-                    pass
-            shutil.copyfile(path, copy)
 
 
 def _files_of(directory: Path) -> list[dict[str, str | int]]:
@@ -267,6 +262,7 @@ def _backup(path: Path) -> Backup | None:
     try:
         manifest = json.loads((path / MANIFEST).read_text(encoding="utf-8"))
         size = sum(int(entry["bytes"]) for entry in manifest["files"])
-        return Backup(path.name, str(manifest["created"]), size, str(manifest["kind"]))
+        missing = tuple(str(name) for name in manifest.get("missing", ()))
+        return Backup(path.name, str(manifest["created"]), size, str(manifest["kind"]), missing)
     except (OSError, ValueError, KeyError, TypeError):
         return None

@@ -17,13 +17,18 @@ import sys
 PR_SET_PDEATHSIG = 1
 
 
-def main(parent: int, niceness: int, command: list[str]) -> None:
-    """Replace this process by ``command``; return only if the parent is dead already."""
+def die_with(parent: int) -> bool:
+    """Let the kernel end this process with ``parent``; False if that is dead already."""
     libc = ctypes.CDLL(None, use_errno=True)
     if libc.prctl(PR_SET_PDEATHSIG, signal.SIGKILL, 0, 0, 0) != 0:
         raise OSError(ctypes.get_errno(), "prctl(PR_SET_PDEATHSIG)")
     # The parent may have died before the call above; then no signal will ever come.
-    if os.getppid() != parent:
+    return os.getppid() == parent
+
+
+def main(parent: int, niceness: int, command: list[str]) -> None:
+    """Replace this process by ``command``; return only if the parent is dead already."""
+    if not die_with(parent):
         return
     os.nice(niceness)
     # Never takes the core from whoever runs when it wakes up: acquisition and HTTP run for microseconds, often.

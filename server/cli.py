@@ -11,7 +11,8 @@ import json as json_format
 import os
 import sys
 from collections.abc import Sequence
-from dataclasses import dataclass
+from contextlib import ExitStack, closing
+from dataclasses import dataclass, replace
 from importlib import import_module
 from importlib.metadata import version
 from pathlib import Path
@@ -46,6 +47,7 @@ PARTS = (
             "effects": "The catalogue of physical effects.",
         },
     ),
+    Part("fitting.cli_check", {"check": "Say what may be wrong with recordings and a machine file."}),
     Part("fitting.cli_excite", {"excite": "Design a motion that tells the parameters."}),
     Part(
         "daq.cli",
@@ -53,6 +55,7 @@ PARTS = (
             "record": "Acquire from a machine's buses and record.",
             "recover": "Seal recordings that a killed recorder left behind.",
             "export": "Write a recording in another format.",
+            "import": "Make a recording of another tool's file.",
             "machine": "Look at machine files.",
         },
     ),
@@ -166,6 +169,11 @@ def serve(
     data_dir: Annotated[Path, typer.Option(help="Directory of the database and all files.", file_okay=False)] = Path(
         "hilfit-data"
     ),
+    tls_cert: Annotated[
+        Path | None, typer.Option(help="Certificate (PEM) to serve HTTPS with.", dir_okay=False)
+    ] = None,
+    tls_key: Annotated[Path | None, typer.Option(help="Its key (PEM).", dir_okay=False)] = None,
+    tls: Annotated[str, typer.Option(help="self-signed: HTTPS with a certificate that the service makes.")] = "off",
     simulate: Annotated[bool, typer.Option(help="Start the simulated machine and acquire from it.")] = False,
     simulation_speed: Annotated[
         float, typer.Option(help="Machine seconds per second of the simulated machine, up to 4.")
@@ -173,7 +181,6 @@ def serve(
     json: Annotated[bool, typer.Option("--json", help="Print the address as JSON.")] = False,
 ) -> None:
     """Serve machines, recordings and identifications over HTTP until stopped."""
-    from server.serve import serve as run
     from server.settings import load_settings
 
     def ready(url: str) -> None:
@@ -183,10 +190,27 @@ def serve(
         "host": host,
         "port": port,
         "data_dir": data_dir,
+        "tls_cert": tls_cert,
+        "tls_key": tls_key,
+        "tls": tls,
         "simulate": simulate,
         "simulation_speed": simulation_speed,
     }
-    run(load_settings(config, **{name: value for name, value in options.items() if _was_given(context, name)}), ready)
+    settings = load_settings(config, **{name: value for name, value in options.items() if _was_given(context, name)})
+    with ExitStack() as stack:
+        simulation = None
+        if settings.simulate:
+            from server.simulation import Simulation
+
+            simulation = stack.enter_context(closing(Simulation()))  # it loads while this process does
+        from server.parts import installed_parts
+        from server.serve import serve as run
+
+        def parts() -> Any:
+            found = installed_parts()
+            return found if simulation is None else replace(found, simulation=simulation.machine)
+
+        run(settings, ready, parts)
 
 
 def _was_given(context: typer.Context, name: str) -> bool:

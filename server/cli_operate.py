@@ -9,10 +9,14 @@ from typing import Annotated, Any
 import typer
 
 from daq.console import print_json
+from server.secret_options import no_secret
 
 Config = Annotated[Path | None, typer.Option(help="Configuration file of the service.", dir_okay=False)]
 DataDir = Annotated[Path | None, typer.Option(help="Data directory of the service.", file_okay=False)]
-DatabaseUrl = Annotated[str | None, typer.Option(help="PostgreSQL of the service; without, the SQLite in --data-dir.")]
+DatabaseUrl = Annotated[
+    str | None,
+    typer.Option(help="PostgreSQL of the service, without a password; else the SQLite.", callback=no_secret),
+]
 
 
 def register(app: typer.Typer) -> None:
@@ -61,6 +65,8 @@ def backup(
         print_json({**made.__dict__, "path": str(place)})
     else:
         print(f"{place} ({made.bytes / 1e6:.1f} MB)")
+        if made.missing:
+            print(f"{len(made.missing)} files that the store names were not there: {', '.join(made.missing[:5])}")
 
 
 def restore(
@@ -83,6 +89,8 @@ def restore(
 
 
 def _settings(config: Path | None, **given: Any) -> Any:
+    from server.files import private_files
     from server.settings import load_settings
 
+    private_files()
     return load_settings(config, **{name: value for name, value in given.items() if value is not None})

@@ -14,6 +14,7 @@
         ├── UnsupportedFormatError  415 a kind of file that the service does not read
         ├── TooManyError  429 too many at once
         └── UnavailableError  503 a part of the service is not there at the moment
+            └── BusyError  503 all places for heavy work are taken
 
 The text of every one of them is one line that says what to do; it becomes ``detail`` of a problem document.
 """
@@ -107,6 +108,7 @@ class TooManyError(ServiceError):
     status = 429
     slug = "too-many"
     title = "Too many"
+    headers = MappingProxyType({"Retry-After": "5"})
 
 
 class UnavailableError(ServiceError):
@@ -115,6 +117,14 @@ class UnavailableError(ServiceError):
     status = 503
     slug = "unavailable"
     title = "Unavailable"
+
+
+class BusyError(UnavailableError):
+    """There is more heavy work than the service takes at once."""
+
+    slug = "busy"
+    title = "Busy"
+    headers = MappingProxyType({"Retry-After": "5"})
 
 
 class StartError(InputError):

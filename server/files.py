@@ -11,6 +11,7 @@
     ├── recalibrations/<id>/<place>/     request and log of the comparison
     ├── backups/<time>/          copies of everything that cannot be made again
     ├── identifications/<id>/<place>/    request.json, artefacts of the stages, report.json, report.html, <stage>.log
+    ├── tls/                     the site's own certificate and key
     ├── monitor/                 what monitors learnt, per calibration, and their logs
     └── simulation/              machine file and inbox of the simulated machine
 
@@ -23,11 +24,11 @@ import fcntl
 import os
 import secrets
 from collections.abc import AsyncIterable, Awaitable, Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
-from server.errors import ConflictError, StartError, TooLargeError
+from server.errors import ConflictError, StartError, TooLargeError, UnavailableError
 
 #: Bytes gathered before one write to disk; small enough to be nothing in memory.
 WRITE_BYTES = 2**20
@@ -39,6 +40,7 @@ class DataDirectory:
 
     def __init__(self, root: Path) -> None:
         self.root = root.resolve()
+        self._held: int | None = None
         self.machines = self.root / "machines"
         self.recordings = self.root / "recordings"
         self.identifications = self.root / "identifications"
@@ -49,6 +51,8 @@ class DataDirectory:
         try:
             for directory in (self.root, self.machines, self.recordings, self.identifications):
                 directory.mkdir(parents=True, exist_ok=True)
+            if self.root.stat().st_mode & 0o077:  # made before its files were private, or by somebody else
+                make_private(self.root)
         except OSError as error:
             raise StartError(f"--data-dir {root}: cannot be created ({error.strerror})") from None
 
@@ -95,7 +99,44 @@ class DataDirectory:
                     f"--data-dir {self.root}: another hilfit server is using it; stop that one or "
                     "give another directory"
                 ) from None
-            yield
+            self._held = file.fileno()
+            try:
+                yield
+            finally:
+                self._held = None
+
+    def check(self) -> None:
+        """See that the directory is the one that this server holds, and that it can be written.
+
+        Raises
+        ------
+        UnavailableError
+            If it was deleted, replaced or closed to us, or its disk is full.
+        """
+        try:
+            if self._held is not None and not os.path.samestat((self.root / "lock").stat(), os.fstat(self._held)):
+                raise UnavailableError("the data directory is another one than at the start; restart the service")
+            for directory in (self.machines, self.recordings, self.identifications):
+                directory.stat()
+            probe = self.root / f".probe-{secrets.token_hex(4)}"
+            probe.write_bytes(b"written")
+            probe.unlink()
+        except OSError as error:
+            raise UnavailableError(f"the data directory cannot be used ({error.strerror}); put it right") from None
+
+
+def private_files() -> None:
+    """Let this process, and what it starts, make files that only its user can read."""
+    os.umask(0o077)
+
+
+def make_private(root: Path) -> None:
+    """Take all rights of others from a directory and what is in it; links are left alone."""
+    for directory, _, names in os.walk(root):
+        for path in (Path(directory), *(Path(directory, name) for name in names)):
+            if not path.is_symlink():
+                with suppress(FileNotFoundError):  # of a service that runs
+                    path.chmod(path.stat().st_mode & 0o700)
 
 
 def write_atomically(path: Path, content: bytes) -> None:

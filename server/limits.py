@@ -121,7 +121,7 @@ class SafeHeaders:
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Pass the request on, adding to its response."""
-        api = str(scope.get("path", "")).startswith(("/api/", "/metrics", "/healthz"))
+        api = str(scope.get("path", "")).startswith(("/api/", "/metrics", "/healthz", "/livez", "/readyz"))
 
         async def sending(message: Message) -> None:
             if message["type"] == "http.response.start":

@@ -26,7 +26,7 @@ from server.problems import problem
 INDEX, NOT_FOUND = "index.html", "404.html"
 FOR_EVER, EACH_TIME = "public, max-age=31536000, immutable", "no-cache"
 #: Paths of programs: what is not there is told by a problem document.
-OF_PROGRAMS = (*CLOSED, "/healthz")
+OF_PROGRAMS = (*CLOSED, "/healthz", "/livez", "/readyz")
 #: Bytes below which compressing is not worth its headers.
 _WORTH_COMPRESSING = 600
 _READING = ("GET", "HEAD")

@@ -55,6 +55,7 @@ class RingRecorder:
             "seconds": summary.seconds,
             "missed_cycles": summary.missed_cycles,
             "quality": summary.quality,
+            "events": summary.events,
         }
 
     def recover(self, directory: Path) -> dict[Path, int]:

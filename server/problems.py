@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 from http import HTTPStatus
 from typing import Any
 
@@ -12,10 +13,12 @@ from fastapi.responses import JSONResponse
 from pydantic import BaseModel
 from sqlalchemy.exc import OperationalError
 from starlette.exceptions import HTTPException
+from starlette.routing import Match
 
 from daq.errors import AcquisitionError, HilfitError, InputError
 from server.errors import ServiceError
 
+INVALID = "Invalid content"
 MEDIA_TYPE = "application/problem+json"
 _log = structlog.stdlib.get_logger(__name__)
 
@@ -56,6 +59,16 @@ def problem(
     )
 
 
+def methods_of(request: Request) -> list[str]:
+    """All methods that there are for a request's path, whichever route takes them (RFC 9110 section 10.2.1)."""
+    found: set[str] = set()
+    for method in ("GET", "HEAD", "POST", "PUT", "PATCH", "DELETE"):
+        scope = dict(request.scope, method=method)
+        if any(route.matches(scope)[0] is Match.FULL for route in request.app.router.routes):
+            found.add(method)
+    return sorted(found)
+
+
 def install(app: FastAPI) -> None:
     """Make ``app`` answer every error with a problem document."""
 
@@ -76,11 +89,16 @@ def install(app: FastAPI) -> None:
 
     async def http_error(request: Request, error: Exception) -> JSONResponse:
         assert isinstance(error, HTTPException)
+        headers = dict(error.headers or {})
+        if error.status_code == 405:
+            headers["Allow"] = ", ".join(methods_of(request))
+        if error.status_code == 400:  # a body that is no JSON in UTF-8, or nested without end
+            return problem(request, 422, "the body is no JSON that can be read", slug="invalid", title=INVALID)
         detail = {
             404: f"there is nothing at {request.url.path}; the resources are listed in /api/v1/openapi.json",
             405: f"{request.method} is not possible here; see the header Allow",
         }.get(error.status_code, str(error.detail))
-        return problem(request, error.status_code, detail, headers=dict(error.headers or {}))
+        return problem(request, error.status_code, detail, headers=headers)
 
     async def validation_error(request: Request, error: Exception) -> JSONResponse:
         assert isinstance(error, RequestValidationError)
@@ -91,12 +109,25 @@ def install(app: FastAPI) -> None:
         first = errors[0] if errors else {"place": "request", "text": "cannot be read"}
         more = f" (and {len(errors) - 1} more)" if len(errors) > 1 else ""
         detail = " ".join(f"{first['place']}: {first['text']}{more}".split())
+        detail = detail.encode("utf-8", "backslashreplace").decode()  # it may quote what is not Unicode
         return problem(request, 422, detail, slug="invalid", title="Invalid content", errors=errors)
 
     async def store_unavailable(request: Request, error: Exception) -> JSONResponse:
         _log.error("store_unavailable", path=request.url.path, exc_info=error)
         detail = "the store is busy, full or gone; try again, and see the log of the service"
         return problem(request, 503, detail, slug="unavailable", title="Unavailable", headers={"Retry-After": "5"})
+
+    async def storage_failed(request: Request, error: Exception) -> JSONResponse:
+        assert isinstance(error, OSError)
+        _log.error("storage_failed", path=request.url.path, exc_info=error)
+        full = error.errno in (errno.ENOSPC, errno.EDQUOT)
+        detail = "the disk is full; make room" if full else "the data directory cannot be used; the log says why"
+        headers = {"Retry-After": "30"}
+        return problem(request, 503, detail, slug="unavailable", title="Unavailable", headers=headers)
+
+    async def not_text(request: Request, error: Exception) -> JSONResponse:
+        # JSON may hold half of a surrogate pair (RFC 8259 section 8.2), which no encoding of text can write.
+        return problem(request, 422, "a text in the request is not Unicode; correct it", slug="invalid", title=INVALID)
 
     async def unexpected(request: Request, error: Exception) -> JSONResponse:
         # The text of an unexpected error may hold paths and values; it belongs in the log only.
@@ -111,4 +142,6 @@ def install(app: FastAPI) -> None:
     app.add_exception_handler(HTTPException, http_error)
     app.add_exception_handler(RequestValidationError, validation_error)
     app.add_exception_handler(OperationalError, store_unavailable)
+    app.add_exception_handler(OSError, storage_failed)
+    app.add_exception_handler(UnicodeEncodeError, not_text)
     app.add_exception_handler(Exception, unexpected)

@@ -6,9 +6,12 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from server.access.names import MachineName, RecordingId
 from server.store import Identification, Job, MachineRow, Page, RecordingRow
 
 Role = Literal["unloaded", "train", "repeat", "validate", "operation"]
+#: ``true`` or ``false``, not 0, "no" or what else Python takes for one.
+Flag = Annotated[bool, Field(strict=True)]
 Label = Annotated[str, Field(max_length=200)]
 
 
@@ -62,13 +65,13 @@ class MachineList(BaseModel):
 class AcquisitionWish(_Body):
     """Whether acquisition of a machine should run."""
 
-    enabled: bool
+    enabled: Flag
 
 
 class RecordingStart(_Body):
     """Start recording a machine that is being acquired; without ``seconds`` until it is stopped."""
 
-    machine: str
+    machine: MachineName
     role: Role
     label: Label = ""
     seconds: Annotated[float, Field(gt=0, le=86400)] | None = None
@@ -113,7 +116,7 @@ class RecordingList(BaseModel):
 class RecordingChoice(_Body):
     """A recording to identify from, by default in the role that it was recorded in."""
 
-    id: str
+    id: RecordingId
     role: Role | None = None
 
 
@@ -122,22 +125,25 @@ class IdentificationOptions(_Body):
 
     ``loop``: look for what the model lacks. ``bandwidth_hz``: identification bandwidth, None: from the motion.
     ``bootstrap``: most replicas that a null distribution is drawn from. ``forgetting``: factor of stage 1's recursion,
-    1 forgets nothing. ``estimator``, ``covariance``: of stage 2. ``prior`` names a file: only the command line has it.
+    1 forgets nothing. ``estimator``, ``covariance``: of stage 2. ``prior`` and ``columns`` name files: only the command
+    line has them. ``resample``: stored recordings have the machine's rate already, so it changes nothing.
     """
 
-    loop: bool = True
+    loop: Flag = True
     bandwidth_hz: Annotated[float, Field(gt=0)] | None = None
     bootstrap: Annotated[int, Field(ge=0, le=1000)] = 18
     forgetting: Annotated[float, Field(gt=0, le=1)] = 1.0
     estimator: Annotated[str, Field(max_length=64)] = "gls"
     covariance: Literal["hac", "bootstrap", "white"] = "hac"
     prior: None = None
+    columns: None = None
+    resample: bool = False
 
 
 class IdentificationOrder(_Body):
     """What to identify."""
 
-    machine: str
+    machine: MachineName
     recordings: Annotated[list[RecordingChoice], Field(min_length=1, max_length=200)]
     options: IdentificationOptions = IdentificationOptions()
     label: Label = ""
@@ -224,6 +230,6 @@ class Status(BaseModel):
 
 
 class Health(BaseModel):
-    """Answered when HTTP and the store work."""
+    """Answered when all is well."""
 
     status: Literal["ok"]

@@ -16,6 +16,8 @@ from server import logs
 from server.access.pairing import pairing_url
 from server.app import create_app
 from server.errors import StartError
+from server.files import private_files
+from server.http_limits import BoundedHttp
 from server.parts import installed_parts
 from server.service import Parts, Service
 from server.settings import Settings, refuse_open_host
@@ -63,6 +65,7 @@ def serve(settings: Settings, ready: Callable[[str], None], make_parts: Callable
         If the address is not of this computer only, or taken; or the data directory cannot be used.
     """
     refuse_open_host(settings)
+    private_files()
     logs.configure()
     # uvicorn handles signals while it runs and raises them again when it is done; our children still have to
     # be ended then.
@@ -71,14 +74,21 @@ def serve(settings: Settings, ready: Callable[[str], None], make_parts: Callable
     with _listen(settings.host, settings.port) as listening:
         port = listening.getsockname()[1]
         host = f"[{settings.host}]" if ":" in settings.host else settings.host
-        url = f"http://{host}:{port}"
+        url = f"{settings.scheme}://{host}:{port}"
         service = Service(settings, make_parts())
         try:
             service.start()
+            tls = service.certificate
             config = uvicorn.Config(
                 create_app(service),
+                http=BoundedHttp,
+                ssl_certfile=None if tls is None else tls.path,
+                ssl_keyfile=None if tls is None else tls.key,
                 log_config=None,
                 access_log=False,
+                # Nobody is believed who says for whom they ask, not even at this computer, unless they are named.
+                proxy_headers=bool(settings.trusted_proxies),
+                forwarded_allow_ips=list(settings.trusted_proxies),
                 timeout_graceful_shutdown=GRACE_S,
                 server_header=False,
                 ws_max_size=4096,  # nothing that a client says is read
@@ -90,7 +100,7 @@ def serve(settings: Settings, ready: Callable[[str], None], make_parts: Callable
             def listens() -> None:
                 ready(url)
                 if first is not None:
-                    address = pairing_url(settings.public_url(port), first.digits)
+                    address = pairing_url(settings.public_url(port), first.digits, service.fingerprint)
                     print(f"pair the first admin with {first.digits} within 15 minutes: {address}", file=sys.stderr)
 
             _Server(config, service, listens).run(sockets=[listening])

@@ -6,16 +6,18 @@ import asyncio
 import os
 import signal
 from collections.abc import Callable
-from contextlib import ExitStack, suppress
+from contextlib import AbstractContextManager, ExitStack, suppress
 from dataclasses import dataclass
 from datetime import datetime
 from importlib.metadata import version
+from pathlib import Path
 from typing import Any
 
 import structlog
 from fastapi.concurrency import run_in_threadpool
 from sqlalchemy.exc import SQLAlchemyError
 
+from daq.events import events_path
 from server.access.desk import Access
 from server.acquisition import Acquisition, Launch
 from server.alarms import Alarms
@@ -29,6 +31,7 @@ from server.errors import ConflictError, UnavailableError
 from server.executors import Presence, Silence
 from server.files import DataDirectory
 from server.formats.exports import Exports
+from server.heavy import Heavy
 from server.identify import Wish, order_identification
 from server.jobs.excitation import PROGRAM as DESIGN
 from server.jobs.excitation import ExcitationKind
@@ -40,6 +43,7 @@ from server.jobs.recalibration import Calibrations as CalibrationsOfJobs
 from server.jobs.recalibration import RecalibrationKind, Surroundings, new_recalibration
 from server.jobs.site import Site
 from server.live import Hub, Revisions
+from server.machine_reader import MachineReader
 from server.monitor import Monitors
 from server.replays import Replays
 from server.resources import Status
@@ -47,12 +51,14 @@ from server.schedules.clock import ScheduleClock
 from server.sessions import Recorder, Sessions
 from server.settings import Settings
 from server.shared_recordings import SharedRecordings
+from server.simulation import simulated_machine
 from server.stages import StageProgram
 from server.store import Database, Identification, Identifications, Jobs, MachineRow, Machines, Recordings
 from server.store.database import utc_now
 from server.store.excitations import Excitation, Excitations
 from server.store.recalibrations import Recalibrations
 from server.store.schedules import Schedule, Schedules
+from server.tls import Certificate, certificate
 from server.uploads import MachineUploads, RecordingUploads
 from server.workflows import EXECUTOR, QUEUES, JobRunner
 
@@ -74,6 +80,7 @@ class Parts:
     comparison: tuple[str, ...] = COMPARISON
     calibrations: Callable[[Service], CalibrationsOfJobs] = _by_policy
     clock: Callable[[], datetime] = utc_now
+    simulation: Callable[[Path, float], AbstractContextManager[Path]] = simulated_machine
 
 
 class Service:
@@ -88,25 +95,32 @@ class Service:
         self._resources.enter_context(self.files.locked())
         self.files.clean()
         self._database = Database(
-            settings.database_url or self.files.database, changed=self.changes.notify, backups=self.files.backups
+            settings.full_database_url or self.files.database, changed=self.changes.notify, backups=self.files.backups
         )
         self._resources.callback(self._database.close)
         self._resources.enter_context(self._database.alone())
+        self.certificate = certificate(settings, self.files, utc_now)
         self.backups = Backups(self.files, self._database.url, utc_now, settings.backup_dir)
         self._daily_backups = DailyBackups(self.backups)
         self.audit = Audit(self._database)
-        self.access = Access(self._database, self.audit, settings.access == "required")
+        self.access = Access(self._database, self.audit, settings.access == "required", settings.token_days)
         self.replays = Replays()
         self.machines = Machines(self._database)
         self.recordings = Recordings(self._database)
         self.jobs = Jobs(self._database)
         self.identifications = Identifications(self._database)
         self.results = Results(self._database, self.files)
-        self.calibrations = Calibrations(self._database, self.files)
+        self.calibrations = Calibrations(self._database, self.files, settings.approves_own)
         self.exports = Exports(self.files)
         self._shared = None if settings.recordings_url is None else SharedRecordings(settings.recordings_url)
         self.recording_uploads = RecordingUploads(self._database, self.files)
-        self._machine_uploads = MachineUploads(self._database, self.files)
+        self.machine_reader = MachineReader(self.files)
+        self._resources.callback(self.machine_reader.close)
+        self._machine_uploads = MachineUploads(self._database, self.files, self.machine_reader)
+        self.heavy = Heavy()
+        self._resources.callback(self.heavy.close)
+        self.pairing = Heavy(slots=1, places=16, share=4)
+        self._resources.callback(self.pairing.close)
         self._identification = IdentificationKind(self._database, self.files, parts.program)
         self.acquisition = Acquisition(parts.launch, self.changes.notify)
         self.hub = Hub(self.acquisition, lambda: self.changes.closed)
@@ -118,6 +132,7 @@ class Service:
         self.schedules = Schedules(self._database)
         self.recalibrations = Recalibrations(self._database)
         self.designs = ExcitationKind(self._database, self.files, parts.design)
+        self._simulation = parts.simulation
         self._simulated: str | None = None
         self.site = Site(
             self._database, self.files, self.acquisition, self.sessions, self.designs, lambda: self._simulated
@@ -190,25 +205,25 @@ class Service:
         self.runner.take_over(self._silence.silent)
 
     def _simulate(self) -> None:
-        from server.simulation import simulated_machine
-
-        path = self._resources.enter_context(simulated_machine(self.files.simulation, self.settings.simulation_speed))
-        row, _ = self._machine_uploads.add(path.read_bytes(), acquire=True)
+        speed = self.settings.simulation_speed
+        path = self._resources.enter_context(self._simulation(self.files.simulation, speed))
+        row, _ = self._machine_uploads.add(path.read_bytes(), acquire=True, own=True)
         self.machines.set_acquire(row.name, True)
         self._simulated = row.name
 
     def check_machine(self, content: bytes, allowed: Callable[[str], bool]) -> tuple[str, int]:
         """A machine file's machine and the version that it would be; refuses what :meth:`upload_machine` would."""
-        return self._machine_uploads.check(content, allowed)
+        return self._machine_uploads.check(content, allowed, self._simulated)
 
     def upload_machine(
         self, content: bytes, allowed: Callable[[str], bool] = lambda name: True, expected: int | None = None
     ) -> tuple[MachineRow, bool]:
         """Store a machine file; a machine that is being acquired goes on with the new one.
 
-        NotFoundError if the machine is not ``allowed``, PreconditionError if ``expected`` is not its version.
+        NotFoundError if the machine is not ``allowed``, PreconditionError if ``expected`` is not its version,
+        ConflictError if it is the simulated one.
         """
-        row, made = self._machine_uploads.add(content, allowed=allowed, expected=expected)
+        row, made = self._machine_uploads.add(content, allowed=allowed, protected=self._simulated, expected=expected)
         if made and row.acquire:
             self.acquisition.start(row.name, self.files.machine_file(row.name, row.version))
         return row, made
@@ -239,6 +254,12 @@ class Service:
         identification = order_identification(self._database, wish, self._identification.stages, key)
         self.runner.enqueue(identification.job)
         return identification
+
+    @property
+    def fingerprint(self) -> str | None:
+        """Of the certificate that only its fingerprint vouches for; None without such a one."""
+        found: Certificate | None = self.certificate
+        return found.fingerprint if found is not None and found.self_made else None
 
     def now(self) -> str:
         """The time as the store writes it."""
@@ -277,7 +298,9 @@ class Service:
         """Delete a recording and its file; refused while it is in use."""
         row = self.recordings.get(id)
         self.recordings.delete(id)
-        (self.files.recordings / f"{id}.{row.format}").unlink(missing_ok=True)
+        file = self.files.recordings / f"{id}.{row.format}"
+        for path in (file, events_path(file)):
+            path.unlink(missing_ok=True)
         if self._shared is not None:
             self._shared.remove(row)
         self.exports.kept_statistics(id).unlink(missing_ok=True)
@@ -317,7 +340,10 @@ class Service:
         )
 
     def check(self) -> None:
-        """Raise UnavailableError if the store cannot be read."""
+        """Raise UnavailableError if the store cannot be read, or the data directory not be written."""
+        self.files.check()
+        if self._database.is_sqlite and not self.files.database.is_file():
+            raise UnavailableError("the store's file is gone; restore a backup and restart the service")
         try:
             self._database.check()
         except SQLAlchemyError as error:

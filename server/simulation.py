@@ -3,33 +3,82 @@
 from __future__ import annotations
 
 import json
+import os
+import subprocess
+import sys
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
-from server.errors import UnavailableError
+from server.errors import StartError, UnavailableError
 from server.files import write_atomically
+
+#: s that the simulated buses have to end.
+LEAVING_S = 15.0
+
+
+class Simulation:
+    """The process of the simulated machine; it loads from the moment it is made, and waits for :meth:`machine`."""
+
+    def __init__(self) -> None:
+        self._process = subprocess.Popen(
+            [sys.executable, "-P", "-m", "server.simulation_child", str(os.getpid())],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+            start_new_session=True,  # Ctrl-C is for the service, which ends it in its turn
+        )
+
+    def close(self) -> None:
+        """End it, and the buses with it."""
+        process = self._process
+        assert process.stdin is not None and process.stdout is not None
+        with suppress(BrokenPipeError):
+            process.stdin.close()
+        try:
+            process.wait(LEAVING_S)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.wait()
+        process.stdout.close()
+
+    @contextmanager
+    def machine(self, directory: Path, speed: float) -> Iterator[Path]:
+        """Simulated buses of the default machine, with an effect in the plant that its machine file does not know.
+
+        Parameters
+        ----------
+        directory : gets ``machine.yaml``, the controller's ``inbox/`` for motion files, and logs
+        speed : machine seconds per second
+
+        Yields
+        ------
+        The machine file with the addresses that hold for this run.
+
+        Raises
+        ------
+        StartError
+            If they do not start; one line.
+        """
+        process = self._process
+        assert process.stdin is not None and process.stdout is not None
+        with closing(self):
+            with suppress(BrokenPipeError):
+                process.stdin.write(json.dumps({"directory": str(directory), "speed": speed}) + "\n")
+                process.stdin.flush()
+            line = process.stdout.readline()
+            said = json.loads(line) if line else {"error": "its process ended; the log above says why"}
+            if "error" in said:
+                raise StartError(f"--simulate: the simulated machine does not start: {said['error']}")
+            yield Path(said["machine"])
 
 
 @contextmanager
 def simulated_machine(directory: Path, speed: float) -> Iterator[Path]:
-    """Simulated buses of the default machine, with an effect in the plant that its machine file does not know.
-
-    Parameters
-    ----------
-    directory : gets ``machine.yaml``, the controller's ``inbox/`` for motion files, and logs
-    speed : machine seconds per second
-
-    Yields
-    ------
-    The machine file with the addresses that hold for this run.
-    """
-    from sim_backends import SimulatedMachine, default_machine
-
-    machine, truth = default_machine()
-    with SimulatedMachine(machine, truth, undeclared="demo", speed=speed, workdir=directory) as simulated:
-        yield simulated.machine_path
+    """As :meth:`Simulation.machine`, of a process that is made now."""
+    with Simulation().machine(directory, speed) as path:
+        yield path
 
 
 class SimulatedController:

@@ -7,10 +7,11 @@ import secrets
 import sys
 import threading
 from collections.abc import Callable
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Literal, cast
 
-from daq import ROLES, Machine, parse_machine
+from daq import ROLES, parse_machine
 from server.children import run_child
 from server.disk import free_bytes, require_room
 from server.errors import (
@@ -23,19 +24,22 @@ from server.errors import (
 )
 from server.files import DataDirectory, sync_directory, write_atomically
 from server.formats.exports import Exports
+from server.machine_reader import MachineReader, ReadMachine
 from server.store import Database, MachineRow, Machines, RecordingRow, Recordings
 
 #: Seconds that looking at a recording may take.
 INSPECTION_S = 120.0
-SHOWN_NAME = "machine.yaml"
+#: Kinds of files that are taken; all but the first two are kept as Parquet.
+ENDINGS = (".csv", ".parquet", ".txt", ".tsv", ".mf4", ".mat", ".db3", ".mcap")
 
 
 class MachineUploads:
     """Takes machine files; every change of a machine's file is a version of its own."""
 
-    def __init__(self, database: Database, files: DataDirectory) -> None:
+    def __init__(self, database: Database, files: DataDirectory, reader: MachineReader) -> None:
         self._machines = Machines(database)
         self._files = files
+        self._reader = reader
         self._lock = threading.Lock()  # two uploads of one machine must not take the same version number
 
     def add(
@@ -43,13 +47,17 @@ class MachineUploads:
         content: bytes,
         *,
         acquire: bool = False,
+        own: bool = False,
         allowed: Callable[[str], bool] = lambda name: True,
+        protected: str | None = None,
         expected: int | None = None,
     ) -> tuple[MachineRow, bool]:
         """Check and store the text of a machine file.
 
         Parameters
         ----------
+        own : whether it was written by this service, so that it can be read here
+        protected : machine whose file no upload may change
         expected : the version that the writer knows as the current one (0: none), None where that does not matter
 
         Returns
@@ -62,8 +70,10 @@ class MachineUploads:
             One line: line, key, what to do.
         PreconditionError
             If another version than ``expected`` is the current one.
+        ConflictError
+            If it would change the ``protected`` machine.
         """
-        machine, digest = self._parsed(content, allowed)
+        machine, digest = self._parsed(content, allowed, own)
         with self._lock:
             version = self._machines.next_version(machine.name, digest)
             if expected is not None and version is not None and version != expected + 1:
@@ -72,11 +82,14 @@ class MachineUploads:
                     "changes together"
                 )
             if version is not None:
-                write_atomically(self._files.machine_file(machine.name, version), content)
+                _refuse_protected(machine.name, protected)
+                path = self._files.machine_file(machine.name, version)
+                write_atomically(path, content)
+                self._reader.keep(path, machine.content)
                 self._machines.add(machine.name, version, digest, acquire=acquire)
         return self._machines.get(machine.name), version is not None
 
-    def check(self, content: bytes, allowed: Callable[[str], bool]) -> tuple[str, int]:
+    def check(self, content: bytes, allowed: Callable[[str], bool], protected: str | None = None) -> tuple[str, int]:
         """Check the text of a machine file; the machine's name, and the version that it would be.
 
         Raises
@@ -85,23 +98,30 @@ class MachineUploads:
         """
         machine, digest = self._parsed(content, allowed)
         version = self._machines.next_version(machine.name, digest)
-        return machine.name, self._machines.get(machine.name).version if version is None else version
+        if version is None:
+            return machine.name, self._machines.get(machine.name).version
+        _refuse_protected(machine.name, protected)
+        return machine.name, version
 
-    def _parsed(self, content: bytes, allowed: Callable[[str], bool]) -> tuple[Machine, str]:
+    def _parsed(self, content: bytes, allowed: Callable[[str], bool], own: bool = False) -> tuple[ReadMachine, str]:
         """The machine of a text, and the text's SHA-256."""
-        try:
-            machine = parse_machine(content.decode("utf-8"), name=SHOWN_NAME)
-        except UnicodeDecodeError:
-            raise InvalidError(f"{SHOWN_NAME}: is not text in UTF-8; send the text of a machine file") from None
-        except RecursionError:
-            raise InvalidError(f"{SHOWN_NAME}: is nested too deeply for a machine file") from None
+        machine = ReadMachine.of(parse_machine(content.decode())) if own else self._reader.read(content)
         if not allowed(machine.name):
             raise NotFoundError(f"there is no machine '{machine.name}' for you; ask an admin to bind you to it")
         return machine, hashlib.sha256(content).hexdigest()
 
 
+def _refuse_protected(name: str, protected: str | None) -> None:
+    if name == protected:
+        raise ConflictError(
+            f"machine '{name}' is the one that this service simulates: with another file it would look for its buses "
+            "elsewhere, and be acquired no more. Recordings of it can be uploaded as they are; for a machine of your "
+            "own change name: in the file, or serve without --simulate"
+        )
+
+
 class RecordingUploads:
-    """Takes recordings as CSV, Parquet or MDF4 (which is kept as Parquet)."""
+    """Takes recordings as CSV, Parquet, and as other tools write them (which is kept as Parquet)."""
 
     def __init__(self, database: Database, files: DataDirectory) -> None:
         self._database = database
@@ -122,16 +142,33 @@ class RecordingUploads:
         if role not in ROLES:
             raise InvalidError(f"role '{role}' is unknown; use one of {', '.join(ROLES)}")
         suffix = Path(name).suffix.lower()
-        if suffix not in (".csv", ".parquet", ".mf4"):
+        if suffix not in ENDINGS:
             raise UnsupportedFormatError(
-                f"'{name}' is none of .csv, .parquet and .mf4; export the recording as one of them"
+                f"'{name}' is none of {', '.join(ENDINGS)}; export the recording as one of them"
+            )
+        if suffix == ".mf4" and find_spec("asammdf") is None:
+            raise UnsupportedFormatError(
+                f"'{name}': this service reads no MDF4 (hilfit[export] is not installed); upload .csv or .parquet"
             )
         require_room(free_bytes(self._files.recordings))
         incoming = self._files.incoming()
         return incoming.with_name(incoming.name + suffix)
 
-    def add(self, incoming: Path, machine: str, role: str, label: str) -> RecordingRow:
+    def add(
+        self,
+        incoming: Path,
+        machine: str,
+        role: str,
+        label: str,
+        columns: str | None = None,
+        resample: bool = False,
+    ) -> RecordingRow:
         """Check the file at ``incoming`` and move it into the store; it is gone from there whatever happens.
+
+        Parameters
+        ----------
+        columns : text of a map of the file's columns (:mod:`daq.column_map`)
+        resample : whether another rate is brought to the machine's
 
         Raises
         ------
@@ -140,8 +177,8 @@ class RecordingUploads:
         """
         try:
             version = self._machines.get(machine).version
-            if incoming.suffix == ".mf4":
-                incoming = self._exports.from_mdf4(incoming, machine, version, label)
+            if incoming.suffix not in (".csv", ".parquet") or columns is not None or resample:
+                incoming = self._exports.imported(incoming, machine, version, label, columns, resample)
             machine_file = self._files.machine_file(machine, version)
             result = run_child(
                 [sys.executable, "-P", "-m", "server.inspect_recording", str(incoming), str(machine_file), role],

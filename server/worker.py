@@ -22,7 +22,7 @@ import structlog
 from server import logs
 from server.errors import StartError
 from server.executors import Presence
-from server.files import DataDirectory
+from server.files import DataDirectory, private_files
 from server.jobs.excitation import ExcitationKind
 from server.jobs.identification import IdentificationKind
 from server.jobs.kinds import NUMERICAL
@@ -55,6 +55,7 @@ def work(
         raise StartError("database_url: is not set; workers need the PostgreSQL of their service")
     if name == EXECUTOR or not name.replace("-", "").replace("_", "").replace(".", "").isalnum():
         raise StartError(f"--name {name}: use letters, digits, '-', '_' and '.', and not '{EXECUTOR}'")
+    private_files()
     logs.configure()
     told = threading.Event()
 
@@ -67,7 +68,7 @@ def work(
     scratch = Path(tempfile.gettempdir()) / f"hilfit-{name}"
     with _alone(files, name):
         shutil.rmtree(scratch, ignore_errors=True)  # what a killed worker of this name had fetched
-        database = Database(settings.database_url, changed=lambda: None, backups=files.backups)
+        database = Database(settings.full_database_url or "", changed=lambda: None, backups=files.backups)
         # The lock's age tells a health check that this process lives and reaches the database.
         presence = Presence(database, f"worker-{name}", lambda: os.utime(files.root / f"lock-worker-{name}"))
         shared = None if settings.recordings_url is None else SharedRecordings(settings.recordings_url)

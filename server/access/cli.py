@@ -8,6 +8,8 @@ from typing import Annotated
 
 import typer
 
+from server.secret_options import no_secret
+
 
 def register(app: typer.Typer) -> None:
     """Add the commands."""
@@ -23,7 +25,8 @@ def pair(
     config: Annotated[Path | None, typer.Option(help="Configuration file of the service.", dir_okay=False)] = None,
     data_dir: Annotated[Path | None, typer.Option(help="Data directory of the service.", file_okay=False)] = None,
     database_url: Annotated[
-        str | None, typer.Option(help="PostgreSQL of the service; without, the SQLite in --data-dir.")
+        str | None,
+        typer.Option(help="PostgreSQL of the service, without a password; else the SQLite.", callback=no_secret),
     ] = None,
     json: Annotated[bool, typer.Option("--json", help="Print the code as JSON.")] = False,
 ) -> None:
@@ -33,19 +36,22 @@ def pair(
     from server.access.principals import ROLES, Principal
     from server.audit import Audit
     from server.errors import StartError
-    from server.files import DataDirectory
+    from server.files import DataDirectory, private_files
     from server.settings import load_settings
     from server.store import Database
+    from server.store.database import utc_now
+    from server.tls import certificate
 
     found = next((known for known in ROLES if known == role), None)
     if found is None:
         raise StartError(f"--role {role}: is no role; use one of {', '.join(ROLES)}")
     given = {"data_dir": data_dir, "database_url": database_url}
     settings = load_settings(config, **{name: value for name, value in given.items() if value is not None})
+    private_files()
     files = DataDirectory(settings.data_dir)
     if settings.database_url is None and not files.database.is_file():
         raise StartError(f"--data-dir {settings.data_dir}: holds no store; start 'hilfit serve' once")
-    database = Database(settings.database_url or files.database, changed=lambda: None, backups=files.backups)
+    database = Database(settings.full_database_url or files.database, changed=lambda: None, backups=files.backups)
     try:
         audit = Audit(database)
         by = Principal("command-line", "command line", "admin", None, "local")
@@ -53,7 +59,9 @@ def pair(
         audit.write(by, "access.make_pairing_code", "", {"role": found, "machines": machine or None})
     finally:
         database.close()
-    url = pairing_url(settings.public_url(settings.port), code.digits)
+    found_tls = certificate(settings, files, utc_now)
+    fingerprint = found_tls.fingerprint if found_tls is not None and found_tls.self_made else None
+    url = pairing_url(settings.public_url(settings.port), code.digits, fingerprint)
     if json:
         print(json_format.dumps({"code": code.digits, "role": role, "expires": code.expires, "url": url}))
         return

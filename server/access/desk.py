@@ -4,16 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 
+from server.access.connections import Connections
 from server.access.machines import Thing, machines_of_jobs, refuse_foreign
 from server.access.pairing import Code, PairingCodes
 from server.access.principals import LOCAL, Principal, Role
+from server.access.rates import Rate, Rates
 from server.access.store import Holder, Holders
 from server.audit import Audit
-from server.errors import InvalidError
+from server.errors import ForbiddenError, InvalidError
 from server.store import Database, Machines
 
 #: In whose name the code of the first admin is made.
 FIRST_START = "first start"
+#: Failed pairings that get an entry each in the audit log; of those beyond the next entry says how many.
+FAILURES = Rate(1 / 30, 30)
 
 
 class Access:
@@ -22,11 +26,16 @@ class Access:
     Parameters
     ----------
     required : whether a request needs a token; otherwise everybody is :data:`LOCAL`
+    days : that a token is good for, unless who makes it says another number
     """
 
-    def __init__(self, database: Database, audit: Audit, required: bool) -> None:
+    def __init__(self, database: Database, audit: Audit, required: bool, days: int | None = None) -> None:
         self.required = required
-        self.holders = Holders(database)
+        self.connections = Connections()
+        self.holders = Holders(database, self.connections.end)
+        self._days = days
+        self._failures = Rates()
+        self._unnoted = 0
         self._database = database
         self._machines = Machines(database)
         self._codes = PairingCodes(database)
@@ -44,27 +53,57 @@ class Access:
         holder = self.holders.known(token)
         return None if holder is None else holder.principal
 
-    def open_code(self, role: Role, machines: Sequence[str] | None, by: Principal) -> Code:
-        """A pairing code for one device; InvalidError if a machine is not there."""
-        return self._codes.make(role, self._checked(machines), by.name)
+    def expires(self, token: str) -> str | None:
+        """When a token that is known expires; None if never."""
+        holder = self.holders.known(token)
+        return None if holder is None else holder.expires
 
-    def pair(self, digits: str, name: str) -> tuple[Holder, str]:
-        """Make a device of an open code; the device, and its token, which is shown this once."""
-        grant = self._codes.take(digits)
-        holder, token = self.holders.add("device", name, grant.role, grant.machines, grant.created_by)
+    def now(self) -> str:
+        """The time as the store writes it."""
+        return self._database.now()
+
+    def open_code(self, role: Role, machines: Sequence[str] | None, by: Principal, days: int | None = None) -> Code:
+        """A pairing code for one device; InvalidError if a machine is not there."""
+        return self._codes.make(role, self._checked(machines), by.name, days or self._days)
+
+    def pair(self, digits: str, name: str, address: str = "") -> tuple[Holder, str]:
+        """Make a device of an open code; the device, and its token, which is shown this once.
+
+        Raises
+        ------
+        ForbiddenError
+            If no open code is this one; the audit log has it, with the ``address`` that it came from.
+        """
+        try:
+            grant = self._codes.take(digits)
+        except ForbiddenError:
+            self._note_failure(address, name)
+            raise
+        holder, token = self.holders.add("device", name, grant.role, grant.machines, grant.created_by, grant.days)
         self._audit.write(holder.principal, "access.pair", holder.id, {"role": holder.role, "by": grant.created_by})
         return holder, token
 
-    def make_key(self, name: str, role: Role, machines: Sequence[str] | None, by: Principal) -> tuple[Holder, str]:
+    def _note_failure(self, address: str, name: str) -> None:
+        """Write it into the log, which is never shortened: who floods it finds that it only counts."""
+        if self._failures.wait("failures", FAILURES):
+            self._unnoted += 1
+            return
+        more, self._unnoted = self._unnoted, 0
+        detail = {"name": name} | ({"more_before": more} if more else {})
+        self._audit.write("nobody", "access.pair_failed", address, detail)
+
+    def make_key(
+        self, name: str, role: Role, machines: Sequence[str] | None, by: Principal, days: int | None = None
+    ) -> tuple[Holder, str]:
         """A new API key, which is shown this once."""
-        return self.holders.add("key", name, role, self._checked(machines), by.name)
+        return self.holders.add("key", name, role, self._checked(machines), by.name, days or self._days)
 
     def first_admin(self) -> Code | None:
         """A pairing code if access control is on and nobody could give one yet."""
         if not self.required or self.holders.has_admin():
             return None
         self._codes.withdraw(FIRST_START)  # of a start before, which nobody used: they must not pile up
-        return self._codes.make("admin", None, FIRST_START)
+        return self._codes.make("admin", None, FIRST_START, self._days)
 
     def refuse_foreign(self, principal: Principal, things: Iterable[Thing]) -> None:
         """NotFoundError if a thing belongs to a machine that does not exist for ``principal``."""

@@ -5,20 +5,19 @@
     @router.post("/{id}/stop", dependencies=[require("operate")])
     def stop(id: str, service: ServiceDep, principal: PrincipalDep) -> ...
 
-Whatever a request names (a machine, or something of a machine: in the path, as ``machine`` in the query, as
-``machine``, ``identification`` or ``recordings`` in a JSON body) does not exist (404) for a principal that is bound to
-other machines. Routes that list narrow their lists by ``principal.machines``.
+Whatever a request names (a machine, or something of a machine) does not exist (404) for a principal that is bound to
+other machines: :mod:`server.access.route` sees to that. Routes that list narrow their lists by ``principal.machines``.
 """
 
 from __future__ import annotations
 
 from typing import Annotated, Any
 
-from fastapi import Depends, Request, WebSocketException
+from fastapi import Depends, WebSocketException
 from fastapi.concurrency import run_in_threadpool
 from starlette.requests import HTTPConnection
 
-from server.access.machines import named_things
+from server.access.names import things_of_path
 from server.access.principals import LEAST_ROLE, Principal, Scope
 from server.errors import ForbiddenError, ServiceError, UnauthenticatedError
 from server.service import Service
@@ -92,12 +91,8 @@ def scope_of(route: Any) -> Scope | None:
 async def _only_its_machines(connection: HTTPConnection, principal: Principal) -> None:
     service = connection.app.state.service
     assert isinstance(service, Service)
-    content: Any = None
-    if connection.headers.get("content-type", "").startswith("application/json") and isinstance(connection, Request):
-        try:
-            content = await connection.json()  # kept by the request: the route reads it again
-        except ValueError:
-            content = None  # the route says what is wrong with it
-    path = str(connection.scope["path"])
-    things = named_things(path, connection.path_params, connection.query_params.getlist("machine"), content)
-    await run_in_threadpool(service.access.refuse_foreign, principal, things)
+    things = things_of_path(str(connection.scope["path"]), connection.path_params)
+    if connection.scope["type"] == "websocket":  # a request's query is checked once it is parsed
+        things |= {("machines", name) for name in connection.query_params.getlist("machine")}
+    if things:
+        await run_in_threadpool(service.access.refuse_foreign, principal, things)

@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import asyncio
+import ipaddress
+from contextlib import ExitStack
+
 import structlog
 from fastapi.concurrency import run_in_threadpool
 from sqlalchemy.exc import SQLAlchemyError
@@ -9,6 +13,7 @@ from starlette.datastructures import Headers
 from starlette.requests import Request
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
+from server.access.connections import Stream
 from server.access.desk import Access
 from server.access.principals import Principal
 from server.access.rates import Rate, Rates
@@ -70,6 +75,43 @@ class Gate:
             await self._refuse(scope, receive, send)
             return
         scope["hilfit.principal"] = principal
+        if principal is not None and principal.kind in ("device", "key"):
+            self._access.connections.note(principal.id, self._access.now(), address)
+            await self._while_valid(principal, scope, receive, send)
+            return
+        await self._pass(principal, scope, receive, send)
+
+    async def _while_valid(self, principal: Principal, scope: Scope, receive: Receive, send: Send) -> None:
+        """Pass the request on; a stream that it opens ends with the token."""
+        access = self._access
+        with ExitStack() as open_streams:
+            stream = Stream()
+
+            def opened() -> None:
+                expires = access.expires(_token(scope) or "")
+                open_streams.enter_context(access.connections.stream(principal.id, stream, access.now(), expires))
+
+            async def sending(message: Message) -> None:
+                if message["type"] == "http.response.start" and _is_stream(message):
+                    opened()
+                await send(message)
+
+            if scope["type"] == "websocket":
+                opened()
+            try:
+                await self._pass(principal, scope, receive, sending)
+            except asyncio.CancelledError:
+                if not stream.ended:
+                    raise
+                task = asyncio.current_task()
+                assert task is not None
+                task.uncancel()
+                if scope["type"] == "websocket":
+                    await send({"type": "websocket.close", "code": 1008, "reason": "the token is no longer valid"})
+                else:
+                    await send({"type": "http.response.body", "body": b"", "more_body": False})
+
+    async def _pass(self, principal: Principal | None, scope: Scope, receive: Receive, send: Send) -> None:
         if scope["type"] == "websocket" or scope["method"] in _READING or principal is None:
             await self._app(scope, receive, send)
             return
@@ -95,9 +137,9 @@ class Gate:
 
     def _wait(self, scope: Scope, principal: Principal | None, address: str) -> int:
         if scope["path"] == PAIR_PATH:
-            return self._rates.wait(f"pairing {address}", PAIRING)
+            return self._rates.wait(f"pairing {_network(address)}", PAIRING)
         if principal is None:
-            return self._rates.wait(f"address {address}", self._strangers)
+            return self._rates.wait(f"address {_network(address)}", self._strangers)
         return 0 if principal.kind == "local" else self._rates.wait(f"principal {principal.id}", self._rate)
 
     async def _noted(self, principal: Principal, scope: Scope, receive: Receive, send: Send) -> None:
@@ -121,6 +163,19 @@ class Gate:
                     await run_in_threadpool(self._audit.write, principal, action, scope["path"], detail)
                 except SQLAlchemyError as error:  # what was done is done; the log of the service says it too
                     _log.error("audit_failed", action=action, subject=scope["path"], exc_info=error)
+
+
+def _network(address: str) -> str:
+    """What one stranger has: an IPv4 address, or the /64 of an IPv6 one (RFC 4291 section 2.5.4)."""
+    try:
+        found = ipaddress.ip_address(address)
+    except ValueError:
+        return address
+    return address if found.version == 4 else str(ipaddress.ip_network((address, 64), strict=False))
+
+
+def _is_stream(start: Message) -> bool:
+    return Headers(raw=start["headers"]).get("content-type", "").startswith("text/event-stream")
 
 
 def _token(scope: Scope) -> str | None:

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
-from typing import Any
+from collections.abc import Iterable
 
 import sqlalchemy as sa
 
@@ -21,36 +20,11 @@ _OF_A_MACHINE: dict[str, sa.Table] = {
     "recalibrations": tables.recalibrations,
     "alarms": tables.alarms,
 }
+#: Collections whose things belong to machines.
+COLLECTIONS = frozenset((*_OF_A_MACHINE, "machines", "jobs"))
 #: What jobs make.
 _MADE_BY_JOBS = (tables.identifications, tables.excitations, tables.recalibrations)
 Thing = tuple[str, str]
-
-
-def named_things(path: str, parameters: Mapping[str, Any], machines: Iterable[str], content: Any) -> set[Thing]:
-    """(collection, id) of everything that a request names.
-
-    Parameters
-    ----------
-    path : of the request, ``/api/v1/<collection>/...``
-    parameters : path parameters
-    machines : values of ``machine`` in the query
-    content : JSON body, None without one
-    """
-    parts = path.strip("/").split("/")
-    collection = parts[2] if len(parts) > 2 else ""
-    things: set[Thing] = {("machines", machine) for machine in machines}
-    for name in ("id", "name"):
-        if name in parameters:
-            things.add((collection, str(parameters[name])))
-    if isinstance(content, dict):
-        for key, where in (("machine", "machines"), ("identification", "identifications")):
-            if isinstance(content.get(key), str):
-                things.add((where, content[key]))
-        chosen = content.get("recordings")
-        for entry in chosen if isinstance(chosen, list) else ():
-            if isinstance(entry, dict) and isinstance(entry.get("id"), str):
-                things.add(("recordings", entry["id"]))
-    return things
 
 
 def refuse_foreign(database: Database, principal: Principal, things: Iterable[Thing]) -> None:
@@ -60,10 +34,8 @@ def refuse_foreign(database: Database, principal: Principal, things: Iterable[Th
     """
     with database.read() as connection:
         for collection, id in sorted(things):
-            if collection in _OF_A_MACHINE or collection in ("machines", "jobs"):
-                machine = _machine_of(connection, collection, id)
-                if not principal.may_see(machine):
-                    raise NotFoundError(f"there is no {collection.removesuffix('s')} '{id}' for '{principal.name}'")
+            if not principal.may_see(_machine_of(connection, collection, id)):
+                raise NotFoundError(f"there is no {collection.removesuffix('s')} '{id}' for '{principal.name}'")
 
 
 def machines_of_jobs(database: Database, jobs: Iterable[str]) -> dict[str, str]:

@@ -1,7 +1,8 @@
 """One-time codes that a person reads from one screen and types into another.
 
-Six digits are few: what protects them is that a code lives for minutes, that a wrong one counts against every open
-code, and that whoever steals the store finds Argon2id hashes, which take longer to try than the codes live.
+What protects ten digits: a code lives for minutes, each address may guess once in six seconds, all guesses are tried
+one after the other against Argon2id hashes, and whoever steals the store finds only those. A stranger's wrong guesses
+void nobody's code: only as many as no stranger makes from one place do.
 """
 
 from __future__ import annotations
@@ -10,20 +11,23 @@ import io
 import secrets
 from collections.abc import Callable
 from dataclasses import dataclass
-from datetime import datetime, timedelta
+from datetime import timedelta
 
 import argon2
 import segno
 import sqlalchemy as sa
 
 from server.access.principals import Role
+from server.access.store import later
 from server.errors import ForbiddenError, TooManyError
 from server.store import Database
 from server.store.tables import pairing_codes
 
 LIFETIME = timedelta(minutes=15)
-#: Wrong codes that a code survives: 5 of 10^6 are the chance to guess it.
-MOST_FAILURES = 5
+DIGITS = 10
+#: Wrong codes that a code survives, sixty times what one address can send in its life. With :data:`MOST_OPEN` codes
+#: the chance that one of so many guesses hits is 5 in a million, which is what six digits and five guesses had.
+MOST_FAILURES = 10_000
 #: Codes that are open at once; each makes a guess more likely, and each costs a hash per attempt.
 MOST_OPEN = 5
 #: OWASP's second choice for Argon2id: 19 MiB, two passes, about 30 ms.
@@ -47,23 +51,24 @@ class Grant:
     role: Role
     machines: tuple[str, ...] | None
     created_by: str
+    days: int | None
 
 
 class PairingCodes:
     """Makes and takes codes."""
 
     def __init__(
-        self, database: Database, digits: Callable[[], str] = lambda: f"{secrets.randbelow(10**6):06}"
+        self, database: Database, digits: Callable[[], str] = lambda: f"{secrets.randbelow(10**DIGITS):0{DIGITS}}"
     ) -> None:
         self._database = database
         self._digits = digits
 
-    def make(self, role: Role, machines: tuple[str, ...] | None, created_by: str) -> Code:
-        """A new code; TooManyError if :data:`MOST_OPEN` are open."""
+    def make(self, role: Role, machines: tuple[str, ...] | None, created_by: str, days: int | None = None) -> Code:
+        """A new code for a device whose token is good for ``days``; TooManyError if :data:`MOST_OPEN` are open."""
         digits = self._digits()
         hashed = HASHER.hash(digits)
         now = self._database.now()
-        expires = (datetime.fromisoformat(now) + LIFETIME).isoformat(timespec="milliseconds").replace("+00:00", "Z")
+        expires = later(now, LIFETIME)
         with self._database.write() as connection:
             connection.execute(pairing_codes.delete().where(_closed(now)))
             if connection.execute(sa.select(sa.func.count()).select_from(pairing_codes)).scalar_one() >= MOST_OPEN:
@@ -77,6 +82,7 @@ class PairingCodes:
                     created_by=created_by,
                     expires=expires,
                     failures=0,
+                    days=days,
                 )
             )
         return Code(digits, role, machines, expires)
@@ -103,15 +109,21 @@ class PairingCodes:
                 # Whoever deletes the row has the code; of two at once only one does.
                 mine = pairing_codes.delete().where(pairing_codes.c.id == row.id, sa.not_(_closed(now)))
                 if connection.execute(mine).rowcount == 1:
-                    return Grant(row.role, None if row.machines is None else tuple(row.machines), row.created_by)
+                    machines = None if row.machines is None else tuple(row.machines)
+                    return Grant(row.role, machines, row.created_by, row.days)
             connection.execute(pairing_codes.update().values(failures=pairing_codes.c.failures + 1))
         # Raised after the transaction: raised within, it would undo the count.
-        raise ForbiddenError("no open pairing code is this one; after five wrong ones all are void, ask for a new one")
+        raise ForbiddenError("no open pairing code is this one; type it again, or ask an admin for a new one")
 
 
-def pairing_url(base: str, digits: str) -> str:
-    """The address of the page that pairs with this code; behind ``#`` it reaches no server, log or referrer."""
-    return f"{base}/#pair={digits}"
+def pairing_url(base: str, digits: str, fingerprint: str | None = None) -> str:
+    """The address of the page that pairs with this code; behind ``#`` it reaches no server, log or referrer.
+
+    Parameters
+    ----------
+    fingerprint : SHA-256 of the certificate, where nothing else vouches for it
+    """
+    return f"{base}/#pair={digits}" + (f"&sha256={fingerprint}" if fingerprint is not None else "")
 
 
 def qr_svg(text: str) -> str:

@@ -6,6 +6,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from server.access.connections import Connections, Presence
 from server.access.principals import Principal, Role
 from server.access.store import Holder
 from server.audit import Entry, Verification
@@ -15,23 +16,34 @@ Name = Annotated[str, Field(min_length=1, max_length=80, pattern=r"^[^\x00-\x1f]
 MachineNames = Annotated[list[Annotated[str, Field(max_length=80)]], Field(min_length=1, max_length=100)]
 
 
+#: Days that a token is good for; null: as many as the service's setting ``token_days`` says.
+Days = Annotated[int, Field(strict=True, ge=1, le=3650)]
+
+
+NOBODY = Presence()
+
+
 class _Body(BaseModel):
     model_config = ConfigDict(extra="forbid")
 
 
 class PrincipalResource(BaseModel):
-    """Who asks; ``machines`` null: all of them."""
+    """Who asks; ``machines`` null: all of them.
+
+    ``approves_own``: whether it may approve a calibration that it proposed.
+    """
 
     id: str
     name: str
     role: Role
     machines: list[str] | None
     kind: Literal["device", "key", "local", "service"]
+    approves_own: bool
 
     @classmethod
-    def of(cls, value: Principal) -> PrincipalResource:
+    def of(cls, value: Principal, approves_own: bool) -> PrincipalResource:
         """From the principal."""
-        return cls(**value.__dict__)
+        return cls(**value.__dict__, approves_own=approves_own)
 
 
 class CodeOrder(_Body):
@@ -39,6 +51,7 @@ class CodeOrder(_Body):
 
     role: Role
     machines: MachineNames | None = None
+    days: Days | None = None
 
 
 class CodeResource(BaseModel):
@@ -55,7 +68,7 @@ class CodeResource(BaseModel):
 class Pairing(_Body):
     """The code, and what the device is to be called."""
 
-    code: Annotated[str, Field(pattern=r"^[0-9]{6}$")]
+    code: Annotated[str, Field(pattern=r"^[0-9]{10}$")]
     name: Name
 
 
@@ -72,10 +85,15 @@ class KeyOrder(_Body):
     name: Name
     role: Role
     machines: MachineNames | None = None
+    days: Days | None = None
 
 
 class HolderResource(BaseModel):
-    """A paired device or an API key."""
+    """A paired device or an API key.
+
+    ``expires`` null: never. ``seen``, ``address``: its last request since the service started; ``streams``: that it
+    has open now.
+    """
 
     id: str
     kind: Literal["device", "key"]
@@ -84,11 +102,15 @@ class HolderResource(BaseModel):
     machines: list[str] | None
     created: str
     created_by: str
+    expires: str | None
+    seen: str | None
+    address: str | None
+    streams: int
 
     @classmethod
-    def of(cls, value: Holder) -> HolderResource:
-        """From the store."""
-        return cls(**value.__dict__)
+    def of(cls, value: Holder, now: Presence = NOBODY) -> HolderResource:
+        """From the store, and what is known of its presence."""
+        return cls(**value.__dict__, **now.__dict__)
 
 
 class NewKey(HolderResource):
@@ -104,9 +126,9 @@ class HolderList(BaseModel):
     next: int | None
 
     @classmethod
-    def of(cls, page: Page[Holder]) -> HolderList:
+    def of(cls, page: Page[Holder], connections: Connections) -> HolderList:
         """From the store."""
-        return cls(items=[HolderResource.of(value) for value in page.items], next=page.next)
+        return cls(items=[HolderResource.of(value, connections.of(value.id)) for value in page.items], next=page.next)
 
 
 class EntryResource(BaseModel):

@@ -8,8 +8,9 @@ from __future__ import annotations
 import hashlib
 import secrets
 import threading
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from datetime import datetime, timedelta
 from typing import Literal
 
 import sqlalchemy as sa
@@ -34,6 +35,7 @@ class Holder:
     machines: tuple[str, ...] | None
     created: str
     created_by: str
+    expires: str | None = None
 
     @property
     def principal(self) -> Principal:
@@ -42,18 +44,31 @@ class Holder:
 
 
 class Holders:
-    """Repository of devices and keys."""
+    """Repository of devices and keys.
 
-    def __init__(self, database: Database) -> None:
+    Parameters
+    ----------
+    removed : called with the id of each that is removed
+    """
+
+    def __init__(self, database: Database, removed: Callable[[str], None] = lambda id: None) -> None:
         self._database = database
+        self._removed = removed
         self._lock = threading.Lock()
         self._known: dict[str, Holder] = {}
         self._changes = 0
 
     def add(
-        self, kind: Literal["device", "key"], name: str, role: Role, machines: Sequence[str] | None, created_by: str
+        self,
+        kind: Literal["device", "key"],
+        name: str,
+        role: Role,
+        machines: Sequence[str] | None,
+        created_by: str,
+        days: int | None = None,
     ) -> tuple[Holder, str]:
-        """Store a new one; its token is known now and never again."""
+        """Store a new one; its token is known now and never again, and good for so many ``days`` (None: for ever)."""
+        now = self._database.now()
         token = PREFIX + secrets.token_urlsafe(32)
         holder = Holder(
             f"{'dev' if kind == 'device' else 'key'}-{secrets.token_hex(8)}",
@@ -61,8 +76,9 @@ class Holders:
             name,
             role,
             None if machines is None else tuple(machines),
-            self._database.now(),
+            now,
             created_by,
+            None if days is None else later(now, timedelta(days=days)),
         )
         values = {**holder.__dict__, "machines": None if machines is None else list(machines)}
         with self._database.write("access") as connection:
@@ -70,7 +86,7 @@ class Holders:
         return holder, token
 
     def of_token(self, token: str) -> Holder | None:
-        """Who holds a token; None if nobody does."""
+        """Who holds a token; None if nobody does, or it has expired."""
         hashed, changes = _hash(token), self._changes
         with self._database.read() as connection:
             row = connection.execute(sa.select(principals).where(principals.c.secret_sha256 == hashed)).first()
@@ -80,11 +96,15 @@ class Holders:
         with self._lock:
             if changes == self._changes:  # else it may have been removed after it was read
                 self._known[hashed] = holder
-        return holder
+        return self._valid(holder)
 
     def known(self, token: str) -> Holder | None:
         """Who holds a token, as far as this process knows without asking the store; only the server changes holders."""
-        return self._known.get(_hash(token))
+        holder = self._known.get(_hash(token))
+        return None if holder is None else self._valid(holder)
+
+    def _valid(self, holder: Holder) -> Holder | None:
+        return holder if holder.expires is None or self._database.now() < holder.expires else None
 
     def _forget(self) -> None:
         with self._lock:
@@ -116,14 +136,16 @@ class Holders:
         NotFoundError
             If there is none.
         ConflictError
-            If it is the last admin: nobody could pair another one.
+            If it is the last admin of all machines: nobody could pair another one.
         """
         holder = self.get(id, kind)
         with self._database.write("access") as connection:
-            if holder.role == "admin" and self._admins(connection) == 1:
+            unbound = holder.role == "admin" and holder.machines is None and self._valid(holder) is not None
+            if unbound and self._admins(connection) == 1:
                 raise ConflictError(f"{kind} '{id}' is the last admin; pair another one before removing it")
             connection.execute(principals.delete().where(principals.c.id == id))
         self._forget()
+        self._removed(id)
 
     def has_admin(self) -> bool:
         """Whether anybody can pair others."""
@@ -131,8 +153,14 @@ class Holders:
             return self._admins(connection) > 0
 
     def _admins(self, connection: sa.Connection) -> int:
-        query = sa.select(sa.func.count()).where(principals.c.role == "admin", principals.c.machines.is_(None))
+        valid = sa.or_(principals.c.expires.is_(None), principals.c.expires > self._database.now())
+        query = sa.select(sa.func.count()).where(principals.c.role == "admin", principals.c.machines.is_(None), valid)
         return int(connection.execute(query).scalar_one())
+
+
+def later(moment: str, by: timedelta) -> str:
+    """A time of the store, so much later."""
+    return (datetime.fromisoformat(moment) + by).isoformat(timespec="milliseconds").replace("+00:00", "Z")
 
 
 def _hash(token: str) -> str:

@@ -21,7 +21,8 @@ LOOK_S = 1.0
 WARNING = DeadBand(comes=768 * 2**20, goes=1024 * 2**20)
 #: Seconds by which the wall's clock may run away from the monotonic one between two looks.
 JUMP_S = 2.0
-_MEASURED = frozenset(quality.name.lower() for quality in (*MEASURED, Quality.LATE))
+#: Also a value of an earlier cycle, and that of a device which owes none in this one.
+_MEASURED = frozenset(quality.name.lower() for quality in (*MEASURED, Quality.LATE, Quality.HELD))
 _log = structlog.stdlib.get_logger(__name__)
 
 

@@ -29,6 +29,7 @@ BENCHMARKS = {
     "regressor": "Time of the regressor beside a Pinocchio loop.",
     "excitation": "Time of a motion design with every limit, and its condition number beside long searches.",
     "measured": "Identification and loop on measured machines, beside published numbers.",
+    "mistakes": "People's mistakes on random machines: what the checks call them, and whom they accuse.",
     "service": "Tablets and readers at the service while numerical work runs: latency, cycles lost.",
     "storm": "kill -9 of servers, workers, stages and acquisitions: nothing lost, nothing twice.",
 }
@@ -39,7 +40,7 @@ def register(app: typer.Typer) -> None:
     bench = typer.Typer(help="Benchmarks with targets; exit code 1 if a target is missed.", invoke_without_command=True)
     bench.callback()(_list)
     commands: tuple[Callable[..., None], ...] = (
-        attribution, samples, demo, stages, speed, long, regressor, excitation, measured, service, storm,
+        attribution, samples, demo, stages, speed, long, regressor, excitation, measured, mistakes, service, storm,
     )  # fmt: skip
     for name, command in zip(BENCHMARKS, commands, strict=True):
         bench.command(name, help=BENCHMARKS[name])(reported(command))
@@ -282,6 +283,30 @@ def measured(
     if data is not None and not data.is_dir():
         raise InputError(f"{data}: no such directory; give the one with the measured data to --data")
     _finish("measured", run(data or DATA, page, only, _shown(json)), json)
+
+
+def mistakes(
+    cases: Annotated[int, typer.Option(help="Machines that every mistake is made on.", min=1)] = 10,
+    sound: Annotated[int, typer.Option(help="Machines without a mistake, half of them with an effect.", min=0)] = 200,
+    seed: Annotated[int, typer.Option(help="Of the machines, motions and mistakes.")] = 0,
+    only: Annotated[str | None, typer.Option(help="Part of a mistake's name.")] = None,
+    json: Annotated[bool, typer.Option("--json", help="Print checks and cases as JSON.")] = False,
+) -> None:
+    """People's mistakes on random machines: what the checks call them, and whom they accuse."""
+    from server.bench.mistakes import MISTAKES
+    from server.bench.mistakes.running import as_json, run
+    from server.bench.targets import missed
+
+    if only is not None and not any(only in name for name in MISTAKES):
+        raise InputError(f"--only {only}: is in no mistake's name; there are {', '.join(MISTAKES)}")
+    outcome, lines = run(cases, sound, seed, only, _shown(json))
+    if json:
+        checks = [check.as_json() for check in outcome.checks]
+        print_json({"benchmark": "mistakes", "seed": seed, "checks": checks, "cases": as_json(lines)})
+        if missed(outcome.checks):
+            raise typer.Exit(1)
+        return
+    _finish("mistakes", outcome, json)
 
 
 def service(

@@ -17,8 +17,8 @@ from server.store import Database, Identifications, Jobs
 class Calibrations(CalibrationStore):
     """The store of calibrations, with what makes one of an identification."""
 
-    def __init__(self, database: Database, files: DataDirectory) -> None:
-        super().__init__(database)
+    def __init__(self, database: Database, files: DataDirectory, approves_own: bool = True) -> None:
+        super().__init__(database, approves_own)
         self._results = Results(database, files)
         self._identifications = Identifications(database)
         self._jobs = Jobs(database)
@@ -72,5 +72,5 @@ class ByPolicy:
             return
         if calibration.state == "proposed":
             self._calibrations.decide(id, "approved", SERVICE, note, None)
-        self._calibrations.activate(id, None)
+        self._calibrations.activate(id, None, SERVICE)
         self._audit.write(SERVICE, "calibrations.activate", id, {"note": note})

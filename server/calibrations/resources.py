@@ -6,6 +6,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from server.access.names import IdentificationId
 from server.calibrations.comparison import compare_errors, compare_parameters
 from server.calibrations.store import Calibration
 from server.store import Page
@@ -18,7 +19,7 @@ class _Body(BaseModel):
 class Proposal(_Body):
     """Propose an identification as a calibration; without a label it has the identification's."""
 
-    identification: Annotated[str, Field(max_length=80)]
+    identification: IdentificationId
     label: Annotated[str, Field(max_length=200)] = ""
 
 
@@ -37,10 +38,20 @@ class Parameter(BaseModel):
     unit: str | None
 
 
+class StepResource(BaseModel):
+    """Who did what to a calibration, when."""
+
+    time: str
+    action: Literal["proposed", "approved", "rejected", "activated", "retired"]
+    by: str
+    note: str
+
+
 class CalibrationResource(BaseModel):
     """A calibration; ``errors`` per joint and ``overall`` are the report's, before and after the loop.
 
-    ``proposed_by_id`` is the principal that may not approve it.
+    ``proposed_by_id``: the principal that may not approve it, where the policy asks for a second person. ``history``:
+    who did what, when, oldest first.
     """
 
     id: str
@@ -58,11 +69,13 @@ class CalibrationResource(BaseModel):
     errors: dict[str, Any]
     parameters: list[Parameter]
     note: str
+    history: list[StepResource]
 
     @classmethod
     def of(cls, value: Calibration) -> CalibrationResource:
         """From the store."""
-        return cls.model_validate({name: getattr(value, name) for name in cls.model_fields})
+        values = {name: getattr(value, name) for name in cls.model_fields}
+        return cls.model_validate({**values, "history": [step.__dict__ for step in value.history]})
 
 
 class CalibrationList(BaseModel):

@@ -10,7 +10,8 @@ from __future__ import annotations
 
 import builtins
 import secrets
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import sqlalchemy as sa
@@ -21,14 +22,24 @@ from server.errors import ConflictError, NotFoundError, PreconditionError
 from server.store import Database, Identification, Page
 from server.store.database import page
 from server.store.tables import calibration_activations as activations
-from server.store.tables import calibrations
+from server.store.tables import calibration_steps, calibrations
 
 State = Literal["proposed", "approved", "rejected", "active", "retired"]
 
 
 @dataclass(frozen=True)
+class Step:
+    """Who did what to a calibration, when: ``proposed``, ``approved``, ``rejected``, ``activated``, ``retired``."""
+
+    time: str
+    action: str
+    by: str
+    note: str
+
+
+@dataclass(frozen=True)
 class Calibration:
-    """One calibration; ``revision`` counts its changes."""
+    """One calibration; ``revision`` counts its changes, ``history`` has them, oldest first."""
 
     id: str
     revision: int
@@ -47,13 +58,20 @@ class Calibration:
     created: str
     approved_by: str | None = None
     activated: str | None = None
+    history: tuple[Step, ...] = ()
 
 
 class CalibrationStore:
-    """Repository of calibrations; every change is a transaction and one revision of ``calibrations``."""
+    """Repository of calibrations; every change is a transaction and one revision of ``calibrations``.
 
-    def __init__(self, database: Database) -> None:
+    Parameters
+    ----------
+    approves_own : whether whoever proposed a calibration may approve it
+    """
+
+    def __init__(self, database: Database, approves_own: bool = True) -> None:
         self._database = database
+        self._approves_own = approves_own
 
     def add(self, source: Identification, label: str, content: Content, by: Principal) -> tuple[Calibration, bool]:
         """Propose; the one that is there already, and False, if this identification was proposed before."""
@@ -62,7 +80,7 @@ class CalibrationStore:
                 sa.select(calibrations).where(calibrations.c.identification == source.id)
             ).first()
             if known is not None:
-                return _calibration(known), False
+                return _get(connection, known.id), False
             new = Calibration(
                 id=f"cal-{secrets.token_hex(8)}",
                 revision=1,
@@ -76,8 +94,10 @@ class CalibrationStore:
                 created=self._database.now(),
                 **content.__dict__,
             )
-            connection.execute(calibrations.insert().values(**new.__dict__))
-        return new, True
+            row = {key: value for key, value in new.__dict__.items() if key != "history"}
+            connection.execute(calibrations.insert().values(**row))
+            self._step(connection, new.id, "proposed", by, "")
+            return _get(connection, new.id), True
 
     def get(self, id: str) -> Calibration:
         """The calibration; NotFoundError if there is none."""
@@ -103,14 +123,14 @@ class CalibrationStore:
             query = query.where(calibrations.c.state == state)
         with self._database.read() as connection:
             rows, cursor = page(connection, query, calibrations.c.number, limit, after)
-        return Page(tuple(_calibration(row) for row in rows), cursor)
+            return Page(_with_history(connection, rows), cursor)
 
     def active(self, machine: str) -> Calibration | None:
         """The one in use; None if the machine has none."""
         query = sa.select(calibrations).where(calibrations.c.machine == machine, calibrations.c.state == "active")
         with self._database.read() as connection:
             row = connection.execute(query).first()
-        return None if row is None else _calibration(row)
+            return None if row is None else _with_history(connection, [row])[0]
 
     def decide(
         self, id: str, state: Literal["approved", "rejected"], by: Principal, note: str, revision: int | None
@@ -120,7 +140,8 @@ class CalibrationStore:
         Raises
         ------
         ConflictError
-            If its state forbids it, or ``by`` is who proposed it and wants to approve it.
+            If its state forbids it, or ``by`` proposed it and wants to approve it, and the policy forbids that. What
+            schedules do by themselves has a policy of its own.
         PreconditionError
             If ``revision`` is given and not the current one.
         """
@@ -128,14 +149,16 @@ class CalibrationStore:
             found = _expect(connection, id, revision)
             if found.state != "proposed" and not (found.state == "approved" and state == "rejected"):
                 raise ConflictError(f"calibration '{id}' is {found.state}; only a proposed one can be {state}")
-            if state == "approved" and found.proposed_by_id == by.id and by.kind not in ("local", "service"):
+            own = found.proposed_by_id == by.id and by.kind != "service"
+            if state == "approved" and own and not self._approves_own:
                 raise ConflictError(f"calibration '{id}' was proposed by you; a second person has to approve it")
             approved_by = by.name if state == "approved" else found.approved_by
             _update(connection, found, state=state, note=note, approved_by=approved_by)
+            self._step(connection, id, state, by, note)
             return _get(connection, id)
 
-    def activate(self, id: str, revision: int | None) -> Calibration:
-        """Use it; the one in use before is retired. Nothing happens if it is active.
+    def activate(self, id: str, revision: int | None, by: Principal) -> Calibration:
+        """Use it in the name of ``by``; the one in use before is retired. Nothing happens if it is active.
 
         Raises
         ------
@@ -154,10 +177,10 @@ class CalibrationStore:
             connection.execute(
                 activations.insert().values(machine=found.machine, calibration=id, time=now, undone=False)
             )
-            self._put_in_use(connection, found, now)
+            self._put_in_use(connection, found, now, by, "")
             return _get(connection, id)
 
-    def roll_back(self, machine: str) -> Calibration:
+    def roll_back(self, machine: str, by: Principal) -> Calibration:
         """Use the one again that was in use before the active one; ConflictError if there was none."""
         with self._database.write("calibrations") as connection:
             lasting = self._lasting(connection, machine)
@@ -165,18 +188,25 @@ class CalibrationStore:
                 raise ConflictError(f"machine '{machine}' had no other calibration in use before; activate one instead")
             current, before = lasting
             connection.execute(activations.update().where(activations.c.number == current.number).values(undone=True))
-            self._put_in_use(connection, _get(connection, before.calibration), self._database.now())
+            again = _get(connection, before.calibration)
+            self._put_in_use(connection, again, self._database.now(), by, "rolled back to")
             return _get(connection, before.calibration)
 
     def _lasting(self, connection: sa.Connection, machine: str) -> builtins.list[Any]:
         query = sa.select(activations).where(activations.c.machine == machine, sa.not_(activations.c.undone))
         return builtins.list(connection.execute(query.order_by(activations.c.number.desc()).limit(2)))
 
-    def _put_in_use(self, connection: sa.Connection, found: Calibration, now: str) -> None:
+    def _put_in_use(self, connection: sa.Connection, found: Calibration, now: str, by: Principal, note: str) -> None:
         query = sa.select(calibrations).where(calibrations.c.machine == found.machine, calibrations.c.state == "active")
         for row in connection.execute(query).all():
             _update(connection, _calibration(row), state="retired")
+            self._step(connection, row.id, "retired", by, "")
         _update(connection, found, state="active", activated=now)
+        self._step(connection, found.id, "activated", by, note)
+
+    def _step(self, connection: sa.Connection, id: str, action: str, by: Principal, note: str) -> None:
+        values = {"calibration": id, "time": self._database.now(), "action": action}
+        connection.execute(calibration_steps.insert().values(**values, by=by.name, by_id=by.id, note=note))
 
 
 def _expect(connection: sa.Connection, id: str, revision: int | None) -> Calibration:
@@ -196,7 +226,16 @@ def _get(connection: sa.Connection, id: str) -> Calibration:
     row = connection.execute(sa.select(calibrations).where(calibrations.c.id == id)).first()
     if row is None:
         raise NotFoundError(f"there is no calibration '{id}'")
-    return _calibration(row)
+    return _with_history(connection, [row])[0]
+
+
+def _with_history(connection: sa.Connection, rows: Sequence[sa.Row[Any]]) -> tuple[Calibration, ...]:
+    """Calibrations, each with what was done to it."""
+    steps: dict[str, builtins.list[Step]] = {row.id: [] for row in rows}
+    query = sa.select(calibration_steps).where(calibration_steps.c.calibration.in_(steps))
+    for step in connection.execute(query.order_by(calibration_steps.c.number)):
+        steps[step.calibration].append(Step(step.time, step.action, step.by, step.note))
+    return tuple(replace(_calibration(row), history=tuple(steps[row.id])) for row in rows)
 
 
 def _calibration(row: sa.Row[Any]) -> Calibration:

@@ -10,6 +10,7 @@ from typing import Any, Literal
 from server.children import run_child
 from server.errors import ConflictError, InvalidError, NotFoundError, UnavailableError
 from server.files import DataDirectory
+from server.formats.imports import IMPORTS, map_beside
 from server.store import RecordingRow
 
 Format = Literal["parquet", "csv", "mdf4", "mcap"]
@@ -45,14 +46,12 @@ class Exports:
             raise NotFoundError(f"the file of recording '{row.id}' is gone; record or upload it again")
         return path
 
-    def file(self, row: RecordingRow, format: str) -> tuple[Path, bool]:
-        """A file in the form asked for, and whether it is to be removed after use."""
+    def file(self, row: RecordingRow, format: str) -> Path:
+        """A new file in another form than the recording is kept in, to be removed after use."""
         path = self.source(row)
-        if format == row.format:
-            return path, False
         target = self._temporary(FORMATS[format][1])
         self._work(format, path, target, row.machine, row.machine_version, row.id)
-        return target, True
+        return target
 
     def statistics(self, row: RecordingRow) -> dict[str, Any]:
         """What the recording holds; computed once, kept beside it."""
@@ -71,15 +70,26 @@ class Exports:
         """Where the statistics of a recording are kept."""
         return self._files.recordings / f"{id}.statistics.json"
 
-    def from_mdf4(self, incoming: Path, machine: str, version: int, shown: str) -> Path:
-        """An uploaded MDF file as Parquet beside it; the uploaded one is removed."""
-        target = incoming.with_suffix(".parquet")
+    def imported(
+        self, incoming: Path, machine: str, version: int, shown: str, columns: str | None, resample: bool
+    ) -> Path:
+        """An uploaded file of another tool as a recording in Parquet beside it; the uploaded one is removed.
+
+        Parameters
+        ----------
+        columns : text of a map of its columns (:mod:`daq.column_map`)
+        resample : whether another rate is brought to the machine's
+        """
+        target = self._temporary(".parquet")
         try:
-            self._work("read-mdf4", incoming, target, machine, version, shown)
+            if columns is not None:
+                map_beside(incoming).write_text(columns, encoding="utf-8")
+            self._work(IMPORTS[resample], incoming, target, machine, version, shown)
         except BaseException:
             target.unlink(missing_ok=True)
             raise
         finally:
+            map_beside(incoming).unlink(missing_ok=True)
             incoming.unlink(missing_ok=True)
         return target
 
@@ -98,6 +108,6 @@ class Exports:
             return
         target.unlink(missing_ok=True)
         error = (result.error or "").replace(str(source), shown)
-        if result.outcome == "input" or (what == "read-mdf4" and "ended by" in error):
+        if result.outcome == "input" or (what in IMPORTS and "ended by" in error):
             raise InvalidError(error if result.outcome == "input" else f"{shown}: cannot be read; export it again")
         raise UnavailableError(error if "pip install" in error else f"{shown}: could not be written as {what}; {error}")

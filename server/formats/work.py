@@ -1,26 +1,26 @@
 """``python -m server.formats.work WHAT SOURCE TARGET MACHINE_FILE SHOWN``: one piece of work on one file.
 
-``WHAT`` is ``parquet``, ``csv``, ``mdf4`` or ``mcap`` (write SOURCE as that), ``read-mdf4`` (write SOURCE, an MDF file,
-as Parquet) or ``statistics`` (JSON into TARGET). Speaks the protocol of :mod:`server.children`.
+``WHAT`` is ``parquet``, ``csv``, ``mdf4`` or ``mcap`` (write SOURCE as that), ``import`` or ``import-resampled`` (write
+SOURCE, a file of another tool, as a recording in Parquet; a map of its columns stands beside it if there is one) or
+``statistics`` (JSON into TARGET). Speaks the protocol of :mod:`server.children`.
 """
 
 from __future__ import annotations
 
 import json
-import resource
 import sys
 from pathlib import Path
 
-import pyarrow as pa
-
 from daq import InputError, load_machine
+from daq.column_map import load_map
 from daq.machine_file import Machine
-from daq.recording_files import Table, read_table, write_columns, write_table
+from daq.recording_files import Table, read_table, write_columns
+from daq.recording_source import import_file
+from server.child_limits import RECORDING_CPU_S, limit_child
 from server.formats import mcap_file, mdf4
+from server.formats.imports import IMPORTS, map_beside
 from server.formats.statistics import statistics
 
-#: Address space of the child.
-MAXIMUM_BYTES = 8 * 2**30
 #: Library and extra that a form needs.
 NEEDS = {"asammdf": "export", "mcap": "export"}
 
@@ -33,12 +33,10 @@ def do(what: str, source: Path, target: Path, machine: Machine, shown: str) -> N
     InputError
         One line: what is wrong with the file.
     """
-    if what == "read-mdf4":
-        wanted = {c.name for c in machine.channels}
-        wanted |= {f"{name}.{kind}" for name in wanted for kind in ("quality", "age")} | {"cycle", "utc_ns"}
-        columns, units = mdf4.read(source, wanted, shown)
-        metadata = {"hilfit.units": json.dumps({k: v for k, v in units.items() if machine_has(machine, k)})}
-        write_table(target, pa.table(columns).replace_schema_metadata(metadata))
+    if what in IMPORTS:
+        written = map_beside(source)
+        columns = load_map(written, machine, "the map of columns") if written.is_file() else None
+        import_file(source, machine, target, columns, resampled=what == IMPORTS[1], shown=shown)
         return
     table = read_table(source)
     if what == "statistics":
@@ -47,11 +45,6 @@ def do(what: str, source: Path, target: Path, machine: Machine, shown: str) -> N
         write_columns(target, table)
     else:
         (mdf4 if what == "mdf4" else mcap_file).write(table, units_of(table, machine), target)
-
-
-def machine_has(machine: Machine, channel: str) -> bool:
-    """Whether it is a channel of the machine."""
-    return any(own.name == channel for own in machine.channels)
 
 
 def units_of(table: Table, machine: Machine) -> dict[str, str]:
@@ -63,7 +56,7 @@ def units_of(table: Table, machine: Machine) -> dict[str, str]:
 def main(arguments: list[str]) -> int:
     """Entry of the process."""
     what, source, target, machine_file, shown = arguments
-    resource.setrlimit(resource.RLIMIT_AS, (MAXIMUM_BYTES, MAXIMUM_BYTES))
+    limit_child(RECORDING_CPU_S, Path(source).stat().st_size)
     try:
         do(what, Path(source), Path(target), load_machine(machine_file), shown)
     except InputError as error:

@@ -116,7 +116,7 @@ class LiveModel:
         terms = [term_from_json(entry["term"]) for entry in results["attribution"]["accepted"]]
         steps = [step for finding in results["residual"]["kinematics"] for step in finding["steps"]]
         corrections = corrections_from_json(session, steps)
-        _, model = final_model(session, corrections, terms)
+        model = final_model(session, corrections, terms)[1].model
         return cls(machine, session, corrections, terms, model)
 
     @property

@@ -17,18 +17,22 @@ from server.access.resources import (
     Pairing,
     PrincipalResource,
 )
+from server.access.route import TypedRoute
+from server.errors import ConflictError
 from server.routes.common import Cursor, Idempotency, Limit, ServiceDep, problems
 
-router = APIRouter(prefix="/access", tags=["access"])
+router = APIRouter(prefix="/access", tags=["access"], route_class=TypedRoute)
 ADMIN = [require("admin", every_machine=True)]
 
 
 @router.post("/pair", status_code=201, responses=problems(403, 422))
-def pair(body: Pairing, response: Response, service: ServiceDep) -> Paired:
+async def pair(body: Pairing, request: Request, response: Response, service: ServiceDep) -> Paired:
     """Pair a device by a code that an admin made; the token is shown this once."""
-    holder, token = service.access.pair(body.code, body.name)
+    address = "unknown" if request.client is None else request.client.host
+    # Codes are hashed at length: one after the other, and not in the threads that answer reads.
+    holder, token = await service.pairing.run(address, service.access.pair, body.code, body.name, address)
     response.headers["Cache-Control"] = "no-store"
-    return Paired(token=token, principal=PrincipalResource.of(holder.principal))
+    return Paired(token=token, principal=PrincipalResource.of(holder.principal, service.settings.approves_own))
 
 
 @router.post("/pairing-codes", status_code=201, responses=problems(409, 422, 429), dependencies=ADMIN)
@@ -43,8 +47,8 @@ def make_pairing_code(
     """Make a code that pairs one device within a quarter of an hour; one ``Idempotency-Key`` makes one code."""
 
     def make() -> CodeResource:
-        code = service.access.open_code(body.role, body.machines, principal)
-        url = pairing_url(str(request.base_url).rstrip("/"), code.digits)
+        code = service.access.open_code(body.role, body.machines, principal, body.days)
+        url = pairing_url(str(request.base_url).rstrip("/"), code.digits, service.fingerprint)
         machines = None if code.machines is None else list(code.machines)
         return CodeResource(
             code=code.digits, role=code.role, machines=machines, expires=code.expires, url=url, qr_svg=qr_svg(url)
@@ -55,33 +59,41 @@ def make_pairing_code(
 
 
 @router.get("/me", dependencies=[require("read")])
-def me(principal: PrincipalDep) -> PrincipalResource:
+def me(service: ServiceDep, principal: PrincipalDep) -> PrincipalResource:
     """Who asks."""
-    return PrincipalResource.of(principal)
+    return PrincipalResource.of(principal, service.settings.approves_own)
+
+
+@router.delete("/me", status_code=204, responses=problems(409), dependencies=[require("read")])
+def end_me(service: ServiceDep, principal: PrincipalDep) -> None:
+    """End the session of whoever asks: its token is worth nothing from now on, and its streams are closed."""
+    if principal.kind not in ("device", "key"):
+        raise ConflictError("whoever is at this computer has no session that could be ended")
+    service.access.holders.remove(principal.id, "device" if principal.kind == "device" else "key")
 
 
 @router.get("/devices", responses=problems(422), dependencies=ADMIN)
 def list_devices(service: ServiceDep, limit: Limit = 50, cursor: Cursor = 0) -> HolderList:
     """List paired devices."""
-    return HolderList.of(service.access.holders.list("device", limit, cursor))
+    return HolderList.of(service.access.holders.list("device", limit, cursor), service.access.connections)
 
 
 @router.delete("/devices/{id}", status_code=204, responses=problems(404, 409, 422), dependencies=ADMIN)
 def remove_device(id: str, service: ServiceDep) -> None:
-    """Unpair a device: its token is worth nothing from now on."""
+    """Unpair a device: its token is worth nothing from now on, and its streams are closed."""
     service.access.holders.remove(id, "device")
 
 
 @router.get("/keys", responses=problems(422), dependencies=ADMIN)
 def list_keys(service: ServiceDep, limit: Limit = 50, cursor: Cursor = 0) -> HolderList:
     """List API keys."""
-    return HolderList.of(service.access.holders.list("key", limit, cursor))
+    return HolderList.of(service.access.holders.list("key", limit, cursor), service.access.connections)
 
 
 @router.get("/keys/{id}", responses=problems(404, 422), dependencies=ADMIN)
 def get_key(id: str, service: ServiceDep) -> HolderResource:
     """Read an API key, without its secret."""
-    return HolderResource.of(service.access.holders.get(id, "key"))
+    return HolderResource.of(service.access.holders.get(id, "key"), service.access.connections.of(id))
 
 
 @router.post("/keys", status_code=201, responses=problems(409, 422), dependencies=ADMIN)
@@ -98,7 +110,7 @@ def make_key(
     """
 
     def make() -> NewKey:
-        holder, secret = service.access.make_key(body.name, body.role, body.machines, principal)
+        holder, secret = service.access.make_key(body.name, body.role, body.machines, principal, body.days)
         return NewKey(**HolderResource.of(holder).model_dump(), key=secret)
 
     made = service.replays.once(principal.id, "keys", idempotency_key, body.model_dump(), make)
@@ -109,5 +121,5 @@ def make_key(
 
 @router.delete("/keys/{id}", status_code=204, responses=problems(404, 409, 422), dependencies=ADMIN)
 def remove_key(id: str, service: ServiceDep) -> None:
-    """Revoke an API key."""
+    """Revoke an API key; its streams are closed."""
     service.access.holders.remove(id, "key")

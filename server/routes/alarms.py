@@ -4,14 +4,15 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from fastapi import APIRouter, Header, Query, Response
+from fastapi import APIRouter, Header, Response
 
 from server.access.guard import PrincipalDep, require
+from server.access.route import TypedRoute
 from server.alarms.lifecycle import Alarm, tag
 from server.alarms.resources import AlarmList, AlarmResource, Shelf
-from server.routes.common import Cursor, Limit, ServiceDep, problems
+from server.routes.common import Cursor, Limit, MachineQuery, ServiceDep, problems
 
-router = APIRouter(prefix="/alarms", tags=["alarms"])
+router = APIRouter(prefix="/alarms", tags=["alarms"], route_class=TypedRoute)
 IfMatch = Annotated[str | None, Header(max_length=80, description="`ETag` of the alarm as it was read")]
 
 
@@ -19,7 +20,7 @@ IfMatch = Annotated[str | None, Header(max_length=80, description="`ETag` of the
 def list_alarms(
     service: ServiceDep,
     principal: PrincipalDep,
-    machine: Annotated[str | None, Query(max_length=80)] = None,
+    machine: MachineQuery = None,
     state: Literal["active", "cleared"] | None = None,
     limit: Limit = 50,
     cursor: Cursor = 0,

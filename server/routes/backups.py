@@ -2,29 +2,34 @@
 
 from __future__ import annotations
 
-from fastapi import APIRouter, Response
+from fastapi import APIRouter
 from pydantic import BaseModel
 
-from server.access.guard import require
+from server.access.guard import PrincipalDep, require
+from server.access.route import TypedRoute
 from server.backups import Backup
 from server.errors import ConflictError, StartError
 from server.routes.common import ServiceDep, problems
 
-router = APIRouter(prefix="/backups", tags=["backups"])
+router = APIRouter(prefix="/backups", tags=["backups"], route_class=TypedRoute)
 
 
 class BackupResource(BaseModel):
-    """A backup; ``kind`` is daily or ordered. It is restored by ``hilfit restore``, with the service stopped."""
+    """A backup; ``kind`` is daily or ordered. It is restored by ``hilfit restore``, with the service stopped.
+
+    ``missing``: files that the store names and that were gone when they were to be copied.
+    """
 
     id: str
     created: str
     bytes: int
     kind: str
+    missing: list[str]
 
     @classmethod
     def of(cls, backup: Backup) -> BackupResource:
         """From what is on disk."""
-        return cls(**backup.__dict__)
+        return cls(**{**backup.__dict__, "missing": list(backup.missing)})
 
 
 class BackupList(BaseModel):
@@ -41,10 +46,10 @@ def list_backups(service: ServiceDep) -> BackupList:
 
 
 @router.post("", status_code=201, responses=problems(409), dependencies=[require("admin", every_machine=True)])
-def make(response: Response, service: ServiceDep) -> BackupResource:
+async def make(service: ServiceDep, principal: PrincipalDep) -> BackupResource:
     """Make a backup now."""
     try:
-        backup = service.backups.make()
+        backup = await service.heavy.run(principal.id, service.backups.make)
     except StartError as error:
         raise ConflictError(str(error).replace(f"{service.files.root}/", "")) from None
     return BackupResource.of(backup)

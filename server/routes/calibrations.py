@@ -8,6 +8,8 @@ from fastapi import APIRouter, Header, Query
 from fastapi.responses import JSONResponse, Response
 
 from server.access.guard import PrincipalDep, require
+from server.access.names import Names
+from server.access.route import TypedRoute
 from server.calibrations.resources import (
     CalibrationList,
     CalibrationResource,
@@ -17,12 +19,12 @@ from server.calibrations.resources import (
 )
 from server.calibrations.store import Calibration
 from server.errors import ConflictError, PreconditionError
-from server.routes.common import Cursor, Limit, ServiceDep, problems
+from server.routes.common import Cursor, Limit, MachineQuery, ServiceDep, problems
 
-router = APIRouter(prefix="/calibrations", tags=["calibrations"])
-machine_router = APIRouter(prefix="/machines", tags=["calibrations"])
+router = APIRouter(prefix="/calibrations", tags=["calibrations"], route_class=TypedRoute)
+machine_router = APIRouter(prefix="/machines", tags=["calibrations"], route_class=TypedRoute)
 IfMatch = Annotated[str | None, Header(max_length=40, description="`ETag` of the calibration as it was read")]
-Id = Annotated[str, Query(max_length=80)]
+Id = Annotated[str, Names("calibrations"), Query(max_length=80)]
 READ, OPERATE, ENGINEER = [require("read")], [require("operate")], [require("engineer")]
 
 
@@ -44,7 +46,7 @@ def propose(body: Proposal, response: Response, service: ServiceDep, principal: 
 def list_calibrations(
     service: ServiceDep,
     principal: PrincipalDep,
-    machine: Annotated[str | None, Query(max_length=80)] = None,
+    machine: MachineQuery = None,
     state: Literal["proposed", "approved", "rejected", "active", "retired"] | None = None,
     limit: Limit = 50,
     cursor: Cursor = 0,
@@ -55,9 +57,8 @@ def list_calibrations(
 
 
 @router.get("/compare", responses=problems(404, 409, 422), dependencies=READ)
-def compare(a: Id, b: Id, service: ServiceDep, principal: PrincipalDep) -> ComparisonResource:
+def compare(a: Id, b: Id, service: ServiceDep) -> ComparisonResource:
     """Two calibrations of one machine: every parameter, how far it moved, and the errors per joint."""
-    service.access.refuse_foreign(principal, (("calibrations", a), ("calibrations", b)))
     first, second = service.calibrations.get(a), service.calibrations.get(b)
     if first.machine != second.machine:
         raise ConflictError(f"'{a}' is of machine '{first.machine}', '{b}' of '{second.machine}'; take one machine")
@@ -93,7 +94,7 @@ def approve(
     principal: PrincipalDep,
     if_match: IfMatch = None,
 ) -> CalibrationResource:
-    """Approve a proposed calibration; who proposed it may not."""
+    """Approve a proposed calibration; whoever proposed it may only where the policy says so (``second_person``)."""
     return _tagged(service.calibrations.decide(id, "approved", principal, body.note, _revision(if_match)), response)
 
 
@@ -111,16 +112,18 @@ def reject(
 
 
 @router.post("/{id}/activate", responses=problems(404, 409, 412, 422), dependencies=ENGINEER)
-def activate(id: str, response: Response, service: ServiceDep, if_match: IfMatch = None) -> CalibrationResource:
+def activate(
+    id: str, response: Response, service: ServiceDep, principal: PrincipalDep, if_match: IfMatch = None
+) -> CalibrationResource:
     """Use an approved calibration; the one in use before is retired."""
-    return _tagged(service.calibrations.activate(id, _revision(if_match)), response)
+    return _tagged(service.calibrations.activate(id, _revision(if_match), principal), response)
 
 
 @machine_router.post("/{name}/calibrations/rollback", responses=problems(404, 409, 422), dependencies=ENGINEER)
-def roll_back(name: str, response: Response, service: ServiceDep) -> CalibrationResource:
+def roll_back(name: str, response: Response, service: ServiceDep, principal: PrincipalDep) -> CalibrationResource:
     """Use the calibration again that was in use before the active one."""
     service.machines.get(name)
-    return _tagged(service.calibrations.roll_back(name), response)
+    return _tagged(service.calibrations.roll_back(name, principal), response)
 
 
 def _tagged(calibration: Calibration, response: Response) -> CalibrationResource:

@@ -7,6 +7,7 @@ from typing import Annotated, Any
 
 from fastapi import Depends, Header, Query, Request
 
+from server.access.names import Names
 from server.problems import MEDIA_TYPE
 from server.service import Service
 
@@ -20,6 +21,8 @@ async def _service(request: Request) -> Service:  # a coroutine: a plain functio
 ServiceDep = Annotated[Service, Depends(_service)]
 #: Of a request that makes something: sent again with the same key it makes nothing more.
 Idempotency = Annotated[str | None, Header(alias="idempotency-key", min_length=1, max_length=200)]
+OneMachine = Annotated[str, Names("machines"), Query(max_length=80)]
+MachineQuery = Annotated[Annotated[str, Names("machines")] | None, Query(max_length=80)]
 Limit = Annotated[int, Query(ge=1, le=500, description="Most items of a page")]
 Cursor = Annotated[int, Query(ge=0, le=2**53, description="`next` of the page before; 0 starts at the newest")]
 

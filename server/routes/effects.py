@@ -7,10 +7,11 @@ from typing import Any
 from fastapi import APIRouter
 
 from server.access.guard import require
+from server.access.route import TypedRoute
 from server.effects import effect, effects
 from server.routes.common import problems
 
-router = APIRouter(prefix="/effects", tags=["effects"])
+router = APIRouter(prefix="/effects", tags=["effects"], route_class=TypedRoute)
 
 
 @router.get("", responses=problems(503), dependencies=[require("read")])

@@ -9,10 +9,11 @@ from fastapi import APIRouter
 from fastapi.responses import StreamingResponse
 
 from server.access.guard import require
+from server.access.route import TypedRoute
 from server.routes.common import ServiceDep
 from server.service import Service
 
-router = APIRouter(prefix="/events", tags=["events"])
+router = APIRouter(prefix="/events", tags=["events"], route_class=TypedRoute)
 
 
 @router.get(

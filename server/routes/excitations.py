@@ -4,17 +4,19 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal
 
-from fastapi import APIRouter, Query, Response
+from fastapi import APIRouter, Response
 from fastapi.responses import FileResponse
 from pydantic import BaseModel, ConfigDict, Field
 
 from server.access.guard import PrincipalDep, require
+from server.access.names import MachineName
+from server.access.route import TypedRoute
 from server.errors import ConflictError
-from server.routes.common import Cursor, Idempotency, Limit, ServiceDep, problems
+from server.routes.common import Cursor, Idempotency, Limit, MachineQuery, ServiceDep, problems
 from server.service import Service
 from server.store.excitations import Excitation
 
-router = APIRouter(prefix="/excitations", tags=["excitations"])
+router = APIRouter(prefix="/excitations", tags=["excitations"], route_class=TypedRoute)
 
 
 class ExcitationOrder(BaseModel):
@@ -26,7 +28,7 @@ class ExcitationOrder(BaseModel):
 
     model_config = ConfigDict(extra="forbid")
 
-    machine: Annotated[str, Field(max_length=80)]
+    machine: MachineName
     label: Annotated[str, Field(max_length=200)] = ""
     rods: Literal["pinned", "unpinned"] = "pinned"
     joints: Annotated[list[Annotated[str, Field(max_length=80)]], Field(min_length=1, max_length=32)] | None = None
@@ -98,7 +100,7 @@ def order(
 def list_excitations(
     service: ServiceDep,
     principal: PrincipalDep,
-    machine: Annotated[str | None, Query(max_length=80)] = None,
+    machine: MachineQuery = None,
     limit: Limit = 50,
     cursor: Cursor = 0,
 ) -> ExcitationList:

@@ -5,18 +5,19 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
-from fastapi import APIRouter, Header, Query, Response
+from fastapi import APIRouter, Header, Response
 from fastapi.responses import FileResponse
 
 from fitting.stage_names import NEXT_MOTION
 from server.access.guard import PrincipalDep, require
+from server.access.route import TypedRoute
 from server.errors import ConflictError, NotFoundError
 from server.identify import Wish
 from server.resources import IdentificationList, IdentificationOrder, IdentificationResource
-from server.routes.common import Cursor, Limit, ServiceDep, problems
+from server.routes.common import Cursor, Limit, MachineQuery, ServiceDep, problems
 from server.service import Service
 
-router = APIRouter(prefix="/identifications", tags=["identifications"])
+router = APIRouter(prefix="/identifications", tags=["identifications"], route_class=TypedRoute)
 #: The report is a page of ours, but it shows names from machine files: it may run no script and load nothing
 #: from elsewhere. It is one file that is read without the service too, so its style sheet stands in it; without
 #: scripts and requests an inline style can do no more than look wrong.
@@ -24,7 +25,7 @@ REPORT_POLICY = "default-src 'none'; style-src 'unsafe-inline'; img-src data:; f
 
 
 @router.post("", status_code=202, responses=problems(404, 409, 422), dependencies=[require("engineer")])
-def order(
+async def order(
     body: IdentificationOrder,
     response: Response,
     service: ServiceDep,
@@ -37,7 +38,8 @@ def order(
         options=body.options.model_dump(),
         label=body.label,
     )
-    identification = service.identify(wish, idempotency_key)
+    # Shared storage may have to be filled first, and may be far away.
+    identification = await service.heavy.aside(service.identify, wish, idempotency_key)
     response.headers["Location"] = f"/api/v1/jobs/{identification.job}"
     return IdentificationResource.of(identification)
 
@@ -46,7 +48,7 @@ def order(
 def list_identifications(
     service: ServiceDep,
     principal: PrincipalDep,
-    machine: Annotated[str | None, Query(max_length=80)] = None,
+    machine: MachineQuery = None,
     limit: Limit = 50,
     cursor: Cursor = 0,
 ) -> IdentificationList:

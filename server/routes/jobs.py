@@ -12,15 +12,18 @@ from fastapi.concurrency import run_in_threadpool
 from fastapi.responses import StreamingResponse
 
 from server.access.guard import PrincipalDep, require
+from server.access.route import TypedRoute
 from server.resources import JobList, JobResource
 from server.routes.common import Cursor, Limit, ServiceDep, problems
 from server.service import Service
 from server.store.jobs import FINAL
 
-router = APIRouter(prefix="/jobs", tags=["jobs"])
+router = APIRouter(prefix="/jobs", tags=["jobs"], route_class=TypedRoute)
 #: Seconds after which a comment is sent when nothing happens, so that proxies and clients see a live
 #: connection.
 KEEP_ALIVE_S = 15.0
+#: No job has more events, and every database holds the number.
+MOST_EVENTS = 2**53
 State = Literal["queued", "running", "done", "failed", "cancelled"]
 
 
@@ -57,13 +60,13 @@ def cancel(id: str, service: ServiceDep) -> JobResource:
 async def events(
     id: str,
     service: ServiceDep,
-    after: Annotated[int, Query(ge=0, le=2**53, description="Number of the last event seen")] = 0,
+    after: Annotated[int, Query(ge=0, le=MOST_EVENTS, description="Number of the last event seen")] = 0,
     last_event_id: Annotated[str | None, Header(max_length=20)] = None,
 ) -> StreamingResponse:
     """Follow a job as server-sent events; the stream ends with the job. Each event's ``id`` is its number."""
     await run_in_threadpool(service.jobs.get, id)
-    if last_event_id is not None and last_event_id.isdecimal():
-        after = int(last_event_id)
+    if last_event_id is not None and last_event_id.isascii() and last_event_id.isdecimal():
+        after = min(int(last_event_id), MOST_EVENTS)
     headers = {"Cache-Control": "no-store", "X-Accel-Buffering": "no"}
     return StreamingResponse(_follow(service, id, after), media_type="text/event-stream", headers=headers)
 
@@ -71,12 +74,13 @@ async def events(
 async def _follow(service: Service, id: str, after: int) -> AsyncIterator[bytes]:
     while True:
         seen = service.changes.number
+        over = (await run_in_threadpool(service.jobs.get, id)).state in FINAL
         for event in await run_in_threadpool(service.jobs.events, id, after):
             yield f"id: {event.number}\nevent: progress\ndata: {json.dumps(asdict(event))}\n\n".encode()
             after = event.number
             if event.state in FINAL:
                 return
-        if service.changes.closed:
+        if over or service.changes.closed:  # whoever has seen the last event waits for nothing
             return
         if not await service.changes.wait(seen, KEEP_ALIVE_S):
             yield b": nothing new\n\n"

@@ -5,22 +5,22 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Awaitable, Callable
 from functools import partial
-from typing import Annotated
 
 import anyio
 import orjson
-from fastapi import APIRouter, Query, Response, WebSocket, WebSocketDisconnect
+from fastapi import APIRouter, Response, WebSocket, WebSocketDisconnect
 from fastapi.concurrency import run_in_threadpool
 
 from server.access.guard import PrincipalDep, require
+from server.access.route import TypedRoute
 from server.errors import NotFoundError
 from server.live import Client
-from server.routes.common import ServiceDep, problems
+from server.routes.common import MachineQuery, OneMachine, ServiceDep, problems
 from server.service import Service
 
-router = APIRouter(prefix="/live", tags=["live"])
+router = APIRouter(prefix="/live", tags=["live"], route_class=TypedRoute)
 #: Outside ``router``: a WebSocket's guard is another one than that of requests.
-socket_router = APIRouter(prefix="/live", tags=["live"])
+socket_router = APIRouter(prefix="/live", tags=["live"], route_class=TypedRoute)
 SUBPROTOCOL = "hilfit.v1"
 #: Close codes (RFC 6455 section 7.4, IANA): going away; policy; try again later.
 GOING_AWAY, POLICY, TRY_AGAIN = 1001, 1008, 1013
@@ -33,9 +33,7 @@ _FRAMES = {"type": "object", "additionalProperties": {"type": "object", "additio
     responses={200: {"content": {"application/json": {"schema": _FRAMES}}}, **problems(404, 422, 503)},
     dependencies=[require("read")],
 )
-async def snapshot(
-    service: ServiceDep, principal: PrincipalDep, machine: Annotated[str | None, Query(max_length=80)] = None
-) -> Response:
+async def snapshot(service: ServiceDep, principal: PrincipalDep, machine: MachineQuery = None) -> Response:
     """The newest values, with quality and age, of one machine or of all, by machine name."""
     if machine is not None:
         await run_in_threadpool(service.machines.get, machine)
@@ -45,7 +43,7 @@ async def snapshot(
 
 
 @socket_router.websocket("/stream", dependencies=[require("read")])
-async def stream(socket: WebSocket, machine: Annotated[str, Query(max_length=80)]) -> None:
+async def stream(socket: WebSocket, machine: OneMachine) -> None:
     """Every sample of one machine, ten messages a second: a snapshot, then frames and heartbeats.
 
     What the client says is not read. It is closed with 1013 when it does not keep up, 1001 when the service stops.

@@ -7,14 +7,14 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Header, Query, Request, Response
 from fastapi.concurrency import run_in_threadpool
 
-from daq import load_machine
-from server.access.guard import PrincipalDep, require
+from server.access.guard import Principal, PrincipalDep, require
+from server.access.route import TypedRoute
 from server.errors import NotFoundError, PreconditionError
 from server.resources import AcquisitionWish, MachineCheck, MachineDetail, MachineList, MachineSummary
 from server.routes.common import Cursor, Limit, ServiceDep, problems
 from server.service import Service
 
-router = APIRouter(prefix="/machines", tags=["machines"])
+router = APIRouter(prefix="/machines", tags=["machines"], route_class=TypedRoute)
 YAML = "application/yaml"
 Version = Annotated[int | None, Query(ge=1, le=2**53, description="By default the current one")]
 IfMatch = Annotated[
@@ -40,9 +40,9 @@ async def upload(
     request: Request, response: Response, service: ServiceDep, principal: PrincipalDep, if_match: IfMatch = None
 ) -> MachineSummary:
     """Upload a machine file: a new machine or a new version (200 if it is the current version already)."""
-    content = await request.body()
     expected = _version(if_match)
-    row, made = await run_in_threadpool(service.upload_machine, content, principal.may_see, expected)
+    async with service.heavy.place(principal.id) as place:
+        row, made = await place.run(service.upload_machine, await request.body(), principal.may_see, expected)
     response.status_code = 201 if made else 200
     response.headers["Location"] = f"/api/v1/machines/{row.name}"
     response.headers["ETag"] = f'"{row.current}"'
@@ -52,8 +52,8 @@ async def upload(
 @router.post("/check", responses=problems(404, 409, 413, 422), openapi_extra=_FILE, dependencies=[require("engineer")])
 async def check(request: Request, service: ServiceDep, principal: PrincipalDep) -> MachineCheck:
     """Check a machine file as an upload of it would; nothing is stored."""
-    content = await request.body()
-    name, version = await run_in_threadpool(service.check_machine, content, principal.may_see)
+    async with service.heavy.place(principal.id) as place:
+        name, version = await place.run(service.check_machine, await request.body(), principal.may_see)
     return MachineCheck(name=name, version=version)
 
 
@@ -64,9 +64,11 @@ def list_machines(service: ServiceDep, principal: PrincipalDep, limit: Limit = 5
 
 
 @router.get("/{name}", responses=problems(404, 422), dependencies=[require("read")])
-def get(name: str, response: Response, service: ServiceDep, version: Version = None) -> MachineDetail:
+async def get(
+    name: str, response: Response, service: ServiceDep, principal: PrincipalDep, version: Version = None
+) -> MachineDetail:
     """Read a machine: its file, validated, as JSON, and the state of its acquisition."""
-    detail = _detail(service, name, version)
+    detail = await _detail(service, principal, name, version)
     response.headers["ETag"] = f'"{detail.current}"'
     return detail
 
@@ -85,10 +87,10 @@ def file(name: str, service: ServiceDep, version: Version = None) -> Response:
 
 
 @router.put("/{name}/acquisition", responses=problems(404, 409, 422), dependencies=[require("engineer")])
-def acquisition(name: str, wish: AcquisitionWish, service: ServiceDep) -> MachineDetail:
+async def acquisition(name: str, wish: AcquisitionWish, service: ServiceDep, principal: PrincipalDep) -> MachineDetail:
     """Start or stop acquiring a machine; it stays so over restarts."""
-    service.set_acquisition(name, wish.enabled)
-    return _detail(service, name, None)
+    await service.heavy.aside(service.set_acquisition, name, wish.enabled)
+    return await _detail(service, principal, name, None)
 
 
 def _version(if_match: str | None) -> int | None:
@@ -101,15 +103,17 @@ def _version(if_match: str | None) -> int | None:
     return int(text)
 
 
-def _detail(service: Service, name: str, version: int | None) -> MachineDetail:
-    row = service.machines.get(name, version)
+async def _detail(service: Service, principal: Principal, name: str, version: int | None) -> MachineDetail:
+    row = await run_in_threadpool(service.machines.get, name, version)
     path = service.files.machine_file(name, row.version)
-    if not path.is_file():
-        raise NotFoundError(f"the file of machine '{name}' is gone; upload it again")
-    content = load_machine(path).model_dump(mode="json", by_alias=True, exclude_none=True)
+    content = service.machine_reader.known(path)
+    if content is None:  # not since this start: reading it takes a while
+        if not path.is_file():
+            raise NotFoundError(f"the file of machine '{name}' is gone; upload it again")
+        content = await service.heavy.run(principal.id, service.machine_reader.content, path)
     return MachineDetail(
         **row.__dict__,
-        versions=[entry.version for entry in service.machines.versions(name)],
+        versions=[entry.version for entry in await run_in_threadpool(service.machines.versions, name)],
         machine=content,
         acquisition=service.acquisition.statistics(name),
     )

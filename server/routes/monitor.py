@@ -5,10 +5,11 @@ from __future__ import annotations
 from fastapi import APIRouter
 
 from server.access.guard import require
+from server.access.route import TypedRoute
 from server.monitor.resources import MonitorResource
 from server.routes.common import ServiceDep, problems
 
-router = APIRouter(prefix="/machines", tags=["machines"])
+router = APIRouter(prefix="/machines", tags=["machines"], route_class=TypedRoute)
 
 
 @router.get("/{name}/monitor", responses=problems(404, 422), dependencies=[require("read")])

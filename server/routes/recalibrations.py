@@ -8,10 +8,11 @@ from fastapi import APIRouter
 from pydantic import BaseModel
 
 from server.access.guard import require
+from server.access.route import TypedRoute
 from server.routes.common import ServiceDep, problems
 from server.store.recalibrations import Recalibration
 
-router = APIRouter(prefix="/recalibrations", tags=["schedules"])
+router = APIRouter(prefix="/recalibrations", tags=["schedules"], route_class=TypedRoute)
 
 
 class RecalibrationResource(BaseModel):

@@ -10,13 +10,14 @@ from fastapi.responses import FileResponse
 from starlette.background import BackgroundTask
 
 from server.access.guard import PrincipalDep, require
+from server.access.route import TypedRoute
 from server.files import receive
 from server.formats.exports import FORMATS, Format
 from server.formats.resources import RecordingStatistics
 from server.resources import RecordingList, RecordingResource, RecordingStart, Role
-from server.routes.common import Cursor, Idempotency, Limit, ServiceDep, problems
+from server.routes.common import Cursor, Idempotency, Limit, MachineQuery, OneMachine, ServiceDep, problems
 
-router = APIRouter(prefix="/recordings", tags=["recordings"])
+router = APIRouter(prefix="/recordings", tags=["recordings"], route_class=TypedRoute)
 _BYTES: dict[str, Any] = {"schema": {"type": "string", "format": "binary"}}
 _FILE: dict[str, Any] = {
     "requestBody": {
@@ -58,14 +59,28 @@ async def upload(
     request: Request,
     response: Response,
     service: ServiceDep,
-    machine: Annotated[str, Query(max_length=80)],
+    principal: PrincipalDep,
+    machine: OneMachine,
     role: Role,
-    name: Annotated[str, Query(min_length=1, max_length=200, description="File name, with .csv, .parquet or .mf4")],
+    name: Annotated[
+        str,
+        Query(
+            min_length=1,
+            max_length=200,
+            description="File name, with .csv, .txt, .tsv, .parquet, .mf4, .mat, .db3 or .mcap",
+        ),
+    ],
+    columns: Annotated[
+        str | None,
+        Query(min_length=1, max_length=8000, description="Which column is which channel: YAML, 'channel: column'"),
+    ] = None,
+    resample: Annotated[bool, Query(description="Bring another rate to the machine's; the report says so")] = False,
 ) -> RecordingResource:
     """Upload a recording; one that ``hilfit identify`` would refuse is refused here."""
-    incoming = await run_in_threadpool(service.recording_uploads.incoming, machine, role, name)
-    await receive(request.stream(), incoming, service.settings.maximum_upload_bytes, run_in_threadpool)
-    row = await run_in_threadpool(service.recording_uploads.add, incoming, machine, role, name)
+    async with service.heavy.place(principal.id) as place:
+        incoming = await run_in_threadpool(service.recording_uploads.incoming, machine, role, name)
+        await receive(request.stream(), incoming, service.settings.maximum_upload_bytes, place.io)
+        row = await place.run(service.recording_uploads.add, incoming, machine, role, name, columns, resample)
     response.headers["Location"] = f"/api/v1/recordings/{row.id}"
     return RecordingResource.of(row)
 
@@ -74,7 +89,7 @@ async def upload(
 def list_recordings(
     service: ServiceDep,
     principal: PrincipalDep,
-    machine: Annotated[str | None, Query(max_length=80)] = None,
+    machine: MachineQuery = None,
     role: Role | None = None,
     state: Literal["recording", "sealed", "failed"] | None = None,
     limit: Limit = 50,
@@ -104,10 +119,13 @@ def get(id: str, service: ServiceDep) -> RecordingResource:
         **problems(404, 409, 422, 503),
     },
 )
-def data(id: str, service: ServiceDep, format: Format | None = None) -> FileResponse:
+async def data(id: str, service: ServiceDep, principal: PrincipalDep, format: Format | None = None) -> FileResponse:
     """Download a recording, by default in the form in which it is kept."""
-    row = service.recordings.get(id)
-    path, temporary = service.exports.file(row, format or row.format)
+    row = await run_in_threadpool(service.recordings.get, id)
+    if format in (None, row.format):
+        path, temporary = await run_in_threadpool(service.exports.source, row), False
+    else:
+        path, temporary = await service.heavy.run(principal.id, service.exports.file, row, format), True
     media_type, suffix = FORMATS[format or row.format]
     return FileResponse(
         path,
@@ -118,15 +136,18 @@ def data(id: str, service: ServiceDep, format: Format | None = None) -> FileResp
 
 
 @router.get("/{id}/statistics", responses=problems(404, 409, 422, 503), dependencies=[require("read")])
-def statistics(id: str, service: ServiceDep) -> RecordingStatistics:
+async def statistics(id: str, service: ServiceDep, principal: PrincipalDep) -> RecordingStatistics:
     """What a sealed recording holds, channel by channel."""
-    return RecordingStatistics(**service.exports.statistics(service.recordings.get(id)))
+    row = await run_in_threadpool(service.recordings.get, id)
+    if service.exports.kept_statistics(id).is_file():
+        return RecordingStatistics(**await run_in_threadpool(service.exports.statistics, row))
+    return RecordingStatistics(**await service.heavy.run(principal.id, service.exports.statistics, row))
 
 
 @router.post("/{id}/stop", responses=problems(404, 409, 422), dependencies=[require("operate")])
-def stop(id: str, service: ServiceDep) -> RecordingResource:
+async def stop(id: str, service: ServiceDep) -> RecordingResource:
     """Stop a recording and seal its file."""
-    return RecordingResource.of(service.sessions.stop(id))
+    return RecordingResource.of(await service.heavy.aside(service.sessions.stop, id))
 
 
 @router.delete("/{id}", status_code=204, responses=problems(404, 409, 422), dependencies=[require("engineer")])

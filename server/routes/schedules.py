@@ -11,9 +11,10 @@ from typing import Annotated
 from fastapi import APIRouter, Header, Query, Response
 
 from server.access.guard import PrincipalDep, require
+from server.access.route import TypedRoute
 from server.errors import InvalidError, PreconditionError
 from server.resources import JobResource
-from server.routes.common import Cursor, Idempotency, Limit, ServiceDep, problems
+from server.routes.common import Cursor, Idempotency, Limit, MachineQuery, ServiceDep, problems
 from server.schedules import slots
 from server.schedules.clock import text
 from server.schedules.resources import (
@@ -27,7 +28,7 @@ from server.schedules.resources import (
 from server.service import Service
 from server.store.schedules import Schedule
 
-router = APIRouter(prefix="/schedules", tags=["schedules"])
+router = APIRouter(prefix="/schedules", tags=["schedules"], route_class=TypedRoute)
 #: Slots that are told ahead.
 UPCOMING = 5
 IfMatch = Annotated[str | None, Header(max_length=40, description="`ETag` of the schedule as it was read")]
@@ -57,7 +58,7 @@ def create(
 def list_schedules(
     service: ServiceDep,
     principal: PrincipalDep,
-    machine: Annotated[str | None, Query(max_length=80)] = None,
+    machine: MachineQuery = None,
     limit: Limit = 50,
     cursor: Cursor = 0,
 ) -> ScheduleList:

@@ -5,10 +5,11 @@ from __future__ import annotations
 from fastapi import APIRouter, Response
 
 from server.access.guard import PrincipalDep, require
+from server.access.route import TypedRoute
 from server.resources import Status
 from server.routes.common import ServiceDep
 
-router = APIRouter(prefix="/status", tags=["status"])
+router = APIRouter(prefix="/status", tags=["status"], route_class=TypedRoute)
 
 
 @router.get("", response_model=Status, dependencies=[require("read")])

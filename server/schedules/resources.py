@@ -6,7 +6,8 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from server.resources import IdentificationOptions
+from server.access.names import ExcitationId, MachineName
+from server.resources import Flag, IdentificationOptions
 from server.schedules.clock import next_slot
 from server.store.recalibrations import Plan
 from server.store.schedules import Schedule, Slot
@@ -23,14 +24,14 @@ class ScheduleWish(BaseModel):
 
     model_config = ConfigDict(extra="forbid")
 
-    machine: Annotated[str, Field(max_length=80)]
+    machine: MachineName
     label: Annotated[str, Field(max_length=200)] = ""
     cron: Annotated[str, Field(max_length=200)]
     timezone: Annotated[str, Field(max_length=64)] = "UTC"
-    enabled: bool = True
+    enabled: Flag = True
     motion: Literal["operation", "standard"] = "operation"
     duration_s: Annotated[float, Field(ge=30, le=86400)] = 300.0
-    excitations: Annotated[list[Annotated[str, Field(max_length=40)]], Field(max_length=2)] = []
+    excitations: Annotated[list[ExcitationId], Field(max_length=2)] = []
     deadline_s: Annotated[float, Field(ge=10, le=86400)] = 3600.0
     options: IdentificationOptions = IdentificationOptions()
     activate: Literal["never", "if_better"] = "never"

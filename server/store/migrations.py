@@ -50,8 +50,17 @@ def _to_4(connection: sa.Connection) -> None:
     connection.exec_driver_sql("ALTER TABLE jobs ADD COLUMN place VARCHAR")
 
 
+def _to_5(connection: sa.Connection) -> None:
+    """Tokens expire; those that there are do not."""
+    for table, column in (("principals", "expires VARCHAR"), ("pairing_codes", "days INTEGER")):
+        inspector = sa.inspect(connection)
+        there = inspector.has_table(table)  # else it is made now, with that column
+        if there and column.split()[0] not in {known["name"] for known in inspector.get_columns(table)}:
+            connection.exec_driver_sql(f"ALTER TABLE {table} ADD COLUMN {column}")
+
+
 #: Per version, the step to the next one.
-STEPS: Mapping[int, Callable[[sa.Connection], None]] = {1: _to_2, 2: _to_3, 3: _to_4}
+STEPS: Mapping[int, Callable[[sa.Connection], None]] = {1: _to_2, 2: _to_3, 3: _to_4, 4: _to_5}
 
 
 def migrate(connection: sa.Connection, found: int, wanted: int) -> None:

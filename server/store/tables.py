@@ -10,7 +10,7 @@ from server.store import migrations
 
 #: Raised by one whenever a table that was there changes (a new table needs nothing); :mod:`server.store.migrations`
 #: brings an older store up to date, a newer one is refused.
-SCHEMA_VERSION = 4
+SCHEMA_VERSION = 5
 
 metadata = sa.MetaData()
 
@@ -238,6 +238,7 @@ principals = sa.Table(
     sa.Column("secret_sha256", sa.String, nullable=False, unique=True),
     sa.Column("created", sa.String, nullable=False),
     sa.Column("created_by", sa.String, nullable=False),
+    sa.Column("expires", sa.String),  # none: never
 )
 
 pairing_codes = sa.Table(
@@ -250,6 +251,7 @@ pairing_codes = sa.Table(
     sa.Column("created_by", sa.String, nullable=False),
     sa.Column("expires", sa.String, nullable=False),
     sa.Column("failures", sa.Integer, nullable=False),  # wrong codes that came while it was open
+    sa.Column("days", sa.Integer),  # that the device's token is good for
 )
 
 #: Rows are added, never changed; the database refuses it.
@@ -298,6 +300,19 @@ calibrations = sa.Table(
     sa.Column("model", sa.JSON, nullable=False),
     sa.Column("created", sa.String, nullable=False),
     sa.Column("activated", sa.String),
+)
+
+#: Who did what to a calibration, when.
+calibration_steps = sa.Table(
+    "calibration_steps",
+    metadata,
+    sa.Column("number", sa.Integer, primary_key=True),
+    sa.Column("calibration", sa.String, sa.ForeignKey("calibrations.id"), nullable=False, index=True),
+    sa.Column("time", sa.String, nullable=False),
+    sa.Column("action", sa.String, nullable=False),  # proposed, approved, rejected, activated, retired
+    sa.Column("by", sa.String, nullable=False),
+    sa.Column("by_id", sa.String, nullable=False),
+    sa.Column("note", sa.String, nullable=False),
 )
 
 #: Which calibration was in use when; the last one per machine that is not undone is active.

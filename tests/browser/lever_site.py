@@ -15,7 +15,7 @@ import httpx2
 
 SCRIPT = Path(__file__).with_name("serve_lever.py")
 API = "/api/v1"
-_CODE = re.compile(r"pair the first admin with (\d{6})")
+_CODE = re.compile(r"pair the first admin with (\d{10})")
 
 
 class Site:

@@ -151,17 +151,18 @@ def test_a_stranger_is_paired_by_the_address_of_the_code(browser: Any, tmp_path:
         viewer.get_by_role("button", name="Pair").click()
         viewer.get_by_role("link", name=re.compile("Signed in as viewer, viewer")).wait_for()
 
-        page.get_by_role("button", name="Shut out viewer").click()
-        page.get_by_role("dialog").get_by_role("button", name="Shut it out").click()
-        page.get_by_role("button", name="Shut out viewer").wait_for(state="detached")
+        page.get_by_role("button", name="End the session of viewer").click()
+        page.get_by_role("dialog").get_by_role("button", name="End it").click()
+        page.get_by_role("button", name="End the session of viewer").wait_for(state="detached")
         viewer.reload()
         viewer.get_by_role("heading", name="Pair this device").wait_for()
         other.close()
 
+        # The last admin stays: nobody could let another device in.
         page.get_by_role("button", name=re.compile("Forget the service")).click()
         page.get_by_role("button", name="Forget it").click()
-        page.get_by_role("heading", name="Pair this device").wait_for()
-        assert page.evaluate("localStorage.getItem('hilfit.token')") is None
+        page.get_by_text(re.compile("is the last admin")).wait_for()
+        assert page.evaluate("localStorage.getItem('hilfit.token')") is not None
     finally:
         context.close()
         site.kill()

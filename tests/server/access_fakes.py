@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from datetime import UTC, datetime
 from pathlib import Path
 
 from service_fakes import MACHINE, Fakes, Running, running_service
@@ -12,6 +13,16 @@ from server.access.principals import SERVICE, Role
 
 #: A second machine, to which some principals are bound.
 OTHER = MACHINE.replace("name: lever", "name: other")
+
+
+class Clock:
+    """Stands still until it is told."""
+
+    def __init__(self) -> None:
+        self.now = datetime(2026, 3, 1, 12, tzinfo=UTC)
+
+    def __call__(self) -> datetime:
+        return self.now
 
 
 class Guarded:

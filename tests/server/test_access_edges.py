@@ -19,7 +19,7 @@ def test_too_many_requests_are_told_when_to_come_back(tmp_path: Path) -> None:
         assert [answer.status_code for answer in answers] == [200, 429]
         assert 1 <= int(answers[1].headers["retry-after"]) <= 4
         assert answers[1].headers["content-type"] == "application/problem+json"
-        attempts = [slow.client.post(f"{ACCESS}/pair", json={"code": "000000", "name": "x"}) for _ in range(6)]
+        attempts = [slow.client.post(f"{ACCESS}/pair", json={"code": "0000000000", "name": "x"}) for _ in range(6)]
         assert [answer.status_code for answer in attempts] == [403] * 5 + [429]
 
 
@@ -44,7 +44,14 @@ def test_names_and_addresses_of_the_service(tmp_path: Path) -> None:
 def test_without_set_up_whoever_is_here_is_local(tmp_path: Path) -> None:
     with running_service(tmp_path, Fakes()) as running:
         me = running.client.get(f"{ACCESS}/me").json()
-        assert me == {"id": "local", "name": "local", "role": "admin", "machines": None, "kind": "local"}
+        assert me == {
+            "id": "local",
+            "name": "local",
+            "role": "admin",
+            "machines": None,
+            "kind": "local",
+            "approves_own": True,
+        }
         assert running.client.get(f"{API}/machines", headers={"Host": "192.168.7.4:8350"}).status_code == 403
 
 

@@ -2,26 +2,37 @@
 
 from __future__ import annotations
 
+import inspect
+import json
 import re
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal, get_args, get_origin
 
 import pytest
 from access_fakes import Guarded, guarded_service
+from fastapi import APIRouter
 from fastapi.routing import APIWebSocketRoute
+from pydantic import BaseModel
 from service_fakes import API, Fakes, recording_bytes
 from starlette.websockets import WebSocketDisconnect
 
 from server.access.guard import scope_of
+from server.access.names import Names, tells
 from server.access.principals import LEAST_ROLE, ROLES, Role, Scope
 from server.app import create_app
 from server.service import Service
 from server.settings import Settings
 
 #: All that may be asked without being known. The description of the API is public: it is in the repository.
-OPEN = {("GET", "/healthz"), ("POST", f"{API}/access/pair"), ("GET", f"{API}/openapi.json")}
+OPEN = {
+    *(("GET", f"/{name}") for name in ("healthz", "livez", "readyz")),
+    ("POST", f"{API}/access/pair"),
+    ("GET", f"{API}/openapi.json"),
+}
+#: Ends the session of whoever asks, which everybody may; tried in test_access_sessions.py.
+OWN = ("DELETE", f"{API}/access/me")
 #: Resources that belong to one machine each.
 OF_A_MACHINE = (
     "machines",
@@ -59,7 +70,11 @@ def every_route() -> list[tuple[str, str, Any]]:
 
 ROUTES = every_route()
 GUARDED = [entry for entry in ROUTES if entry[:2] not in OPEN]
-REQUESTS = [entry for entry in GUARDED if entry[0] != "WEBSOCKET"]
+REQUESTS = [entry for entry in GUARDED if entry[0] != "WEBSOCKET" and entry[:2] != OWN]
+
+
+#: Of another machine; whatever else a route needs is in order.
+FOREIGN_QUERY = {"machine": "lever", "role": "train", "name": "made.csv"}
 
 
 def name(value: object) -> str | None:
@@ -90,7 +105,8 @@ def test_the_walk_finds_routes_of_every_kind() -> None:
 @pytest.mark.parametrize(("method", "path", "route"), GUARDED, ids=name)
 def test_every_route_has_a_scope_that_fits_its_method(method: str, path: str, route: Any) -> None:
     scope = scope_or_fail(method, path, route)
-    assert method in ("GET", "WEBSOCKET") or scope != "read", "what changes something is not for viewers"
+    if (method, path) != OWN:
+        assert method in ("GET", "WEBSOCKET") or scope != "read", "what changes something is not for viewers"
 
 
 @pytest.mark.slow
@@ -121,11 +137,8 @@ def test_what_is_of_a_foreign_machine_does_not_exist(guarded: Guarded, method: s
         place = re.sub(r"\{.*?\}", "lever", path)
         assert guarded.client.request(method, place, headers=headers).status_code == 404
     elif "machine" in queried:
-        answer = guarded.client.request(method, path, params={"machine": "lever"}, headers=headers)
+        answer = guarded.client.request(method, path, params=FOREIGN_QUERY, headers=headers)
         assert answer.status_code == 404
-    elif method == "POST" and resource in OF_A_MACHINE and path not in (f"{API}/machines", f"{API}/machines/check"):
-        body = {"machine": "lever", "identification": "idn-of-lever"}
-        assert guarded.client.post(path, json=body, headers=headers).status_code == 404
     elif path.startswith((f"{API}/access/", f"{API}/audit", f"{API}/backups", "/metrics")) and not path.endswith("/me"):
         place = re.sub(r"\{.*?\}", "nothing", path)
         assert guarded.client.request(method, place, headers=headers).status_code == 403
@@ -134,6 +147,119 @@ def test_what_is_of_a_foreign_machine_does_not_exist(guarded: Guarded, method: s
         answer = guarded.client.request(method, place, headers=headers)
         assert answer.status_code < 500
         assert "lever" not in answer.text
+
+
+#: Bodies that name something of another machine, by the model that takes them; the rest of each is in order.
+FOREIGN: dict[str, list[dict[str, Any]]] = {
+    "RecordingStart": [{"machine": "lever", "role": "train"}],
+    "IdentificationOrder": [
+        {"machine": "lever", "recordings": [{"id": "of-other"}]},
+        {"machine": "other", "recordings": [{"id": "of-lever"}]},
+    ],
+    "Proposal": [{"identification": "of-lever"}],
+    "ExcitationOrder": [{"machine": "lever"}],
+    "ScheduleWish": [
+        {"machine": "lever", "cron": "0 0 * * *"},
+        {"machine": "other", "cron": "0 0 * * *", "motion": "standard", "excitations": ["of-lever"]},
+    ],
+}
+#: Ways to say that a body is JSON, and ways that are none: those are refused before anything is looked up.
+SPELLINGS = (
+    "application/json",
+    "Application/JSON",
+    "APPLICATION/JSON; charset=utf-8",
+    "application/json;charset=utf-8",
+    " application/json",
+    "application/x+json",
+    "application/vnd.hilfit+JSON",
+    "application/problem+json",
+)
+NO_JSON = ("text/plain", "application/yaml", "application/octet-stream", "text/json", "x/y", "")
+
+
+def body_model(route: Any) -> Any:
+    """The model of a route's JSON body; None without one."""
+    fields = route.dependant.body_params
+    return fields[0].field_info.annotation if fields else None
+
+
+def text_fields(annotation: Any, place: str) -> Iterator[tuple[str, bool]]:
+    """(place, whether it names something of a machine) of everything in a type that can be any text."""
+    origin, parts = get_origin(annotation), get_args(annotation)
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        for name, field in annotation.model_fields.items():
+            kept = Annotated[field.annotation, *field.metadata] if field.metadata else field.annotation
+            yield from text_fields(kept, f"{place}.{name}")
+    elif annotation is str:
+        yield place, False
+    elif origin is Annotated and parts[0] is str:
+        yield place, any(isinstance(extra, Names) for extra in parts[1:])
+    elif origin is not Literal:
+        for part in parts[:1] if origin is Annotated else parts:
+            yield from text_fields(part, place)
+
+
+#: Text that names nothing which belongs to a machine; a new field is given a type of server.access.names, or listed.
+NAMES_NOTHING = re.compile(
+    r"(label|note|reason|cron|timezone|estimator|code|name|machines|joints|format|idempotency_key|if_match|last_event_id|columns"
+    r"|action)$"
+)
+
+
+@pytest.mark.parametrize(("method", "path", "route"), REQUESTS, ids=name)
+def test_every_text_in_a_request_says_whether_it_names_something_of_a_machine(
+    method: str, path: str, route: Any
+) -> None:
+    for parameter, entry in inspect.signature(route.endpoint).parameters.items():
+        if parameter in ("id", "name") and f"{{{parameter}}}" in path:
+            continue  # the path says what they are
+        for place, named in text_fields(entry.annotation, parameter):
+            assert named or NAMES_NOTHING.search(place), f"{method} {path}: {place}"
+
+
+@pytest.mark.parametrize(("method", "path", "route"), REQUESTS, ids=name)
+def test_no_spelling_of_a_body_gets_past_the_binding(guarded: Guarded, method: str, path: str, route: Any) -> None:
+    model = body_model(route)
+    if model is None or not tells(model):
+        return
+    headers = guarded.bearer("admin", ("other",))
+    place = re.sub(r"\{.*?\}", "payload", path)
+    for body in FOREIGN[model.__name__]:
+        content = json.dumps(body)
+
+        def ask(spelling: str, content: str = content) -> Any:
+            return guarded.client.request(method, place, content=content, headers=headers | {"Content-Type": spelling})
+
+        for spelling in SPELLINGS:
+            answer = guarded.client.request(
+                method, place, content=content, headers={**headers, "Content-Type": spelling}
+            )
+            assert answer.status_code == 404, (spelling, answer.text)
+            assert "for 'a admin'" in answer.json()["detail"]
+        for spelling in NO_JSON:
+            answer = guarded.client.request(
+                method, place, content=content, headers={**headers, "Content-Type": spelling}
+            )
+            assert answer.status_code in (404, 422), (spelling, answer.text)
+        answer = guarded.client.request(method, place, content=content, headers=headers)
+        assert answer.status_code in (404, 422)
+
+
+def test_every_model_that_names_something_is_tried() -> None:
+    models = {model.__name__ for _, _, route in REQUESTS if (model := body_model(route)) is not None and tells(model)}
+    assert models == set(FOREIGN)
+
+
+def test_a_route_of_another_class_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    plain = APIRouter(prefix="/plain")
+    plain.add_api_route("", lambda: None)
+    monkeypatch.setattr("server.app.ROUTERS", (plain,))
+    service = Service(Settings(data_dir=tmp_path), Fakes().parts)
+    try:
+        with pytest.raises(TypeError, match="/plain"):
+            create_app(service)
+    finally:
+        service.stop()
 
 
 @pytest.mark.slow

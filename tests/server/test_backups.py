@@ -2,25 +2,29 @@
 
 from __future__ import annotations
 
+import errno
 import hashlib
 import json
 import os
 import shutil
 import sqlite3
+import threading
 from collections.abc import Callable
 from contextlib import closing
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
+from typing import Any
 
 import pytest
 from service_fakes import MACHINE, Fakes, running_service
 
+import server.backups
 from server.backups import KEPT, MANIFEST, Backups, restore
 from server.cli import main
 from server.errors import StartError
 from server.files import DataDirectory
-from server.store import Database, Machines, Recordings
-from server.store.tables import SCHEMA_VERSION
+from server.store import Database, Machines, RecordingRow, Recordings
+from server.store.tables import SCHEMA_VERSION, identifications, jobs
 
 
 def contents(directory: Path) -> dict[str, bytes]:
@@ -58,6 +62,14 @@ def files(tmp_path: Path) -> DataDirectory:
     files = DataDirectory(tmp_path / "data")
     database = Database(files.database, changed=lambda: None)
     Machines(database).add("lever", 1, "hash")
+    row = RecordingRow("rec-1", "lever", 1, "train", "", "sealed", "recorded", "parquet", database.now())
+    Recordings(database).add(row)
+    with database.write() as connection:
+        of_job = dict.fromkeys(("id", "subject"), "idn-1") | dict.fromkeys(("label", "text", "created"), "")
+        kind = {"kind": "identification", "stages": [], "state": "done", "fraction": 1.0, "cancel_requested": False}
+        connection.execute(jobs.insert().values(**of_job, **kind))
+        made = {"id": "idn-1", "job": "idn-1", "machine": "lever", "machine_version": 1, "options": {}}
+        connection.execute(identifications.insert().values(**made, label="", created=""))
     database.close()
     (files.machines / "lever").mkdir()
     (files.machines / "lever" / "1.yaml").write_text(MACHINE)
@@ -131,6 +143,84 @@ def test_a_backup_that_cannot_be_written_says_so_and_leaves_nothing(
     assert list(backups.directory.iterdir()) == []
 
 
+def test_what_goes_while_it_is_copied_is_left_out_and_told(
+    files: DataDirectory, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A recording is deleted after the store was copied, and a stage clears its directory while that is walked."""
+    place = files.identifications / "idn-1" / "2-cylinder_stage"
+    for name in ("a.json", "deeper/b.json", "deeper/still/c.json"):
+        (place / name).parent.mkdir(parents=True, exist_ok=True)
+        (place / name).write_text("{}")
+    database = Database(files.database, changed=lambda: None)
+    row = RecordingRow("rec-3", "lever", 1, "train", "", "sealed", "recorded", "parquet", database.now())
+    Recordings(database).add(row)
+    database.close()
+    (files.recordings / "rec-3.parquet").write_bytes(b"sealed")
+    copy_database, copyfile = server.backups.copy_database, shutil.copyfile
+
+    def copy_store(*arguments: Any) -> Path:
+        copied = copy_database(*arguments)
+        (files.recordings / "rec-3.parquet").unlink()
+        return copied
+
+    def copy_file(source: Path, target: Path) -> None:
+        copyfile(source, target)
+        if source.name == "a.json":
+            shutil.rmtree(place)
+
+    monkeypatch.setattr(server.backups, "copy_database", copy_store)
+    monkeypatch.setattr(shutil, "copyfile", copy_file)
+    main_ends_well(["backup", "--data-dir", str(files.root)])
+    assert "1 files that the store names were not there: recordings/rec-3.parquet" in capsys.readouterr().out
+    (made,) = backups_of(files, [datetime(2026, 1, 1, tzinfo=UTC)]).list()
+    assert made.missing == ("recordings/rec-3.parquet",)
+    backup = files.backups / made.id
+    assert (backup / "identifications" / "idn-1" / "2-cylinder_stage" / "a.json").read_text() == "{}"
+    assert (backup / "recordings" / "rec-1.parquet").read_bytes() == b"sealed"
+    monkeypatch.undo()
+    restore(backup, files, f"sqlite:///{files.database}")
+
+
+@pytest.mark.slow
+def test_a_backup_is_made_while_directories_come_and_go(files: DataDirectory) -> None:
+    stop = threading.Event()
+
+    def churn() -> None:
+        number = 0
+        while not stop.is_set():
+            place = files.identifications / "idn-1" / f"{number % 7}-stage" / "deeper"
+            place.mkdir(parents=True, exist_ok=True)
+            (place / "result.json").write_text("{}")
+            shutil.rmtree(files.identifications / "idn-1" / f"{(number + 3) % 7}-stage", ignore_errors=True)
+            number += 1
+
+    thread = threading.Thread(target=churn)
+    thread.start()
+    try:
+        backups = Backups(files, f"sqlite:///{files.database}", lambda: datetime.now(UTC))
+        for _ in range(15):
+            assert backups.make().missing == ()
+    finally:
+        stop.set()
+        thread.join()
+
+
+def test_only_a_full_disk_is_called_full(files: DataDirectory, monkeypatch: pytest.MonkeyPatch) -> None:
+    def gone(*_: object) -> None:
+        raise OSError(errno.EROFS, os.strerror(errno.EROFS))
+
+    monkeypatch.setattr(shutil, "copyfile", gone)
+    with pytest.raises(StartError, match="Read-only file system") as refusal:
+        backups_of(files, [datetime(2026, 1, 1, tzinfo=UTC)]).make()
+    assert "free some space" not in str(refusal.value)
+
+
+def main_ends_well(arguments: list[str]) -> None:
+    with pytest.raises(SystemExit) as ended:
+        main(arguments)
+    assert ended.value.code == 0
+
+
 def test_the_commands(files: DataDirectory, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as ended:
         main(["backup", "--data-dir", str(files.root), "--output", str(tmp_path / "elsewhere")])
@@ -142,7 +232,7 @@ def test_the_commands(files: DataDirectory, tmp_path: Path, capsys: pytest.Captu
     assert ended.value.code == 0
     database = Database(tmp_path / "new" / "hilfit.sqlite", changed=lambda: None)
     assert Machines(database).get("lever").version == 1
-    assert Recordings(database).list(1).items == ()
+    assert [row.id for row in Recordings(database).list(9).items] == ["rec-1"]
     database.close()
     with files.locked(), pytest.raises(SystemExit) as ended:
         main(["restore", str(backup), "--data-dir", str(files.root)])

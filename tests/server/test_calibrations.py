@@ -11,11 +11,13 @@ import pytest
 from access_fakes import Guarded, guarded_service
 from service_fakes import API, Running, recording_bytes
 
-from server.access.principals import SERVICE
-from server.calibrations import ByPolicy
+from server.access.principals import LOCAL, SERVICE
+from server.calibrations import ByPolicy, Calibrations
 from server.calibrations.comparison import compare_errors, compare_parameters
 from server.calibrations.content import content_of
+from server.errors import ConflictError
 from server.identify import Wish
+from server.settings import Settings
 
 pytestmark = pytest.mark.slow
 
@@ -205,3 +207,34 @@ def test_parameters_that_one_of_them_lacks_and_units_that_differ_have_no_shift()
         "j": {"unit": "N", "a": None, "b": None},
         "k": {"unit": "N", "a": None, "b": 1.0},
     }
+
+
+def test_history_says_who_and_when(guarded: Guarded, identified: Any) -> None:
+    first, second = (propose(guarded, identified(report(size))).json()["id"] for size in (80.0, 81.0))
+    for id in (first, second):
+        act(guarded, id, "approve")
+        act(guarded, id, "activate", "admin")
+    found = guarded.client.get(f"{PLACE}/{first}", headers=guarded.bearer("viewer")).json()
+    steps = [(step["action"], step["by"]) for step in found["history"]]
+    assert steps == [
+        ("proposed", "a operator"),
+        ("approved", "a engineer"),
+        ("activated", "a admin"),
+        ("retired", "a admin"),
+    ]
+    assert [step["time"] for step in found["history"]] == sorted(step["time"] for step in found["history"])
+
+
+@pytest.mark.parametrize("second_person", [True, False])
+def test_whether_one_person_is_enough_is_a_policy(guarded: Guarded, identified: Any, second_person: bool) -> None:
+    """On this computer only there is one principal: it may approve its own unless the policy says otherwise."""
+    assert Settings(second_person=None, access="loopback").approves_own
+    assert not Settings(second_person=None, access="required").approves_own
+    service = guarded.running.service
+    calibrations = Calibrations(service._database, service.files, Settings(second_person=second_person).approves_own)
+    made, _ = calibrations.propose(identified(report(80.0)), "", LOCAL)
+    if second_person:
+        with pytest.raises(ConflictError, match="second person"):
+            calibrations.decide(made.id, "approved", LOCAL, "", None)
+    else:
+        assert calibrations.decide(made.id, "approved", LOCAL, "", None).approved_by == "local"

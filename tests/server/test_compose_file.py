@@ -29,12 +29,17 @@ def test_who_is_there() -> None:
 def test_a_container_is_watched_has_a_known_image_and_does_not_run_as_root(name: str) -> None:
     service = SERVICES[name]
     assert service["healthcheck"]["test"][0] == "CMD"
-    assert service["image"].rpartition(":")[0] in IMAGES
+    name_and_tag, _, digest = service["image"].partition("@sha256:")
+    assert name_and_tag.rpartition(":")[0] in IMAGES
+    assert bool(re.fullmatch("[0-9a-f]{64}", digest)) or name_and_tag == "hilfit:local", "images are named by digest"
+    assert service["read_only"] is True
+    assert service["cap_drop"] == ["ALL"]
+    assert service["security_opt"] == ["no-new-privileges:true"]
+    assert service["mem_limit"] and service["pids_limit"]
     if service["image"].startswith("hilfit:"):
         before, _, after = DOCKERFILE.partition("\nUSER hilfit\n")
         assert after
         assert "\nUSER " not in before + after
-        assert service["cap_drop"] == ["ALL"]
     else:
         assert service["user"] not in ("root", "0")
 
@@ -54,6 +59,25 @@ def test_commands_options_and_settings_exist(name: str) -> None:
         assert f"lock-worker-{name}" in service["healthcheck"]["test"][-1]
 
 
+def test_images_of_the_build_are_named_by_digest() -> None:
+    bases = re.findall(r"^FROM (\S+)", DOCKERFILE, re.MULTILINE)
+    assert len(bases) == 2
+    assert all(re.search("@sha256:[0-9a-f]{64}$", base) for base in bases)
+
+
+def test_secrets_are_files_and_nowhere_else() -> None:
+    assert set(COMPOSE["secrets"]) == {secret for service in SERVICES.values() for secret in service.get("secrets", [])}
+    assert all(list(secret) == ["file"] for secret in COMPOSE["secrets"].values())
+    for name, service in SERVICES.items():
+        for key, value in service.get("environment", {}).items():
+            if "PASSWORD" in key or "SECRET" in key or "KEY" in key:
+                assert key.endswith("_FILE") and value.startswith("/run/secrets/"), (name, key)
+        url = service.get("environment", {}).get("HILFIT_DATABASE_URL", "")
+        assert not re.search("//[^/@]*:[^@]+@", url), "no password in a URL"
+        assert not any("assword" in word for word in service.get("command", []))
+    assert "secrets/" in (TOP / ".gitignore").read_text().splitlines()
+
+
 def test_settings_can_be_read(monkeypatch: pytest.MonkeyPatch) -> None:
     for key, value in SERVICES["server"]["environment"].items():
         monkeypatch.setenv(key, re.sub(r"\$\{\w+:[-?]([^}]*)\}", r"\1", value))
@@ -63,7 +87,7 @@ def test_settings_can_be_read(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_pg_dump_is_of_the_version_of_the_database() -> None:
-    version = SERVICES["database"]["image"].rpartition(":")[2].partition("-")[0]
+    version = SERVICES["database"]["image"].partition("@")[0].rpartition(":")[2].partition("-")[0]
     assert f"postgresql-client-{version} " in DOCKERFILE
 
 
@@ -71,3 +95,4 @@ def test_prometheus_gets_a_configuration_that_can_be_read() -> None:
     content = yaml.safe_load(COMPOSE["configs"]["prometheus"]["content"])
     (job,) = content["scrape_configs"]
     assert job["static_configs"] == [{"targets": ["server:8350"]}]
+    assert job["authorization"]["credentials_file"] == "/run/secrets/metrics_key"

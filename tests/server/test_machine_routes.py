@@ -90,7 +90,7 @@ def test_json_is_yaml(running: Running) -> None:
         (b"not: [closed", "not valid YAML"),
         (b"\xff\xfe\x00", "UTF-8"),
         (b"", "machine file"),
-        (b"[" * 50_000, "nested too deeply"),
+        (b"[" * 50_000, "nested more than 32 deep"),
     ],
 )
 def test_a_wrong_file_is_refused_with_one_line(running: Running, content: bytes, says: str) -> None:

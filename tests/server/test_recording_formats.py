@@ -17,9 +17,8 @@ from asammdf import MDF, Signal
 from mcap.reader import make_reader
 from service_fakes import API, MACHINE, Running, motion, recording_bytes
 
-from daq import parse_machine, write_recording
+from daq import parse_machine, read_recording, write_recording
 from daq.recording_files import Table, read_table
-from server.formats import mdf4
 from server.formats.statistics import statistics
 
 
@@ -97,7 +96,7 @@ def test_units_of_an_mdf_file_count_and_other_channels_do_not(running: Running, 
     got = table_of(download(running, id, "parquet"), ".parquet", tmp_path)
     assert set(got.columns) == {"time", "joint1.angle", "joint1.torque"}
     found = running.client.get(f"{API}/recordings/{id}/statistics").json()["channels"]
-    assert found["joint1.torque"]["maximum"] == pytest.approx(values["joint1.torque"].max() / 1e3)
+    assert found["joint1.torque"]["maximum"] == pytest.approx(values["joint1.torque"].max())
 
 
 def test_channels_on_different_times_are_refused(tmp_path: Path) -> None:
@@ -107,7 +106,39 @@ def test_channels_on_different_times_are_refused(tmp_path: Path) -> None:
         file.append([Signal(values["joint1.torque"][::2], time[::2], name="joint1.torque")])
         file.save(tmp_path / "two.mf4")
     with pytest.raises(Exception, match="other times"):
-        mdf4.read(tmp_path / "two.mf4", {"joint1.angle", "joint1.torque"}, "two.mf4")
+        read_recording(tmp_path / "two.mf4", parse_machine(MACHINE), "train")
+
+
+@pytest.mark.slow
+def test_a_loggers_file_is_taken_with_a_map_and_brought_to_the_machines_rate(
+    running: Running, sealed: str, tmp_path: Path
+) -> None:
+    time = np.arange(4000) / 200.0
+    angle, torque = np.sin(time), 80.0 * np.cos(1.7 * time)
+    rows = "\n".join(f"{1e3 * t:.0f};{a:.9f};{b:.9f}" for t, a, b in zip(time, angle, torque, strict=True))
+    content = f"t_ms;q [rad];M\n{rows}\n".replace(".", ",").encode("utf-16")
+    asked = {"machine": "lever", "role": "train", "name": "logger.txt"}
+
+    def send(**more: Any) -> Any:
+        return running.client.post(f"{API}/recordings/upload", params={**asked, **more}, content=content)
+
+    columns = "joint1.angle: q\njoint1.torque: {column: M, unit: N m}"
+    for more, word in (
+        ({}, "channels"),
+        ({"columns": columns}, "--resample"),
+        ({"columns": "[", "resample": 1}, "YAML"),
+    ):
+        response = send(**more)
+        assert response.status_code == 422, response.text
+        assert word in response.json()["detail"]
+    response = send(columns=columns, resample=True)
+    assert response.status_code == 201, response.text
+    assert not list(running.service.files.recordings.glob(".incoming-*"))
+    stored = tmp_path / "stored.parquet"
+    stored.write_bytes(download(running, response.json()["id"], "parquet"))
+    read = read_recording(stored, parse_machine(MACHINE), "train")
+    assert np.max(np.abs(read.values["joint1.angle"] - np.sin(read.time))) < 1e-3
+    assert len(read.notes) == 1 and read.notes[0].startswith("logger.txt: resampled from 200 Hz")
 
 
 HOSTILE = {

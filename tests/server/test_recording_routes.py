@@ -77,7 +77,7 @@ def test_a_truncated_parquet_is_refused(running: Running, tmp_path: Path) -> Non
 def test_refusals_before_a_byte_is_stored(running: Running, csv: bytes) -> None:
     assert upload(running, csv, machine="absent").status_code == 404
     assert upload(running, csv, role="dancing").status_code == 422
-    assert upload(running, csv, name="run.mat").status_code == 415
+    assert upload(running, csv, name="run.xlsx").status_code == 415
 
 
 def test_a_huge_upload_is_stopped_and_leaves_nothing(running: Running) -> None:

@@ -102,7 +102,7 @@ def site(place: Path) -> Iterator[SiteOfTest]:
             assert process.stdout is not None
             line = process.stdout.readline()
             assert line, log.read_text()
-            code = wait_until("the pairing code is told", lambda: re.search(r"admin with (\d{6})", log.read_text()))
+            code = wait_until("the pairing code is told", lambda: re.search(r"admin with (\d{10})", log.read_text()))
             made = SiteOfTest(json.loads(line)["url"], place, code[1])
             yield made
             for client in (made.nobody, made.admin, made.engineer, made.second):

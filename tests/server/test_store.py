@@ -14,6 +14,7 @@ from service_fakes import MACHINE
 
 from server.errors import ConflictError, StartError
 from server.files import DataDirectory
+from server.machine_reader import MachineReader
 from server.store import Database, Identification, Identifications, Jobs, Machines, RecordingRow, Recordings, tables
 from server.store.idempotency import IdempotencyKey
 from server.uploads import MachineUploads
@@ -83,12 +84,14 @@ def test_sqlite_is_set_up_to_survive_a_power_cut(files: DataDirectory) -> None:
 
 
 def test_uploads_at_once_get_versions_of_their_own(database: Database, files: DataDirectory) -> None:
-    uploads = MachineUploads(database, files)
+    reader = MachineReader(files)
+    uploads = MachineUploads(database, files, reader)
     texts = [MACHINE.replace("rate_hz: 50", f"rate_hz: {50 + number}").encode() for number in range(6)]
     at_once(6, lambda number: uploads.add(texts[number]))
     assert [row.version for row in Machines(database).versions("lever")] == [6, 5, 4, 3, 2, 1]
     stored = {files.machine_file("lever", version).read_bytes() for version in range(1, 7)}
     assert stored == set(texts)
+    reader.close()
 
 
 def test_of_two_recordings_started_at_once_one_is_refused(database: Database) -> None:

@@ -9,7 +9,7 @@ from typing import Any, Literal, NotRequired, TypedDict, Unpack
 from hilfit_client.transport import Transport
 
 #: SHA-256 of the description that this was made from.
-SOURCE_SHA256 = "c373cf07bce2eddfe309f0344463bae89689c1ca624928736038b91b60d6463f"
+SOURCE_SHA256 = "ca15509b471ed42a8d38029c7cd4c21423dcea1d3624719402f527c6b6e1eced"
 
 
 class AcquisitionWish(TypedDict):
@@ -58,6 +58,7 @@ class BackupResource(TypedDict):
     created: str
     id: str
     kind: str
+    missing: list[str]
 
 
 class CalibrationList(TypedDict):
@@ -74,6 +75,7 @@ class CalibrationResource(TypedDict):
     approved_by: str | None
     created: str
     errors: dict[str, Any]
+    history: list[StepResource]
     id: str
     identification: str
     label: str
@@ -101,6 +103,7 @@ class ChannelStatistics(TypedDict):
 class CodeOrder(TypedDict):
     """For which role, and for which machines (null: all), a device is to be paired."""
 
+    days: NotRequired[int | None]
     machines: NotRequired[list[str] | None]
     role: Literal["viewer", "operator", "engineer", "admin"]
 
@@ -193,7 +196,7 @@ class ExcitationResource(TypedDict):
 
 
 class Health(TypedDict):
-    """Answered when HTTP and the store work."""
+    """Answered when all is well."""
 
     status: Literal["ok"]
 
@@ -208,13 +211,17 @@ class HolderList(TypedDict):
 class HolderResource(TypedDict):
     """A paired device or an API key."""
 
+    address: str | None
     created: str
     created_by: str
+    expires: str | None
     id: str
     kind: Literal["device", "key"]
     machines: list[str] | None
     name: str
     role: Literal["viewer", "operator", "engineer", "admin"]
+    seen: str | None
+    streams: int
 
 
 class IdentificationList(TypedDict):
@@ -229,11 +236,13 @@ class IdentificationOptions(TypedDict):
 
     bandwidth_hz: NotRequired[float | None]
     bootstrap: NotRequired[int]
+    columns: NotRequired[None]
     covariance: NotRequired[Literal["hac", "bootstrap", "white"]]
     estimator: NotRequired[str]
     forgetting: NotRequired[float]
     loop: NotRequired[bool]
     prior: NotRequired[None]
+    resample: NotRequired[bool]
 
 
 class IdentificationOrder(TypedDict):
@@ -297,6 +306,7 @@ class JointErrors(TypedDict):
 class KeyOrder(TypedDict):
     """An API key for a program."""
 
+    days: NotRequired[int | None]
     machines: NotRequired[list[str] | None]
     name: str
     role: Literal["viewer", "operator", "engineer", "admin"]
@@ -369,14 +379,18 @@ class MonitoredJoint(TypedDict):
 class NewKey(TypedDict):
     """An API key with its secret, which is shown this once."""
 
+    address: str | None
     created: str
     created_by: str
+    expires: str | None
     id: str
     key: str
     kind: Literal["device", "key"]
     machines: list[str] | None
     name: str
     role: Literal["viewer", "operator", "engineer", "admin"]
+    seen: str | None
+    streams: int
 
 
 class Paired(TypedDict):
@@ -405,6 +419,7 @@ class Parameter(TypedDict):
 class PrincipalResource(TypedDict):
     """Who asks; `machines` null: all of them."""
 
+    approves_own: bool
     id: str
     kind: Literal["device", "key", "local", "service"]
     machines: list[str] | None
@@ -592,6 +607,15 @@ class Status(TypedDict):
     version: str
 
 
+class StepResource(TypedDict):
+    """Who did what to a calibration, when."""
+
+    action: Literal["proposed", "approved", "rejected", "activated", "retired"]
+    by: str
+    note: str
+    time: str
+
+
 class UpcomingSlots(TypedDict):
     """The next slots of a cron expression, in UTC; fewer where it ends."""
 
@@ -621,7 +645,7 @@ class AccessApi:
         return answer
 
     def remove_device(self, id: str) -> None:
-        """Unpair a device: its token is worth nothing from now on."""
+        """Unpair a device: its token is worth nothing from now on, and its streams are closed."""
         self._transport.nothing("DELETE", f"/api/v1/access/devices/{self._transport.quoted(id)}")
 
     def list_keys(self, *, limit: int | None = None, cursor: int | None = None) -> HolderList:
@@ -639,13 +663,17 @@ class AccessApi:
         return answer
 
     def remove_key(self, id: str) -> None:
-        """Revoke an API key."""
+        """Revoke an API key; its streams are closed."""
         self._transport.nothing("DELETE", f"/api/v1/access/keys/{self._transport.quoted(id)}")
 
     def get_key(self, id: str) -> HolderResource:
         """Read an API key, without its secret."""
         answer: HolderResource = self._transport.json("GET", f"/api/v1/access/keys/{self._transport.quoted(id)}")
         return answer
+
+    def end_me(self) -> None:
+        """End the session of whoever asks: its token is worth nothing from now on, and its streams are closed."""
+        self._transport.nothing("DELETE", "/api/v1/access/me")
 
     def me(self) -> PrincipalResource:
         """Who asks."""
@@ -796,7 +824,7 @@ class CalibrationsApi:
         return answer
 
     def approve(self, id: str, *, if_match: str | None = None, **body: Unpack[Decision]) -> CalibrationResource:
-        """Approve a proposed calibration; who proposed it may not."""
+        """Approve a proposed calibration; whoever proposed it may only where the policy says so (`second_person`)."""
         answer: CalibrationResource = self._transport.json(
             "POST",
             f"/api/v1/calibrations/{self._transport.quoted(id)}/approve",
@@ -1097,10 +1125,15 @@ class RecordingsApi:
         machine: str,
         role: Literal["unloaded", "train", "repeat", "validate", "operation"],
         name: str,
+        columns: str | None = None,
+        resample: bool | None = None,
     ) -> RecordingResource:
         """Upload a recording; one that `hilfit identify` would refuse is refused here."""
         answer: RecordingResource = self._transport.json(
-            "POST", "/api/v1/recordings/upload", content=content, query={"machine": machine, "role": role, "name": name}
+            "POST",
+            "/api/v1/recordings/upload",
+            content=content,
+            query={"machine": machine, "role": role, "name": name, "columns": columns, "resample": resample},
         )
         return answer
 
@@ -1213,8 +1246,20 @@ class HealthzApi:
         self._transport = transport
 
     def healthz(self) -> Health:
-        """Whether HTTP and the store work."""
+        """Whether requests can be served: the store can be read, and the data directory be written."""
         answer: Health = self._transport.json("GET", "/healthz")
+        return answer
+
+
+class LivezApi:
+    """What is below ``/livez``."""
+
+    def __init__(self, transport: Transport) -> None:
+        self._transport = transport
+
+    def livez_livez_get(self) -> Health:
+        """Whether the process answers: if not, restart it."""
+        answer: Health = self._transport.json("GET", "/livez")
         return answer
 
 
@@ -1227,6 +1272,18 @@ class MetricsApi:
     def read(self) -> str:
         """What is counted, for Prometheus."""
         return self._transport.text("GET", "/metrics")
+
+
+class ReadyzApi:
+    """What is below ``/readyz``."""
+
+    def __init__(self, transport: Transport) -> None:
+        self._transport = transport
+
+    def healthz_readyz_get(self) -> Health:
+        """Whether requests can be served: the store can be read, and the data directory be written."""
+        answer: Health = self._transport.json("GET", "/readyz")
+        return answer
 
 
 class Api:
@@ -1251,4 +1308,6 @@ class Api:
         self.schedules = SchedulesApi(transport)
         self.status = StatusApi(transport)
         self.healthz = HealthzApi(transport)
+        self.livez = LivezApi(transport)
         self.metrics = MetricsApi(transport)
+        self.readyz = ReadyzApi(transport)

@@ -9,17 +9,19 @@ from collections.abc import Callable
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from server.bench.measured import emps, seals, staubli
+from fitting.session import Options, Session
+from server.bench.measured import emps, kuka, seals, staubli
 from server.bench.measured.emps import Emps
 from server.bench.measured.seals import Seal
 from server.bench.measured.staubli import Staubli
+from server.bench.measured.ways import MOST_WORSE, Ways, cut, named, ways
 from server.bench.targets import Check, Outcome, fact
 
 __all__ = ["DATA", "MACHINES", "run"]
 
 #: Where the data is looked for: beside the repository.
 DATA = Path(__file__).parents[3].parent / "shared" / "data"
-MACHINES = ("emps", "staubli_tx40", "pneumatic_cylinder")
+MACHINES = ("emps", "staubli_tx40", "kuka_lwr4", "pneumatic_cylinder")
 
 
 def run(
@@ -44,29 +46,46 @@ def run(
     first: Emps | None = None
     second: Staubli | None = None
     third: list[Seal] = []
+    fourth: Ways | None = None
+    beside: list[Ways] = []
     with TemporaryDirectory(prefix="hilfit-measured-") as scratch:
         directory = Path(scratch)
         if "emps" in there:
             show("EMPS: base model, loop")
             first = emps.evaluate(data / "emps", directory)
+            beside.append(ways("EMPS", emps.session_of(data / "emps", directory)))
         if "staubli_tx40" in there:
             show("Staubli TX40: base model, loop, five blocks")
             second = staubli.evaluate(data / "staubli_tx40", directory)
+            whole = staubli.session_of(staubli.recording(data / "staubli_tx40", directory))
+            parts = cut(whole.recordings[0])
+            beside.append(ways("TX40, last fifth", Session(whole.machine, parts, Options(loop=False))))
+        if "kuka_lwr4" in there:
+            show("KUKA LWR: base model, loop")
+            fourth = kuka.evaluate(data / "kuka_lwr4")
+            beside.append(fourth)
         for seal in seals.SEALS if "pneumatic_cylinder" in there else ():
             show(f"pneumatic cylinder: {seal}")
             third.append(seals.evaluate(data / "pneumatic_cylinder", directory, seal))
     checks = (
         *(() if first is None else _emps_checks(first)),
         *(() if second is None else _staubli_checks(second)),
+        *(() if fourth is None else _kuka_checks(fourth)),
+        *(_beside(own) for own in beside),
         *_seal_checks(third),
     )
     if page is not None:
-        _write(page, first, second, third, checks)
+        _write(page, first, second, third, beside, checks)
     return Outcome(checks, tuple(notes))
 
 
 def _write(
-    page: Path, first: Emps | None, second: Staubli | None, third: list[Seal], checks: tuple[Check, ...]
+    page: Path,
+    first: Emps | None,
+    second: Staubli | None,
+    third: list[Seal],
+    beside: list[Ways],
+    checks: tuple[Check, ...],
 ) -> None:
     from server.bench.measured import figures
     from server.bench.measured.page import page as text
@@ -83,7 +102,7 @@ def _write(
         (folder / "staubli.svg").write_text(drawn, encoding="utf-8")
     if third:
         (folder / "seals.svg").write_text(figures.friction(third), encoding="utf-8")
-    page.write_text(text(first, second, third, checks), encoding="utf-8")
+    page.write_text(text(first, second, third, beside, checks), encoding="utf-8")
 
 
 def _percent(name: str, value: float, target: float) -> Check:
@@ -115,6 +134,25 @@ def _staubli_checks(result: Staubli) -> tuple[Check, ...]:
         _percent("TX40: five blocks after the loop", result.after.every_row_blocks, 8.1),
         fact("TX40: asymmetric and load-dependent friction refused", refused, ", ".join(result.found.names)),
     )
+
+
+def _kuka_checks(result: Ways) -> tuple[Check, ...]:
+    assert result.after is not None
+    shown = ", ".join(named(v) for v in result.impossible) or "none"
+    return (
+        _percent("KUKA: relative error of the base model on another motion", result.base, kuka.MOST_BASE),
+        _percent("KUKA: the same with what the loop added", result.after, kuka.MOST_AFTER),
+        Check("KUKA: impossible parameters that the report names", None, shown),
+    )
+
+
+def _beside(result: Ways) -> Check:
+    """The base that is handed out against plain least squares on a motion that neither has seen."""
+    shown = (
+        f"{result.base:.2f} % ({result.chosen}) beside {result.held_out['one_shot']:.2f} %, {100 * result.worse:+.1f} %"
+    )
+    name = f"{result.machine}: base model against plain least squares, held-out motion"
+    return Check(name, 100 * result.worse, shown, "at most", 100 * MOST_WORSE, f"{100 * MOST_WORSE:g} % worse")
 
 
 def _seal_checks(results: list[Seal]) -> tuple[Check, ...]:

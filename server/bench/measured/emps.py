@@ -120,6 +120,13 @@ def evaluate(data: Path, directory: Path) -> Emps:
     )
 
 
+def session_of(data: Path, directory: Path) -> Session:
+    """Two periods to fit, two to hear the noise on, the pulses to predict; both stages only, default bandwidth."""
+    paths, machine = files(data, directory), load_machine(MACHINE)
+    roles = ("train", "repeat", "validate")
+    return Session(machine, [read_recording(paths[role], machine, role) for role in roles], Options(loop=False))
+
+
 def _whole(paths: dict[str, Path]) -> Session:
     machine: Machine = load_machine(MACHINE)
     recordings: list[Recording] = [

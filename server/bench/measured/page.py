@@ -9,6 +9,7 @@ from server.bench.measured.emps import Emps
 from server.bench.measured.seals import BANDWIDTH_HZ, Seal
 from server.bench.measured.stacks import Found
 from server.bench.measured.staubli import Staubli
+from server.bench.measured.ways import WAYS, Ways, named
 from server.bench.targets import Check
 
 _HEAD = """# Measured machines
@@ -23,11 +24,15 @@ else; its effects are then refitted with the base.
 """
 
 
-def page(emps: Emps | None, staubli: Staubli | None, seals: Sequence[Seal], checks: Sequence[Check]) -> str:
+def page(
+    emps: Emps | None, staubli: Staubli | None, seals: Sequence[Seal], beside: Sequence[Ways], checks: Sequence[Check]
+) -> str:
     """The whole page; machines that were not run are left out."""
     parts = [_HEAD]
     if checks:
         parts.append(_checks(checks))
+    if beside:
+        parts.append(_ways(beside))
     if emps is not None:
         parts.append(_emps(emps))
     if staubli is not None:
@@ -189,6 +194,35 @@ Put on every joint all the same, either makes the left-out blocks worse (table a
 Drive parameters of the base model beside the published ones (ordinary least squares, in the published meaning):
 
 {_table(["parameter", "published", "here"], friction)}"""
+
+
+_NAMES = {
+    "whitened": "weighted by the noise",
+    "scaled": "scale per joint",
+    "equal": "least squares, all recordings",
+    "possible": "the same, physically possible",
+    "one_shot": "plain least squares",
+    "two_stage": "two stages",
+}
+
+
+def _ways(results: Sequence[Ways]) -> str:
+    rows = []
+    for own in results:
+        for title, errors in (("training", own.training), ("another motion", own.held_out)):
+            cells = {way: f"{error:.2f} %" for way, error in errors.items()}
+            marks = [f"**{cells[way]}**" if way == own.chosen else cells.get(way, "–") for way in WAYS]
+            rows.append([own.machine, title, *marks, f"{own.ratio:.3f}"])
+    found = [f"{own.machine}: {'; '.join(map(named, own.impossible)) or 'none'}" for own in results]
+    return f"""## Every way to the parameters beside plain least squares
+
+Relative error of the base model in the identification band, same rows and filter for all; what is handed out is set in
+bold. The last column is the training error of the fit that is weighted by the measured noise over that of least
+squares: above 1.02 least squares is handed out ([decision 38](decisions/0038-weights-on-measured-machines.md)).
+
+{_table(["machine", "motion", *(_NAMES[way] for way in WAYS), "ratio"], rows)}
+Impossible parameters that the reports name. {". ".join(found)}.
+"""
 
 
 def _seals(results: Sequence[Seal]) -> str:

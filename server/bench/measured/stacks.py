@@ -87,7 +87,7 @@ def _called(term: Mapping[str, Any]) -> str:
 def refitted(session: Session, terms: Sequence[Term], found: Found | None = None) -> Model:
     """Base and terms refitted jointly on a session; kinematic corrections as the loop found them."""
     steps = [] if found is None else [s for f in found.results["residual"]["kinematics"] for s in f["steps"]]
-    return final_model(session, corrections_from_json(session, steps), terms)[1]
+    return final_model(session, corrections_from_json(session, steps), terms)[1].model
 
 
 @dataclass(frozen=True)

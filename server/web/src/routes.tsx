@@ -20,7 +20,13 @@ export function parseRoute(hash: string): Route {
 
 /** The code in the address that a QR code opened (`#pair=123456`), or null. */
 export function pairingCode(hash: string): string | null {
-  return /^#pair=([0-9]{6})$/.exec(hash)?.[1] ?? null;
+  return /^#pair=([0-9]{10})(?:&sha256=[0-9a-f]{64})?$/.exec(hash)?.[1] ?? null;
+}
+
+/** SHA-256 of the certificate that the code came with, in pairs as browsers show it; null if it came with none. */
+export function pairingFingerprint(hash: string): string | null {
+  const found = /^#pair=[0-9]{10}&sha256=([0-9a-f]{64})$/.exec(hash)?.[1];
+  return found === undefined ? null : (found.match(/../g) as string[]).join(":").toUpperCase();
 }
 
 function decode(part: string): string {

@@ -40,7 +40,15 @@ export class FakeService {
   readonly session: Session;
 
   constructor(role: Principal["role"], principal: Partial<Principal> = {}) {
-    const who: Principal = { id: "prn-me", name: "Me", kind: "device", machines: null, role, ...principal };
+    const who: Principal = {
+      id: "prn-me",
+      name: "Me",
+      kind: "device",
+      machines: null,
+      role,
+      approves_own: false,
+      ...principal,
+    };
     const machine = signal<string | null>("arm");
     this.session = {
       client: this.client(),

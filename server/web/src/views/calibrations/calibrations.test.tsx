@@ -23,6 +23,7 @@ const calibration = (given: object) => ({
   errors: {},
   parameters: [],
   note: "",
+  history: [],
   ...given,
 });
 const IN_USE = calibration({ id: "cal-2", label: "Winter", state: "active", activated: "2026-01-02T08:00:00Z" });

@@ -30,8 +30,8 @@ export function CalibrationList() {
           <Panel title="In use">
             {active === undefined ? (
               <Empty>
-                No calibration is in use. A result is proposed under Results, approved here by another person, and then
-                activated.
+                No calibration is in use. A result is proposed under Results, approved here
+                {session.principal.value?.approves_own === true ? "" : " by another person"}, and then activated.
               </Empty>
             ) : (
               <>

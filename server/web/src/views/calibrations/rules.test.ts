@@ -18,9 +18,10 @@ export const calibration = (given: Given): Calibration => ({
   errors: {},
   parameters: [],
   note: "",
+  history: [],
   ...given,
 });
-const me = { id: "prn-me", name: "Me", role: "engineer", kind: "device", machines: null } as const;
+const me = { id: "prn-me", name: "Me", role: "engineer", kind: "device", machines: null, approves_own: false } as const;
 
 describe("what may be done", () => {
   it("depends on the state", () => {
@@ -40,8 +41,8 @@ describe("what may be done", () => {
     expect([own.approve, own.reject]).toEqual([false, true]);
     expect(own.why).toContain("another engineer");
     expect(possible(calibration({ proposed_by: "Me" }), me, true).approve).toBe(true);
-    const local = { ...me, kind: "local" as const };
-    expect(possible(calibration({ proposed_by_id: "prn-me" }), local, true).approve).toBe(true);
+    const alone = { ...me, approves_own: true };
+    expect(possible(calibration({ proposed_by_id: "prn-me" }), alone, true).approve).toBe(true);
   });
 
   it("is nothing without the role, and says whose it is", () => {
@@ -68,6 +69,20 @@ describe("history", () => {
       "“Summer” was proposed by Tablet",
       "“Spring” came into use, approved by Kim",
       "“Spring” was proposed by Tablet",
+    ]);
+  });
+
+  it("says who and when, and that it was the same person", () => {
+    const time = "2026-03-01T08:00:00Z";
+    const steps = [
+      { time, action: "proposed", by: "Tablet", note: "" },
+      { time: "2026-03-01T09:00:00Z", action: "approved", by: "Tablet", note: "as measured" },
+      { time: "2026-03-01T10:00:00Z", action: "activated", by: "Kim", note: "" },
+    ] satisfies Calibration["history"];
+    expect(history([calibration({ history: steps })]).map((step) => step.text)).toEqual([
+      "“Spring” came into use, by Kim",
+      "“Spring” was approved, by Tablet, who had proposed it: as measured",
+      "“Spring” was proposed, by Tablet",
     ]);
   });
 

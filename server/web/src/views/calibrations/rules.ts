@@ -29,7 +29,7 @@ export function possible(calibration: Calibration, principal: Principal | null, 
     const why = decided ? null : "An engineer approves, rejects and activates calibrations.";
     return { approve: false, reject: false, activate: false, why };
   }
-  const own = principal !== null && principal.id === calibration.proposed_by_id && principal.kind !== "local";
+  const own = principal !== null && principal.id === calibration.proposed_by_id && !principal.approves_own;
   const why = state === "proposed" && own ? "You proposed it: another engineer has to approve it." : null;
   return {
     approve: state === "proposed" && !own,
@@ -44,9 +44,23 @@ export interface Step {
   text: string;
 }
 
+const DONE: Record<Calibration["history"][number]["action"], string> = {
+  proposed: "was proposed",
+  approved: "was approved",
+  rejected: "was rejected",
+  activated: "came into use",
+  retired: "was no longer in use",
+};
+
+function told(one: Calibration, { time, action, by, note }: Calibration["history"][number]): Step {
+  const same = action === "approved" && by === one.proposed_by ? ", who had proposed it" : "";
+  return { time, text: `“${one.label}” ${DONE[action]}, by ${by}${same}${note === "" ? "" : `: ${note}`}` };
+}
+
 /** What happened to the calibrations of a machine, as far as each of them tells, newest first. */
 export function history(calibrations: Calibration[]): Step[] {
   const steps = calibrations.flatMap((one): Step[] => {
+    if (one.history.length > 0) return one.history.map((step) => told(one, step));
     const proposed = { time: one.created, text: `“${one.label}” was proposed by ${one.proposed_by}` };
     if (one.activated === null) return [proposed];
     const approver = one.approved_by === null ? "" : `, approved by ${one.approved_by}`;

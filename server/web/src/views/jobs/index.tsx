@@ -18,7 +18,7 @@ const KINDS: Record<string, string> = {
 };
 const STAGES: Record<string, string> = {
   check: "Check recordings and equations",
-  cylinder_stage: "Friction and stiffness of each cylinder",
+  cylinder_stage: "Friction and stiffness of each drive",
   rigid_body_stage: "Masses and inertias, friction kept",
   residual: "Noise floor",
   attribution: "What causes the remaining error",

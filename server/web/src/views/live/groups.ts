@@ -32,6 +32,7 @@ export interface Group {
 
 const TITLES: [string, string[]][] = [
   ["Joint positions", ["joint_position", "motor_position", "base_roll", "base_pitch"]],
+  ["Velocities", ["joint_velocity", "motor_velocity"]],
   ["Piston positions", ["piston_position"]],
   ["Pressures, head side", ["head_pressure"]],
   ["Pressures, rod side", ["rod_pressure"]],
@@ -39,7 +40,19 @@ const TITLES: [string, string[]][] = [
   ["Forces and torques, measured", ["cylinder_force", "external_force", "joint_effort", "motor_effort"]],
   ["Temperatures", ["oil_temperature"]],
 ];
-const DECIMALS: Record<string, number> = { rad: 3, deg: 2, mm: 1, m: 4, bar: 1, MPa: 2, Pa: 0, kN: 2, N: 0, "N m": 1 };
+const DECIMALS: Record<string, number> = {
+  rad: 3,
+  "rad/s": 3,
+  deg: 2,
+  mm: 1,
+  m: 4,
+  bar: 1,
+  MPa: 2,
+  Pa: 0,
+  kN: 2,
+  N: 0,
+  "N m": 1,
+};
 /** Pascal of one, for the units of pressure that a machine file is likely to use. */
 const PASCAL: Record<string, number> = { Pa: 1, kPa: 1e3, MPa: 1e6, bar: 1e5, mbar: 1e2, psi: 6894.757 };
 
@@ -106,7 +119,18 @@ function force(machine: MachineContent, joint: MachineContent["joints"][number])
   };
 }
 
-const WORSE = ["fresh", "late", "out_of_range", "stale", "emergency", "bus_error", "missing"];
+const WORSE = [
+  "fresh",
+  "held",
+  "late",
+  "out_of_range",
+  "stale",
+  "frozen",
+  "emergency",
+  "invalid",
+  "bus_error",
+  "missing",
+];
 
 /** The reading of a line now: of what it is made of, the worst quality and the oldest age. */
 export function reading(one: Line, readings: ReadonlyMap<string, Reading>): Reading {

@@ -11,6 +11,9 @@ const WORDS: Record<string, [NoticeKind | "off", string]> = {
   out_of_range: ["warning", "out of range"],
   emergency: ["bad", "sensor error"],
   bus_error: ["bad", "bus is down"],
+  invalid: ["bad", "no valid number"],
+  frozen: ["bad", "frozen"],
+  held: ["good", "at its own rate"],
 };
 /** Seconds of silence after which nothing that is shown passes for measured now. */
 export const SILENT_S = 2;

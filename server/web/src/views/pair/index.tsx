@@ -1,11 +1,11 @@
 /** Make the service know this device; and, for an admin, other devices. */
 import { useState } from "preact/hooks";
 import type { components } from "../../net/api.gen";
-import { go, pairingCode } from "../../routes";
+import { go, pairingCode, pairingFingerprint } from "../../routes";
 import { CommandNotice, useCommand, useSession } from "../../session";
 import { Button, Field, Notice, type InputEvent } from "../../ui/controls";
 import { Confirm, Panel } from "../../ui/layout";
-import { Devices } from "./devices";
+import { Holders } from "./devices";
 import { NewCode } from "./new_code";
 
 export default function PairView() {
@@ -30,7 +30,8 @@ export default function PairView() {
       {session.may("admin") && principal.kind !== "local" && (
         <>
           <NewCode />
-          <Devices />
+          <Holders of="devices" title="Paired devices" noun="Device" />
+          <Holders of="keys" title="Keys of programs" noun="Program" />
         </>
       )}
     </>
@@ -39,18 +40,24 @@ export default function PairView() {
 
 function Forget() {
   const session = useSession();
+  const command = useCommand();
   const [asking, setAsking] = useState(false);
   return (
     <>
+      <CommandNotice of={command} />
       <Button onClick={() => setAsking(true)}>Forget the service on this device</Button>
       {asking && (
         <Confirm
           title="Forget the service?"
-          text="This device needs a new code before it can be used again."
+          text="Its session ends, everywhere. This device needs a new code before it can be used again."
           confirm="Forget it"
           kind="danger"
+          busy={command.busy}
           onNo={() => setAsking(false)}
-          onYes={() => session.forget()}
+          onYes={() => {
+            setAsking(false);
+            void command.run({ method: "DELETE", path: "/access/me" }, () => session.forget());
+          }}
         />
       )}
     </>
@@ -61,12 +68,13 @@ function PairForm({ code: given }: { code: string }) {
   const session = useSession();
   const command = useCommand();
   const [code, setCode] = useState(given);
+  const fingerprint = pairingFingerprint(location.hash);
   const [name, setName] = useState("");
   const [missing, setMissing] = useState<{ code?: string; name?: string }>({});
 
   function submit(): void {
     const found: typeof missing = {};
-    if (!/^[0-9]{6}$/.test(code)) found.code = "The code has six digits.";
+    if (!/^[0-9]{10}$/.test(code)) found.code = "The code has ten digits.";
     if (name.trim() === "") found.name = "Give the device a name, so that others know who did what.";
     setMissing(found);
     if (found.code !== undefined || found.name !== undefined) return;
@@ -85,6 +93,12 @@ function PairForm({ code: given }: { code: string }) {
         An admin makes a code for this device, or the service shows one at its first start. It holds for a quarter of an
         hour.
       </p>
+      {fingerprint !== null && (
+        <Notice kind="info">
+          The certificate of this service has the SHA-256 fingerprint <code>{fingerprint}</code>. Compare it with what
+          the browser shows of this connection before you pair.
+        </Notice>
+      )}
       {session.access.value === "known" && (
         <Notice kind="info">The service knows this device already. With a new code it gets a new role.</Notice>
       )}
@@ -99,7 +113,7 @@ function PairForm({ code: given }: { code: string }) {
             class="code"
             value={code}
             inputMode="numeric"
-            maxLength={6}
+            maxLength={14}
             autocomplete="one-time-code"
             onInput={(event: InputEvent) => setCode(event.currentTarget.value.replace(/\D/g, ""))}
           />

@@ -71,7 +71,7 @@ export function NewCode() {
           <img src={`data:image/svg+xml,${encodeURIComponent(code.qr_svg)}`} alt={`QR code of ${code.url}`} />
           <div>
             <p class="digits">
-              {code.code.slice(0, 3)} {code.code.slice(3)}
+              {code.code.slice(0, 5)} {code.code.slice(5)}
             </p>
             <p>
               For one device, as {code.role}, until {time(code.expires)}. Or open there: <code>{code.url}</code>

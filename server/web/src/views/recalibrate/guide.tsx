@@ -6,12 +6,14 @@ import { useResource, useSession } from "../../session";
 import { Button, Mark, Notice } from "../../ui/controls";
 import { Confirm, Empty, Panel } from "../../ui/layout";
 import { time } from "../../ui/format";
+import type { MachineContent } from "../live/groups";
 import { CheckStep } from "./check_step";
 import { IdentifyStep } from "./identify_step";
 import { RecordStep } from "./record_step";
 import { type Guide, STEPS, type Step, currentStep, newGuide, recordingsOf, storeGuide, storedGuide } from "./progress";
 
 type Recordings = components["schemas"]["RecordingList"];
+type Machine = components["schemas"]["MachineDetail"];
 
 const TITLES: Record<Step, string> = {
   check: "Check the sensors",
@@ -39,10 +41,15 @@ export default function RecalibrateView() {
 
 function MachineGuide({ machine }: { machine: string }) {
   const session = useSession();
-  const [guide, setGuide] = useState(() => storedGuide(machine));
-  const path = guide === null ? null : `/recordings?machine=${encodeURIComponent(machine)}&limit=200`;
+  const [stored, setGuide] = useState(() => storedGuide(machine));
+  const path = stored === null ? null : `/recordings?machine=${encodeURIComponent(machine)}&limit=200`;
   const recordings = useResource<Recordings>(path, "recordings");
   const [asking, setAsking] = useState(false);
+  const detail = useResource<Machine>(`/machines/${encodeURIComponent(machine)}`, "machines");
+  const content = detail.value?.machine as unknown as MachineContent | undefined;
+  // Without cylinders there is nothing to unpin; the guide does not speak of it.
+  const cylinders = content === undefined || content.joints.some((joint) => joint.cylinder != null);
+  const guide = stored === null || cylinders ? stored : { ...stored, stayOn: true };
 
   function keep(change: Partial<Guide> | null): void {
     const next = change === null || guide === null ? null : { ...guide, ...change };
@@ -51,12 +58,13 @@ function MachineGuide({ machine }: { machine: string }) {
   }
   function begin(): void {
     const key = randomName();
-    const fresh = newGuide(`Recalibration ${time(new Date().toISOString()).slice(0, 16)} ${key.slice(0, 4)}`, key);
+    const label = `Recalibration ${time(new Date().toISOString()).slice(0, 16)} ${key.slice(0, 4)}`;
+    const fresh = newGuide(label, key);
     storeGuide(machine, fresh);
     setGuide(fresh);
   }
 
-  if (guide === null) return <Begin onBegin={begin} allowed={session.may("engineer")} />;
+  if (guide === null) return <Begin onBegin={begin} allowed={session.may("engineer")} cylinders={cylinders} />;
   if (recordings.value === null)
     return (
       <>
@@ -149,15 +157,18 @@ function StepContent({ step, machine, guide, recordings, keep }: ContentProps) {
   }
 }
 
-function Begin({ onBegin, allowed }: { onBegin: () => void; allowed: boolean }) {
+function Begin({ onBegin, allowed, cylinders }: { onBegin: () => void; allowed: boolean; cylinders: boolean }) {
   return (
     <>
       <h1 class="title">Recalibrate</h1>
       <Panel title="What happens">
         <ol class="what">
           <li>The sensors are checked.</li>
-          <li>The rods are unpinned, and each cylinder is moved alone.</li>
-          <li>The rods are pinned; a training motion is recorded twice, and another motion to judge the result by.</li>
+          {cylinders && <li>The rods are unpinned, and each cylinder is moved alone.</li>}
+          <li>
+            {cylinders ? "The rods are pinned; a" : "A"} training motion is recorded twice, and another motion to judge
+            the result by.
+          </li>
           <li>The service identifies the arm and says what changed. Nothing is activated without a person.</li>
         </ol>
         <p>The motions come from the arm’s own controller; this service only watches.</p>

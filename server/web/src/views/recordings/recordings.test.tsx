@@ -122,7 +122,7 @@ describe("recordings", () => {
     const file = new File(["x"], "a.xlsx");
     Object.defineProperty(input, "files", { value: [file] });
     fireEvent.change(input);
-    await screen.findByText(/“a.xlsx” is none of .csv, .parquet, .mf4/);
+    await screen.findByText(/“a.xlsx” is none of .csv, .parquet, .txt/);
     expect(screen.getByRole("button", { name: "Upload" }).hasAttribute("disabled")).toBe(true);
   });
 });

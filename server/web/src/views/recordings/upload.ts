@@ -4,7 +4,7 @@ import type { components } from "../../net/api.gen";
 
 type Recording = components["schemas"]["RecordingResource"];
 
-export const ENDINGS = [".csv", ".parquet", ".mf4"];
+export const ENDINGS = [".csv", ".parquet", ".txt", ".tsv", ".mf4", ".mat", ".db3", ".mcap"];
 /** Characters of a file's name that the service keeps. */
 const LONGEST = 200;
 const UNKNOWN =

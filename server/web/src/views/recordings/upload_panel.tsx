@@ -65,7 +65,7 @@ export function UploadPanel({ machine, onDone }: { machine: string; onDone: () =
           </Field>
           <Field
             label="Files"
-            hint="CSV, Parquet or MDF4 (.mf4), as the machine file names the channels."
+            hint="CSV, Parquet, MDF4, MAT or a ROS 2 bag; columns named as the machine file names the channels, with units if you like."
             error={wrong}
           >
             {(attributes) => (

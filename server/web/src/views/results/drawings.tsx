@@ -58,9 +58,9 @@ function Residual({ scatter, report }: { scatter: Scatter; report: Report }) {
 export function Frictions({ report }: { report: Report }) {
   const curves = report.figures.friction;
   return (
-    <Panel title="Friction of each cylinder over its speed">
+    <Panel title="Friction of each joint over its speed">
       {curves.length === 0 ? (
-        <Empty>This report has no friction curves; it was made by an earlier version or without cylinders.</Empty>
+        <Empty>This report has no friction curves; it was made by an earlier version.</Empty>
       ) : (
         <>
           <p class="hint">The band is two standard deviations. Where it is wide, few moments were recorded.</p>

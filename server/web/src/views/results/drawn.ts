@@ -82,7 +82,7 @@ export function interpolated(places: Values, values: Values, wanted: number[]): 
   });
 }
 
-/** Friction over speed of one cylinder; the band is two standard deviations. */
+/** Friction over speed of one joint; the band is two standard deviations. */
 export function friction(curve: FrictionCurve): Drawn {
   const edge = (sign: number): Values =>
     curve.force.map((force, index) => {

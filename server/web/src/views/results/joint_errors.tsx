@@ -1,8 +1,8 @@
 /** Errors of each joint before and after, in numbers and as bars in units of the noise. */
 import { Mark } from "../../ui/controls";
-import { number } from "../../ui/format";
+import { number, percent } from "../../ui/format";
 import { Panel, Table, type Column } from "../../ui/layout";
-import { type JointRow, added, judgedOn, jointRows } from "./model";
+import { type JointRow, added, judgedOn, jointRows, overall } from "./model";
 import type { Report } from "./report";
 import { change, unit } from "./wording";
 
@@ -17,6 +17,7 @@ export function JointErrors({ report }: { report: Report }) {
   const rows = jointRows(report);
   const both = added(report);
   const motion = judgedOn(report) === "validate" ? "the validation motion, which was not fitted" : "the fitted motion";
+  const sized = rows.some((row) => row.rms !== null);
   const columns: Column[] = [
     { name: "joint", title: "Joint" },
     ...(both ? [{ name: "before", title: "Before", align: "right" } as const] : []),
@@ -24,6 +25,13 @@ export function JointErrors({ report }: { report: Report }) {
     { name: "unit", title: "Unit" },
     { name: "noise", title: "Noise", align: "right" },
     ...(both ? [{ name: "change", title: "Change", align: "right" } as const] : []),
+    ...(sized
+      ? ([
+          { name: "rms", title: "RMS", align: "right" },
+          { name: "mean", title: "Mean", align: "right" },
+          { name: "relative", title: "Of effort", align: "right" },
+        ] as const)
+      : []),
     { name: "overNoise", title: "Error / noise", align: "right" },
     { name: "bar", title: "Compared with noise" },
   ];
@@ -31,6 +39,7 @@ export function JointErrors({ report }: { report: Report }) {
     <Panel title="Error of each joint">
       <p class="hint">
         Standard deviation of measured less predicted effort on {motion}. At 1 × noise nothing is left to explain.
+        {sized && " RMS and mean see a constant offset too."}
       </p>
       <Table
         caption="Errors joint by joint"
@@ -49,6 +58,9 @@ export function JointErrors({ report }: { report: Report }) {
           unit: <span class="number-cell">{unit(row.unit)}</span>,
           noise: number(row.noise, 3),
           change: <span class="number-cell">{change(row.change)}</span>,
+          rms: number(row.rms, 3),
+          mean: row.offset ? <Mark kind="warning">{number(row.mean, 3)}</Mark> : number(row.mean, 3),
+          relative: <span class="number-cell">{percent(row.relative, 1)}</span>,
           overNoise: row.overNoise === null ? number(null) : <OverNoise value={row.overNoise} />,
           bar: <ErrorBar row={row} both={both} />,
         }))}
@@ -75,8 +87,27 @@ export function JointErrors({ report }: { report: Report }) {
           noise of this joint
         </li>
       </ul>
+      <OfEffort report={report} />
       {report.noise_floor_method !== null && <p class="hint">{NOISE[report.noise_floor_method]}</p>}
     </Panel>
+  );
+}
+
+const OF: Record<string, string> = {
+  stacked: "the norm of all errors over that of all measured efforts",
+  joints: "the root mean square of the joints’ relative errors, because N and N m do not add up",
+};
+
+/** The relative error of all joints. */
+function OfEffort({ report }: { report: Report }) {
+  const { relative, relativeBefore } = overall(report);
+  if (relative === null) return null;
+  const before = relativeBefore === null ? "" : ` (before: ${percent(relativeBefore, 1)})`;
+  return (
+    <p class="hint">
+      All joints together: <strong>{percent(relative, 1)}</strong> of the measured effort{before}, as{" "}
+      {OF[report.overall.relative?.of ?? ""] ?? "the report says"}.
+    </p>
   );
 }
 

@@ -72,6 +72,24 @@ describe("errors of joints", () => {
     expect(overall(one).overNoise).toBeNull();
   });
 
+  it("have sizes that see an offset, and mark a mean that is most of the error", () => {
+    const one = report();
+    expect(jointRows(one)[1]).toMatchObject({ rms: 1.8886, mean: -0.35, offset: false });
+    expect(jointRows(one)[1]?.relative).toBeCloseTo(1.8886 / 160);
+    expect(overall(one)).toMatchObject({ relativeBefore: 0.0156, relative: 0.0064 });
+    const after = one.errors.joint2?.after;
+    if (after) Object.assign(after, { validate_rms: 3, validate_mean: -2.5 });
+    expect(jointRows(one)[1]?.offset).toBe(true);
+  });
+
+  it("of reports of earlier versions have only the standard deviation", () => {
+    const old = report();
+    for (const errors of Object.values(old.errors)) errors.after = { train: 1, validate: 2 };
+    delete old.overall.relative;
+    expect(jointRows(old)[0]).toMatchObject({ after: 2, rms: null, mean: null, relative: null, offset: false });
+    expect(overall(old).relative).toBeNull();
+  });
+
   it("of all joints are a root mean square in noise floors", () => {
     const ratios = Object.values(content.errors).map((errors) => errors.after.validate / errors.noise_floor);
     const expected = Math.sqrt(ratios.reduce((sum, value) => sum + value ** 2, 0) / ratios.length);
@@ -147,5 +165,20 @@ describe("words", () => {
       "depends on the piston position",
     );
     expect(title({ id: "never_heard_of", joint: null }, report())).toBe("never heard of");
+  });
+
+  it("are those of the joint that a text is about", () => {
+    const mixed = report();
+    const id = "position_dependent_friction";
+    mixed.loop.candidates = [
+      { id, joint: "joint1", title: "friction over the piston", score: 1, status: "rejected", reason: `like ${id}` },
+      { id, joint: "joint2", title: "friction over the joint", score: 1, status: "rejected", reason: `like ${id}` },
+    ];
+    mixed.loop.effects = [];
+    expect(candidates(mixed).refused.map((row) => row.reason)).toEqual([
+      "like friction over the piston",
+      "like friction over the joint",
+    ]);
+    expect(title({ id, joint: "joint2" }, mixed)).toBe("friction over the joint");
   });
 });

@@ -1,5 +1,5 @@
 /** What the result page shows, worked out from a report: values only, no drawing. */
-import type { Candidate, Limit, Report } from "./report";
+import type { Candidate, ErrorPair, Limit, Report } from "./report";
 import { PARAMETERS, readable, title } from "./wording";
 
 /** A parameter that moved by more than so many standard deviations is pointed at. */
@@ -11,6 +11,13 @@ export interface JointRow {
   noise: number | null;
   before: number | null;
   after: number | null;
+  /** Sizes after, which see a constant offset too; null in reports of earlier versions. */
+  rms: number | null;
+  mean: number | null;
+  /** Error over measured effort, as a part of one. */
+  relative: number | null;
+  /** Whether more than half of the error's power is its mean. */
+  offset: boolean;
   /** Percent of before; null where nothing was added or there is no validation motion. */
   change: number | null;
   /** Error after over noise floor: 1 is the best possible. */
@@ -35,6 +42,16 @@ export function judgedOn(report: Report): "validate" | "train" {
 const ratio = (value: number | null | undefined, base: number | null): number | null =>
   value == null || base === null || !(base > 0) ? null : value / base;
 
+function otherSizes(
+  pair: ErrorPair,
+  motion: "validate" | "train",
+): Pick<JointRow, "rms" | "mean" | "relative" | "offset"> {
+  const rms = pair[`${motion}_rms`] ?? null;
+  const mean = pair[`${motion}_mean`] ?? null;
+  const offset = rms !== null && mean !== null && mean ** 2 > 0.5 * rms ** 2;
+  return { rms, mean, relative: pair[`${motion}_relative`] ?? null, offset };
+}
+
 /** Errors per joint before and after, on the motion that was not fitted. */
 export function jointRows(report: Report): JointRow[] {
   const motion = judgedOn(report);
@@ -50,6 +67,7 @@ export function jointRows(report: Report): JointRow[] {
       noise: errors.noise_floor,
       before: something ? before : null,
       after,
+      ...otherSizes(errors.after, motion),
       change: something ? change : null,
       overNoise: ratio(after, errors.noise_floor),
       named: blamed.has(joint),
@@ -72,6 +90,9 @@ export interface Overall {
   /** Root mean square over the joints of error over noise floor; null where a joint has neither. */
   overNoiseBefore: number | null;
   overNoise: number | null;
+  /** Error over measured effort of all joints, as parts of one; null in reports of earlier versions. */
+  relativeBefore: number | null;
+  relative: number | null;
 }
 
 export function overall(report: Report): Overall {
@@ -89,6 +110,8 @@ export function overall(report: Report): Overall {
     interval: added(report) ? report.overall.ci95_percent : null,
     overNoiseBefore: added(report) ? mean("before") : null,
     overNoise: mean("after"),
+    relativeBefore: added(report) ? (report.overall.relative?.before ?? null) : null,
+    relative: report.overall.relative?.after ?? null,
   };
 }
 
@@ -109,7 +132,7 @@ export function candidates(report: Report): { kept: CandidateRow[]; refused: Can
       title: title(one, report),
       joint: one.joint,
       status: one.status,
-      reason: readable(one.reason, report),
+      reason: readable(one.reason, report, one.joint),
       score: one.score,
     }))
     .sort(

@@ -7,7 +7,8 @@ import { capital, readable, title } from "./wording";
 export function NextExperiment({ id, report }: { id: string; report: Report }) {
   const next = report.loop.next_experiment;
   if (next === null || next === "") return null;
-  const said = (text: string): string => capital(readable(text, report));
+  const joint = typeof next === "string" ? null : (next.joint ?? null);
+  const said = (text: string): string => capital(readable(text, report, joint));
   if (typeof next === "string")
     return (
       <Panel title="Next experiment">
@@ -69,6 +70,6 @@ export function NextExperiment({ id, report }: { id: string; report: Report }) {
 }
 
 function rivals(next: Experiment, report: Report): string {
-  const names = (next.separates ?? []).map((id) => title({ id, joint: null }, report));
+  const names = (next.separates ?? []).map((id) => title({ id, joint: next.joint ?? null }, report));
   return names.length === 0 ? "them" : names.join(" and ");
 }

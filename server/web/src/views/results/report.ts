@@ -5,9 +5,16 @@ export interface Value {
   std: number | null;
   unit: string | null;
 }
+/** Standard deviations; further sizes stand beside them, in reports of later versions. */
 export interface ErrorPair {
   train: number | null;
   validate: number | null;
+  train_rms?: number | null;
+  train_mean?: number | null;
+  train_relative?: number | null;
+  validate_rms?: number | null;
+  validate_mean?: number | null;
+  validate_relative?: number | null;
 }
 export interface JointErrors {
   unit: string;
@@ -46,6 +53,7 @@ export interface NextExperiment {
   motion?: string | null;
   why?: string | null;
   separates?: string[];
+  joint?: string | null;
   kind?: string | null;
   motion_file?: string | null;
   otherwise?: string[];
@@ -79,7 +87,16 @@ export interface FrictionCurve {
   std: (number | null)[];
   after: (number | null)[] | null;
 }
-export type Verdict = "nothing_missing" | "effect_added" | "ambiguous" | "unexplained";
+const VERDICTS = [
+  "check_input",
+  "implausible",
+  "not_examined",
+  "nothing_missing",
+  "effect_added",
+  "ambiguous",
+  "unexplained",
+] as const;
+export type Verdict = (typeof VERDICTS)[number];
 export interface Report {
   machine: string;
   created: string;
@@ -100,6 +117,8 @@ export interface Report {
     change_percent: number | null;
     ci95_percent: [number, number] | null;
     unit?: string | null;
+    /** Norm of the errors over that of the measured efforts: of all joints stacked, or a mean over the joints. */
+    relative?: { before: number | null; after: number | null; of: "stacked" | "joints" } | null;
   };
   loop: {
     verdict: Verdict;
@@ -117,8 +136,6 @@ export interface Report {
   figures: { scatter: Scatter[]; friction: FrictionCurve[] };
 }
 
-const VERDICTS: readonly string[] = ["nothing_missing", "effect_added", "ambiguous", "unexplained"];
-
 /**
  * A report as the service sent it; null if it is none that this page knows.
  *
@@ -128,7 +145,7 @@ export function readReport(content: unknown): Report | null {
   if (typeof content !== "object" || content === null) return null;
   const given = content as Partial<Report> & { schema?: unknown };
   if (given.schema !== "hilfit/report/1" || given.errors === undefined || given.overall === undefined) return null;
-  if (given.loop === undefined || !VERDICTS.includes(given.loop.verdict)) return null;
+  if (given.loop === undefined || !(VERDICTS as readonly string[]).includes(given.loop.verdict)) return null;
   const loop = given.loop as Partial<Report["loop"]> & { verdict: Verdict };
   return {
     machine: given.machine ?? "",

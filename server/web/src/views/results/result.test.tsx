@@ -44,6 +44,7 @@ describe("a result", () => {
       expect(screen.getByRole("region", { name })).toBeTruthy();
     const errors = screen.getByRole("region", { name: "Error of each joint" });
     expect(errors.textContent).toContain("joint2");
+    expect(errors.textContent).toContain("0.6 % of the measured effort (before: 1.6 %)");
     expect(screen.getByRole("img", { name: /^joint2: before 5\.30, after 1\.86/ })).toBeTruthy();
     expect(screen.getByText(/What is left at joint2/)).toBeTruthy();
     expect(screen.getByText("Training motion, once more")).toBeTruthy();

@@ -75,8 +75,10 @@ function Sections({ id, report }: { id: string; report: Report }) {
 }
 
 function Verdict({ report }: { report: Report }) {
-  const searched = report.loop.looked;
-  const [kind, words] = verdictWords(searched ? report.loop.verdict : "not_looked_for");
+  // Reports of earlier versions say that nothing is missing where nobody looked.
+  const { looked, verdict } = report.loop;
+  const searched = verdict !== "not_examined" && (looked || verdict !== "nothing_missing");
+  const [kind, words] = verdictWords(searched ? verdict : "not_examined");
   const all = overall(report);
   return (
     <section class={`panel verdict ${kind}`} aria-label="Verdict">

@@ -24,9 +24,12 @@ export function words(name: string): string {
 }
 
 /** Names of signals in a text with spaces; effects of the report by their titles. */
-export function readable(text: string, report?: Report): string {
+export function readable(text: string, report?: Report, joint: string | null = null): string {
   const { candidates = [], effects = [] } = report?.loop ?? {};
-  const titles = new Map([...candidates, ...effects].map((one) => [one.id, one.title ?? words(one.id)]));
+  const all = [...candidates, ...effects];
+  // Joints that are driven otherwise call an effect otherwise: the last word is that of the joint in question.
+  const named = [...all, ...all.filter((one) => joint !== null && one.joint === joint)];
+  const titles = new Map(named.map((one) => [one.id, one.title ?? words(one.id)]));
   return text.replace(NAME, (name) => titles.get(name) ?? name).replace(SIGNAL, "$1 $2");
 }
 
@@ -60,10 +63,11 @@ export function parameterName(name: string): string {
   return match === null ? name : `${words(match[1] ?? "")}: ${match[2] ?? ""}`;
 }
 
-/** What an effect is called: its title, else that of the candidate of the same id, else its id in words. */
+/** What an effect is called: its title, else that of the candidate of the same id (and joint), else its id in words. */
 export function title(effect: Named, report: Report): string {
-  const own = effect.title ?? report.loop.candidates.find((one) => one.id === effect.id && one.title)?.title;
-  return own ?? words(effect.id);
+  const same = report.loop.candidates.filter((one) => one.id === effect.id && one.title);
+  const here = same.find((one) => one.joint === effect.joint) ?? same[0];
+  return effect.title ?? here?.title ?? words(effect.id);
 }
 
 export function place(joint: string | null): string {
@@ -75,14 +79,13 @@ export const VERDICTS: Record<Verdict, [NoticeKind, string]> = {
   effect_added: ["good", "Effect found and added"],
   ambiguous: ["warning", "Something is missing, several causes fit"],
   unexplained: ["warning", "Something is missing, no known cause fits"],
+  implausible: ["bad", "A parameter is physically impossible"],
+  check_input: ["bad", "A mistake in files or wiring is likely"],
+  not_examined: ["info", "Fitted only: what is missing was not looked for"],
 };
-
-/** Where nobody looked, "nothing is missing" would be a lie. */
-export const NOT_LOOKED: [NoticeKind, string] = ["info", "Fitted only: what is missing was not looked for"];
 
 /** Of a verdict that may be newer than this page. */
 export function verdictWords(verdict: string): [NoticeKind, string] {
-  if (verdict === "not_looked_for") return NOT_LOOKED;
   return VERDICTS[verdict as Verdict] ?? ["info", words(verdict)];
 }
 

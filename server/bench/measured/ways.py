@@ -1,0 +1,99 @@
+"""Every way to the base parameters beside plain least squares, on measured machines: same rows, same filter.
+
+The first motion is fitted, another one is predicted. Errors are ``100 |measured - predicted| / |measured|`` of joint
+efforts in the identification band; *plain least squares* is one ordinary regression of everything on the ``train``
+recordings, as a user would write it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+from daq.recording import Recording
+from fitting.session import Session
+from fitting.stages import STEPS
+
+#: Names of the ways in the order of the table; ``one_shot`` is plain least squares.
+WAYS = ("whitened", "scaled", "equal", "possible", "one_shot", "two_stage")
+#: Share by which the base may be worse than plain least squares.
+MOST_WORSE = 0.02
+
+
+@dataclass(frozen=True)
+class Ways:
+    """The ways to one machine's base parameters.
+
+    Attributes
+    ----------
+    machine : its name
+    chosen : which one is handed out
+    ratio : training error of the whitened fit over that of least squares
+    training, held_out : relative error of each of :data:`WAYS` that there is, percent
+    base, after : relative error on the held-out motion of the base that is handed out, and with what the loop added;
+        the latter None where no loop was run
+    impossible : violations of physics that the report names
+    """
+
+    machine: str
+    chosen: str
+    ratio: float
+    training: dict[str, float]
+    held_out: dict[str, float]
+    base: float
+    after: float | None
+    impossible: tuple[Mapping[str, Any], ...]
+
+    @property
+    def worse(self) -> float:
+        """Error of the base that is handed out over that of plain least squares, less one."""
+        return self.base / self.held_out["one_shot"] - 1.0
+
+
+def ways(name: str, session: Session) -> Ways:
+    """Run both stages, and the loop where the session's options ask for it, and read off what every way leaves.
+
+    Parameters
+    ----------
+    name : of the machine, for the table
+    session : with a ``validate`` recording
+    """
+    results: dict[str, dict[str, Any]] = {}
+    for stage, compute in STEPS.items():
+        results[stage] = compute(session, results, _quiet)
+    estimation, relative = results["refit"]["estimation"], results["refit"]["overall"]["relative"]
+    tried = {way["name"]: way for way in estimation["tried"]}
+    return Ways(
+        name,
+        str(estimation["chosen"]),
+        float(estimation["ratio"]),
+        {way: 100.0 * own["training_error"] for way, own in tried.items()},
+        {way: 100.0 * own["held_out_error"] for way, own in tried.items()},
+        100.0 * relative["before"],
+        100.0 * relative["after"] if session.options.loop else None,
+        tuple(results["refit"]["plausibility"]["violations"]),
+    )
+
+
+def _quiet(fraction: float, text: str) -> None:
+    return None
+
+
+def cut(recording: Recording, share: float = 0.8) -> tuple[Recording, Recording]:
+    """A single recording as a training part, up to a share of its length, and a part to be predicted."""
+    row = round(share * len(recording))
+
+    def part(role: str, rows: slice) -> Recording:
+        values = {name: own[rows] for name, own in recording.values.items()}
+        time = recording.time[rows]
+        own = f"{recording.sha256}-{role}"  # parts are recordings of their own
+        return replace(recording, role=role, sha256=own, time=time - time[0], values=values)
+
+    return part("train", slice(0, row)), part("validate", slice(row, None))
+
+
+def named(violation: Mapping[str, Any]) -> str:
+    """An impossible parameter with its value."""
+    place = f"{violation['joint']}." if violation["joint"] else ""
+    return f"`{place}{violation['parameter']}` = {violation['value']:.3g} {violation['unit']}"

@@ -1,0 +1,69 @@
+"""Files from outside: read by children with limits, a bounded number of them, while everybody else is answered."""
+
+from __future__ import annotations
+
+import sys
+
+import pytest
+from service_fakes import API, MACHINE, Running
+
+from server.errors import InvalidError
+from server.machine_reader import MachineReader
+
+#: What plain PyYAML or pint never comes to an end with; the rest is in tests/daq/test_hostile_machine_files.py.
+HOSTILE = {
+    "a unit": MACHINE.replace("unit: deg", "unit: rad*9**9**9"),
+    "aliases": "a: &a [x, x]\n"
+    + "".join(f"{n}: &{n} [{','.join(['*' + b] * 9)}]\n" for b, n in zip("abcdefgh", "bcdefghi", strict=True)),
+    "a number": "rate_hz: 1" + ":00" * 300_000,
+    "a list": "joints: [" + "1," * 500_000 + "]",
+}
+
+
+@pytest.mark.timeout(120)
+@pytest.mark.parametrize("text", HOSTILE.values(), ids=HOSTILE)
+def test_a_hostile_machine_file_is_refused(running: Running, text: str) -> None:
+    for place in ("machines", "machines/check"):
+        answer = running.client.post(f"{API}/{place}", content=text)
+        assert answer.status_code == 422, answer.text
+        assert len(answer.json()["detail"]) < 400
+    assert running.client.get("/healthz").status_code == 200
+
+
+#: A child of which the time or the memory runs out as soon as it reads, as code that nobody thought of would make it.
+BURNS, EATS = (
+    "from server import inspect_machine as i; i.MACHINE_FILE_CPU_S = 1\n"
+    f"def parse(text, name): {what}\n"
+    "import sys; i.parse_machine = parse; sys.exit(i.main(sys.argv[1:]))"
+    for what in ("exec('while True: pass')", "return [0] * 10**10")
+)
+
+
+@pytest.mark.parametrize("program", [BURNS, EATS])
+def test_the_child_that_reads_has_little_time_and_memory(running: Running, program: str) -> None:
+    reader = MachineReader(running.service.files, (sys.executable, "-c", program))
+    try:
+        with pytest.raises(Exception, match="takes too") as refusal:
+            reader.read(MACHINE.encode())
+        assert type(refusal.value).__name__ in (InvalidError.__name__, "MachineFileError")
+    finally:
+        reader.close()
+
+
+def test_the_next_file_is_read_after_one_that_ended_the_child(running: Running) -> None:
+    for text in (HOSTILE["a unit"], MACHINE):
+        answer = running.client.post(f"{API}/machines/check", content=text)
+        assert answer.status_code == (422 if "9**9" in text else 200), answer.text
+
+
+def test_the_server_reads_no_machine_file_itself(running: Running, monkeypatch: pytest.MonkeyPatch) -> None:
+    import daq.machine_file
+    import daq.safe_yaml
+
+    def refuse(text: str) -> object:
+        raise AssertionError("read in the process that serves HTTP")
+
+    monkeypatch.setattr(daq.safe_yaml, "read", refuse)
+    made = running.client.post(f"{API}/machines", content=MACHINE.replace("name: lever", "name: unread"))
+    assert made.status_code == 201, made.text
+    assert running.client.get(f"{API}/machines/unread").json()["machine"]["name"] == "unread"

@@ -1,0 +1,60 @@
+"""An upload is checked: what may be wrong with it stands in the recording's statistics, and never refuses it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from service_fakes import API, MACHINE, Running, motion
+
+from daq.machine_file import parse_machine
+from daq.recording import write_recording
+from server import inspect_recording
+
+pytestmark = pytest.mark.slow
+
+
+def content(folder: Path, change: Callable[[np.ndarray], np.ndarray]) -> bytes:
+    """A recording of the lever with a changed angle."""
+    time, values = motion(20)
+    values["joint1.angle"] = change(values["joint1.angle"])
+    path = write_recording(folder / "made.csv", parse_machine(MACHINE), "train", time, values)
+    return path.read_bytes()
+
+
+def upload(running: Running, data: bytes) -> dict[str, object]:
+    running.client.post(f"{API}/machines", content=MACHINE)
+    parameters = {"machine": "lever", "role": "train", "name": "run.csv"}
+    response = running.client.post(f"{API}/recordings/upload", params=parameters, content=data)
+    assert response.status_code == 201, response.text
+    return dict(response.json()["statistics"])
+
+
+def slipped(angle: np.ndarray) -> np.ndarray:
+    return angle + 0.3 * (np.arange(len(angle)) > 400)
+
+
+def test_a_sound_recording_has_no_findings(running: Running, tmp_path: Path) -> None:
+    assert upload(running, content(tmp_path, lambda angle: angle))["findings"] == []
+
+
+def test_a_slip_of_the_encoder_is_said_with_its_cure(running: Running, tmp_path: Path) -> None:
+    findings = upload(running, content(tmp_path, slipped))["findings"]
+    assert isinstance(findings, list)
+    assert [(own["code"], own["channel"], own["severity"]) for own in findings] == [("jump", "joint1.angle", "mistake")]
+    assert "look after this sensor" in findings[0]["cure"]
+    assert str(running.service.files.root) not in findings[0]["text"]
+
+
+def test_checks_that_fail_cost_nothing(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    def broken(*_: object, **__: object) -> None:
+        raise ZeroDivisionError
+
+    monkeypatch.setattr(inspect_recording, "check_recordings", broken)
+    machine = tmp_path / "machine.yaml"
+    machine.write_text(MACHINE, encoding="utf-8")
+    path = tmp_path / "made.csv"
+    path.write_bytes(content(tmp_path, slipped))
+    assert inspect_recording.main(path, machine, "train") == 0
