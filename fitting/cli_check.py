@@ -28,9 +28,18 @@ def check(
     unloaded: Annotated[Files, typer.Option(help="Recording with the rods unpinned.")] = None,
     repeat: Annotated[Files, typer.Option(help="The training motion once more.")] = None,
     operation: Annotated[Files, typer.Option(help="Whatever the machine did that day.")] = None,
+    columns: Annotated[
+        Path | None,
+        typer.Option("--map", help="YAML file: which column of the recordings is which channel (channel: column)."),
+    ] = None,
+    resample: Annotated[
+        bool,
+        typer.Option("--resample", help="Bring recordings of another rate to the machine's before they are checked."),
+    ] = False,
     json: Annotated[bool, typer.Option("--json", help="Print the findings as JSON.")] = False,
 ) -> None:
     """Say what may be wrong with recordings and machine file; exit code 1 if something is."""
+    from daq.column_map import load_map
     from daq.machine_file import load_machine
     from fitting.checks.check import check_files
     from fitting.checks.gate import lines
@@ -41,7 +50,9 @@ def check(
     files += [(role, path) for role, paths in roles.items() for path in paths or ()]
     if not files:
         raise InputError("check: no recording; give at least one file, or one with --train FILE")
-    found = check_files(load_machine(machine), files, machine)
+    described = load_machine(machine)
+    named = None if columns is None else load_map(columns, described)
+    found = check_files(described, files, machine, columns=named, resample=resample)
     wrong = any(finding.severity == "mistake" for finding in found)
     if json:
         print_json({"machine": str(machine), "findings": [finding.to_json() for finding in found]})

@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
+from daq.column_map import ColumnMap
 from daq.errors import HilfitError
 from daq.machine_file import Machine
 from daq.recording import Recording
@@ -78,7 +79,12 @@ _CONSEQUENCES = {
 
 
 def check_files(
-    machine: Machine, files: Sequence[tuple[str, Path]], machine_file: Path | None = None
+    machine: Machine,
+    files: Sequence[tuple[str, Path]],
+    machine_file: Path | None = None,
+    *,
+    columns: ColumnMap | None = None,
+    resample: bool = False,
 ) -> tuple[Finding, ...]:
     """Check recordings on disk, as far as they can be read.
 
@@ -86,6 +92,8 @@ def check_files(
     ----------
     files : (role, path)
     machine_file : where lines are looked up
+    columns : which column is which channel, where names do not tell
+    resample : whether recordings of other rates are brought to the machine's first
 
     Raises
     ------
@@ -95,7 +103,7 @@ def check_files(
     recordings: list[Recording] = []
     found: list[Finding] = []
     for role, path in files:
-        read = read_leniently(path, machine, role)
+        read = read_leniently(path, machine, role, columns, resample=resample)
         found += read.findings
         if read.recording is not None:
             recordings.append(read.recording)
@@ -236,10 +244,18 @@ def _together(machine: Machine, recordings: Sequence[Recording], places: Places)
         found.append(_of_clock(clock))
         trial = trial.with_samples(clock.samples)
     searched = search(trial)
-    blamed = {k for own in searched.accused for k in own.hypothesis.joints}
-    ratios = area_ratios(searched.trial)
-    found += [_of_areas(machine, own, places) for own in ratios if own.wrong and own.joint not in blamed]
-    found += [_finding(machine, own, measured, places) for own in searched.accused]
+    ratios = {own.joint: own for own in area_ratios(searched.trial) if own.wrong}
+    # A bore or rod of a list is worse than the ratio of the areas as it is estimated, where that explains as much.
+    accused = [
+        own
+        for own in searched.accused
+        if own.hypothesis.code not in ("bore", "rod")
+        or own.joint not in ratios
+        or ratios[own.joint].after > own.after.misfits[own.joint]
+    ]
+    blamed = {k for own in accused for k in own.hypothesis.joints}
+    found += [_of_areas(machine, own, places) for own in ratios.values() if own.joint not in blamed]
+    found += [_finding(machine, own, measured, places) for own in accused]
     found += _unexplained(machine, searched, places)
     return found
 

@@ -33,12 +33,12 @@ def efforts(trial: Trial, *, exchanges: bool = True) -> Iterator[Hypothesis]:
                 "swapped_chambers", (j,), "head and rod pressure look swapped",
                 "swap the two channels",
                 _weighted(j, lambda w, h=head, r=rod, a=A1, b=A2: {**w, h: -b, r: a}),  # type: ignore[misc]
-                ("head_pressure", "rod_pressure"),
+                ("head_pressure", "rod_pressure"), exact=True,
             )  # fmt: skip
             for name, quantity in ((head, "head_pressure"), (rod, "rod_pressure")):
                 yield Hypothesis(
                     "sign", (j,), "{channel} looks as if it had the wrong sign", "correct the sign of its scale",
-                    _weighted(j, lambda w, c=name: {**w, c: -w[c]}), (quantity,), factor=-1.0, price=1.2,  # type: ignore[misc]
+                    _weighted(j, lambda w, c=name: {**w, c: -w[c]}), (quantity,), factor=-1.0, price=1.2, exact=True,  # type: ignore[misc]
                 )  # fmt: skip
                 channel = machine.channel(quantity, joint.name)
                 assert channel is not None
@@ -56,6 +56,7 @@ def efforts(trial: Trial, *, exchanges: bool = True) -> Iterator[Hypothesis]:
             if measured is None else "correct the sign of its scale",
             _weighted(j, lambda w: {k: (v if k == "known" else -v) for k, v in w.items()}),
             (measured,) if measured else ("head_pressure", "rod_pressure"), factor=-1.0, price=1.3,
+            exact=True,
         )  # fmt: skip
         if n > 1 and measured is not None:
             channel = machine.channel(measured, joint.name)
@@ -101,6 +102,7 @@ def _exchanges(trial: Trial, j: int, other: int) -> Iterator[Hypothesis]:
             yield Hypothesis(
                 "exchanged_channels", (j, other), f"{what} of {names[0]} and {names[1]} look exchanged",
                 "exchange the channels' names or sources", build_of(chosen), chosen, price=1.1,
+                exact=True,
             )  # fmt: skip
 
 

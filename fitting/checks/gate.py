@@ -7,24 +7,30 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
 
+from daq.column_map import load_map
 from daq.errors import HilfitError, InputError
 from daq.machine_file import load_machine
 from fitting.checks.check import check_files, check_recordings
 from fitting.checks.findings import Finding
 from fitting.checks.places import Places
-from fitting.session import Request, Session
+from fitting.session import Options, Request, Session
 
 _T = TypeVar("_T")
 _log = logging.getLogger(__name__)
 
 
-def explained(error: InputError, machine_file: Path, files: Sequence[tuple[str, Path]]) -> InputError:
+def explained(
+    error: InputError, machine_file: Path, files: Sequence[tuple[str, Path]], options: Options | None = None
+) -> InputError:
     """The error, with what the checks make of the files if that is more than the error says; one line.
 
     Never raises: a search for a cause must not hide what happened.
     """
     try:
-        findings = check_files(load_machine(machine_file), files, machine_file)
+        machine = load_machine(machine_file)
+        how = options or Options()
+        columns = None if how.columns is None else load_map(how.columns, machine)
+        findings = check_files(machine, files, machine_file, columns=columns, resample=how.resample)
     except HilfitError:
         return error  # the machine file or a table itself cannot be read: that is what the error says
     except Exception:
@@ -47,7 +53,7 @@ def with_explanation(request: Request, of: Callable[[], _T]) -> _T:
     try:
         return of()
     except InputError as error:
-        raise explained(error, request.machine, request.recordings) from None
+        raise explained(error, request.machine, request.recordings, request.options) from None
 
 
 def checked(session: Session) -> list[dict[str, Any]]:

@@ -33,6 +33,8 @@ class Hypothesis:
     recording : number of the recording that it is about
     least : factor by which a joint's misfit has to fall
     every : it is about all joints
+    exact : it puts channels or roles right and changes no number: no effect resembles it, so that it is tried however
+        well the efforts are explained
     """
 
     code: str
@@ -44,7 +46,7 @@ class Hypothesis:
     key: tuple[str | int, ...] = ()
     factor: float | None = None
     price: float = 1.0
-
     recording: int | None = None
     least: float = CLEAR
     every: bool = False
+    exact: bool = False

@@ -164,7 +164,7 @@ def recordings(trial: Trial) -> Iterator[Hypothesis]:
             yield Hypothesis(
                 "wrong_role", (), "looks as if the rods were off" if loaded else "looks as if the rods were on the arm",
                 "give it as unloaded" if loaded else "give it as train, or take the rods off and record again",
-                _changed_role(number, not loaded), recording=number, price=1.2,
+                _changed_role(number, not loaded), recording=number, price=1.2, exact=True,
             )  # fmt: skip
         if len(numbers) > 2 and np.count_nonzero(samples.loaded & ~own) >= 100:
             yield Hypothesis(

@@ -15,7 +15,9 @@ import numpy as np
 import numpy.typing as npt
 
 from daq import recording_checks as gates
+from daq.column_map import ColumnMap
 from daq.errors import RecordingError
+from daq.foreign_files import is_foreign
 from daq.machine_file import Machine
 from daq.quality import MEASURED
 from daq.recording import MINIMUM_SECONDS, ROLES, Recording
@@ -44,7 +46,8 @@ def recorded_role(path: Path) -> str:
     RecordingError
         If the file is no table.
     """
-    said = read_table(path).metadata.get("hilfit.role", path.stem.partition("-")[0])
+    named = path.stem.partition("-")[0]
+    said = named if is_foreign(path) else read_table(path).metadata.get("hilfit.role", named)
     return said if said in ROLES else "train"
 
 
@@ -54,8 +57,15 @@ def refused(code: str, error: RecordingError, file: str) -> Finding:
     return Finding(code, text or str(error), cure or "correct it", recording=file, strength=1.0)
 
 
-def read_leniently(path: Path, machine: Machine, role: str) -> Read:
+def read_leniently(
+    path: Path, machine: Machine, role: str, columns: ColumnMap | None = None, *, resample: bool = False
+) -> Read:
     """Read what can be read.
+
+    Parameters
+    ----------
+    columns : which column is which channel, where names do not tell
+    resample : whether another rate than the machine's is brought to it
 
     Raises
     ------
@@ -73,7 +83,7 @@ def read_leniently(path: Path, machine: Machine, role: str) -> Read:
         return True
 
     try:
-        table = load_table(path, machine)[0]
+        table = load_table(path, machine, columns, resampled=resample, role=role)[0]
     except RecordingError:
         # Not these columns, or not this rate: what is there is looked at as it is.
         table = read_table(path)

@@ -7,7 +7,8 @@ misfit, before and after, with all misfits below :data:`fitting.checks.physical.
 What accuses: the misfit of a joint falls by :data:`CLEAR` at least and is sound afterwards, no other joint gets worse,
 and the nominal value is far from what any effect of the catalogue can be, because only gross values are tried. Effects
 leave a few per cent of the effort unexplained (21 % on a slewing axis that is tilted by five degrees, which no trial
-halves), measured machines up to a fifth, and no trial halves that either.
+halves), measured machines up to a fifth, and no trial halves that either. What only puts channels or roles right
+(exact) is tried however small the misfit is: a permutation has no size that could be an effect's.
 """
 
 from __future__ import annotations
@@ -39,8 +40,6 @@ ALIKE = 0.12
 _MOST_MISTAKES, _MOST_ROUNDS = 3, 4
 #: Trials of one round that are fitted with bounds, after all were without.
 _MOST_BOUNDED = 12
-#: Misfit from which sizes of the machine and clocks are tried as well, which takes longer.
-_ELABORATE = 0.25
 #: A joint among the others is explained so many times worse than alone, and this badly.
 _ALONE_WELL, _LEAST_APART = 2.5, 0.04
 
@@ -75,11 +74,12 @@ def suspicious(current: Physical) -> npt.NDArray[np.bool_]:
     return np.asarray(((current.misfits > SUSPECT) | _apart(current)) & ~(current.shares < CARRIES))
 
 
-def _suspect(option: Hypothesis, current: Physical) -> bool:
-    """Whether one of the joints that a hypothesis is about is explained badly enough to be worth a trial."""
-    misfits = [current.misfits[j] for j in option.joints]
+def _worth_trying(option: Hypothesis, current: Physical) -> bool:
+    """Whether one of the joints that a hypothesis is about is explained badly enough; exact ones always are."""
     own = suspicious(current)
-    return not misfits or any(own[j] for j in option.joints) or bool(np.isnan(misfits).any())
+    about = list(option.joints)
+    there = bool(np.isnan(current.misfits[about]).any()) or bool(own[about].any()) if about else True
+    return option.exact or (bool(own.any()) and there)
 
 
 @dataclass(frozen=True)
@@ -102,12 +102,11 @@ def search(trial: Trial) -> Searched:
     nominal = current = fit(trial)
     found: list[Accused] = []
     for _ in range(_MOST_ROUNDS):
-        if len(found) == _MOST_MISTAKES or not any(suspicious(current)):
+        if len(found) == _MOST_MISTAKES:
             break
         best = None
-        elaborated = np.nanmax(current.misfits) > _ELABORATE or bool(np.any(_apart(current)))
-        for stage in (everywhere, simple, *((elaborate,) if elaborated else ())):
-            options = tuple(o for o in stage(trial) if _suspect(o, current))
+        for stage in (everywhere, simple, elaborate):
+            options = tuple(o for o in stage(trial) if _worth_trying(o, current))
             best = _best(trial, targets, current, options)
             if best is not None:
                 break
@@ -134,7 +133,7 @@ def _best(
                 best_case = fit(changed, wanted, bounded=False)
         except (KeyError, ValueError, ArithmeticError, np.linalg.LinAlgError):
             continue  # an earlier finding took the channel away, or the change cannot be computed
-        if _helped(current, replace(best_case, misfits=best_case.free), option.least) is not None:
+        if _helped(trial, option, current, replace(best_case, misfits=best_case.free)) is not None:
             screened.append((score(current, best_case, free=True), option, changed, wanted))
     screened.sort(key=lambda item: -item[0])
     screened = screened[:_MOST_BOUNDED]
@@ -144,7 +143,7 @@ def _best(
         if bound < (1 - ALIKE) * top:
             break
         after = fit(changed, wanted)
-        joint = _helped(current, after, option.least)
+        joint = _helped(trial, option, current, after)
         if joint is None:
             continue
         gain = score(current, after)
@@ -156,17 +155,28 @@ def _best(
     return min(near, key=lambda item: (item[0].hypothesis.price, -item[0].gain))
 
 
-def _helped(before: Physical, after: Physical, least: float) -> int | None:
+def _helped(trial: Trial, option: Hypothesis, before: Physical, after: Physical) -> int | None:
     """The joint that is explained now and was not; None if there is none, or another one is explained worse.
 
     A joint that carries next to nothing of the arm's effort (a wrist, whose cables weigh as much) accuses nobody.
     """
+    if option.recording is not None and option.exact:
+        before = _within(trial, option.recording, before, after)
     a, b = np.hypot(before.misfits, LEAST_MISFIT), np.hypot(after.misfits, LEAST_MISFIT)
     if np.any(b > WORSE * a):
         return None
     fall = np.where((after.misfits < SOUND) & ~(before.shares < CARRIES), a / b, 0.0)
     joint = int(np.nanargmax(fall))
-    return joint if fall[joint] >= least and suspicious(before)[joint] else None
+    return joint if fall[joint] >= option.least and (option.exact or suspicious(before)[joint]) else None
+
+
+def _within(trial: Trial, recording: int, before: Physical, after: Physical) -> Physical:
+    """Misfits in one recording alone: all that is explained afterwards was missing there, not in the other ones."""
+    mine = (trial.samples.recording == recording) & trial.samples.used
+    part = np.count_nonzero(trial.motion.active & mine[:, None], axis=0)
+    share = part / np.maximum(np.count_nonzero(trial.motion.active & trial.samples.used[:, None], axis=0), 1)
+    fallen = np.maximum(before.misfits**2 - after.misfits**2, 0.0) / np.maximum(share, 1e-3)
+    return replace(before, misfits=np.where(share > 0, np.sqrt(after.misfits**2 + fallen), before.misfits))
 
 
 def everywhere(trial: Trial) -> Iterator[Hypothesis]:

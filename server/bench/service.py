@@ -14,7 +14,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +23,7 @@ import orjson
 from websockets.asyncio.client import connect
 from websockets.exceptions import WebSocketException
 
+from server.bench.start import before_the_first_frame
 from server.bench.targets import Check, Outcome, fact
 from sim_backends import default_machine
 from sim_backends.cases import make_case
@@ -114,6 +115,13 @@ async def _tablet(port: int, machine: str, until: float, seen: Seen) -> None:
                 seen.dropped += 1
 
 
+async def _first_frame(port: int) -> None:
+    """Wait for it, a minute at most."""
+    async with asyncio.timeout(60):
+        while not await ask(port, "GET", "/live"):
+            await asyncio.sleep(0.1)
+
+
 async def _order_fits(port: int, machine: str, case: Path, count: int) -> None:
     """Upload what is fitted, and order so many identifications of it; they run one after another."""
     recordings = []
@@ -187,6 +195,9 @@ def run(tablets: int, rate: float, seconds: float, say: Callable[[str], None]) -
             try:
                 assert server.stdout is not None
                 port = int(json.loads(server.stdout.readline())["url"].rpartition(":")[2])
-                return asyncio.run(_run(port, case, tablets, rate, seconds, say))
+                asyncio.run(_first_frame(port))
+                start = before_the_first_frame(server.pid)
+                outcome = asyncio.run(_run(port, case, tablets, rate, seconds, say))
+                return replace(outcome, checks=(start, *outcome.checks))
             finally:
                 server.terminate()

@@ -11,6 +11,7 @@ from synthetic_arm import make_recordings, planar_machine, truth
 
 from daq.machine_file import machine_to_yaml
 from daq.recording import write_recording
+from daq.recording_files import read_table
 from server.cli import main
 
 MACHINE = planar_machine(1)
@@ -51,6 +52,29 @@ def test_a_mistake_is_printed_with_its_cure_and_line(arm: Path, capsys: pytest.C
     line = capsys.readouterr().out.splitlines()[0]
     assert line.startswith("MISTAKE [swapped_chambers] joint1: head and rod pressure look swapped")
     assert "swap the two channels in machine.yaml lines" in line
+
+
+def test_a_map_and_another_rate_are_taken_as_identify_takes_them(
+    arm: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    table = read_table(arm / "swapped-train.csv")
+    twice = np.arange(0.0, float(table.columns["time"][-1]), 0.01)
+    renamed = {"t": twice} | {
+        f"ai{k}": np.interp(twice, table.columns["time"], np.asarray(table.columns[c.name], dtype=float))
+        for k, c in enumerate(MACHINE.channels)
+    }
+    rows = np.column_stack(list(renamed.values()))
+    np.savetxt(tmp_path / "train.csv", rows, delimiter=",", header=",".join(renamed), comments="")
+    (tmp_path / "map.yaml").write_text(
+        "time: t\n" + "".join(f"{c.name}: {{column: ai{k}}}\n" for k, c in enumerate(MACHINE.channels)),
+        encoding="utf-8",
+    )
+    call = ["check", str(tmp_path / "train.csv"), "--machine", str(arm / "machine.yaml")]
+    assert run(*call, "--map", str(tmp_path / "map.yaml"), "--resample", "--json") == 1
+    found = json.loads(capsys.readouterr().out)["findings"]
+    assert [own["code"] for own in found if own["severity"] == "mistake"] == ["swapped_chambers"]
+    run(*call)
+    assert "columns" in capsys.readouterr().out
 
 
 def test_bad_usage_is_one_line(arm: Path, capsys: pytest.CaptureFixture[str]) -> None:

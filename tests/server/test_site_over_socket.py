@@ -24,7 +24,7 @@ from service_fakes import API
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(1500)]
 MACHINE = "folding-arm"
 #: Machine time of each motion, s.
-SECONDS = 20.0
+SECONDS = 12.0
 #: The loop is tested elsewhere; without it the fits are short.
 OPTIONS = {"loop": False, "bootstrap": 0}
 
@@ -272,7 +272,7 @@ def a_days_work_is_compared(place: SiteOfTest, work: list[str], active: str) -> 
         "label": "by day",
         "cron": "30 * * * *",
         "motion": "operation",
-        "duration_s": 1.5 * SECONDS,
+        "duration_s": 30.0,
         "options": OPTIONS,
     }
     path = f"/schedules/{who.post('/schedules', 201, wish)['id']}"

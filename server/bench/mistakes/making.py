@@ -126,6 +126,15 @@ def _one_scaled(quantity: str, gain: float) -> Callable[[Rig, Rng], Made | None]
     return make
 
 
+def _one_scaled_as(quantity: str, gain: float, codes: str) -> Callable[[Rig, Rng], Made | None]:
+    def make(rig: Rig, rng: Rng) -> Made | None:
+        joint = _joint(rig, rng)
+        channel = _channel(rig, quantity, joint)
+        return None if channel is None else _made(changed(rig, channel, lambda v: v * gain), codes, joint)
+
+    return make
+
+
 for _unit, _gain in (("bar", 1e-5), ("psi", 1 / 6894.757), ("kPa", 1e-3)):
     _mistake(f"one head pressure in {_unit}")(_one_scaled("head_pressure", _gain))
 _mistake("one rod pressure in bar")(_one_scaled("rod_pressure", 1e-5))
@@ -465,3 +474,110 @@ def _(rig: Rig, rng: Rng) -> Made | None:
                 return None
             rig = replace(rig, tables={**rig.tables, stem: columns})
     return _made(rig, "other_machine")
+
+
+_mistake("range of a transducer")(_one_scaled_as("head_pressure", 1.6, "unit cylinder_areas effort_scale bore rod"))
+_mistake("angle counted twice")(_one_scaled_as("joint_position", 2.0, "unit positions_disagree out_of_range linkage"))
+_mistake("bore in place of its radius")(_edit_joint("bore", lambda v: 2 * v, "bore cylinder_areas effort_scale"))
+_mistake("rod with a decimal slip")(_edit_joint("rod", lambda v: v / 10, "rod bore cylinder_areas"))
+_mistake("pin distance with a decimal slip")(_edit_joint("a", lambda v: v / 10, "linkage effort_scale", True))
+_mistake("sign of a pin offset")(_edit_joint("offset", lambda v: -v, "linkage effort_scale", True))
+
+
+def _edit_dh(key: str, of: Callable[[float], float], codes: str) -> Callable[[Rig, Rng], Made | None]:
+    def make(rig: Rig, rng: Rng) -> Made | None:
+        inner = [k for k, joint in enumerate(rig.machine.joints[:-1]) if abs(getattr(joint.dh, key)) > 0.3]
+        if not inner:
+            return None
+        number = inner[int(rng.integers(len(inner)))]
+
+        def change(content: dict[str, Any]) -> None:
+            content["joints"][number]["dh"][key] = of(float(content["joints"][number]["dh"][key]))
+
+        machine = edited(rig.machine, change)
+        return None if machine is None else _made(rig, codes, machine=machine)
+
+    return make
+
+
+_mistake("sign of a twist")(_edit_dh("alpha", lambda v: -v, "axis gravity sign"))
+_mistake("twist in degrees")(_edit_dh("alpha", lambda v: float(np.rad2deg(v)), "axis unit dh_angle"))
+_mistake("length in mm")(_edit_dh("a", lambda v: 1e3 * v, "length"))
+
+
+@_mistake("gravity in g")
+def _(rig: Rig, rng: Rng) -> Made | None:
+    machine = edited(rig.machine, lambda c: c.update(gravity=[g / 9.81 for g in rig.machine.gravity]))
+    return None if machine is None else _made(rig, "gravity", machine=machine)
+
+
+@_mistake("all pressures in bar in one recording")
+def _(rig: Rig, rng: Rng) -> Made | None:
+    for channel in rig.machine.channels:
+        if channel.quantity in PRESSURES:
+            rig = changed(rig, channel.name, lambda v: 1e-5 * v, ("validate",))
+    return _made(rig, "unit other_machine", *rig.names)
+
+
+@_mistake("chambers swapped in one recording")
+def _(rig: Rig, rng: Rng) -> Made | None:
+    joint = _joint(rig, rng)
+    head, rod = (_channel(rig, q, joint) for q in PRESSURES)
+    assert head is not None and rod is not None
+    table = rig.tables["train-2"]
+    swapped = rig.with_column("train-2", head, table[rod]).with_column("train-2", rod, table[head])
+    return _made(swapped, "swapped_chambers other_machine")
+
+
+@_mistake("a loose cable")
+def _(rig: Rig, rng: Rng) -> Made | None:
+    joint = _joint(rig, rng)
+    options = [c.name for c in rig.machine.channels if c.joint == joint]
+    channel = options[int(rng.integers(len(options)))]
+
+    def drop(values: FloatArray) -> FloatArray:
+        values = values.copy()
+        for start in rng.integers(100, len(values) - 100, 6):
+            values[start : start + int(rng.integers(5, 40))] = 0.0
+        return values
+
+    return _made(changed(rig, channel, drop), "outliers jump frozen wrap constant out_of_range held", joint)
+
+
+@_mistake("rounded to whole units")
+def _(rig: Rig, rng: Rng) -> Made | None:
+    joint = _joint(rig, rng)
+    channel = _position(rig, joint, rng)
+    step = np.deg2rad(1.0) if channel.endswith("angle") else 0.01
+    return _made(changed(rig, channel, lambda v: step * np.round(v / step)), "coarse held", joint)
+
+
+@_mistake("zero of a piston a third of its stroke off")
+def _(rig: Rig, rng: Rng) -> Made | None:
+    if rig.kind == "one":
+        return None
+    joint = _joint(rig, rng)
+    channel, cylinder = _channel(rig, "piston_position", joint), rig.machine.joint(joint).cylinder
+    if channel is None or cylinder is None:
+        return None
+    return _made(
+        changed(rig, channel, lambda v: v + cylinder.stroke / 3),
+        "offset linkage out_of_range positions_disagree",
+        joint,
+    )
+
+
+@_mistake("two recordings in one file")
+def _(rig: Rig, rng: Rng) -> Made | None:
+    first, second = rig.tables["train-1"], rig.tables["train-2"]
+    both = {k: np.concatenate([np.asarray(v), np.asarray(second[k])]) for k, v in first.items()}
+    tables = {stem: table for stem, table in rig.tables.items() if stem != "train-2"}
+    return _made(replace(rig, tables={**tables, "train-1": both}), "time_jump")
+
+
+@_mistake("rows in the wrong order")
+def _(rig: Rig, rng: Rng) -> Made | None:
+    order = np.arange(len(rig.tables["train-1"]["time"]))
+    order[500:520] = order[500:520][::-1]
+    table = {k: np.asarray(v)[order] for k, v in rig.tables["train-1"].items()}
+    return _made(replace(rig, tables={**rig.tables, "train-1": table}), "time_jump")
