@@ -23,11 +23,15 @@ Place = tuple[str | int, ...]
 
 @dataclass(frozen=True)
 class Doubt:
-    """A number that is hardly meant: its place in the file, what is odd, and the cure."""
+    """A number that is hardly meant: its place in the file, what is odd, and the cure.
+
+    ``slight`` ones change what an identification gives by little or nothing.
+    """
 
     place: Place
     text: str
     cure: str
+    slight: bool = False
 
 
 @dataclass(frozen=True)
@@ -178,6 +182,7 @@ def _angle(place: Place, value: float) -> Iterator[Doubt]:
             place,
             f"is {off:.1e} rad from a quarter turn, which makes parameters formally independent that nothing can tell",
             f"write {quarter:.7f} if that is meant",
+            slight=True,
         )
 
 

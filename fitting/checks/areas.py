@@ -5,7 +5,8 @@ because back-pressure changes for reasons of its own. It is estimated with every
 
     A1 p1 - known = rho A2 p2 + (body, friction, constant, spring, delay)
 
-and nominal is ``rho = 1``. Gains of single transducers (an effect) reach ten per cent each.
+and nominal is ``rho = 1``. Gains of single transducers (an effect) reach ten per cent each. Back pressure of valves in
+one direction of motion (another effect) moves the ratio too; where that alone explains more, it is only a remark.
 """
 
 from __future__ import annotations
@@ -28,13 +29,14 @@ _COLOURED = 3.0
 
 @dataclass(frozen=True)
 class AreaRatio:
-    """Estimated ``rho`` of a joint, its standard error, and the misfit before and after."""
+    """Estimated ``rho`` of a joint, its standard error, misfits before and after, and whether valves explain more."""
 
     joint: int
     rho: float
     std: float
     before: float
     after: float
+    valves: bool
 
     @property
     def wrong(self) -> bool:
@@ -67,11 +69,15 @@ def area_ratios(trial: Trial) -> list[AreaRatio]:
             continue
         rho = float(y @ back) / power
         left = y - rho * back
+        valves = np.column_stack([without(columns, own) for own in block.valves.T])
+        rival = y - back - valves @ np.linalg.lstsq(valves, y - back, rcond=None)[0]
         std = _COLOURED * float(np.linalg.norm(left)) / np.sqrt(power * freedom)
         weights = {names[0]: joint.cylinder.head_area, names[1]: -joint.cylinder.rod_area, "known": -1.0}
         target = block.target(weights)
         size = max(float(target @ block.centred @ target), 1e-300) ** 0.5
-        result.append(
-            AreaRatio(number, rho, std, float(np.linalg.norm(y - back)) / size, float(np.linalg.norm(left)) / size)
-        )
+        before, after, other = (float(np.linalg.norm(e)) / size for e in (y - back, left, rival))
+        # The valves have more parameters; by Schwarz's criterion they are worth so much of the misfit.
+        samples = block.rows / _COLOURED**2
+        least = np.sqrt(max(1 - (valves.shape[1] - 1) * np.log(samples) / samples, 0.0))
+        result.append(AreaRatio(number, rho, std, before, after, bool(other < least * after)))
     return result

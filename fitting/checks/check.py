@@ -24,6 +24,7 @@ from fitting.checks.arm_motion import positions_of
 from fitting.checks.clocks import Clock, clock_of
 from fitting.checks.factors import gains
 from fitting.checks.findings import Finding
+from fitting.checks.machine_numbers import machine_findings
 from fitting.checks.magnitudes import magnitude_findings
 from fitting.checks.motions import motion_findings
 from fitting.checks.payload import with_payload
@@ -43,12 +44,14 @@ _log = logging.getLogger(__name__)
 #: Share of a joint's effort that stays unexplained from which it is said without a cause. Measured joints with little
 #: effort of their own (wrists) have as much, so the joint has to carry this share of the arm's largest effort as well.
 GROSS, _CARRIES = 0.55, 0.1
+#: A misfit up to this many times another one explains as much.
+_AS_WELL = 1.2
 #: Findings of a recording's own file that make its values useless for what follows.
-_SPOILS = ("outliers", "wrap", "jump", "frozen", "clipped", "held", "same_channel", "coarse")
+_SPOILS = ("time_jump", "outliers", "dropouts", "wrap", "jump", "frozen", "clipped", "held", "same_channel", "coarse")
 #: What a refusal of the strict reader is a consequence of.
 _CONSEQUENCES = {
-    "saturated": ("clipped", "frozen", "unit", "held", "same_channel"),
-    "constant": ("frozen", "wrong_role", "parked", "unit"),
+    "saturated": ("clipped", "dropouts", "frozen", "unit", "held", "same_channel"),
+    "constant": ("frozen", "dropouts", "wrong_role", "parked", "unit"),
     "positions_disagree": (
         "unit",
         "sign",
@@ -63,6 +66,7 @@ _CONSEQUENCES = {
     "out_of_range": ("sign", "unit", "wrap", "exchanged_channels", "outliers", "jump"),
     "columns": ("other_machine",),
     "no_repeat": (
+        "dropouts",
         "jump",
         "wrap",
         "outliers",
@@ -132,7 +136,7 @@ def check_recordings(
         Mistakes before notes; what is only a consequence of another one is left out.
     """
     places = places or Places()
-    result = list(found)
+    result = [*found, *machine_findings(machine, places)]
     for recording in recordings:
         result += signal_findings(machine, recording)
     magnitudes = [f for f in magnitude_findings(machine, recordings) if not _spoilt(f, result)]
@@ -157,9 +161,10 @@ def _usable(
     """Recordings whose values can be compared, with units that were found taken back; False if nothing is left."""
     spoilt = {f.recording for f in found if f.code in _SPOILS and f.severity == "mistake"}
     left_out = {f.recording for f in found if f.code in ("wrong_role", "other_machine", "columns", "not_numbers")}
+    left_out |= {f.recording for f in found if f.code == "unit" and f.recording is not None}
     kept = [r for r in recordings if r.file not in spoilt | left_out]
     for finding in found:
-        if finding.code != "unit":
+        if finding.code != "unit" or finding.recording is not None:
             continue
         unit = finding.cure.partition("'")[2].partition("'")[0]
         for channel in machine.channels:
@@ -221,6 +226,7 @@ def _together(machine: Machine, recordings: Sequence[Recording], places: Places)
                 f"{lead}{text} (the two sensors disagree by {own.before:.0%} of the motion as it is, by "
                 f"{own.after:.1%} then)",
                 own.cure + where,
+                alternatives=tuple(_named(machine, names[0], own.quantity, other) for other in own.alternatives),
                 joint=names[0],
                 channel=channel.name if channel else None,
                 before=own.before,
@@ -244,20 +250,30 @@ def _together(machine: Machine, recordings: Sequence[Recording], places: Places)
         found.append(_of_clock(clock))
         trial = trial.with_samples(clock.samples)
     searched = search(trial)
-    ratios = {own.joint: own for own in area_ratios(searched.trial) if own.wrong}
+    estimated = {own.joint: own for own in area_ratios(searched.trial)}
+    ratios = {joint: own for joint, own in estimated.items() if own.wrong}
     # A bore or rod of a list is worse than the ratio of the areas as it is estimated, where that explains as much.
     accused = [
         own
         for own in searched.accused
         if own.hypothesis.code not in ("bore", "rod")
-        or own.joint not in ratios
-        or ratios[own.joint].after > own.after.misfits[own.joint]
+        or own.joint not in estimated
+        or (
+            not estimated[own.joint].valves
+            and (own.joint not in ratios or ratios[own.joint].after > _AS_WELL * own.after.misfits[own.joint])
+        )
     ]
     blamed = {k for own in accused for k in own.hypothesis.joints}
     found += [_of_areas(machine, own, places) for own in ratios.values() if own.joint not in blamed]
     found += [_finding(machine, own, measured, places) for own in accused]
     found += _unexplained(machine, searched, places)
     return found
+
+
+def _named(machine: Machine, joint: str, quantity: str | None, text: str) -> str:
+    """A text with its channel or joint in front."""
+    channel = machine.channel(quantity, joint) if quantity else None
+    return text.format(channel=channel.name if channel else joint, joint=joint) if "{" in text else f"{joint}: {text}"
 
 
 def _of_clock(clock: Clock) -> Finding:
@@ -304,6 +320,8 @@ def _of_areas(machine: Machine, own: AreaRatio, places: Places) -> Finding:
         after=own.after,
         unit="of the effort",
         factor=own.rho,
+        severity="note" if own.valves else "mistake",
+        alternatives=("back pressure of its valves in one direction",) if own.valves else (),
         strength=1.0 + float(np.log(own.before / own.after)),
     )
 
@@ -328,6 +346,14 @@ def _finding(machine: Machine, accused: Accused, recordings: Sequence[Recording]
         own.code,
         f"{who}{text} (unexplained effort{at}: {before:.0%} as it is, {after:.1%} with that taken back)",
         own.cure + where,
+        alternatives=tuple(
+            other.text.format(joint=machine.joints[other.joints[0]].name if other.joints else "", channel="the effort")
+            if "{" in other.text
+            else f"{machine.joints[other.joints[0]].name}: {other.text}"
+            if other.joints
+            else other.text
+            for other in accused.alternatives
+        ),
         joint=names[0] if names else None,
         channel=channel,
         recording=file,

@@ -8,6 +8,7 @@ is estimated again.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -20,6 +21,8 @@ from fitting.dynamics import rigid_body_regressor
 FloatArray = npt.NDArray[np.float64]
 
 _ITERATIONS = 4
+#: s from which the estimate begins as well, where efforts are left unexplained by more than this (geometric mean).
+STARTS, _BADLY = (-1.5, -1.0, -0.6, -0.3, 0.3, 0.6, 1.0, 1.5), 0.1
 #: s; a common delay below is a filter of the transducers. One joint alone may have a late sensor of 0.1 s.
 OFFSET, OFFSET_ALONE = 0.06, 0.25
 #: s by which a clock has to run away over the longest recording.
@@ -52,33 +55,51 @@ def clock_of(trial: Trial) -> Clock | None:
     since = samples.time - begins[samples.recording]
     length = float(since.max(initial=0.0))
     bodies = _Bodies(trial)
-    offset = rate = 0.0
-    first: FloatArray | None = None
-    moved = samples
+    first = bodies.estimates(samples, since)
+    if len(first) == 0:
+        return None
+    found = _from(0.0, bodies, samples, keys, since, first)
+    if np.exp(np.mean(np.log(first[:, 4]))) > _BADLY:
+        # The expansion holds for delays well below a period of the motion; beyond, it has to begin nearby.
+        starts = [_from(start, bodies, samples, keys, since, first) for start in STARTS]
+        found = min([own for own in (found, *starts) if own is not None], key=lambda own: own.after, default=None)
+    if found is None:
+        return None
+    least = OFFSET if len(first) > 1 else OFFSET_ALONE
+    runs_away = abs(found.rate) * length
+    if found.before < _FALLS * found.after or (abs(found.offset) < least and runs_away < RUNS_AWAY):
+        return None
+    return found if runs_away > RUNS_AWAY else replace(found, rate=0.0)
+
+
+def _from(
+    start: float,
+    bodies: _Bodies,
+    samples: Samples,
+    keys: Sequence[tuple[str, int]],
+    since: FloatArray,
+    first: FloatArray,
+) -> Clock | None:
+    """The clock that is found from an offset to begin with; None if the joints do not share one."""
+    offset, rate = start, 0.0
+    moved = samples.moved(keys, offset) if start else samples
+    estimates = bodies.estimates(moved, since) if start else first
+    if not start and not _shared(estimates[:, 0], estimates[:, 1]) and not _shared(estimates[:, 2], estimates[:, 3]):
+        return None
     for _ in range(_ITERATIONS):
-        estimates = bodies.estimates(moved, since)
-        if len(estimates) == 0:
+        if len(estimates) != len(first):
             return None
-        if first is None:
-            first = estimates[:, 4]
-            if not _shared(estimates[:, 0], estimates[:, 1]) and not _shared(estimates[:, 2], estimates[:, 3]):
-                return None
         faster = _middle(estimates[:, 2], estimates[:, 3])
         offset += _middle(estimates[:, 0], estimates[:, 1]) - faster * float(since.mean())
         rate += faster
         if abs(offset) > 3.0 or abs(rate) > 0.1:
             return None
         moved = samples.moved(keys, offset + rate * since)
-    last = bodies.estimates(moved, since)
-    assert first is not None
-    if len(last) != len(first):
+        estimates = bodies.estimates(moved, since)
+    if len(estimates) != len(first):
         return None
-    before, after = (float(np.exp(np.mean(np.log(m)))) for m in (first, last[:, 4]))
-    least = OFFSET if len(first) > 1 else OFFSET_ALONE
-    runs_away = abs(rate) * length
-    if before < _FALLS * after or (abs(offset) < least and runs_away < RUNS_AWAY):
-        return None
-    return Clock(offset, rate if runs_away > RUNS_AWAY else 0.0, before, after, moved)
+    before, after = (float(np.exp(np.mean(np.log(m)))) for m in (first[:, 4], estimates[:, 4]))
+    return Clock(offset, rate, before, after, moved)
 
 
 def _middle(values: FloatArray, stds: FloatArray) -> float:
@@ -116,6 +137,8 @@ class _Bodies:
         trial = replace(self._trial, samples=samples)
         for number in range(len(trial.machine.joints)):
             rows, columns = self._rows[number], self._columns[number]
+            kept = samples.used[rows]
+            rows, columns = rows & samples.used, columns[kept]
             weights = declared(trial.machine, samples, number)
             if not weights or np.count_nonzero(rows) < 60:
                 continue

@@ -36,10 +36,13 @@ def efforts(trial: Trial, *, exchanges: bool = True) -> Iterator[Hypothesis]:
                 ("head_pressure", "rod_pressure"), exact=True,
             )  # fmt: skip
             for name, quantity in ((head, "head_pressure"), (rod, "rod_pressure")):
-                yield Hypothesis(
-                    "sign", (j,), "{channel} looks as if it had the wrong sign", "correct the sign of its scale",
-                    _weighted(j, lambda w, c=name: {**w, c: -w[c]}), (quantity,), factor=-1.0, price=1.2, exact=True,  # type: ignore[misc]
-                )  # fmt: skip
+                signal = samples.get(quantity, j)
+                if signal is not None and np.median(signal.value) < 0:  # a pressure with the right sign is positive
+                    yield Hypothesis(
+                        "sign", (j,), "{channel} looks as if it had the wrong sign", "correct the sign of its scale",
+                        _weighted(j, lambda w, c=name: {**w, c: -w[c]}), (quantity,), factor=-1.0, price=1.2,  # type: ignore[misc]
+                        exact=True,
+                    )  # fmt: skip
                 channel = machine.channel(quantity, joint.name)
                 assert channel is not None
                 for gain, unit in gains("Pa", machine.conversion(channel).factor).items():

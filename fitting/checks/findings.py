@@ -24,6 +24,7 @@ class Finding:
     before, after : misfit (or another number that the text names) as the files are, and with the cure
     unit : of both
     factor : number that was interpreted (a gain, an offset, a delay), if there is one
+    alternatives : what explains the data as well, and cannot be told apart by them
     strength : for the order of findings: natural logarithm of how much better the data fit with the cure
     """
 
@@ -38,6 +39,7 @@ class Finding:
     after: float | None = None
     unit: str = ""
     factor: float | None = None
+    alternatives: tuple[str, ...] = ()
     strength: float = 0.0
 
     def to_json(self) -> dict[str, Any]:
@@ -47,9 +49,10 @@ class Finding:
     @property
     def line(self) -> str:
         """What was seen and what to do, in one line."""
-        return f"{self.text}; {self.cure}"
+        others = f" (as well: {'; '.join(self.alternatives)})" if self.alternatives else ""
+        return f"{self.text}{others}; {self.cure}"
 
 
 def finding_from_json(content: dict[str, Any]) -> Finding:
     """Inverse of :meth:`Finding.to_json`."""
-    return Finding(**content)
+    return Finding(**{**content, "alternatives": tuple(content.get("alternatives", ()))})

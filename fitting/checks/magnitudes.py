@@ -7,6 +7,7 @@ order of magnitude except where the file itself states a limit.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
@@ -37,7 +38,26 @@ _FAST = 8.0
 
 def magnitude_findings(machine: Machine, recordings: Sequence[Recording]) -> list[Finding]:
     """Findings on channels whose values cannot be; on all channels of a kind at once where all have it."""
-    return [*_pressures(machine, recordings), *_positions(machine, recordings)]
+    found = [*_pressures(machine, recordings), *_positions(machine, recordings)]
+    if any(own.code == "unit" for own in found) or len(recordings) < 2:
+        return found
+    return [*found, *_in_one_recording(machine, recordings)]
+
+
+def _in_one_recording(machine: Machine, recordings: Sequence[Recording]) -> list[Finding]:
+    """Units that are wrong in single recordings: an export with other settings."""
+    tops = {r.file: [top for own in _impossible(machine, [r])[1].values() for top in own.values()] for r in recordings}
+    own = {}
+    for r in recordings:
+        others = [top for file, found in tops.items() if file != r.file for top in found]
+        usual = float(np.median(others)) if others else _USUAL
+        own[r.file] = [*_impossible(machine, [r], usual)[0], *_positions(machine, [r])]
+    return [
+        replace(finding, recording=file, text=f"{file}: {finding.text}", strength=finding.strength + 1)
+        for file, findings in own.items()
+        for finding in findings
+        if finding.code == "unit"
+    ]
 
 
 def _values(channel: Channel, recordings: Sequence[Recording]) -> FloatArray:
@@ -47,6 +67,14 @@ def _values(channel: Channel, recordings: Sequence[Recording]) -> FloatArray:
 
 
 def _pressures(machine: Machine, recordings: Sequence[Recording]) -> list[Finding]:
+    found, tops = _impossible(machine, recordings)
+    return found or _unlike(machine, recordings, tops)
+
+
+def _impossible(
+    machine: Machine, recordings: Sequence[Recording], usual: float = _USUAL
+) -> tuple[list[Finding], dict[str, dict[str, float]]]:
+    """Pressures that no cylinder has, and the largest of each channel by joint; ``usual`` tells the unit."""
     tops: dict[str, dict[str, float]] = {}
     found = []
     for channel in machine.channels:
@@ -81,7 +109,7 @@ def _pressures(machine: Machine, recordings: Sequence[Recording]) -> list[Findin
         if joints is large:
             channels = [c for c in channels if tops[str(c.joint)][c.name] > PRESSURES[1]]
         top = max(tops[str(c.joint)][c.name] for c in channels)
-        unit = _unit_of(machine, channels[0], top)
+        unit = _unit_of(machine, channels[0], top, usual)
         named = f"the values look like {unit}" if unit else "they are in no unit that is known here"
         every = len(channels) == sum(len(own) for own in tops.values()) and len(tops) > 1
         for number, channel in enumerate(channels):
@@ -101,7 +129,7 @@ def _pressures(machine: Machine, recordings: Sequence[Recording]) -> list[Findin
                     strength=9.0,
                 )
             )
-    return found or _unlike(machine, recordings, tops)
+    return found, tops
 
 
 def _unlike(machine: Machine, recordings: Sequence[Recording], tops: dict[str, dict[str, float]]) -> list[Finding]:
@@ -154,10 +182,10 @@ def _finite(values: FloatArray) -> FloatArray:
     return np.asarray(values)[np.isfinite(values)]
 
 
-def _unit_of(machine: Machine, channel: Channel, top: float) -> str | None:
+def _unit_of(machine: Machine, channel: Channel, top: float, usual: float) -> str | None:
     options = gains("Pa", machine.conversion(channel).factor)
     near = {g: unit for g, unit in options.items() if _USUAL_RANGE[0] < g * top < _USUAL_RANGE[1]}
-    return min(near.items(), key=lambda item: abs(np.log(item[0] * top / _USUAL)))[1] if near else None
+    return min(near.items(), key=lambda item: abs(np.log(item[0] * top / usual)))[1] if near else None
 
 
 def _positions(machine: Machine, recordings: Sequence[Recording]) -> list[Finding]:

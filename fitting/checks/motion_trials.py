@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
+import numpy.typing as npt
 
 from fitting.checks.factors import gains
 from fitting.checks.hypothesis import Build, Hypothesis, Targets
 from fitting.checks.physical import Trial
 from fitting.checks.samples import EFFORTS, Signal
+
+BoolArray = npt.NDArray[np.bool_]
 
 
 def mapped(key: tuple[str, int], gain: float, offset: float = 0.0) -> Build:
@@ -21,6 +24,17 @@ def mapped(key: tuple[str, int], gain: float, offset: float = 0.0) -> Build:
         return trial.with_samples(trial.samples.replaced({key: signal.mapped(gain, offset)})), targets
 
     return build
+
+
+#: Factors by which an encoder's counts are mistaken: edges of both tracks, one of two, diameters for radii.
+COUNTS = (0.25, 0.5, 2.0, 4.0)
+#: Shares of a stroke by which the zero of a piston's sensor is off.
+ZEROS = (-0.5, -0.33, -0.2, 0.2, 0.33, 0.5)
+
+
+def times_too(gain: float) -> str:
+    """``2 times too large`` for a factor that values have to be multiplied with."""
+    return f"{max(gain, 1 / gain):g} times too {'large' if gain < 1 else 'small'}"
 
 
 def motions(trial: Trial, *, exchanges: bool = True) -> Iterator[Hypothesis]:
@@ -53,6 +67,24 @@ def motions(trial: Trial, *, exchanges: bool = True) -> Iterator[Hypothesis]:
                     "offset", (j,), f"{{channel}} looks {degrees} degrees off",
                     "correct its offset, or theta of the joint", mapped((quantity, j), 1.0, offset), (quantity,),
                     factor=offset, price=1.4,
+                )  # fmt: skip
+        if piston and joint.cylinder is not None:
+            for share in ZEROS:
+                offset = share * joint.cylinder.stroke
+                if _fits(trial, j, signal.mapped(1.0, offset)):
+                    way = "small" if offset > 0 else "large"
+                    yield Hypothesis(
+                        "offset", (j,), f"{{channel}} looks {1e3 * abs(offset):.3g} mm too {way}",
+                        "correct its offset (0 is fully retracted)", mapped((quantity, j), 1.0, offset), (quantity,),
+                        factor=offset, price=1.6,
+                    )  # fmt: skip
+        for gain in COUNTS if exchanges else ():
+            if _fits(trial, j, signal.mapped(gain)):
+                yield Hypothesis(
+                    "scale", (j,), f"{{channel}} looks {times_too(gain)}",
+
+                    "correct its scale (counts per turn, edges that are counted, gear ratio)",
+                    mapped((quantity, j), gain), (quantity,), factor=gain, price=1.65,
                 )  # fmt: skip
         for other in range(j + 1, len(machine.joints)) if exchanges else ():
             if samples.get(quantity, other) is not None and trial.positions[other] == quantity:
@@ -148,6 +180,45 @@ def _stretched(keys: Sequence[tuple[str, int]], rate: float) -> Build:
         return trial.with_samples(samples.moved(keys, rate * (samples.time - begins[samples.recording]))), targets
 
     return build
+
+
+def in_one_recording(trial: Trial, number: int) -> Iterator[Hypothesis]:
+    """What may have been wrong while one recording was made: chambers swapped, a position that counts the other way."""
+    machine, samples = trial.machine, trial.samples
+    rows = samples.recording == number
+    for j, joint in enumerate(machine.joints):
+        head, rod = samples.get("head_pressure", j), samples.get("rod_pressure", j)
+        if head is not None and rod is not None:
+            changes = {("head_pressure", j): _where(rows, rod, head), ("rod_pressure", j): _where(rows, head, rod)}
+            yield Hypothesis(
+                "swapped_chambers", (j,), "head and rod pressure look swapped in this recording alone",
+                "swap the two columns of this recording, and look whether the hoses or cables were changed",
+                _changed(changes), ("head_pressure", "rod_pressure"), recording=number, exact=True,
+            )  # fmt: skip
+        quantity = trial.positions[j]
+        signal = samples.get(quantity, j)
+        if signal is not None:
+            piston = quantity == "piston_position" and joint.cylinder is not None
+            about = joint.cylinder.stroke if piston and joint.cylinder is not None else 0.0
+            yield Hypothesis(
+                "sign", (j,), "{channel} looks as if it counted the other way in this recording alone",
+                "correct the sign of this column, and look whether the sensor was changed",
+                _changed({(quantity, j): _where(rows, signal.mapped(-1.0, about), signal)}), (quantity,),
+                recording=number, exact=True,
+            )  # fmt: skip
+
+
+def _where(rows: BoolArray, there: Signal, elsewhere: Signal) -> Signal:
+    return replace(
+        elsewhere,
+        value=np.where(rows, there.value, elsewhere.value),
+        first=np.where(rows, there.first, elsewhere.first),
+        second=np.where(rows, there.second, elsewhere.second),
+    )
+
+
+def _changed(changes: Mapping[tuple[str, int], Signal]) -> Build:
+    return lambda trial, targets: (trial.with_samples(trial.samples.replaced(changes)), targets)
 
 
 #: Leaving a recording out is a trial that a payload or another oil also passes a little: it has to do more than others.

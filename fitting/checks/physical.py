@@ -65,6 +65,7 @@ class Block:
     signals : (k, s) what a target is put together from, by name in ``names``
     centred : (s, s) products of the signals less their means
     rows : how many rows there were
+    valves : (k, 4) forces of valves that act in one direction only (back pressure), by speed
     usual : (d,) what the drive's coefficients usually stay below; infinite where nothing is known
     """
 
@@ -75,6 +76,7 @@ class Block:
     centred: FloatArray
     rows: int
     usual: FloatArray
+    valves: FloatArray
 
     def target(self, weights: Mapping[str, float]) -> FloatArray:
         """(s,) coefficients of a target."""
@@ -203,6 +205,12 @@ def friction(v: FloatArray, noise: float) -> FloatArray:
     return np.stack([sign * shape for shape in shapes], axis=1)
 
 
+def _one_way(v: FloatArray) -> FloatArray:
+    """Columns (T, 4) of a force that grows with speed while a cylinder extends: what valves hold back."""
+    u = np.where(v > 0, v, 0.0) / max(float(np.percentile(np.abs(v), 99)), 1e-12)
+    return np.stack([(v > 0).astype(np.float64), np.sqrt(u), u, u**2], axis=1)
+
+
 def make_blocks(trial: Trial) -> tuple[Block | None, ...]:
     """Rows of every joint in which it moves, compressed by QR."""
     samples, machine, motion = trial.samples, trial.machine, trial.motion
@@ -236,21 +244,22 @@ def make_blocks(trial: Trial) -> tuple[Block | None, ...]:
         free = [np.ones(len(v)), *(s for name, s in _slopes(trial, number))]
         names = tuple(named)
         S = np.stack([named[name] for name in names], axis=1)
-        A = np.column_stack([*free, own, drive, S])[rows]
+        A = np.column_stack([*free, own, drive, S, _one_way(v)])[rows]
         scale = np.maximum(np.linalg.norm(A[:, : len(free)], axis=0), 1e-300)
         A[:, : len(free)] /= scale
         R = np.asarray(np.linalg.qr(A, mode="r"))[len(free) :, len(free) :]
-        b, d = own.shape[1], drive.shape[1]
+        b, d, s = own.shape[1], drive.shape[1], S.shape[1]
         centred = S[rows] - S[rows].mean(axis=0)
         blocks.append(
             Block(
                 R[:, :b],
                 R[:, b : b + d],
-                R[:, b + d :],
+                R[:, b + d : b + d + s],
                 names,
                 centred.T @ centred,
                 int(np.count_nonzero(rows)),
                 usual,
+                R[:, b + d + s :],
             )
         )
     return tuple(blocks)

@@ -100,9 +100,10 @@ class Samples:
     def moved(self, keys: Iterable[tuple[str, int]], seconds: FloatArray | float) -> Samples:
         """With some signals taken ``seconds`` later, (T,) or one number: what a channel that is late so much has to be.
 
-        At the ends of a stretch the last value is held.
+        Samples for which that lies beyond the end of their stretch are not used.
         """
-        place = np.clip(self.at + np.asarray(seconds) * self.bank.rate_hz, self.first, self.last - 1)
+        wanted = self.at + np.asarray(seconds) * self.bank.rate_hz
+        place = np.clip(wanted, self.first, self.last - 1)
         below = np.minimum(place.astype(np.int64), self.last - 2)
         share = place - below
         moved = {}
@@ -111,7 +112,7 @@ class Samples:
             parts = (own.value, own.first, own.second)
             value, first, second = ((1 - share) * part[below] + share * part[below + 1] for part in parts)
             moved[key] = Signal(value, first, second, own.noise, own.speed_noise)
-        return self.replaced(moved)
+        return replace(self.replaced(moved), used=self.used & (np.abs(place - wanted) < 1.0))
 
 
 def take_samples(machine: Machine, recordings: Sequence[Recording]) -> Samples | None:

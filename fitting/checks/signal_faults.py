@@ -26,12 +26,14 @@ PRESSURES = ("head_pressure", "rod_pressure")
 _FROZEN_S, _CHANCE = 0.3, 1e-9
 #: A signal of fewer levels is coarse.
 _LEVELS = 16
+#: A position has to be resolved better: speeds and accelerations are differences of it.
+_POSITION_LEVELS = 100
 #: A position that changes by less than this share of its travel stands still: few values are then no fault.
 _TRAVELS = 0.01
 #: Share of a signal's usual range (1st to 99th percentile) that a spike or a jump has at least.
 _SPIKE_POSITION, _SPIKE_EFFORT, _JUMP = 0.03, 0.25, 0.02
-#: Times the local noise, and times the largest ordinary step (99th percentile).
-_SPIKE_NOISE, _STEPS, _EFFORT_STEPS = 20.0, 6.0, 3.0
+#: Times the local noise (a spike goes and comes, a jump only goes), and times the largest ordinary step.
+_SPIKE_NOISE, _JUMP_NOISE, _STEPS, _EFFORT_STEPS = 10.0, 20.0, 6.0, 3.0
 #: Changes that fall on every k-th row: their share (of so many at least, up to that k). A signal that changes at random
 #: rows has a share of 1/k there.
 _IN_STEP, _LEAST_CHANGES, _LONGEST_HOLD = 0.97, 30, 60
@@ -52,16 +54,27 @@ def signal_findings(machine: Machine, recording: Recording) -> list[Finding]:
         if channel.quantity in POSITIONS:
             piston = channel.quantity == "piston_position" and joint.cylinder is not None
             travel = joint.cylinder.stroke if piston and joint.cylinder else float(np.ptp(joint.limits.position))
-        own = next(_of_channel(channel, np.asarray(values), joined, recording, travel), None)
+        own = next(
+            _of_channel(channel, np.asarray(values), joined, recording, travel, _other(machine, recording, channel)),
+            None,
+        )
         if own is not None:
             found.append(replace(own, joint=channel.joint, channel=channel.name, recording=recording.file))
     return found + _same_channels(machine, recording)
 
 
 def _of_channel(
-    channel: Channel, values: FloatArray, joined: BoolArray, recording: Recording, travel: float
+    channel: Channel,
+    values: FloatArray,
+    joined: BoolArray,
+    recording: Recording,
+    travel: float,
+    other: FloatArray | None,
 ) -> Iterator[Finding]:
-    """What is wrong with a channel, the most telling first; ``travel`` is the range of a position, 0 of an effort."""
+    """What is wrong with a channel, the most telling first.
+
+    ``travel`` is the range of a position, 0 of an effort; ``other`` the joint's other position sensor.
+    """
     time, rate = recording.time, recording.rate_hz
     known = np.isfinite(values)
     span = float(np.subtract(*np.percentile(values[known], [99, 1])))
@@ -73,18 +86,23 @@ def _of_channel(
     if len(changing) == 0:
         return
     yield from _coarse(channel, values[known], span, travel)
+    yield from _dropouts(channel, values, steps, span, time)
     yield from _held(channel, steps, rate)
     yield from _clipped(channel, values[known])
-    yield from _frozen(channel, values, steps, joined, time, rate)
+    yield from _frozen(channel, values, steps, joined, time, rate, other)
     yield from _jumps(channel, values, steps, span, time)
 
 
 def _coarse(channel: Channel, values: FloatArray, span: float, travel: float) -> Iterator[Finding]:
-    levels = len(np.unique(values))
-    if levels < _LEVELS and span > _TRAVELS * travel:
+    found = np.unique(values)
+    levels = len(found)
+    if channel.quantity in POSITIONS and levels > 1:
+        # Of all steps between neighbouring levels the least is the resolution; a fast motion leaves levels out.
+        levels = max(levels, round(float(span / np.diff(found).min())))
+    if levels < (_POSITION_LEVELS if channel.quantity in POSITIONS else _LEVELS) and span > _TRAVELS * travel:
         yield Finding(
             "coarse",
-            f"{channel.name}: has only {levels} different values",
+            f"{channel.name}: has only {levels} levels within its motion",
             "record it with its full resolution (data type, scale)",
             before=float(levels),
             strength=5.0,
@@ -112,24 +130,54 @@ def _held(channel: Channel, steps: FloatArray, rate: float) -> Iterator[Finding]
         return
 
 
+def _least_jump(channel: Channel, steps: FloatArray, span: float, noise: float = _JUMP_NOISE) -> float:
+    """Size from which a step is a jump: far beyond the noise, the ordinary steps, and a share of the range."""
+    position = channel.quantity in POSITIONS
+    ordinary = max(float(np.percentile(np.abs(steps), 98)), 1e-300)
+    local = 1.4826 * float(np.median(np.abs(np.diff(steps)))) / np.sqrt(6) + 1e-300
+    share, times = (_JUMP, _STEPS) if position else (_SPIKE_EFFORT, _EFFORT_STEPS)
+    return float(max(times * ordinary, noise * local, share * span))
+
+
+def _dropouts(
+    channel: Channel, values: FloatArray, steps: FloatArray, span: float, time: FloatArray
+) -> Iterator[Finding]:
+    """One and the same value again and again, reached and left by a jump: a loose cable, a failing supply."""
+    least = _least_jump(channel, steps, span)
+    entered = np.flatnonzero(np.abs(steps) > least) + 1
+    for value in np.unique(values[entered]) if len(entered) < 0.05 * len(values) else ():
+        here = np.concatenate([[0], (values == value).astype(np.int8), [0]])
+        edges = np.flatnonzero(np.diff(here))
+        starts, stops = edges[::2], edges[1::2]
+        jumps = [
+            int(a) for a, b in zip(starts, stops, strict=True)
+            if b - a > 1 and a > 0 and b < len(values) and abs(steps[a - 1]) > least and abs(steps[b - 1]) > least
+        ]  # fmt: skip
+        if len(jumps) < 2 or len(jumps) < 0.5 * np.count_nonzero(stops - starts > 1):
+            continue
+        yield Finding(
+            "dropouts",
+            f"{channel.name}: falls to exactly {value:.6g} and comes back {len(jumps)} times (the first at "
+            f"{time[jumps[0]]:.6g} s)",
+            "look after cable, plug and supply of this device, and mark the rows missing",
+            before=float(len(jumps)),
+            strength=5.5,
+        )
+        return
+
+
 def _jumps(channel: Channel, values: FloatArray, steps: FloatArray, span: float, time: FloatArray) -> Iterator[Finding]:
     """Single wrong values, wraps, and steps of a position's zero."""
     position = channel.quantity in POSITIONS
     size = np.abs(steps)
-    ordinary = max(float(np.percentile(size, 98)), 1e-300)
-    local = 1.4826 * float(np.median(np.abs(np.diff(steps)))) / np.sqrt(6) + 1e-300
-    least = max(
-        (_STEPS if position else _EFFORT_STEPS) * ordinary,
-        _SPIKE_NOISE * local,
-        (_JUMP if position else _SPIKE_EFFORT) * span,
-    )
+    least = _least_jump(channel, steps, span, _SPIKE_NOISE)
     large = np.flatnonzero(size > least)
     if len(large) == 0 or len(large) > 0.05 * len(size):
         return
     # A spike comes back at once: the next step undoes it.
     back = [k for k in large if k + 1 < len(steps) and abs(steps[k] + steps[k + 1]) < 0.2 * size[k]]
     after = {k + 1 for k in back}
-    lasting = [k for k in large if k not in after and k not in back]
+    lasting = [k for k in large if k not in after and k not in back and size[k] > _least_jump(channel, steps, span)]
     spike_size = max((float(size[k]) for k in back), default=0.0)
     if back and spike_size > (_SPIKE_POSITION if position else _SPIKE_EFFORT) * span and (position or len(back) >= 3):
         yield Finding(
@@ -172,7 +220,13 @@ def _jumps(channel: Channel, values: FloatArray, steps: FloatArray, span: float,
 
 
 def _frozen(
-    channel: Channel, values: FloatArray, steps: FloatArray, joined: BoolArray, time: FloatArray, rate: float
+    channel: Channel,
+    values: FloatArray,
+    steps: FloatArray,
+    joined: BoolArray,
+    time: FloatArray,
+    rate: float,
+    other: FloatArray | None,
 ) -> Iterator[Finding]:
     """The same value for longer than chance allows, while the signal comes back with a jump or is noisy elsewhere."""
     equal = joined & (steps == 0) & np.isfinite(values[1:])
@@ -191,8 +245,9 @@ def _frozen(
         ends = [abs(steps[i]) for i in (start - 1, stop) if 0 <= i < len(steps)]
         catches_up = max(ends, default=0.0) > 10 * ordinary
         if channel.quantity in POSITIONS:
-            # A machine that stands has an encoder that stands; one that moves on comes back with a jump.
-            wrong = improbable and catches_up
+            # A machine that stands has an encoder that stands; one that moves on comes back with a jump, or the joint's
+            # other sensor has moved on.
+            wrong = improbable and (catches_up or _moved(other, start, stop))
         else:
             # Coarse steps in a quiet phase repeat too, but none so long alone, and none that ends with a jump.
             second = int(np.sort(lengths)[-2]) if len(lengths) > 1 else 1
@@ -209,6 +264,22 @@ def _frozen(
                 strength=5.0,
             )
             return
+
+
+def _other(machine: Machine, recording: Recording, channel: Channel) -> FloatArray | None:
+    """The joint's other position sensor where rods are on."""
+    partner = {"joint_position": "piston_position", "piston_position": "joint_position"}.get(channel.quantity)
+    found = machine.channel(partner, str(channel.joint)) if partner and recording.role != "unloaded" else None
+    return None if found is None else recording.values.get(found.name)
+
+
+def _moved(other: FloatArray | None, start: int, stop: int) -> bool:
+    """Whether a position changes by a tenth of its range or more between two rows."""
+    if other is None or not np.any(np.isfinite(other[start:stop])):
+        return False
+    return bool(
+        np.ptp(other[start:stop][np.isfinite(other[start:stop])]) > 0.1 * np.nanmax(np.abs(other - np.nanmedian(other)))
+    )
 
 
 def _clipped(channel: Channel, values: FloatArray) -> Iterator[Finding]:

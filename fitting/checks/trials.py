@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from typing import TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -22,7 +23,7 @@ import numpy.typing as npt
 from fitting.checks.effort_trials import efforts, scales, sizes
 from fitting.checks.hypothesis import Build, Hypothesis, Targets
 from fitting.checks.machine_trials import effects, gravity, lengths
-from fitting.checks.motion_trials import motions, recordings, times
+from fitting.checks.motion_trials import in_one_recording, motions, recordings, times
 from fitting.checks.physical import LEAST_MISFIT, Physical, Trial, fit
 
 FloatArray = npt.NDArray[np.float64]
@@ -37,6 +38,8 @@ CARRIES = 0.02
 WORSE = 1.4
 #: Of two trials that explain alike, the simpler one is said: within this share of the logarithm's gain.
 ALIKE = 0.12
+#: Nothing tells these apart; so many are named beside the one that is said.
+THE_SAME, _MOST_ALTERNATIVES = 0.02, 3
 _MOST_MISTAKES, _MOST_ROUNDS = 3, 4
 #: Trials of one round that are fitted with bounds, after all were without.
 _MOST_BOUNDED = 12
@@ -46,13 +49,21 @@ _ALONE_WELL, _LEAST_APART = 2.5, 0.04
 
 @dataclass(frozen=True)
 class Accused:
-    """A hypothesis that explains the efforts, with misfits before and after, and how much it is worth."""
+    """A hypothesis that explains the efforts, with misfits before and after, and how much it is worth.
+
+    ``alternatives`` explain as much to within :data:`THE_SAME`.
+    """
 
     hypothesis: Hypothesis
     joint: int
     before: Physical
     after: Physical
     gain: float
+    alternatives: tuple[Hypothesis, ...] = ()
+
+
+#: What is accused, and trial and targets with it taken back.
+Found: TypeAlias = tuple[Accused, Trial, Targets]
 
 
 def score(before: Physical, after: Physical, *, free: bool = False) -> float:
@@ -77,7 +88,8 @@ def suspicious(current: Physical) -> npt.NDArray[np.bool_]:
 def _worth_trying(option: Hypothesis, current: Physical) -> bool:
     """Whether one of the joints that a hypothesis is about is explained badly enough; exact ones always are."""
     own = suspicious(current)
-    about = list(option.joints)
+    # A length or an axis of a link moves all that it carries: it shows at any joint.
+    about = [] if option.code in ("length", "axis") else list(option.joints)
     there = bool(np.isnan(current.misfits[about]).any()) or bool(own[about].any()) if about else True
     return option.exact or (bool(own.any()) and there)
 
@@ -104,14 +116,13 @@ def search(trial: Trial) -> Searched:
     for _ in range(_MOST_ROUNDS):
         if len(found) == _MOST_MISTAKES:
             break
-        best = None
-        for stage in (everywhere, simple, elaborate):
-            options = tuple(o for o in stage(trial) if _worth_trying(o, current))
-            best = _best(trial, targets, current, options)
-            if best is not None:
-                break
+        # All are compared: a wrong bore explains more than the exchange of cables that it resembles.
+        tried = (*everywhere(trial), *simple(trial), *elaborate(trial))
+        best = _best(trial, targets, current, tuple(o for o in tried if _worth_trying(o, current)))
         if best is None:
             break
+        if (recording := best[0].hypothesis.recording) is not None:
+            best = _narrower(trial, targets, current, best, in_one_recording(trial, recording))
         accused, trial, targets = best
         current = accused.after
         if accused.hypothesis.code:
@@ -119,9 +130,13 @@ def search(trial: Trial) -> Searched:
     return Searched(tuple(found), nominal, current, trial)
 
 
-def _best(
-    trial: Trial, targets: Targets, current: Physical, options: Sequence[Hypothesis]
-) -> tuple[Accused, Trial, Targets] | None:
+def _narrower(trial: Trial, targets: Targets, current: Physical, best: Found, options: Iterator[Hypothesis]) -> Found:
+    """What is wrong in a recording that does not fit, if one thing explains as much as leaving it out."""
+    own = _best(trial, targets, current, tuple(options))
+    return own if own is not None and own[0].gain > (1 - ALIKE) * best[0].gain else best
+
+
+def _best(trial: Trial, targets: Targets, current: Physical, options: Sequence[Hypothesis]) -> Found | None:
     screened = []
     for option in options:
         try:
@@ -137,7 +152,7 @@ def _best(
             screened.append((score(current, best_case, free=True), option, changed, wanted))
     screened.sort(key=lambda item: -item[0])
     screened = screened[:_MOST_BOUNDED]
-    fitted: list[tuple[Accused, Trial, Targets]] = []
+    fitted: list[Found] = []
     top = 0.0
     for bound, option, changed, wanted in screened:
         if bound < (1 - ALIKE) * top:
@@ -149,10 +164,14 @@ def _best(
         gain = score(current, after)
         top = max(top, gain)
         fitted.append((Accused(option, joint, current, after, gain), replace(changed, exchange=trial.exchange), wanted))
-    if not fitted:
-        return None
     near = [item for item in fitted if item[0].gain > (1 - ALIKE) * top]
-    return min(near, key=lambda item: (item[0].hypothesis.price, -item[0].gain))
+    if not near:
+        return None
+    accused, changed, wanted = min(near, key=lambda item: (item[0].hypothesis.price, -item[0].gain))
+    same = [item[0] for item in near if item[0] is not accused and item[0].gain > (1 - THE_SAME) * accused.gain]
+    same.sort(key=lambda item: (item.hypothesis.price, -item.gain))
+    others = tuple(own.hypothesis for own in same if own.hypothesis.code)[:_MOST_ALTERNATIVES]
+    return replace(accused, alternatives=others), changed, wanted
 
 
 def _helped(trial: Trial, option: Hypothesis, before: Physical, after: Physical) -> int | None:

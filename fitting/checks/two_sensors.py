@@ -18,7 +18,7 @@ from daq.linkages import ThreePin
 from daq.machine_file import Machine
 from fitting.checks.factors import gains
 from fitting.checks.machine_trials import changed_joint
-from fitting.checks.motion_trials import DELAYS, RATES
+from fitting.checks.motion_trials import COUNTS, DELAYS, RATES, times_too
 from fitting.checks.samples import Samples, Signal
 from fitting.linkage import parameter_names
 
@@ -28,6 +28,8 @@ FloatArray = npt.NDArray[np.float64]
 AGREE, NEAR = 0.08, 0.15
 #: What is left after the right trial, and how much better it has to be.
 _LEFT, _CLEAR = 0.04, 3.0
+#: What leaves up to this many times as much as the one that is said, or less than this, explains as well.
+_THE_SAME, _LEAST, _MOST_ALTERNATIVES = 1.1, 0.002, 3
 
 
 @dataclass(frozen=True)
@@ -41,6 +43,7 @@ class Disagreement:
     code, text, cure, key : of the finding
     before, after : misfit over the piston's spread
     machine, samples : with the mistake taken back
+    alternatives : what explains as much
     """
 
     joint: int
@@ -55,6 +58,7 @@ class Disagreement:
     factor: float | None = None
     machine: Machine | None = None
     samples: Samples | None = None
+    alternatives: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -127,10 +131,12 @@ def _explained(
     if not results:
         return None
     _, left, option = min(results, key=lambda item: item[0])
+    others = [own for _, near, own in results if own is not option and near < max(_THE_SAME * left, _LEAST)]
+    also = [own.text for own in others if own.code != option.code or own.quantity != option.quantity]
     changed = option.samples or (samples.replaced(option.changes) if option.changes else None)
     return Disagreement(
         number, option.code, misfit, left, option.text, option.cure, option.quantity, option.other, option.key,
-        option.factor, option.machine, changed,
+        option.factor, option.machine, changed, tuple(dict.fromkeys(also))[:_MOST_ALTERNATIVES],
     )  # fmt: skip
 
 
@@ -167,6 +173,10 @@ def _options(machine: Machine, samples: Samples, number: int, bad: Mapping[int, 
         for gain, unit in gains(machine.si_unit(channel), machine.conversion(channel).factor).items():
             yield option("unit", f"the values of {{channel}} look like {unit}", f"set its unit to '{unit}'",
                          signal.mapped(gain), 1.0, gain)  # fmt: skip
+        for gain in COUNTS:
+            yield option("scale", f"{{channel}} looks {times_too(gain)}",
+                         "correct its scale (counts per turn, edges that are counted, gear ratio)",
+                         signal.mapped(gain), 1.4, gain)  # fmt: skip
         if mine:
             for degrees in (90, -90, 180):
                 offset = float(np.deg2rad(degrees))

@@ -74,6 +74,41 @@ def test_an_encoder_that_wraps_and_one_that_slips() -> None:
     assert named(signal_findings(MACHINE, slipped)) == [("jump", "joint2.q")]
 
 
+@pytest.mark.parametrize("channel", ["joint1.q", "joint1.x", "joint2.head", "joint2.rod"])
+def test_a_loose_cable_falls_to_one_value_and_comes_back(channel: str) -> None:
+    def drop(values: np.ndarray) -> np.ndarray:
+        least = values.min() - np.ptp(values)
+        for start in (200, 700, 1300):
+            values[start : start + 25] = least
+        return values
+
+    found = signal_findings(MACHINE, spoilt(channel, lambda v: drop(v.copy())))
+    assert named(found) == [("dropouts", channel)]
+    assert "comes back 3 times" in found[0].text
+
+
+def test_positions_in_whole_degrees_are_coarse_and_a_thousandth_of_the_travel_is_not() -> None:
+    for step, codes in ((np.deg2rad(1.0), [("coarse", "joint1.q")]), (5e-4, [])):
+        rounded = spoilt("joint1.q", lambda q, step=step: step * np.round(q / step))
+        assert named(signal_findings(MACHINE, rounded)) == codes
+
+
+def test_a_sensor_that_freezes_while_the_other_one_of_its_joint_moves() -> None:
+    """It freezes and wakes where the joint happens to be again: no jump tells, the piston does."""
+    q = np.array(SOUND[0].values["joint1.q"])
+    start = 400
+    again = start + 100 + int(np.argmin(np.abs(q[start + 100 : start + 900] - q[start])))
+    found = signal_findings(MACHINE, spoilt("joint1.q", with_rows(slice(start, again), lambda v: v[start])))
+    assert named(found) == [("frozen", "joint1.q")]
+
+
+def test_pressures_in_bar_in_one_recording_are_said_of_it_alone() -> None:
+    names = [c.name for c in MACHINE.channels if c.quantity.endswith("pressure")]
+    other = replace(SOUND[1], values={**SOUND[1].values, **{n: 1e-5 * SOUND[1].values[n] for n in names}})
+    found = [own for own in magnitude_findings(MACHINE, [SOUND[0], other]) if own.code == "unit"]
+    assert [(own.recording, "bar" in own.cure) for own in found] == [(SOUND[1].file, True)]
+
+
 def test_one_cable_in_two_sockets() -> None:
     twice = spoilt("joint2.head", lambda v: np.array(SOUND[0].values["joint1.head"]))
     assert ("same_channel", "joint2.head") in named(signal_findings(MACHINE, twice))
@@ -82,6 +117,7 @@ def test_one_cable_in_two_sockets() -> None:
 def test_a_joint_that_stands_has_no_frozen_encoder() -> None:
     """With a coarse encoder it says one value for as long as it stands; that is no fault."""
     stands = spoilt("joint1.q", lambda q: np.round(np.where(np.arange(len(q)) < 800, q[800], q), 4))
+    stands = spoilt("joint1.x", lambda x: np.where(np.arange(len(x)) < 800, x[800], x), stands)
     assert signal_findings(MACHINE, stands) == []
 
 

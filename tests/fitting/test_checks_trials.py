@@ -17,6 +17,7 @@ from daq.recording import Recording, write_recording
 from fitting.checks import Finding, check_recordings
 from fitting.checks.arm_motion import positions_of
 from fitting.checks.gate import explained
+from fitting.checks.machine_numbers import machine_findings
 from fitting.checks.physical import Trial, fit
 from fitting.checks.places import Places
 from fitting.checks.samples import take_samples
@@ -103,6 +104,69 @@ def test_a_wrong_rod_shows_in_the_ratio_of_the_areas_of_one_joint_alone() -> Non
     assert first(found) == ("cylinder_areas", "joint1")
     # The rod is really 45 mm thick, of 80 mm bore: rho = (80^2 - 45^2) / (80^2 - 68^2).
     assert found[0].factor == pytest.approx((80**2 - 45**2) / (80**2 - 68**2), rel=0.03)
+
+
+def test_back_pressure_of_a_valve_is_no_wrong_area() -> None:
+    """A meter-out edge holds back by the square of the speed while the cylinder extends: no mistake, at most a note."""
+    machine = planar_machine(1, sensors="joint")
+    recordings = make_recordings(machine, truth(1), MOTIONS)
+    cylinder = machine.joints[0].cylinder
+    assert cylinder is not None
+    held = []
+    for own in recordings:
+        v = np.gradient(cylinder.linkage.piston_position(own.values["joint1.q"]), own.time)
+        force = 0.3 * np.ptp(own.values["joint1.head"]) * np.where(v > 0, (v / np.abs(v).max()) ** 2, 0.0)
+        held.append(replace(own, values={**own.values, "joint1.head": own.values["joint1.head"] + force}))
+    assert [own for own in check_recordings(machine, held) if own.severity == "mistake"] == []
+
+
+def test_exchanged_pressures_are_found_however_little_they_leave() -> None:
+    """The rod pressures of two joints are alike: with them exchanged nearly all of the efforts is explained."""
+    mixed = changed(SINGLE, lambda v: {"joint1.rod": v["joint2.rod"], "joint2.rod": v["joint1.rod"]})
+    assert first(check_recordings(JOINT, mixed)) == ("exchanged_channels", "joint1")
+
+
+def test_what_was_wrong_in_one_recording_is_said_of_it() -> None:
+    one = SINGLE[1]
+    swapped = {"joint1.head": one.values["joint1.rod"], "joint1.rod": one.values["joint1.head"]}
+    found = check_recordings(JOINT, [SINGLE[0], replace(one, values={**one.values, **swapped}), SINGLE[2]])
+    assert first(found) == ("swapped_chambers", "joint1")
+    assert (found[0].recording, "in this recording alone" in found[0].text) == (one.file, True)
+
+
+def test_an_encoder_that_counts_twice_as_far() -> None:
+    found = check_recordings(BOTH, changed(DOUBLE, lambda v: {"joint2.q": 2 * v["joint2.q"]}))
+    assert first(found) == ("scale", "joint2")
+    assert found[0].factor == 0.5
+
+
+def test_what_nothing_tells_apart_is_said_together() -> None:
+    """An angle that counts the other way is a pin offset of the other sign."""
+    found = check_recordings(BOTH, changed(DOUBLE, lambda v: {"joint2.q": -v["joint2.q"]}))
+    assert first(found) == ("sign", "joint2")
+    assert any("linkage.offset" in text for text in found[0].alternatives)
+    assert "as well:" in found[0].line
+
+
+@pytest.mark.parametrize(
+    ("change", "code", "severity"),
+    [
+        ({"gravity": (0.0, -1.0, 0.0)}, "gravity", "mistake"),
+        ({"rate_hz": 2.0e4}, "machine_file", "note"),
+    ],
+)
+def test_numbers_of_the_machine_file_that_are_hardly_meant(change: dict[str, Any], code: str, severity: str) -> None:
+    (found,) = machine_findings(JOINT.model_copy(update=change), Places())
+    assert (found.code, found.severity) == (code, severity)
+    assert machine_findings(JOINT, Places()) == []
+
+
+def test_an_angle_in_degrees_in_the_machine_file() -> None:
+    first, second, third = JOINT.joints
+    second = second.model_copy(update={"dh": second.dh.model_copy(update={"alpha": 90.0})})
+    (found,) = machine_findings(JOINT.model_copy(update={"joints": (first, second, third)}), Places())
+    assert (found.code, found.joint, found.severity) == ("axis", "joint2", "mistake")
+    assert "1.570796" in found.cure
 
 
 def test_two_sensors_tell_without_dynamics() -> None:

@@ -30,6 +30,7 @@ class Made:
     rig : columns
     machine : the machine file that is given
     codes : any of these names it rightly
+    words : so does one of these in the line that is said (with what explains the data as well)
     joints : one of these has to be named too; empty: any
     roles : role that a stem is given in, where it is another than its own
     """
@@ -38,6 +39,7 @@ class Made:
     machine: Machine
     codes: frozenset[str]
     joints: frozenset[str]
+    words: tuple[str, ...]
     roles: Mapping[str, str]
 
 
@@ -49,6 +51,9 @@ class Mistake:
     make: Callable[[Rig, Rng], Made | None]
 
 
+#: Share of the arm's largest effort (per head area) below which a wrong size of a cylinder or of its pins changes less
+#: than a wrist's cables and noise do.
+CARRIES = 0.05
 MISTAKES: dict[str, Mistake] = {}
 
 
@@ -61,13 +66,32 @@ def _mistake(name: str) -> Callable[[Callable[[Rig, Rng], Made | None]], Callabl
 
 
 def _made(
-    rig: Rig, codes: str, *joints: str, machine: Machine | None = None, roles: Mapping[str, str] | None = None
+    rig: Rig,
+    codes: str,
+    *joints: str,
+    machine: Machine | None = None,
+    roles: Mapping[str, str] | None = None,
+    words: tuple[str, ...] = (),
 ) -> Made:
-    return Made(rig, machine or rig.machine, frozenset(codes.split()), frozenset(joints), roles or {})
+    return Made(rig, machine or rig.machine, frozenset(codes.split()), frozenset(joints), words, roles or {})
 
 
 def _joint(rig: Rig, rng: Rng) -> str:
     return rig.names[int(rng.integers(len(rig.names)))]
+
+
+def _heavy_joint(rig: Rig, rng: Rng, *, last: bool = True) -> str:
+    """A joint that carries enough for its sizes to be seen in the efforts: :data:`CARRIES` of the arm's largest."""
+    sizes = {}
+    for joint in rig.machine.joints if last else rig.machine.joints[:-1]:
+        head, rod = (_channel(rig, q, joint.name) for q in PRESSURES)
+        assert head is not None and rod is not None and joint.cylinder is not None
+        table = rig.tables["train-1"]
+        ratio = joint.cylinder.rod_area / joint.cylinder.head_area
+        sizes[joint.name] = float(np.std(np.asarray(table[head]) - ratio * np.asarray(table[rod])))
+    most = max(sizes.values())
+    enough = [name for name, size in sizes.items() if size >= CARRIES * most]
+    return enough[int(rng.integers(len(enough)))]
 
 
 def _channel(rig: Rig, quantity: str, joint: str) -> str | None:
@@ -126,9 +150,11 @@ def _one_scaled(quantity: str, gain: float) -> Callable[[Rig, Rng], Made | None]
     return make
 
 
-def _one_scaled_as(quantity: str, gain: float, codes: str) -> Callable[[Rig, Rng], Made | None]:
+def _one_scaled_as(quantity: str, gain: float, codes: str, *, alone: bool = True) -> Callable[[Rig, Rng], Made | None]:
     def make(rig: Rig, rng: Rng) -> Made | None:
-        joint = _joint(rig, rng)
+        if rig.kind == "one" and not alone:
+            return None  # its masses and its friction take up nearly all of it
+        joint = _heavy_joint(rig, rng)
         channel = _channel(rig, quantity, joint)
         return None if channel is None else _made(changed(rig, channel, lambda v: v * gain), codes, joint)
 
@@ -263,12 +289,19 @@ def _(rig: Rig, rng: Rng) -> Made | None:
 
 
 def _edit_joint(
-    key: str, of: Callable[[float], float], code: str, linkage: bool = False
+    key: str,
+    of: Callable[[float], float],
+    code: str,
+    linkage: bool = False,
+    *,
+    last: bool = True,
+    words: tuple[str, ...] = (),
 ) -> Callable[[Rig, Rng], Made | None]:
     def make(rig: Rig, rng: Rng) -> Made | None:
         if linkage and rig.kind == "one":
             return None  # one joint with one sensor: its masses take up any lever arm
-        joint = _joint(rig, rng)
+        # A last link that is mirrored moves like one whose masses are.
+        joint = _heavy_joint(rig, rng, last=last or len(rig.names) == 1)
         number = rig.names.index(joint)
 
         def change(content: dict[str, Any]) -> None:
@@ -277,14 +310,15 @@ def _edit_joint(
             place[key] = of(float(place[key]))
 
         machine = edited(rig.machine, change)
-        return None if machine is None else _made(rig, code, joint, machine=machine)
+        said = (f"{joint}: linkage.{key} ", *words) if linkage else words
+        return None if machine is None else _made(rig, code, joint, machine=machine, words=said)
 
     return make
 
 
 _mistake("wrong bore")(_edit_joint("bore", lambda v: 1.6 * v, "bore rod cylinder_areas"))
 _mistake("wrong rod")(_edit_joint("rod", lambda v: 1.5 * v, "rod bore cylinder_areas"))
-_mistake("bore with a decimal slip")(_edit_joint("bore", lambda v: 10 * v, "bore cylinder_areas"))
+_mistake("bore with a decimal slip")(_edit_joint("bore", lambda v: 10 * v, "bore rod cylinder_areas"))
 _mistake("wrong pin offset")(_edit_joint("offset", lambda v: v - 0.5, "linkage effort_scale", True))
 _mistake("wrong pin distance")(_edit_joint("b", lambda v: 1.35 * v, "linkage effort_scale", True))
 
@@ -477,16 +511,18 @@ def _(rig: Rig, rng: Rng) -> Made | None:
 
 
 _mistake("range of a transducer")(_one_scaled_as("head_pressure", 1.6, "unit cylinder_areas effort_scale bore rod"))
-_mistake("angle counted twice")(_one_scaled_as("joint_position", 2.0, "unit positions_disagree out_of_range linkage"))
+_mistake("angle counted twice")(_one_scaled_as("joint_position", 2.0, "scale unit out_of_range", alone=False))
 _mistake("bore in place of its radius")(_edit_joint("bore", lambda v: 2 * v, "bore cylinder_areas effort_scale"))
 _mistake("rod with a decimal slip")(_edit_joint("rod", lambda v: v / 10, "rod bore cylinder_areas"))
-_mistake("pin distance with a decimal slip")(_edit_joint("a", lambda v: v / 10, "linkage effort_scale", True))
-_mistake("sign of a pin offset")(_edit_joint("offset", lambda v: -v, "linkage effort_scale", True))
+_mistake("sign of a pin offset")(
+    _edit_joint("offset", lambda v: -v, "linkage effort_scale", True, last=False, words=("linkage offset", "offset"))
+)
 
 
 def _edit_dh(key: str, of: Callable[[float], float], codes: str) -> Callable[[Rig, Rng], Made | None]:
     def make(rig: Rig, rng: Rng) -> Made | None:
-        inner = [k for k, joint in enumerate(rig.machine.joints[:-1]) if abs(getattr(joint.dh, key)) > 0.3]
+        # The last two carry too little to tell.
+        inner = [k for k, joint in enumerate(rig.machine.joints[:-2]) if abs(getattr(joint.dh, key)) > 0.3]
         if not inner:
             return None
         number = inner[int(rng.integers(len(inner)))]
@@ -495,7 +531,8 @@ def _edit_dh(key: str, of: Callable[[float], float], codes: str) -> Callable[[Ri
             content["joints"][number]["dh"][key] = of(float(content["joints"][number]["dh"][key]))
 
         machine = edited(rig.machine, change)
-        return None if machine is None else _made(rig, codes, machine=machine)
+        words = (f"{rig.names[number]}: dh.{key} ",)
+        return None if machine is None else _made(rig, codes, machine=machine, words=words)
 
     return make
 
@@ -541,7 +578,7 @@ def _(rig: Rig, rng: Rng) -> Made | None:
             values[start : start + int(rng.integers(5, 40))] = 0.0
         return values
 
-    return _made(changed(rig, channel, drop), "outliers jump frozen wrap constant out_of_range held", joint)
+    return _made(changed(rig, channel, drop), "dropouts outliers jump", joint)
 
 
 @_mistake("rounded to whole units")

@@ -31,7 +31,8 @@ class Line:
     rig : kind and number of the machine
     mistake : what was made; None: nothing
     effect : effect of the catalogue in the machine, or None
-    result : ``right``, ``wrong`` (something else was named first), ``silent``; of a sound one ``sound``, ``accused`` or
+    result : ``right``, ``note`` (named, but as one of two explanations), ``wrong`` (something else was named first),
+        ``silent``; of a sound one ``sound``, ``accused`` or
         ``refused``
     said : first finding, in one line
     seconds : that the checks took
@@ -46,13 +47,18 @@ class Line:
 
 
 def rightly(found: Sequence[Finding], made: Made) -> str:
-    """``right`` where the first mistake that is said is the one that was made, at its joint; else what it was."""
+    """``right`` where the first mistake that is said is the one that was made, at its joint; else what it was.
+
+    ``note`` where nothing is accused, and a note says what was made: an effect of the catalogue explains as much.
+    """
     mistakes = [own for own in found if own.severity == "mistake"]
     if not mistakes:
-        return "silent"
+        noted = any(own.code in made.codes and own.joint in made.joints for own in found)
+        return "note" if noted else "silent"
     first = mistakes[0]
     there = not made.joints or first.joint in made.joints or (first.joint is None and len(made.joints) > 1)
-    return "right" if first.code in made.codes and there else "wrong"
+    named = first.code in made.codes or any(word in first.line for word in made.words)
+    return "right" if named and there else "wrong"
 
 
 def judge(rig: Rig, number: int, name: str | None, seed: int, folder: Path) -> Line | None:
@@ -133,7 +139,8 @@ def checks_of(lines: Sequence[Line]) -> tuple[Check, ...]:
     return (
         Check("kinds of mistakes", kinds, str(kinds), "at least", 30.0, "30"),
         rate("mistakes: silent", count(made, "silent"), len(made), "at most", 0.0),
-        rate("mistakes: named rightly", count(made, "right"), len(made), "at least", 0.95),
+        rate("mistakes: named rightly", count(made, "right", "note"), len(made), "at least", 0.95),
+        rate("mistakes: of these in a note", count(made, "note"), len(made)),
         rate("sound ones: accused", count(sound, "accused"), len(sound), "at most", 0.0),
         rate("sound ones: refused", count(sound, "refused"), len(sound), "at most", 0.0),
         *(
