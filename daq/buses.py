@@ -160,7 +160,7 @@ class OtherBus(FileModel):
 
     @model_validator(mode="before")
     @classmethod
-    def _no_slip_of_the_pen(cls, value: Any) -> Any:
+    def _refuse_a_misspelt_type(cls, value: Any) -> Any:
         kind = value.get("type") if isinstance(value, dict) else None
         hint = did_you_mean(str(kind), BUS_TYPES)
         if hint:

@@ -26,6 +26,7 @@ STEP_TOLERANCE = 0.25  # of the nominal period, on a single step: sampling jitte
 GAP_SHARE = 0.02  # of the steps: a foreign file may have this many holes before its rate is in doubt
 SATURATED_ROWS = 3  # consecutive samples at a limit; noise alone hardly makes three
 STUCK_ROWS = 8  # consecutive samples at the extreme of a signal that elsewhere hardly ever repeats itself
+NOISE_STEPS = 0.7  # standard deviations of the noise, in steps, at which eight equal values in a row are no chance
 REPEATS = 0.1  # share of equal neighbours up to which a signal hardly ever repeats itself
 PILE, PILE_RANGE = 10.0, 0.05  # times the mean of the levels within this share of the range
 LEVELS = 20  # a signal of fewer levels sits on its extreme for lack of resolution, not for saturation
@@ -239,10 +240,18 @@ def not_saturated(path: Path, channel: Channel, machine: Machine, values: FloatA
         at = values == extreme
         longest = max(runs(at), key=lambda run: run.stop - run.start)
         elsewhere = np.diff(values[known & ~at]) == 0
-        noisy = len(elsewhere) > 0 and float(np.mean(elsewhere)) < REPEATS
+        noisy = len(elsewhere) > 0 and float(np.mean(elsewhere)) < REPEATS and noise_covers_steps(values[known])
         clipped = at.sum() >= enough and piled_up(values[known], extreme)
         if clipped or (noisy and longest.stop - longest.start >= STUCK_ROWS):
             raise RecordingError(_saturated(path, channel, time, longest, "one exact value"))
+
+
+def noise_covers_steps(values: FloatArray) -> bool:
+    """Whether noise alone changes a value that stands: else a fine sensor repeats itself wherever the signal rests."""
+    step = float(np.diff(np.unique(values)).min(initial=np.inf))
+    second = np.diff(values, 2)
+    noise = 1.4826 * float(np.median(np.abs(second - np.median(second)))) / np.sqrt(6)
+    return bool(noise > NOISE_STEPS * step)
 
 
 def piled_up(values: FloatArray, extreme: float) -> int:

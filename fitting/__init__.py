@@ -8,7 +8,7 @@
 ``estimators``                                  estimators that can be plugged in
 ``cylinder_stage rigid_body_stage stage_two``   stages 1 and 2, and the one-shot regression
 ``estimator_choice instruments body_prior``     which estimator stage 2 uses, and what it needs
-``comparison flags``                            two stages against one; parameters that are hardly told
+``comparison flags``                            two stages against one; parameters that are poorly determined
 ``effects residual loop``                       the catalogue, and the loop that chooses from it
 ``stored streamed long_rows``                   recordings of hours: from a file, segment by segment
 ``search_pieces everything sharper``            the loop on those: on which pieces, and held against everything

@@ -103,7 +103,7 @@ def excite(
     ] = "condition",
     max_frequency: Annotated[float | None, typer.Option(help="Highest frequency in Hz; 0.6.", min=1e-3)] = None,
     starts: Annotated[int | None, typer.Option(help="Random starts; 6 pinned, 3 unpinned.", min=1, max=100)] = None,
-    seed: Annotated[int, typer.Option(help="Of the random starts.")] = 0,
+    seed: Annotated[int, typer.Option(help="Random seed of the starts.")] = 0,
     effects: Annotated[
         bool, typer.Option("--effects", help="Also forecast how well each effect and each parameter will show.")
     ] = False,

@@ -70,11 +70,11 @@ def compare(
     -------
     dict
         ``contenders``: per name ``condition_number``, ``overall`` (error of all joints in noise floors), ``errors``
-        (per joint, in its effort unit), ``flagged`` (how many parameters are hardly told), ``untold``; ``role``: which
-        motion these errors are of; ``against``: per one-shot regression ``change_percent`` of the error that the
-        hierarchical way has over it, with ``ci95_percent``; ``deviation_ratio``: median over the parameters of the
-        hierarchical deviation over the one-shot's; ``apart``: parameters in which the two differ by more than three
-        deviations; ``said``: the outcome in words.
+        (per joint, in its effort unit), ``flagged`` (how many parameters are poorly determined), ``untold``;
+        ``role``: which motion these errors are of; ``against``: per one-shot regression ``change_percent`` of the
+        error that the hierarchical way has over it, with ``ci95_percent``; ``deviation_ratio``: median over the
+        parameters of the hierarchical deviation over the one-shot's; ``apart``: parameters in which the two
+        differ by more than three deviations; ``said``: the outcome in words.
     """
     floor = np.asarray(floor, dtype=float)
     held_out = bool(design.indices("validate"))

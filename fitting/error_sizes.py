@@ -54,7 +54,7 @@ def sizes(role: str, errors: Sequence[FloatArray], efforts: Sequence[FloatArray]
     Parameters
     ----------
     role : ``train`` or ``validate``: the bare key, and the beginning of the others
-    errors, efforts : per joint (M_j,) measured less predicted effort, and the measured effort, on the same rows
+    errors, efforts : per joint (M_j,) measured minus predicted effort, and the measured effort, on the same rows
     """
     return {
         role: [float(np.std(e)) if len(e) else None for e in errors],

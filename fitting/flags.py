@@ -1,4 +1,4 @@
-"""Which numbers of a report are hardly told: a standard deviation above 30 % of the value.
+"""Which numbers of a report are poorly determined: a standard deviation above 30 % of the value.
 
 Published tables have carried deviations of a hundred thousand per cent without a word; here each such parameter is
 marked where it stands (``relative_std_percent``, ``flagged``), listed under ``flagged``, and said in a warning.
@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
-#: A parameter whose standard deviation is above this share of its value is hardly told.
+#: A parameter whose standard deviation is above this share of its value is poorly determined.
 FLAG_PERCENT = 30.0
 
 

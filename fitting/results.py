@@ -493,7 +493,9 @@ def _warnings(session: Session, results: Results) -> list[str]:
         if c["in_situ"] and c["rows"] > 0 and not c["refused"]
     ]
     if in_situ:
-        warnings.append(f"stage 1 ran with the load as a nuisance on {', '.join(in_situ)}: no unloaded recording of it")
+        warnings.append(
+            f"friction was estimated with the arm attached on {', '.join(in_situ)}: no unloaded recording of it"
+        )
     parameters = session.plain.design.parameters
     untold = [n for n, told in zip(parameters.names, results["refit"]["after"]["told"], strict=False) if not told]
     if untold:

@@ -6,7 +6,8 @@ because back-pressure changes for reasons of its own. It is estimated with every
     A1 p1 - known = rho A2 p2 + (body, friction, constant, spring, delay)
 
 and nominal is ``rho = 1``. Gains of single transducers (an effect) reach ten per cent each. Back pressure of valves in
-one direction of motion (another effect) moves the ratio too; where that alone explains more, it is only a remark.
+one direction of motion and friction that grows with the pressures (other effects) move the ratio too; where one of them
+alone explains more, the ratio is only a remark.
 """
 
 from __future__ import annotations
@@ -14,36 +15,53 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 
-from fitting.checks.physical import Trial, without
+from fitting.checks.hypothesis import CLEAR
+from fitting.checks.physical import RIVALS, Trial, without
 
-#: A ratio this far from the declared one (its logarithm) is no gain of a transducer; so many of its standard errors;
-#: and what is left of the effort has to fall by this factor.
-_FAR, _SIGMAS, _FALLS = 0.17, 6.0, 1.5
+FloatArray = npt.NDArray[np.float64]
+
+#: A ratio this far from the declared one (its logarithm) is no gain of a transducer.
+_FAR = 0.17
+#: Standard errors that it is away, and factor by which what is left of the effort falls; the same for a remark.
+_SIGMAS, _FALLS = 6.0, 1.5
+_NOTED_SIGMAS, _NOTED_FALLS = 3.5, 1.1
 #: Cylinders are built with rod sides of a fifth to nearly all of the head's area, so no true ratio is beyond these of a
-#: declared one; and the joint has to be explained well with it: else the ratio stands in for something that is missing.
+#: declared one; and the joint has to be explained well with it, or far better: else it stands in for what is missing.
 _POSSIBLE, _EXPLAINED = (0.15, 6.0), 0.1
+#: An effect has more parameters: it has to leave less by this share.
+_AS_MUCH = 0.02
 #: Standard errors are of coloured residuals: a third as many samples as rows in each direction count.
 _COLOURED = 3.0
 
 
 @dataclass(frozen=True)
 class AreaRatio:
-    """Estimated ``rho`` of a joint, its standard error, misfits before and after, and whether valves explain more."""
+    """Estimated ``rho`` of a joint, its standard error, the misfits, and whether an effect explains more."""
 
     joint: int
     rho: float
     std: float
     before: float
     after: float
-    valves: bool
+    effect: bool
 
     @property
     def wrong(self) -> bool:
-        """Whether bore or rod cannot be right."""
+        """Whether bore or rod look wrong, be it only worth a remark."""
         far = self.rho <= 0 or abs(float(np.log(self.rho))) > _FAR
-        possible = _POSSIBLE[0] < self.rho < _POSSIBLE[1] and self.after < _EXPLAINED
-        return far and possible and abs(self.rho - 1) > _SIGMAS * self.std and self.before > _FALLS * self.after
+        explained = self.after < _EXPLAINED or self.before > CLEAR * self.after
+        possible = _POSSIBLE[0] < self.rho < _POSSIBLE[1] and explained
+        return far and possible and self._is(_NOTED_SIGMAS, _NOTED_FALLS)
+
+    @property
+    def sure(self) -> bool:
+        """Whether bore or rod cannot be right, because nothing else explains as much."""
+        return self._is(_SIGMAS, _FALLS) and not self.effect
+
+    def _is(self, sigmas: float, falls: float) -> bool:
+        return abs(self.rho - 1) > sigmas * self.std and self.before > falls * self.after
 
 
 def area_ratios(trial: Trial) -> list[AreaRatio]:
@@ -69,15 +87,18 @@ def area_ratios(trial: Trial) -> list[AreaRatio]:
             continue
         rho = float(y @ back) / power
         left = y - rho * back
-        valves = np.column_stack([without(columns, own) for own in block.valves.T])
-        rival = y - back - valves @ np.linalg.lstsq(valves, y - back, rcond=None)[0]
+        rivals = np.column_stack([without(columns, own) for own in block.rivals.T])
         std = _COLOURED * float(np.linalg.norm(left)) / np.sqrt(power * freedom)
         weights = {names[0]: joint.cylinder.head_area, names[1]: -joint.cylinder.rod_area, "known": -1.0}
         target = block.target(weights)
         size = max(float(target @ block.centred @ target), 1e-300) ** 0.5
-        before, after, other = (float(np.linalg.norm(e)) / size for e in (y - back, left, rival))
-        # The valves have more parameters; by Schwarz's criterion they are worth so much of the misfit.
-        samples = block.rows / _COLOURED**2
-        least = np.sqrt(max(1 - (valves.shape[1] - 1) * np.log(samples) / samples, 0.0))
-        result.append(AreaRatio(number, rho, std, before, after, bool(other < least * after)))
+        before, after = (float(np.linalg.norm(e)) / size for e in (y - back, left))
+        effect = any(_explains_as_much(rivals[:, own], y - back, left) for own in RIVALS)
+        result.append(AreaRatio(number, rho, std, before, after, effect))
     return result
+
+
+def _explains_as_much(columns: FloatArray, before: FloatArray, left: FloatArray) -> bool:
+    """Whether an effect's columns leave less than the ratio of the areas, which has one parameter, does."""
+    rest = before - columns @ np.linalg.lstsq(columns, before, rcond=None)[0]
+    return bool(np.linalg.norm(rest) < (1 - _AS_MUCH) * np.linalg.norm(left))

@@ -22,8 +22,10 @@ from daq.recording import Recording
 from fitting.checks.areas import AreaRatio, area_ratios
 from fitting.checks.arm_motion import positions_of
 from fitting.checks.clocks import Clock, clock_of
+from fitting.checks.couplings import with_couplings
 from fitting.checks.factors import gains
 from fitting.checks.findings import Finding
+from fitting.checks.hypothesis import CLEAR
 from fitting.checks.machine_numbers import machine_findings
 from fitting.checks.magnitudes import magnitude_findings
 from fitting.checks.motions import motion_findings
@@ -47,7 +49,19 @@ GROSS, _CARRIES = 0.55, 0.1
 #: A misfit up to this many times another one explains as much.
 _AS_WELL = 1.2
 #: Findings of a recording's own file that make its values useless for what follows.
-_SPOILS = ("time_jump", "outliers", "dropouts", "wrap", "jump", "frozen", "clipped", "held", "same_channel", "coarse")
+_SPOILS = (
+    "time_jump",
+    "saturated",
+    "outliers",
+    "dropouts",
+    "wrap",
+    "jump",
+    "frozen",
+    "clipped",
+    "held",
+    "same_channel",
+    "coarse",
+)
 #: What a refusal of the strict reader is a consequence of.
 _CONSEQUENCES = {
     "saturated": ("clipped", "dropouts", "frozen", "unit", "held", "same_channel"),
@@ -259,7 +273,7 @@ def _together(machine: Machine, recordings: Sequence[Recording], places: Places)
         if own.hypothesis.code not in ("bore", "rod")
         or own.joint not in estimated
         or (
-            not estimated[own.joint].valves
+            not estimated[own.joint].effect
             and (own.joint not in ratios or ratios[own.joint].after > _AS_WELL * own.after.misfits[own.joint])
         )
     ]
@@ -320,8 +334,10 @@ def _of_areas(machine: Machine, own: AreaRatio, places: Places) -> Finding:
         after=own.after,
         unit="of the effort",
         factor=own.rho,
-        severity="note" if own.valves else "mistake",
-        alternatives=("back pressure of its valves in one direction",) if own.valves else (),
+        severity="mistake" if own.sure else "note",
+        alternatives=("back pressure of its valves in one direction, or friction that grows with the pressures",)
+        if own.effect
+        else (),
         strength=1.0 + float(np.log(own.before / own.after)),
     )
 
@@ -376,6 +392,7 @@ def _unexplained(machine: Machine, searched: Searched, places: Places) -> list[F
         misfit = misfits[number]
         if not np.isfinite(misfit) or misfit < GROSS or current.shares[number] < _CARRIES:
             continue
+        coupled = with_couplings(searched.trial, number)
         found.append(
             Finding(
                 "unexplained",
@@ -385,6 +402,8 @@ def _unexplained(machine: Machine, searched: Searched, places: Places) -> list[F
                 + places.key(("joints", number)),
                 joint=joint.name,
                 before=float(searched.nominal.misfits[number]),
+                severity="note" if CLEAR * coupled < misfit else "mistake",
+                alternatives=("motion of other joints that pushes it",) if CLEAR * coupled < misfit else (),
                 after=float(misfit),
                 unit="of the effort",
                 strength=2.0,

@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
+from fitting.checks.hypothesis import CLEAR
 from fitting.checks.physical import Trial, declared, friction, without
 from fitting.checks.samples import EFFORTS, Samples
 from fitting.dynamics import rigid_body_regressor
@@ -67,7 +68,8 @@ def clock_of(trial: Trial) -> Clock | None:
         return None
     least = OFFSET if len(first) > 1 else OFFSET_ALONE
     runs_away = abs(found.rate) * length
-    if found.before < _FALLS * found.after or (abs(found.offset) < least and runs_away < RUNS_AWAY):
+    falls = _FALLS if len(first) > 1 else CLEAR
+    if found.before < falls * found.after or (abs(found.offset) < least and runs_away < RUNS_AWAY):
         return None
     return found if runs_away > RUNS_AWAY else replace(found, rate=0.0)
 

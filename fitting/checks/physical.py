@@ -65,7 +65,7 @@ class Block:
     signals : (k, s) what a target is put together from, by name in ``names``
     centred : (s, s) products of the signals less their means
     rows : how many rows there were
-    valves : (k, 4) forces of valves that act in one direction only (back pressure), by speed
+    rivals : (k, 6) effects that resemble another area: four columns of valves, two of friction by pressure
     usual : (d,) what the drive's coefficients usually stay below; infinite where nothing is known
     """
 
@@ -76,7 +76,7 @@ class Block:
     centred: FloatArray
     rows: int
     usual: FloatArray
-    valves: FloatArray
+    rivals: FloatArray
 
     def target(self, weights: Mapping[str, float]) -> FloatArray:
         """(s,) coefficients of a target."""
@@ -205,10 +205,22 @@ def friction(v: FloatArray, noise: float) -> FloatArray:
     return np.stack([sign * shape for shape in shapes], axis=1)
 
 
-def _one_way(v: FloatArray) -> FloatArray:
-    """Columns (T, 4) of a force that grows with speed while a cylinder extends: what valves hold back."""
+#: Columns of :attr:`Block.rivals` of each effect.
+RIVALS = (slice(0, 4), slice(4, 6))
+
+
+def _rivals(trial: Trial, number: int, v: FloatArray) -> FloatArray:
+    """Columns (T, 6) of effects that resemble another ratio of areas.
+
+    Four of a force that grows with speed while the cylinder extends (what valves hold back), two of friction that grows
+    with the pressures (:data:`RIVALS`).
+    """
     u = np.where(v > 0, v, 0.0) / max(float(np.percentile(np.abs(v), 99)), 1e-12)
-    return np.stack([(v > 0).astype(np.float64), np.sqrt(u), u, u**2], axis=1)
+    columns = [(v > 0).astype(np.float64), np.sqrt(u), u, u**2]
+    for quantity in ("head_pressure", "rod_pressure"):
+        signal = trial.samples.get(quantity, number)
+        columns.append(np.zeros(len(v)) if signal is None else np.sign(v) * signal.value)
+    return np.stack(columns, axis=1)
 
 
 def make_blocks(trial: Trial) -> tuple[Block | None, ...]:
@@ -244,7 +256,7 @@ def make_blocks(trial: Trial) -> tuple[Block | None, ...]:
         free = [np.ones(len(v)), *(s for name, s in _slopes(trial, number))]
         names = tuple(named)
         S = np.stack([named[name] for name in names], axis=1)
-        A = np.column_stack([*free, own, drive, S, _one_way(v)])[rows]
+        A = np.column_stack([*free, own, drive, S, _rivals(trial, number, v)])[rows]
         scale = np.maximum(np.linalg.norm(A[:, : len(free)], axis=0), 1e-300)
         A[:, : len(free)] /= scale
         R = np.asarray(np.linalg.qr(A, mode="r"))[len(free) :, len(free) :]

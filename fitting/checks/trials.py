@@ -41,6 +41,9 @@ ALIKE = 0.12
 #: Nothing tells these apart; so many are named beside the one that is said.
 THE_SAME, _MOST_ALTERNATIVES = 0.02, 3
 _MOST_MISTAKES, _MOST_ROUNDS = 3, 4
+#: Share of the joints that have to be explained better where the role of a recording is in question.
+_MOST_JOINTS = 0.5
+_MOTIONS = frozenset({"joint_position", "piston_position"})
 #: Trials of one round that are fitted with bounds, after all were without.
 _MOST_BOUNDED = 12
 #: A joint among the others is explained so many times worse than alone, and this badly.
@@ -88,8 +91,9 @@ def suspicious(current: Physical) -> npt.NDArray[np.bool_]:
 def _worth_trying(option: Hypothesis, current: Physical) -> bool:
     """Whether one of the joints that a hypothesis is about is explained badly enough; exact ones always are."""
     own = suspicious(current)
-    # A length or an axis of a link moves all that it carries: it shows at any joint.
-    about = [] if option.code in ("length", "axis") else list(option.joints)
+    # Where a link is, and how it moves, shows at any joint that carries it or is carried by it.
+    everywhere = option.code in ("length", "axis", "linkage") or bool(_MOTIONS.intersection(option.channels))
+    about = [] if everywhere else list(option.joints)
     there = bool(np.isnan(current.misfits[about]).any()) or bool(own[about].any()) if about else True
     return option.exact or (bool(own.any()) and there)
 
@@ -179,12 +183,15 @@ def _helped(trial: Trial, option: Hypothesis, before: Physical, after: Physical)
 
     A joint that carries next to nothing of the arm's effort (a wrist, whose cables weigh as much) accuses nobody.
     """
+    role = option.recording is not None and option.exact and not option.joints
     if option.recording is not None and option.exact:
         before = _within(trial, option.recording, before, after)
     a, b = np.hypot(before.misfits, LEAST_MISFIT), np.hypot(after.misfits, LEAST_MISFIT)
     if np.any(b > WORSE * a):
         return None
     fall = np.where((after.misfits < SOUND) & ~(before.shares < CARRIES), a / b, 0.0)
+    if role and np.mean((fall >= option.least)[~(before.shares < CARRIES)]) < _MOST_JOINTS:
+        return None  # rods are on or off at all joints; a valve acts otherwise without load at one
     joint = int(np.nanargmax(fall))
     return joint if fall[joint] >= option.least and (option.exact or suspicious(before)[joint]) else None
 

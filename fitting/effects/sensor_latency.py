@@ -9,7 +9,7 @@ class SensorLatency(Effect):
     """Pressures that arrive late, so that effort and motion do not belong together."""
 
     id = "sensor_latency"
-    title = "effort signals that arrive late"
+    title = "delayed effort signals"
     level = "measurement"
     variable = "force_rate"
     equation = "-tau dF^/dt"

@@ -11,7 +11,7 @@ class VelocityRootFriction(Effect):
     """A friction curve with another power of the speed than the base model's cube root."""
 
     id = "velocity_root_friction"
-    title = "friction with another power of the speed"
+    title = "power-law friction"
     level = "cylinder"
     variable = "piston_speed"
     uses_model = False

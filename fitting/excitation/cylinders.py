@@ -144,7 +144,7 @@ def design_cylinder_motion(
     machine
         The arm.
     seed
-        Of the random starts.
+        Random seed of the starts.
     options
         Shape of the signals.
     joints

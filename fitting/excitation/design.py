@@ -85,7 +85,7 @@ def design_motion(
     base
         Its inertial base parameters (``friction_by_stage_1=True``).
     seed
-        Of the random starts.
+        Random seed of the starts.
     options
         How to search.
     joints

@@ -105,8 +105,8 @@ def draw_scatter(scatter: Scatter, units: str, prefix: str) -> str:
 def _cloud(
     panel: Panel, x: FloatArray, y: FloatArray, way: FloatArray, colour: str, *, both: bool
 ) -> tuple[list[str], list[Entry]]:
-    """Points, and their mean along the variable; forth filled and solid, back hollow and dashed."""
-    suffix = {1: " forth" if both else "", -1: " back"}
+    """Points, and their mean along the variable; filled and solid at positive speed, hollow and dashed at negative."""
+    suffix = {1: ", speed > 0" if both else "", -1: ", speed < 0"}
     clouds, means, entries = [], [], []
     for sign, dash in ((1, ""), (-1, DASHED)):
         chosen = way == sign if both else np.full(len(x), sign == 1)
@@ -125,7 +125,7 @@ def _laws(scatter: Scatter) -> list[tuple[Entry, FloatArray, FloatArray, FloatAr
         return []
     ways = [(scatter.law_y, "", "law found, \u00b12 std")]
     if scatter.law_back is not None:
-        ways = [(scatter.law_y, "", "law forth, \u00b12 std"), (scatter.law_back, DASHED, "law back")]
+        ways = [(scatter.law_y, "", "law at speed > 0, \u00b12 std"), (scatter.law_back, DASHED, "law at speed < 0")]
     drawn = []
     for law, dash, label in ways:
         x, y, std = _finite(scatter.law_x, law, scatter.law_std)

@@ -19,7 +19,7 @@ class Scatter:
     joint : the joint whose residual it is
     variable, unit : the variable (``piston_position``), and its unit
     x : (N,) the variable
-    before, after : (N,) measured less predicted effort without and with what was added
+    before, after : (N,) measured minus predicted effort without and with what was added
     law_x, law_y, law_std : (K,) the law that was found, and its standard deviation; empty where there is none
     effort_unit : unit of the residuals and of the law; the joint's effort unit of the report if empty
     direction : (N,) sign of the speed (0 at rest) where the law is another one forth and back, None where it is

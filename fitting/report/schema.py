@@ -1,8 +1,8 @@
 """`report.json`, schema `hilfit/report/1`: its only definition, its check and its published JSON schema.
 
 Keys may be added, never renamed: every object takes further keys. Numbers that do not exist are null, never NaN, which
-JSON does not have. Errors are of measured less predicted effort, in the joint's effort unit: ``train`` and ``validate``
-are standard deviations, further sizes stand beside them (:class:`ErrorPair`).
+JSON does not have. Errors are of measured minus predicted effort, in the joint's effort unit: ``train`` and
+``validate`` are standard deviations, further sizes stand beside them (:class:`ErrorPair`).
 """
 
 from __future__ import annotations

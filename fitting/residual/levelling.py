@@ -38,7 +38,7 @@ class Part:
     ----------
     recording : which recording it is from
     time : (N,) s since the recording's first sample, evenly spaced
-    residual : (N,) measured less predicted effort at full rate, before any filter
+    residual : (N,) measured minus predicted effort at full rate, before any filter
     motion, start : parts with the same number repeat one motion; sample 0 is sample ``start`` of it
     signals : (N, k) signals that the motion is made of (positions, signs of speeds, their products); k may be 0
     """

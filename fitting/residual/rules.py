@@ -156,7 +156,7 @@ def _is_misfit_of(score: Score, item: Accepted) -> bool:
     if score.places and term.joint is not None and not term.everywhere:
         elsewhere = score.gain * min(1.0, 1.0 - score.places[term.joint])
         if elsewhere >= SPILL_SHARE * gain and elsewhere - (score.gain - score.score) > ACCUSE:
-            return False  # another joint bears witness of it
+            return False  # another joint confirms it
     if item.score.places and joint is not None and not score.term.everywhere:
         here = gain * max(0.0, item.score.places[joint])  # what acts everywhere shows itself on some joints most
         return score.gain < max(MISFIT_SHARE * here, SPILL_SHARE * gain)

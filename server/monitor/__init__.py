@@ -1,4 +1,4 @@
-"""Residual monitor: measured less predicted effort, live, against the active calibration.
+"""Residual monitor: measured minus predicted effort, live, against the active calibration.
 
 - :mod:`server.monitor.cusum`: cumulative sums with a stated false-alarm rate; pure functions
 - :mod:`server.monitor.model`: the fitted model of an identification, evaluated on the last seconds of a ring buffer

@@ -49,7 +49,7 @@ class JointBlock:
 
     Attributes
     ----------
-    residual : (M,) measured less predicted joint effort, N m or N, through the identification filter
+    residual : (M,) measured minus predicted joint effort, N m or N, through the identification filter
     predicted : (M,) predicted joint effort, filtered alike
     direction : (M,) sign of the drive's speed, filtered alike
     moving : (M,) False where the drive rests: what holds it there is static friction, which no model predicts

@@ -10,7 +10,7 @@ from pydantic import BaseModel
 class MonitoredJoint(BaseModel):
     """One joint's residual and its cumulative sums.
 
-    ``residual`` is the root mean square of measured less predicted effort over the last block, null while the joint
+    ``residual`` is the root mean square of measured minus predicted effort over the last block, null while the joint
     rests. ``cusum`` is the largest of its sums, in standard deviations; a drift begins at ``threshold`` and ends at
     half of it. ``statistic`` says of what: ``offset``, ``direction`` (friction), ``level`` (load or gain).
     ``false_alarms_per_year`` is of this joint, if it moved all year. ``learnt`` is 0 to 1.

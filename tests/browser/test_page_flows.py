@@ -51,21 +51,21 @@ def test_a_stale_sensor_shows_and_its_alarm_is_seen_shelved_and_heard_again(page
     try:
         page.goto(f"{site.url}/#/live")
         page.get_by_role("region", name="Forces and torques, measured").get_by_text(re.compile("stale for")).wait_for()
-        page.get_by_role("link", name=re.compile("Look")).click()  # the banner, on every page but that of the alarms
+        page.get_by_role("link", name=re.compile("View")).click()  # the banner, on every page but that of the alarms
         waiting = page.get_by_role("region", name=re.compile("To be looked at"))
         waiting.get_by_role("button", name=re.compile("Keep quiet")).click()
         page.get_by_role("button", name="Keep quiet", exact=True).click()
         page.get_by_text("Say why").wait_for()
         page.get_by_label("Why").fill("sensor is being changed")
         page.get_by_role("button", name="Keep quiet", exact=True).click()
-        seen = page.get_by_role("region", name=re.compile("Seen or kept quiet"))
+        seen = page.get_by_role("region", name=re.compile("Acknowledged or silenced"))
         seen.get_by_text(re.compile("sensor is being changed")).wait_for()
         page.goto(f"{site.url}/#/live")
         page.get_by_role("heading", name="Live").wait_for()
         assert page.locator(".alarm-banner").count() == 0
         page.goto(f"{site.url}/#/alarms")
         seen.get_by_role("button", name=re.compile("Let it be heard again")).click()
-        waiting.get_by_role("button", name=re.compile("Seen")).click()
+        waiting.get_by_role("button", name=re.compile("Acknowledge")).click()
         seen.get_by_text(re.compile("seen by local")).wait_for()
     finally:
         steer.unlink()
@@ -79,7 +79,7 @@ def test_the_guide_survives_reloads_and_orders_one_identification(page: Any, sit
     page.on("request", lambda request: posts.append(request.url) if request.method == "POST" else None)
     page.goto(f"{site.url}/#/recalibrate")
     page.get_by_role("button", name="Begin").click()
-    page.get_by_role("button", name="Go on").click()
+    page.get_by_role("button", name="Continue").click()
     page.reload()
     assert page.get_by_text("rods").count() == 0  # the lever has no cylinder, so there is nothing to unpin
     for step in ("Record the training motion", "Record it once more"):
@@ -94,9 +94,9 @@ def test_the_guide_survives_reloads_and_orders_one_identification(page: Any, sit
     page.get_by_role("button", name="Identify").wait_for()
     page.reload()
     page.get_by_role("button", name="Identify").click()
-    page.get_by_role("link", name="Look at the result").wait_for()
+    page.get_by_role("link", name="View the result").wait_for()
     page.reload()
-    page.get_by_role("link", name="Look at the result").wait_for()
+    page.get_by_role("link", name="View the result").wait_for()
     page.get_by_role("button", name="Finish this guide").click()
     page.get_by_role("button", name="Begin").wait_for()
     assert sum(url.endswith("/identifications") for url in posts) == 1

@@ -28,7 +28,7 @@ def identified(page: Any, site: Site, path: Path, label: str) -> str:
     order = {"machine": "lever", "label": label, "recordings": chosen}
     made = site.ask("POST", "/identifications", json=order)
     page.goto(f"{site.url}/#/jobs/{made['job']}")
-    page.get_by_role("link", name="Look at the result").wait_for()
+    page.get_by_role("link", name="View the result").wait_for()
     report = json.loads(REPORT.read_text(encoding="utf-8")) | {"machine": "lever"}
     (place,) = (site.data_dir / "identifications" / made["id"]).glob("*/report.json")
     place.write_text(json.dumps(report), encoding="utf-8")
@@ -107,7 +107,7 @@ def test_a_schedule_is_made_switched_changed_and_deleted(page: Any, site: Site) 
     page.get_by_label("Time of day").fill("02:30")
     times = page.locator(".next-times li")
     times.nth(4).wait_for()
-    page.get_by_role("button", name="Make the schedule").click()
+    page.get_by_role("button", name="Create schedule").click()
     page.get_by_text("Every day at 02:30").wait_for()
     made = site.ask("GET", "/schedules")["items"][0]
     assert (made["cron"], made["timezone"], made["activate"]) == ("30 2 * * *", "Europe/Vienna", "never")
@@ -138,7 +138,7 @@ def test_recordings_are_uploaded_refused_identified_from_and_deleted(page: Any, 
         files.set_input_files({"name": name, "mimeType": "text/csv", "buffer": content})
         page.get_by_role("button", name="Upload").click()
         page.get_by_text(f"“{name}” is stored.").wait_for()
-    page.get_by_role("button", name="Look at too many.csv").click()
+    page.get_by_role("button", name="View too many.csv").click()
     panel = page.get_by_role("region", name="too many.csv")
     panel.get_by_text(re.compile("no gaps")).wait_for()
     for title, suffix in (("Parquet", ".parquet"), ("CSV", ".csv"), ("MDF4", ".mf4"), ("MCAP", ".mcap")):
@@ -148,19 +148,19 @@ def test_recordings_are_uploaded_refused_identified_from_and_deleted(page: Any, 
         assert Path(download.value.path()).stat().st_size > 100
     panel.get_by_role("button", name="Delete").click()
     page.get_by_role("button", name="Delete it").click()
-    page.get_by_role("button", name="Look at too many.csv").wait_for(state="detached")
+    page.get_by_role("button", name="View too many.csv").wait_for(state="detached")
     page.get_by_label("Use by hand.csv for an identification").check()
     assert page.get_by_role("button", name="Identify").is_disabled()
     page.get_by_label("Use to judge by.csv for an identification").check()
     page.get_by_label("Use to judge by.csv as").select_option("validate")
     page.get_by_role("button", name="Identify").click()
-    page.get_by_role("link", name="Look at the result").wait_for()
+    page.get_by_role("link", name="View the result").wait_for()
     newest = site.ask("GET", "/identifications?limit=1")["items"][0]
     assert [one["role"] for one in newest["recordings"]] == ["validate", "train"]
     # What a result was made of stays.
     page.forgiven.append("409")  # the browser says so of every refusal
     page.goto(f"{site.url}/#/recordings")
-    page.get_by_role("button", name="Look at by hand.csv").click()
+    page.get_by_role("button", name="View by hand.csv").click()
     page.get_by_role("button", name="Delete", exact=True).click()
     page.get_by_role("button", name="Delete it").click()
     page.get_by_role("alert").filter(has_text="identif").wait_for()

@@ -348,6 +348,18 @@ def test_coarse_sensors_are_not_taken_for_saturated(tmp_path: Path) -> None:
     assert len(read_recording(save(tmp_path / "r.parquet", columns), MACHINE, "train")) == ROWS
 
 
+def test_a_fine_sensor_that_rests_at_its_extreme_is_not_saturated(tmp_path: Path) -> None:
+    """Noise of a third of its step: where the pressure rests for a quarter of a second, so do its values."""
+    columns = motion()
+    step = 0.02
+    noise = np.random.default_rng(5).normal(0.0, step / 3, ROWS)
+    columns["j1.rod"] = 30 + 3 * np.cos(np.arange(ROWS) / 9) + noise
+    lowest = int(np.argmin(columns["j1.rod"]))
+    columns["j1.rod"][lowest : lowest + 12] = columns["j1.rod"].min() - 5 * step
+    columns["j1.rod"] = step * np.round(columns["j1.rod"] / step)
+    assert len(read_recording(save(tmp_path / "r.parquet", columns), MACHINE, "operation")) == ROWS
+
+
 def test_roles_and_kinds_of_file_are_checked(tmp_path: Path) -> None:
     columns = motion()
     values = {name: columns[name] for name in NAMES}

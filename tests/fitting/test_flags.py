@@ -1,4 +1,4 @@
-"""Parameters that are hardly told are marked, listed and said."""
+"""Parameters that are poorly determined are marked, listed and said."""
 
 from __future__ import annotations
 

@@ -10,7 +10,7 @@ import pytest
 from fitting.checks import Finding
 from server.bench.mistakes import MISTAKES
 from server.bench.mistakes.making import Made
-from server.bench.mistakes.rigs import make_rig
+from server.bench.mistakes.rigs import Kind, make_rig
 from server.bench.mistakes.running import Line, checks_of, judge, rightly
 
 pytestmark = pytest.mark.slow
@@ -18,7 +18,7 @@ pytestmark = pytest.mark.slow
 
 def made(*joints: str) -> Made:
     rig = make_rig("one", 1)
-    return Made(rig, rig.machine, frozenset({"unit"}), frozenset(joints), {})
+    return Made(rig, rig.machine, frozenset({"unit"}), frozenset(joints), (), {})
 
 
 def test_only_the_first_mistake_counts_and_notes_do_not() -> None:
@@ -28,6 +28,8 @@ def test_only_the_first_mistake_counts_and_notes_do_not() -> None:
     assert rightly([other, right], made("joint1")) == "wrong"
     assert rightly([right], made("joint2")) == "wrong"
     assert rightly([note], made("joint1")) == "silent"
+    told = Finding("unit", "", "", joint="joint1", severity="note")
+    assert rightly([told], made("joint1")) == "note"
 
 
 def test_there_are_thirty_mistakes_and_each_changes_what_is_on_disk() -> None:
@@ -65,3 +67,20 @@ def test_silence_and_accusations_miss_their_targets() -> None:
     met = {check.name: check.met for check in checks_of(lines)}
     assert met["mistakes: silent"] is False and met["sound ones: accused"] is False
     assert met["sound ones: refused"] is True
+
+
+@pytest.mark.parametrize(
+    ("kind", "seed"),
+    [
+        # Effects and quiet sensors that resemble mistakes: another joint's push, valves, friction by pressure, rests.
+        ("single", 8_205_086),
+        ("both", 8_205_106),
+        ("both", 8_205_187),
+        ("single", 7_205_179),
+        ("one", 6_205_030),
+        ("single", 8_205_023),
+    ],
+)
+def test_what_resembles_a_mistake_accuses_nobody(kind: Kind, seed: int, tmp_path: Path) -> None:
+    line = judge(make_rig(kind, seed, effect=True), seed, None, 0, tmp_path / "sound")
+    assert line is not None and line.result == "sound", line

@@ -9,7 +9,7 @@ from typing import Any, Literal, NotRequired, TypedDict, Unpack
 from hilfit_client.transport import Transport
 
 #: SHA-256 of the description that this was made from.
-SOURCE_SHA256 = "ca15509b471ed42a8d38029c7cd4c21423dcea1d3624719402f527c6b6e1eced"
+SOURCE_SHA256 = "4e1d4bb1fa9090814941a757c08b926d8506673a95011e733729f4a52a9a14ac"
 
 
 class AcquisitionWish(TypedDict):

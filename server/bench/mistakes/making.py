@@ -408,7 +408,7 @@ def _(rig: Rig, rng: Rng) -> Made | None:
     channel = _channel(rig, "head_pressure", joint)
     assert channel is not None
     level = float(np.percentile(np.concatenate([table[channel] for table in rig.tables.values()]), 85))
-    return _made(changed(rig, channel, lambda v: np.minimum(v, level)), "clipped", joint)
+    return _made(changed(rig, channel, lambda v: np.minimum(v, level)), "clipped saturated", joint)
 
 
 @_mistake("a sensor freezes")

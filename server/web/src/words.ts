@@ -21,7 +21,7 @@ export const JOB_WORDS: Record<string, [NoticeKind | "off", string]> = {
 
 export const MONITOR_WORDS: Record<string, [NoticeKind | "off", string]> = {
   off: ["off", "Monitor off"],
-  learning: ["info", "Monitor learns what is normal"],
+  learning: ["info", "Learning the baseline"],
   watching: ["good", "Monitor watches, no drift"],
   drift: ["bad", "Drift: the arm is not as it was calibrated"],
 };

@@ -32,7 +32,7 @@ export function AlarmBanner() {
           {first.text}
           {more}
         </span>
-        <span class="look">Look</span>
+        <span class="look">View</span>
       </a>
     </div>
   );

@@ -27,10 +27,10 @@ export function AlarmActions({ alarm, shelved }: { alarm: Alarm; shelved: boolea
             kind="primary"
             busy={command.busy}
             disabled={away}
-            label={`Seen: ${alarm.text}`}
+            label={`Acknowledge: ${alarm.text}`}
             onClick={() => void command.run({ method: "POST", path: `${path}/acknowledge` })}
           >
-            Seen
+            Acknowledge
           </Button>
         )}
         {shelved ? (

@@ -40,7 +40,7 @@ export default function AlarmsView() {
         {open.length === 0 ? <Empty>Nothing is waiting for you.</Empty> : <Alarms alarms={open} />}
       </Panel>
       {seen.length > 0 && (
-        <Panel title={`Seen or kept quiet (${seen.length})`}>
+        <Panel title={`Acknowledged or silenced (${seen.length})`}>
           <Alarms alarms={seen} />
         </Panel>
       )}

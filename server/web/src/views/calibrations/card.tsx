@@ -49,7 +49,7 @@ export function CalibrationCard({ calibration, onDone }: { calibration: Calibrat
         <p>
           {verdict}
           {typeof changed === "number" && changed !== 0 && `; error of all joints ${change(changed)}`}.{" "}
-          <a href={`#/results/${calibration.identification}`}>Look at the result</a>
+          <a href={`#/results/${calibration.identification}`}>View the result</a>
         </p>
         <p class="hint">
           Proposed by {calibration.proposed_by} {time(calibration.created)}

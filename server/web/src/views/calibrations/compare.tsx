@@ -52,7 +52,7 @@ function Side({ title, calibration }: { title: string; calibration: Calibration 
       </p>
       <p class="hint">
         Proposed by {calibration.proposed_by} {time(calibration.created)}.{" "}
-        <a href={`#/results/${calibration.identification}`}>Look at the result</a>
+        <a href={`#/results/${calibration.identification}`}>View the result</a>
       </p>
     </Panel>
   );

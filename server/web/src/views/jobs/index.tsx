@@ -53,7 +53,7 @@ function JobsPage() {
               { name: "label", title: "What" },
               { name: "state", title: "State" },
               { name: "progress", title: "Progress" },
-              { name: "created", title: "Ordered" },
+              { name: "created", title: "Submitted" },
             ]}
             rows={items.map((job) => ({
               key: job.id,
@@ -126,7 +126,7 @@ export function JobPanel({ job }: { job: Job }) {
         })}
       </ol>
       <p class="hint">
-        Ordered {time(job.created)}, {job.ended === null ? "not ended" : `ended ${time(job.ended)}`}
+        Submitted {time(job.created)}, {job.ended === null ? "not ended" : `ended ${time(job.ended)}`}
         {took === null ? "" : `, took ${took}`}
       </p>
       <CommandNotice of={command} />
@@ -162,9 +162,9 @@ export function JobPanel({ job }: { job: Job }) {
 function ResultLink({ job }: { job: Job }) {
   const [href, words] =
     job.kind === "identification"
-      ? [`#/results/${job.subject}`, "Look at the result"]
+      ? [`#/results/${job.subject}`, "View the result"]
       : job.kind === "recalibration"
-        ? ["#/calibrations", "Look at the calibrations"]
+        ? ["#/calibrations", "View the calibrations"]
         : [null, DASH];
   return href === null ? null : (
     <a class="button primary" href={href}>

@@ -38,7 +38,7 @@ export function MonitorPanel({ machine }: { machine: string }) {
           columns={[
             { name: "joint", title: "Joint" },
             { name: "residual", title: "Residual", align: "right" },
-            { name: "drift", title: "Of the alarm threshold", align: "right" },
+            { name: "drift", title: "Share of alarm threshold", align: "right" },
           ]}
           rows={value.joints.map((joint) => ({
             key: joint.joint,

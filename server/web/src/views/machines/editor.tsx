@@ -102,7 +102,7 @@ export function MachineEditor({ name, newest, onSaved }: MachineEditorProps) {
             >
               Check
             </Button>
-            {changed && <Button onClick={() => setAsking(true)}>Drop my changes</Button>}
+            {changed && <Button onClick={() => setAsking(true)}>Discard changes</Button>}
           </>
         )}
         <Button onClick={() => saveFile(new Blob([text]), `${name}.yaml`)}>Download</Button>

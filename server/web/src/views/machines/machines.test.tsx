@@ -115,10 +115,10 @@ describe("the editor", () => {
     service("engineer").show(<MachinesView />);
     const area = await editor();
     type(area, MINE);
-    fireEvent.click(screen.getByRole("button", { name: "Drop my changes" }));
+    fireEvent.click(screen.getByRole("button", { name: "Discard changes" }));
     fireEvent.click(within(screen.getByRole("dialog")).getByRole("button", { name: "No, go back" }));
     expect(area.value).toBe(MINE);
-    fireEvent.click(screen.getByRole("button", { name: "Drop my changes" }));
+    fireEvent.click(screen.getByRole("button", { name: "Discard changes" }));
     fireEvent.click(screen.getByRole("button", { name: "Drop them" }));
     await waitFor(() => expect(area.value).toBe(FIRST));
     expect(localStorage.length).toBe(0);

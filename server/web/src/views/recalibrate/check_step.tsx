@@ -41,7 +41,7 @@ export function CheckStep({ machine, onDone }: { machine: string; onDone: () => 
         />
       )}
       <Button kind={bad.length === 0 ? "primary" : "plain"} onClick={onDone}>
-        {bad.length === 0 ? "Go on" : "Go on all the same"}
+        {bad.length === 0 ? "Continue" : "Continue anyway"}
       </Button>
     </>
   );

@@ -74,7 +74,7 @@ function Recordings({ machine }: { machine: string }) {
                 key: one.id,
                 choose: <Choose recording={one} selection={selection} onChange={setSelection} />,
                 label: (
-                  <Button label={`Look at ${one.label || one.id}`} onClick={() => setOpen(one.id)}>
+                  <Button label={`View ${one.label || one.id}`} onClick={() => setOpen(one.id)}>
                     {one.label || one.id}
                   </Button>
                 ),

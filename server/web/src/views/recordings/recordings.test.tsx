@@ -89,7 +89,7 @@ describe("recordings", () => {
 
   it("show their channels, and those that are not fresh", async () => {
     service("viewer").show(<RecordingsView />);
-    fireEvent.click(await screen.findByRole("button", { name: "Look at train of Monday" }));
+    fireEvent.click(await screen.findByRole("button", { name: "View train of Monday" }));
     await screen.findByText("400 stale");
     const panel = screen.getByRole("region", { name: "train of Monday" });
     for (const format of ["Parquet", "CSV", "MDF4", "MCAP"])
@@ -102,7 +102,7 @@ describe("recordings", () => {
     const fake = service("engineer");
     fake.answers["DELETE /recordings/rec-1"] = refused(409, "recording 'rec-1' was used by 'idn-1'");
     fake.show(<RecordingsView />);
-    fireEvent.click(await screen.findByRole("button", { name: "Look at train of Monday" }));
+    fireEvent.click(await screen.findByRole("button", { name: "View train of Monday" }));
     fireEvent.click(await screen.findByRole("button", { name: "Delete" }));
     expect(fake.sent).toEqual([]);
     fireEvent.click(screen.getByRole("button", { name: "Delete it" }));

@@ -26,7 +26,7 @@ function Residual({ scatter, report }: { scatter: Scatter; report: Report }) {
   return (
     <Panel title={`What is left at ${scatter.joint}, against ${words(scatter.variable)}`}>
       <p class="hint">
-        Each point is a moment of the validation motion: measured less predicted. A model that lacks nothing leaves a
+        Each point is a moment of the validation motion: measured minus predicted. A model that lacks nothing leaves a
         cloud around zero without a shape.
         {added(report) &&
           " Other parameters moved too when the law was fitted: the points before lie beside it where those had taken its place."}

@@ -18,7 +18,7 @@ describe("a cloud", () => {
   });
 
   it("draws both ways apart where the law has a direction, else together", () => {
-    expect(cloud(scatter).after.series.map((one) => one.label)).toEqual(["forth", "back"]);
+    expect(cloud(scatter).after.series.map((one) => one.label)).toEqual(["speed > 0", "speed < 0"]);
     const even = cloud({ ...scatter, direction: null, law_back: null });
     expect(even.after.series.map((one) => one.label)).toEqual(["samples"]);
     expect(even.before.series.map((one) => one.label)).toEqual(["samples", "law found, ±2 std"]);

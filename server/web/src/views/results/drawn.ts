@@ -18,7 +18,7 @@ export interface Cloud {
 type Values = (number | null)[];
 
 /**
- * Residual against the blamed variable. Points forth and back are drawn apart where the law is another one each way,
+ * Residual against the blamed variable. Points of either direction are drawn apart where the law is another one each way,
  * because an odd law averages out otherwise; the law stands in the drawing before, where it is to be seen.
  */
 export function cloud(scatter: Scatter): Cloud {
@@ -35,8 +35,8 @@ export function cloud(scatter: Scatter): Cloud {
     if (ways === null) return [{ label: "samples", values: picked, kind: "points" }];
     const only = (sign: number): Values => picked.map((value, at) => (ways[at] === sign ? value : null));
     return [
-      { label: "forth", values: only(1), kind: "points" },
-      { label: "back", values: only(-1), kind: "points" },
+      { label: "speed > 0", values: only(1), kind: "points" },
+      { label: "speed < 0", values: only(-1), kind: "points" },
     ];
   };
   const found = laws(scatter, x);
@@ -62,12 +62,12 @@ function laws(scatter: Scatter, x: number[]): PlotSeries[] {
       const deviation = std[index] ?? null;
       return value === null || deviation === null ? null : value + 2 * sign * deviation;
     });
-  const forth = at(scatter.law_y);
-  const band: [Values, Values] = [both(forth, -1), both(forth, 1)];
-  if (scatter.law_back === null) return [{ label: "law found, ±2 std", values: forth, band }];
+  const there = at(scatter.law_y);
+  const band: [Values, Values] = [both(there, -1), both(there, 1)];
+  if (scatter.law_back === null) return [{ label: "law found, ±2 std", values: there, band }];
   return [
-    { label: "law forth, ±2 std", values: forth, band },
-    { label: "law back", values: at(scatter.law_back) },
+    { label: "law at speed > 0, ±2 std", values: there, band },
+    { label: "law at speed < 0", values: at(scatter.law_back) },
   ];
 }
 

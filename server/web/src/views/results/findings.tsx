@@ -59,7 +59,7 @@ export function Candidates({ report }: { report: Report }) {
   const { kept, refused } = candidates(report);
   if (kept.length + refused.length === 0) return null;
   return (
-    <Panel title="Causes that were tried">
+    <Panel title="Candidate causes">
       {kept.length === 0 ? (
         <Empty>None of {refused.length} causes was accepted.</Empty>
       ) : (
@@ -156,7 +156,7 @@ export function Limits({ report }: { report: Report }) {
   const groups = limitGroups(report);
   if (groups.length === 0) return null;
   return (
-    <Panel title="What could not have been seen">
+    <Panel title="Detection limits">
       <p>
         Below these sizes “nothing found” says nothing: a cause that is smaller could be there and these recordings
         would not have shown it.

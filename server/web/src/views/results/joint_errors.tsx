@@ -38,7 +38,7 @@ export function JointErrors({ report }: { report: Report }) {
   return (
     <Panel title="Error of each joint">
       <p class="hint">
-        Standard deviation of measured less predicted effort on {motion}. At 1 × noise nothing is left to explain.
+        Standard deviation of measured minus predicted effort on {motion}. At 1 × noise nothing is left to explain.
         {sized && " RMS and mean see a constant offset too."}
       </p>
       <Table

@@ -37,7 +37,7 @@ export function ResultList() {
                 { name: "label", title: "Result" },
                 { name: "verdict", title: "Verdict" },
                 { name: "change", title: "Error, all joints", align: "right" },
-                { name: "created", title: "Ordered" },
+                { name: "created", title: "Submitted" },
               ]}
               rows={items.map((one) => {
                 const state = states.get(one.job)?.state;

@@ -35,12 +35,7 @@ describe("a result", () => {
   it("says the verdict in one sentence and shows every part", async () => {
     service("engineer").show(<ResultPage id="idn-1" />);
     await screen.findByText(/^The model lacked friction that depends on the piston position/);
-    for (const name of [
-      "Error of each joint",
-      "What was found",
-      "Causes that were tried",
-      "What moved when it was added",
-    ])
+    for (const name of ["Error of each joint", "What was found", "Candidate causes", "What moved when it was added"])
       expect(screen.getByRole("region", { name })).toBeTruthy();
     const errors = screen.getByRole("region", { name: "Error of each joint" });
     expect(errors.textContent).toContain("joint2");

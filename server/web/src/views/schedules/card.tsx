@@ -131,7 +131,7 @@ function SlotHistory({ schedule, zone }: { schedule: Schedule; zone: string }) {
   const slots = useResource<Slots>(path, ["schedules", "jobs"]);
   return (
     <details open={open} onToggle={(event) => setOpen(event.currentTarget.open)}>
-      <summary>What became of its times</summary>
+      <summary>Run history</summary>
       {slots.error !== null && <Notice kind="bad">{slots.error}</Notice>}
       {slots.value === null ? (
         slots.loading && <p role="status">Reading …</p>

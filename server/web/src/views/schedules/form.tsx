@@ -167,7 +167,7 @@ export function ScheduleForm({ machine, schedule, onEnd }: FormProps) {
             busy={command.busy}
             disabled={!good || !session.online.value || (schedule !== null && read.etag === null)}
           >
-            {schedule === null ? "Make the schedule" : "Save"}
+            {schedule === null ? "Create schedule" : "Save"}
           </Button>
           <Button onClick={onEnd}>Go back</Button>
         </div>

@@ -82,7 +82,7 @@ describe("schedules", () => {
     fireEvent.input(screen.getByLabelText("Time of day"), { target: { value: "04:15" } });
     await screen.findByText("Tue 2026-03-03 04:15");
     fireEvent.input(screen.getByLabelText("For how many minutes"), { target: { value: "10" } });
-    fireEvent.click(screen.getByRole("button", { name: "Make the schedule" }));
+    fireEvent.click(screen.getByRole("button", { name: "Create schedule" }));
     await waitFor(() => expect(fake.sent.length).toBe(1));
     expect(fake.sent[0]?.json).toMatchObject({
       machine: "arm",
@@ -103,10 +103,10 @@ describe("schedules", () => {
     fireEvent.input(screen.getByLabelText("Cron expression"), { target: { value: "often" } });
     await screen.findByText(/there is nothing at \/schedules\/upcoming\?cron=often/);
     // Said once, beside the expression: it is not sent to hear it again.
-    expect(screen.getByRole("button", { name: "Make the schedule" }).hasAttribute("disabled")).toBe(true);
+    expect(screen.getByRole("button", { name: "Create schedule" }).hasAttribute("disabled")).toBe(true);
     fireEvent.input(screen.getByLabelText("Cron expression"), { target: { value: "" } });
     await screen.findByText("Write an expression to see its next times.");
-    expect(screen.getByRole("button", { name: "Make the schedule" }).hasAttribute("disabled")).toBe(true);
+    expect(screen.getByRole("button", { name: "Create schedule" }).hasAttribute("disabled")).toBe(true);
   });
 
   it("are not made with a duration that no service takes", async () => {
@@ -114,6 +114,6 @@ describe("schedules", () => {
     fireEvent.click(await screen.findByRole("button", { name: "New schedule" }));
     fireEvent.input(screen.getByLabelText("For how many minutes"), { target: { value: "0.1" } });
     await screen.findByText(/Between half a minute/);
-    expect(screen.getByRole("button", { name: "Make the schedule" }).hasAttribute("disabled")).toBe(true);
+    expect(screen.getByRole("button", { name: "Create schedule" }).hasAttribute("disabled")).toBe(true);
   });
 });
