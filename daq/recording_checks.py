@@ -26,7 +26,7 @@ STEP_TOLERANCE = 0.25  # of the nominal period, on a single step: sampling jitte
 GAP_SHARE = 0.02  # of the steps: a foreign file may have this many holes before its rate is in doubt
 SATURATED_ROWS = 3  # consecutive samples at a limit; noise alone hardly makes three
 STUCK_ROWS = 8  # consecutive samples at the extreme of a signal that elsewhere hardly ever repeats itself
-NOISE_STEPS = 0.7  # standard deviations of the noise, in steps, at which eight equal values in a row are no chance
+KEPT, AS_FAST = 4, 0.5  # rows that a value is kept at least, share of the usual change in them at which it is reached
 REPEATS = 0.1  # share of equal neighbours up to which a signal hardly ever repeats itself
 PILE, PILE_RANGE = 10.0, 0.05  # times the mean of the levels within this share of the range
 LEVELS = 20  # a signal of fewer levels sits on its extreme for lack of resolution, not for saturation
@@ -247,11 +247,24 @@ def not_saturated(path: Path, channel: Channel, machine: Machine, values: FloatA
 
 
 def noise_covers_steps(values: FloatArray) -> bool:
-    """Whether noise alone changes a value that stands: else a fine sensor repeats itself wherever the signal rests."""
+    """Whether noise changes a value wherever it stands: else a fine sensor repeats itself where the signal rests.
+
+    With a standard deviation of two steps eight equal values in a row have a chance of 3e-6; the lower quartile of the
+    second differences tells it, because motion makes the larger ones.
+    """
     step = float(np.diff(np.unique(values)).min(initial=np.inf))
-    second = np.diff(values, 2)
-    noise = 1.4826 * float(np.median(np.abs(second - np.median(second)))) / np.sqrt(6)
-    return bool(noise > NOISE_STEPS * step)
+    return bool(np.percentile(np.abs(np.diff(values, 2)), 25) > 1.5 * step)
+
+
+def cut_off(values: FloatArray, extreme: float) -> bool:
+    """Whether a signal arrives at a value (or leaves it) as fast as it usually moves; where it rests it slows down."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], (values == extreme).astype(np.int8), [0]])))
+    runs = [(a, b) for a, b in zip(edges[::2], edges[1::2], strict=True) if b - a >= KEPT]
+    usual = float(np.median(np.abs(values[KEPT:] - values[:-KEPT])))
+    before = [abs(extreme - values[a - KEPT]) for a, _ in runs if a >= KEPT]
+    behind = [abs(extreme - values[b + KEPT - 1]) for _, b in runs if b + KEPT <= len(values)]
+    steps = [*before, *behind]
+    return bool(steps) and float(np.median(steps)) > AS_FAST * usual
 
 
 def piled_up(values: FloatArray, extreme: float) -> int:

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from fitting.checks.factors import gains
-from fitting.checks.hypothesis import Build, Hypothesis, Targets
+from fitting.checks.hypothesis import CLEAR, Build, Hypothesis, Targets
 from fitting.checks.physical import Trial
 from fitting.checks.samples import EFFORTS, Signal
 
@@ -221,8 +221,8 @@ def _changed(changes: Mapping[tuple[str, int], Signal]) -> Build:
     return lambda trial, targets: (trial.with_samples(trial.samples.replaced(changes)), targets)
 
 
-#: A role that is right never explains less than the other one; noise of a small arm leaves this much of the difference.
-_ANOTHER_ROLE = 1.4
+#: An arm on the rods never explains less where there is one; noise of a small arm leaves this much of the difference.
+_RODS_ON = 1.4
 #: Leaving a recording out is a trial that a payload or another oil also passes a little: it has to do more than others.
 _CLEARLY_ANOTHER = 3.5
 
@@ -238,7 +238,7 @@ def recordings(trial: Trial) -> Iterator[Hypothesis]:
                 "wrong_role", (), "looks as if the rods were off" if loaded else "looks as if the rods were on the arm",
                 "give it as unloaded" if loaded else "give it as train, or take the rods off and record again",
                 _changed_role(number, not loaded), recording=number, price=1.2, exact=True,
-                least=_ANOTHER_ROLE,
+                least=CLEAR if loaded else _RODS_ON,
             )  # fmt: skip
         if len(numbers) > 2 and np.count_nonzero(samples.loaded & ~own) >= 100:
             yield Hypothesis(

@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from daq.machine_file import Channel, Machine
 from daq.recording import Recording
-from daq.recording_checks import piled_up, regular_steps
+from daq.recording_checks import cut_off, piled_up, regular_steps
 from fitting.checks.findings import Finding
 
 FloatArray = npt.NDArray[np.float64]
@@ -37,8 +37,6 @@ _SPIKE_NOISE, _JUMP_NOISE, _STEPS, _EFFORT_STEPS = 10.0, 20.0, 6.0, 3.0
 #: Changes that fall on every k-th row: their share (of so many at least, up to that k). A signal that changes at random
 #: rows has a share of 1/k there.
 _IN_STEP, _LEAST_CHANGES, _LONGEST_HOLD = 0.97, 30, 60
-#: Rows for which a value is kept at least, and share of the usual change in so many rows at which it is reached.
-_KEPT, _AS_FAST = 4, 0.5
 #: Held for so many rows, and slower than this, is more than a remark: motions of some hertz need ten values a period.
 _HELD_ROWS, _SLOW_HZ = 4, 20.0
 
@@ -293,7 +291,7 @@ def _clipped(channel: Channel, values: FloatArray) -> Iterator[Finding]:
     for extreme, side in ((float(values.max()), "largest"), (float(values.min()), "smallest")):
         count = piled_up(values, extreme)
         # A fine sensor with little noise says one value wherever the signal rests.
-        if count > max(0.01 * len(values), 10) and _cut_off(values, extreme):
+        if count > max(0.01 * len(values), 10) and cut_off(values, extreme):
             yield Finding(
                 "clipped",
                 f"{channel.name}: {count} of {len(values)} values are exactly its {side} one ({extreme:.6g}): it "
@@ -304,17 +302,6 @@ def _clipped(channel: Channel, values: FloatArray) -> Iterator[Finding]:
                 unit="rows",
                 strength=4.0,
             )
-
-
-def _cut_off(values: FloatArray, extreme: float) -> bool:
-    """Whether a signal arrives at a value (or leaves it) as fast as it usually moves; where it rests it slows down."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], (values == extreme).astype(np.int8), [0]])))
-    runs = [(a, b) for a, b in zip(edges[::2], edges[1::2], strict=True) if b - a >= _KEPT]
-    usual = float(np.median(np.abs(values[_KEPT:] - values[:-_KEPT])))
-    before = [abs(extreme - values[a - _KEPT]) for a, _ in runs if a >= _KEPT]
-    behind = [abs(extreme - values[b + _KEPT - 1]) for _, b in runs if b + _KEPT <= len(values)]
-    steps = [*before, *behind]
-    return bool(steps) and float(np.median(steps)) > _AS_FAST * usual
 
 
 def _same_channels(machine: Machine, recording: Recording) -> list[Finding]:

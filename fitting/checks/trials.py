@@ -41,8 +41,8 @@ ALIKE = 0.12
 #: Nothing tells these apart; so many are named beside the one that is said.
 THE_SAME, _MOST_ALTERNATIVES = 0.02, 3
 _MOST_MISTAKES, _MOST_ROUNDS = 3, 4
-#: Share of the joints that have to be explained better where the role of a recording is in question.
-_MOST_JOINTS = 0.5
+#: Share of the joints that have to be explained better by a factor where a recording as a whole is in question.
+_MOST_JOINTS, _BETTER = 0.5, 1.4
 _MOTIONS = frozenset({"joint_position", "piston_position"})
 #: Trials of one round that are fitted with bounds, after all were without.
 _MOST_BOUNDED = 12
@@ -121,12 +121,11 @@ def search(trial: Trial) -> Searched:
         if len(found) == _MOST_MISTAKES:
             break
         # All are compared: a wrong bore explains more than the exchange of cables that it resembles.
-        tried = (*everywhere(trial), *simple(trial), *elaborate(trial))
+        tried = [*everywhere(trial), *simple(trial), *elaborate(trial)]
+        tried += [own for number in _odd_ones(trial, targets, current) for own in in_one_recording(trial, number)]
         best = _best(trial, targets, current, tuple(o for o in tried if _worth_trying(o, current)))
         if best is None:
             break
-        if (recording := best[0].hypothesis.recording) is not None:
-            best = _narrower(trial, targets, current, best, in_one_recording(trial, recording))
         accused, trial, targets = best
         current = accused.after
         if accused.hypothesis.code:
@@ -134,10 +133,18 @@ def search(trial: Trial) -> Searched:
     return Searched(tuple(found), nominal, current, trial)
 
 
-def _narrower(trial: Trial, targets: Targets, current: Physical, best: Found, options: Iterator[Hypothesis]) -> Found:
-    """What is wrong in a recording that does not fit, if one thing explains as much as leaving it out."""
-    own = _best(trial, targets, current, tuple(options))
-    return own if own is not None and own[0].gain > (1 - ALIKE) * best[0].gain else best
+def _odd_ones(trial: Trial, targets: Targets, current: Physical) -> list[int]:
+    """Recordings without which a badly explained joint is explained well: something may be wrong in them alone."""
+    found = []
+    for option in recordings(trial) if suspicious(current).any() else ():
+        if option.code != "other_machine" or option.recording is None:
+            continue
+        changed, wanted = option.build(trial, targets)
+        after = fit(changed, wanted, bounded=False)
+        a, b = np.hypot(current.misfits, LEAST_MISFIT), np.hypot(after.free, LEAST_MISFIT)
+        if np.any((a / b > option.least) & suspicious(current)):
+            found.append(option.recording)
+    return found
 
 
 def _best(trial: Trial, targets: Targets, current: Physical, options: Sequence[Hypothesis]) -> Found | None:
@@ -183,17 +190,18 @@ def _helped(trial: Trial, option: Hypothesis, before: Physical, after: Physical)
 
     A joint that carries next to nothing of the arm's effort (a wrist, whose cables weigh as much) accuses nobody.
     """
-    role = option.recording is not None and option.exact and not option.joints
+    whole = option.recording is not None and not option.joints
     if option.recording is not None and option.exact:
         before = _within(trial, option.recording, before, after)
     a, b = np.hypot(before.misfits, LEAST_MISFIT), np.hypot(after.misfits, LEAST_MISFIT)
     if np.any(b > WORSE * a):
         return None
     fall = np.where((after.misfits < SOUND) & ~(before.shares < CARRIES), a / b, 0.0)
-    if role and np.mean((fall >= option.least)[~(before.shares < CARRIES)]) < _MOST_JOINTS:
-        return None  # rods are on or off at all joints; a valve acts otherwise without load at one
-    joint = int(np.nanargmax(fall))
-    return joint if fall[joint] >= option.least and (option.exact or suspicious(before)[joint]) else None
+    if whole and np.mean((fall >= _BETTER)[~(before.shares < CARRIES)]) < _MOST_JOINTS:
+        return None  # rods are on or off, and a machine is another one, at all joints; a valve acts otherwise at one
+    asked = np.ones(len(fall), dtype=bool) if option.exact else suspicious(before)
+    joint = int(np.nanargmax(np.where(asked, fall, 0.0)))
+    return joint if asked[joint] and fall[joint] >= option.least else None
 
 
 def _within(trial: Trial, recording: int, before: Physical, after: Physical) -> Physical:
