@@ -29,7 +29,7 @@ STUCK_ROWS = 8  # consecutive samples at the extreme of a signal that elsewhere 
 KEPT, AS_FAST = 4, 0.5  # rows that a value is kept at least, share of the usual change in them at which it is reached
 REPEATS = 0.1  # share of equal neighbours up to which a signal hardly ever repeats itself
 PILE, PILE_RANGE = 10.0, 0.05  # times the mean of the levels within this share of the range
-LEVELS = 20  # a signal of fewer levels sits on its extreme for lack of resolution, not for saturation
+LEVELS = 64  # a signal of fewer levels sits on its extreme for lack of resolution, not for saturation
 MISMATCH = 0.1  # of the stroke, between piston encoder and linkage: far above offsets and pin errors
 
 

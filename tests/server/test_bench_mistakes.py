@@ -79,6 +79,8 @@ def test_silence_and_accusations_miss_their_targets() -> None:
         ("single", 7_205_179),
         ("one", 6_205_030),
         ("single", 8_205_023),
+        ("both", 9_205_166),
+        ("both", 9_205_199),
     ],
 )
 def test_what_resembles_a_mistake_accuses_nobody(kind: Kind, seed: int, tmp_path: Path) -> None:
