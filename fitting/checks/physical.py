@@ -50,6 +50,8 @@ _STRIBECK = 0.15
 #: Times the mass of a steel piston and rod that a cylinder's moving mass usually stays below; Pa over the head's area
 #: that a spring adds over the whole stroke at most (gas springs and hoses are effects of a few bar).
 _HEAVY, _STIFF = 5.0, 2.0e6
+#: Share of a column that compression loses.
+_LOST = 1e-6
 #: Misfits below this are alike: what thinning and filtering leave of a perfect fit.
 LEAST_MISFIT = 0.015
 
@@ -257,9 +259,7 @@ def make_blocks(trial: Trial) -> tuple[Block | None, ...]:
         names = tuple(named)
         S = np.stack([named[name] for name in names], axis=1)
         A = np.column_stack([*free, own, drive, S, _rivals(trial, number, v)])[rows]
-        scale = np.maximum(np.linalg.norm(A[:, : len(free)], axis=0), 1e-300)
-        A[:, : len(free)] /= scale
-        R = np.asarray(np.linalg.qr(A, mode="r"))[len(free) :, len(free) :]
+        R = _triangle(A)[len(free) :, len(free) :]
         b, d, s = own.shape[1], drive.shape[1], S.shape[1]
         centred = S[rows] - S[rows].mean(axis=0)
         blocks.append(
@@ -275,6 +275,19 @@ def make_blocks(trial: Trial) -> tuple[Block | None, ...]:
             )
         )
     return tuple(blocks)
+
+
+def _triangle(A: FloatArray) -> FloatArray:
+    """Upper triangle with the products of the columns of ``A``; a millionth of each column's size is lost.
+
+    By Cholesky's decomposition, ten times as fast as Householder's here, and misfits below a thousandth are alike.
+    """
+    scale = np.linalg.norm(A, axis=0)
+    scale = np.where(scale > 0, scale, 1.0)
+    unit = A / scale
+    gram = unit.T @ unit
+    gram[np.diag_indices_from(gram)] += _LOST**2
+    return np.asarray(linalg.cholesky(gram, check_finite=False)) * scale
 
 
 def _signals(trial: Trial, number: int) -> dict[str, FloatArray]:
