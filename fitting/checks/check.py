@@ -264,18 +264,15 @@ def _together(machine: Machine, recordings: Sequence[Recording], places: Places)
         found.append(_of_clock(clock))
         trial = trial.with_samples(clock.samples)
     searched = search(trial)
-    estimated = {own.joint: own for own in area_ratios(searched.trial)}
-    ratios = {joint: own for joint, own in estimated.items() if own.wrong}
-    # A bore or rod of a list is worse than the ratio of the areas as it is estimated, where that explains as much.
+    ratios = {own.joint: own for own in area_ratios(searched.trial) if own.wrong}
+    # A bore or rod of a list is worse than the ratio of the areas as it is estimated, where that explains as much or an
+    # effect does.
     accused = [
         own
         for own in searched.accused
         if own.hypothesis.code not in ("bore", "rod")
-        or own.joint not in estimated
-        or (
-            not estimated[own.joint].effect
-            and (own.joint not in ratios or ratios[own.joint].after > _AS_WELL * own.after.misfits[own.joint])
-        )
+        or own.joint not in ratios
+        or not (ratios[own.joint].effect or ratios[own.joint].after <= _AS_WELL * own.after.misfits[own.joint])
     ]
     blamed = {k for own in accused for k in own.hypothesis.joints}
     found += [_of_areas(machine, own, places) for own in ratios.values() if own.joint not in blamed]

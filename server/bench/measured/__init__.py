@@ -58,8 +58,8 @@ def run(
             show("Staubli TX40: base model, loop, five blocks")
             second = staubli.evaluate(data / "staubli_tx40", directory)
             whole = staubli.session_of(staubli.recording(data / "staubli_tx40", directory))
-            parts = cut(whole.recordings[0])
-            beside.append(ways("TX40, last fifth", Session(whole.machine, parts, Options(loop=False))))
+            parts = cut(whole.recordings[0], 0.7)  # its last tenth stands still
+            beside.append(ways("TX40, last 30 %", Session(whole.machine, parts, Options(loop=False))))
         if "kuka_lwr4" in there:
             show("KUKA LWR: base model, loop")
             fourth = kuka.evaluate(data / "kuka_lwr4")

@@ -80,7 +80,7 @@ def _quiet(fraction: float, text: str) -> None:
     return None
 
 
-def cut(recording: Recording, share: float = 0.8) -> tuple[Recording, Recording]:
+def cut(recording: Recording, share: float) -> tuple[Recording, Recording]:
     """A single recording as a training part, up to a share of its length, and a part to be predicted."""
     row = round(share * len(recording))
 
