@@ -37,6 +37,8 @@ _SPIKE_NOISE, _JUMP_NOISE, _STEPS, _EFFORT_STEPS = 10.0, 20.0, 6.0, 3.0
 #: Changes that fall on every k-th row: their share (of so many at least, up to that k). A signal that changes at random
 #: rows has a share of 1/k there.
 _IN_STEP, _LEAST_CHANGES, _LONGEST_HOLD = 0.97, 30, 60
+#: Share of the usual speed that a joint cannot lose, and gain again, within a row.
+_AT_SPEED = 0.5
 #: Held for so many rows, and slower than this, is more than a remark: motions of some hertz need ten values a period.
 _HELD_ROWS, _SLOW_HZ = 4, 20.0
 
@@ -246,8 +248,12 @@ def _frozen(
         catches_up = max(ends, default=0.0) > 10 * ordinary
         if channel.quantity in POSITIONS:
             # A machine that stands has an encoder that stands; one that moves on comes back with a jump, or the joint's
-            # other sensor has moved on.
-            wrong = improbable and (catches_up or _moved(other, start, stop))
+            # other sensor has moved on, or the joint stops and starts at full speed from one row to the next.
+            usual = float(np.median(np.abs(steps[steps != 0])))
+            # It may wake where the joint happens to be again: the first step counts, or the second.
+            beside = [np.abs(steps[max(start - 2, 0) : start]), np.abs(steps[stop : stop + 2])]
+            abrupt = all(len(own) == 2 and own.max() > _AT_SPEED * usual for own in beside)
+            wrong = improbable and (catches_up or abrupt or _moved(other, start, stop))
         else:
             # Coarse steps in a quiet phase repeat too, but none so long alone, and none that ends with a jump.
             second = int(np.sort(lengths)[-2]) if len(lengths) > 1 else 1

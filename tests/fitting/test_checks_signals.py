@@ -102,6 +102,20 @@ def test_a_sensor_that_freezes_while_the_other_one_of_its_joint_moves() -> None:
     assert named(found) == [("frozen", "joint1.q")]
 
 
+def test_a_position_that_stops_and_starts_at_full_speed_has_a_frozen_sensor() -> None:
+    """One sensor, and it wakes near where it froze: no jump, but no machine stops within a row."""
+    alone = planar_machine(2, sensors="joint")
+    (recording,) = make_recordings(alone, truth(2), [("train", 2)])
+    q = np.array(recording.values["joint1.q"])
+    speed = np.abs(np.diff(q))
+    start = 300 + int(np.argmax(speed[300:500]))
+    near = [k for k in range(start + 100, len(q) - 2) if abs(q[k] - q[start]) < 0.03 * np.ptp(q)]
+    again = max(near, key=lambda k: speed[k])
+    frozen = spoilt("joint1.q", with_rows(slice(start, again), lambda v: v[start]), recording)
+    assert [(own.code, own.channel) for own in signal_findings(alone, frozen)] == [("frozen", "joint1.q")]
+    assert signal_findings(alone, recording) == []
+
+
 def test_pressures_in_bar_in_one_recording_are_said_of_it_alone() -> None:
     names = [c.name for c in MACHINE.channels if c.quantity.endswith("pressure")]
     other = replace(SOUND[1], values={**SOUND[1].values, **{n: 1e-5 * SOUND[1].values[n] for n in names}})
