@@ -276,7 +276,7 @@ def a_days_work_is_compared(place: SiteOfTest, work: list[str], active: str) -> 
         "options": OPTIONS,
     }
     path = f"/schedules/{who.post('/schedules', 201, wish)['id']}"
-    for excitation in 2 * work:
+    for excitation in 4 * work:
         who.post(f"/excitations/{excitation}/send", 202)
     place.later(3.0)
     slot = wait_until("the slot has its turn", lambda: who.get(f"{path}/slots")["items"])[0]
