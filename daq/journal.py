@@ -171,7 +171,7 @@ def _seal(path: Path, table: pa.Table, metadata: Mapping[str, str], journal: Pat
 
 @dataclass(frozen=True)
 class Recovered:
-    """What became of one journal.
+    """Outcome of recovering one journal.
 
     Attributes
     ----------

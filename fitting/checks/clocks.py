@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from fitting.checks.hypothesis import CLEAR
-from fitting.checks.physical import Trial, declared, friction, without
+from fitting.checks.physical import Trial, declared, friction, measured_effort, without
 from fitting.checks.samples import EFFORTS, Samples
 from fitting.dynamics import rigid_body_regressor
 
@@ -141,16 +141,9 @@ class _Bodies:
             rows, columns = self._rows[number], self._columns[number]
             kept = samples.used[rows]
             rows, columns = rows & samples.used, columns[kept]
-            weights = declared(trial.machine, samples, number)
-            if not weights or np.count_nonzero(rows) < 60:
+            if not declared(trial.machine, samples, number) or np.count_nonzero(rows) < 60:
                 continue
-            y, slope = np.zeros(len(samples)), np.zeros(len(samples))
-            for name, weight in weights.items():
-                signal = None if name == "known" else samples.get(name.rstrip("0123456789"), number)
-                if signal is not None:
-                    y, slope = y + weight * signal.value, slope + weight * signal.first
-            if "joint_effort" in "".join(weights) and trial.machine.joints[number].cylinder is not None:
-                y, slope = y / trial.motion.r[:, number], slope / trial.motion.r[:, number]
+            y, slope = measured_effort(trial, number)
             middle = since - since.mean()
             late = without(columns, np.column_stack([slope, slope * middle])[rows])
             target = without(columns, y[rows])

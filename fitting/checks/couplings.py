@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from fitting.checks.physical import Trial, declared, friction, without
+from fitting.checks.physical import Trial, declared, friction, measured_effort, without
 from fitting.dynamics import rigid_body_regressor
 
 FloatArray = npt.NDArray[np.float64]
@@ -21,16 +21,11 @@ _KNEES = (0.1, 0.3, 1.0)
 def with_couplings(trial: Trial, number: int) -> float:
     """Misfit of one joint where the other joints' motion may push it; NaN if the joint says nothing."""
     motion, samples, machine = trial.motion, trial.samples, trial.machine
-    weights = declared(machine, samples, number)
     rows = motion.active[:, number] & samples.loaded & samples.used
     others = [k for k in range(len(machine.joints)) if k != number]
-    if not weights or np.count_nonzero(rows) < 60 or not others:
+    if not declared(machine, samples, number) or np.count_nonzero(rows) < 60 or not others:
         return np.nan
-    y = np.zeros(len(samples))
-    for name, weight in weights.items():
-        signal = None if name == "known" else samples.get(name.rstrip("0123456789"), number)
-        if signal is not None:
-            y = y + weight * signal.value
+    y = measured_effort(trial, number)[0]
     body = rigid_body_regressor(machine, motion.q, motion.qd, motion.qdd)[:, number] / motion.r[:, [number]]
     columns = [body, motion.a[:, number], friction(motion.v[:, number], motion.speed_noise[number])]
     columns += [np.ones(len(y)), motion.x[:, number]]

@@ -328,6 +328,20 @@ def _slopes(trial: Trial, number: int) -> list[tuple[str, FloatArray]]:
     return [("rate", total)] if np.any(total) else []
 
 
+def measured_effort(trial: Trial, number: int) -> tuple[FloatArray, FloatArray]:
+    """Effort (T,) of a joint as the machine file has it, and its rate: N at a cylinder, the joint's unit elsewhere."""
+    samples = trial.samples
+    value, rate = np.zeros(len(samples)), np.zeros(len(samples))
+    weights = declared(trial.machine, samples, number)
+    for name, weight in weights.items():
+        signal = None if name == "known" else samples.get(name.rstrip("0123456789"), number)
+        if signal is not None:
+            value, rate = value + weight * signal.value, rate + weight * signal.first
+    if f"joint_effort{number}" in weights and trial.machine.joints[number].cylinder is not None:
+        value, rate = value / trial.motion.r[:, number], rate / trial.motion.r[:, number]
+    return value, rate
+
+
 def declared(machine: Machine, samples: Samples, number: int) -> dict[str, float]:
     """Weights of the signals that make a joint's effort by the machine file; empty where nothing is measured."""
     joint = machine.joints[number]

@@ -121,7 +121,7 @@ def search(trial: Trial) -> Searched:
         if len(found) == _MOST_MISTAKES:
             break
         # All are compared: a wrong bore explains more than the exchange of cables that it resembles.
-        tried = [*everywhere(trial), *simple(trial), *elaborate(trial)]
+        tried = [*everywhere(trial), *one_by_one(trial)]
         tried += [own for number in _odd_ones(trial, targets, current) for own in in_one_recording(trial, number)]
         best = _best(trial, targets, current, tuple(o for o in tried if _worth_trying(o, current)))
         if best is None:
@@ -242,17 +242,13 @@ def _one_after_another(members: Sequence[Hypothesis]) -> Build:
     return build
 
 
-def simple(trial: Trial) -> Iterator[Hypothesis]:
-    """What is tried first: channels, recordings, gravity."""
+def one_by_one(trial: Trial) -> Iterator[Hypothesis]:
+    """Mistakes of one channel, recording or number, and the effects that resemble them."""
     yield from efforts(trial)
     yield from motions(trial)
     yield from recordings(trial)
     yield from gravity(trial)
     yield from effects(trial)
-
-
-def elaborate(trial: Trial) -> Iterator[Hypothesis]:
-    """What is tried where nothing simple explains the efforts: sizes of the machine, clocks."""
     yield from sizes(trial)
     yield from scales(trial)
     yield from lengths(trial)

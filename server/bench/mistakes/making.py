@@ -141,20 +141,13 @@ for _unit, _gain in (("bar", 1e-5), ("kPa", 1e-3), ("psi", 1 / 6894.757), ("MPa"
     _mistake(f"all pressures in {_unit}")(_scaled_pressures(_gain))
 
 
-def _one_scaled(quantity: str, gain: float) -> Callable[[Rig, Rng], Made | None]:
-    def make(rig: Rig, rng: Rng) -> Made | None:
-        joint = _joint(rig, rng)
-        channel = _channel(rig, quantity, joint)
-        return None if channel is None else _made(changed(rig, channel, lambda v: v * gain), "unit", joint)
-
-    return make
-
-
-def _one_scaled_as(quantity: str, gain: float, codes: str, *, alone: bool = True) -> Callable[[Rig, Rng], Made | None]:
+def _one_scaled(
+    quantity: str, gain: float, codes: str = "unit", *, heavy: bool = False, alone: bool = True
+) -> Callable[[Rig, Rng], Made | None]:
     def make(rig: Rig, rng: Rng) -> Made | None:
         if rig.kind == "one" and not alone:
             return None  # its masses and its friction take up nearly all of it
-        joint = _heavy_joint(rig, rng)
+        joint = _heavy_joint(rig, rng) if heavy else _joint(rig, rng)
         channel = _channel(rig, quantity, joint)
         return None if channel is None else _made(changed(rig, channel, lambda v: v * gain), codes, joint)
 
@@ -510,8 +503,10 @@ def _(rig: Rig, rng: Rng) -> Made | None:
     return _made(rig, "other_machine")
 
 
-_mistake("range of a transducer")(_one_scaled_as("head_pressure", 1.6, "unit cylinder_areas effort_scale bore rod"))
-_mistake("angle counted twice")(_one_scaled_as("joint_position", 2.0, "scale unit out_of_range", alone=False))
+_mistake("range of a transducer")(
+    _one_scaled("head_pressure", 1.6, "unit cylinder_areas effort_scale bore rod", heavy=True)
+)
+_mistake("angle counted twice")(_one_scaled("joint_position", 2.0, "scale unit out_of_range", heavy=True, alone=False))
 _mistake("bore in place of its radius")(_edit_joint("bore", lambda v: 2 * v, "bore cylinder_areas effort_scale"))
 _mistake("rod with a decimal slip")(_edit_joint("rod", lambda v: v / 10, "rod bore cylinder_areas"))
 _mistake("sign of a pin offset")(
