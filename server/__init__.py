@@ -1,14 +1,11 @@
 """The service of hilfit and its command line.
 
-- :mod:`server.cli`: the ``hilfit`` command; mounts the commands of the other packages
-- :mod:`server.serve`: ``hilfit serve``: one process that serves HTTP and starts all others
-- :mod:`server.app`, :mod:`server.routes`, :mod:`server.problems`: REST below ``/api/v1``, errors as problem
-  documents
-- :mod:`server.service`: what runs behind the routes, put together
-- :mod:`server.workflows`, :mod:`server.stages`, :mod:`server.children`: identifications as durable jobs in
-  child processes
-- :mod:`server.acquisition`, :mod:`server.simulation`: acquisition per machine, the simulated machine
-- :mod:`server.store`, :mod:`server.files`: database and data directory
+- :mod:`server.commands`: the ``hilfit`` command, which mounts the commands of the other packages
+- :mod:`server.composition`: the service put together of its resources, and the processes that run it
+- one folder per resource (:mod:`server.machines`, :mod:`server.recordings`, ...), each with its declaration
+  ``*_resource.py``, its routes ``*_routes.py``, what they take and give ``*_schemas.py``, its tables ``*_tables.py``,
+  what it stores ``*_store.py`` and its jobs ``*_job.py``
+- :mod:`server.platform`: what all resources stand on
 
 Nothing is imported before it is used: the command line has to start fast.
 """
@@ -18,19 +15,19 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from server.app import create_app
-    from server.settings import Settings
+    from server.composition.app import create_app
+    from server.platform.settings import Settings
 
 __all__ = ["Settings", "create_app"]
 
 
 def __getattr__(name: str) -> Any:
     if name == "Settings":
-        from server.settings import Settings
+        from server.platform.settings import Settings
 
         return Settings
     if name == "create_app":
-        from server.app import create_app
+        from server.composition.app import create_app
 
         return create_app
     raise AttributeError(f"module 'server' has no attribute '{name}'")

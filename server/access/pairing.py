@@ -17,11 +17,12 @@ import argon2
 import segno
 import sqlalchemy as sa
 
-from server.access.principals import Role
-from server.access.store import later
-from server.errors import ForbiddenError, TooManyError
-from server.store import Database
-from server.store.tables import pairing_codes
+from server.access.access_tables import pairing_codes
+from server.access.holder_store import later
+from server.platform.authorization.principals import Role
+from server.platform.database.engine import Database
+from server.platform.errors import ForbiddenError, TooManyError
+from server.platform.processes.heavy_work import Heavy
 
 LIFETIME = timedelta(minutes=15)
 DIGITS = 10
@@ -52,6 +53,13 @@ class Grant:
     machines: tuple[str, ...] | None
     created_by: str
     days: int | None
+
+
+class PairingWork(Heavy):
+    """Where codes are hashed, which takes long: one after the other, and not in the threads that answer reads."""
+
+    def __init__(self) -> None:
+        super().__init__(slots=1, places=16, share=4)
 
 
 class PairingCodes:

@@ -1,5 +1,1 @@
-"""Who did what: a table to which rows are only added, each with a hash of itself and of the row before."""
-
-from server.audit.log import Audit, Entry, Verification
-
-__all__ = ["Audit", "Entry", "Verification"]
+"""The audit log: who did what; entries are added, never changed, and chained by hashes."""

@@ -21,7 +21,7 @@ from daq.machine_file import load_machine
 from daq.recording import read_recording
 from fitting.motion import read_motion
 from server.bench.targets import Check, Outcome, fact
-from server.demo import run_demo
+from server.commands.demo_command import run_demo
 
 
 def cycles_per_machine_second(output: Path, joint: str = "joint1") -> float:

@@ -186,7 +186,7 @@ def run(tablets: int, rate: float, seconds: float, say: Callable[[str], None]) -
     seconds : of load
     """
     with tempfile.TemporaryDirectory(prefix="hilfit-bench-") as directory:
-        command = [sys.executable, "-m", "server.cli", "serve", "--simulate", "--port", "0", "--json"]
+        command = [sys.executable, "-m", "server.commands.command_line", "serve", "--simulate", "--port", "0", "--json"]
         case = Path(directory) / "case"
         make_case(case, default_machine(), 0, seconds=FITTED_S)
         with subprocess.Popen(

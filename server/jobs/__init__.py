@@ -1,9 +1,7 @@
-"""What jobs there are.
+"""Long work as durable jobs; what the kinds of jobs are stands in the folders of what they make.
 
-- :mod:`server.jobs.kinds`: what a kind of job has to tell the runner (:mod:`server.workflows`)
-- :mod:`server.jobs.places`: where their stages write, and where their files are once they are over
-- :mod:`server.jobs.identification`: fit recordings
-- :mod:`server.jobs.excitation`: design a motion, in a process of its own (:mod:`server.jobs.excitation_child`)
-- :mod:`server.jobs.recalibration`: record, fit, compare with the active calibration, propose
-- :mod:`server.jobs.comparison`: the before/after table of a recalibration; pure functions
+- :mod:`server.jobs.job_kinds`: what a kind of job has to tell the runner
+- :mod:`server.jobs.job_runner`: runs them as workflows of stages, each recorded once it is done
+- :mod:`server.jobs.job_places`: where their stages write, and where their files are once they are over
+- :mod:`server.jobs.claims`, :mod:`server.jobs.executors`: who works on what, and who fell silent
 """

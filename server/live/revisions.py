@@ -6,7 +6,7 @@ import asyncio
 import time
 from collections.abc import AsyncIterator, Awaitable, Callable, Mapping
 
-from server.changes import Changes
+from server.platform.changes import Changes
 
 #: Seconds after which the store is read though nobody here changed it: a worker on another host may have.
 POLL_S = 2.0

@@ -12,8 +12,9 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import replace
 from pathlib import Path
+
+from server.machines.machine_resource import LAUNCH
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "server"))
 
@@ -23,8 +24,8 @@ from service_fakes import FakeFeed, Fakes
 from daq import Machine
 from daq.frame import Frame, row_dtype, row_from_frame
 from daq.ring import RingWriter, ring_buffer
-from server.serve import serve
-from server.settings import Settings
+from server.composition.serve import serve
+from server.platform.settings import Settings
 
 RATE_HZ = 50.0
 FRESH, STALE = 0, 1
@@ -83,7 +84,7 @@ def serve_lever(data_dir: Path, port: int) -> None:
     def ready(url: str) -> None:
         print(json.dumps({"url": url}), flush=True)
 
-    serve(Settings(data_dir=data_dir, port=port), ready, lambda: replace(Fakes().parts, launch=launch))
+    serve(Settings(data_dir=data_dir, port=port), ready, Fakes().parts | {LAUNCH: launch})
 
 
 if __name__ == "__main__":

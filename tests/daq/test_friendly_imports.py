@@ -21,7 +21,7 @@ from daq.csv_files import read_csv
 from daq.errors import InputError
 from daq.recording_files import Table
 from daq.time_columns import seconds
-from server.cli import main
+from server.commands.command_line import main
 
 RATE = 50.0
 MACHINE: Machine = parse_machine(plain())

@@ -12,7 +12,7 @@ from synthetic_arm import make_recordings, planar_machine, truth
 from daq.machine_file import machine_to_yaml
 from daq.recording import write_recording
 from daq.recording_files import read_table
-from server.cli import main
+from server.commands.command_line import main
 
 MACHINE = planar_machine(1)
 

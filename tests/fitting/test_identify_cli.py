@@ -13,7 +13,7 @@ from synthetic_arm import make_recordings, planar_machine, truth
 from daq.machine_file import machine_to_yaml
 from daq.recording import write_recording
 from fitting.effects import effects
-from server.cli import main
+from server.commands.command_line import main
 
 
 @pytest.fixture(scope="module")

@@ -6,10 +6,13 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import Any
 
 from service_fakes import MACHINE, Fakes, Running, running_service
 
-from server.access.principals import SERVICE, Role
+from server.access.access_desk import Access
+from server.machines.machine_desk import MachineDesk
+from server.platform.authorization.principals import SERVICE, Role
 
 #: A second machine, to which some principals are bound.
 OTHER = MACHINE.replace("name: lever", "name: other")
@@ -35,17 +38,17 @@ class Guarded:
 
     def bearer(self, role: Role, machines: tuple[str, ...] | None = None) -> dict[str, str]:
         if (role, machines) not in self._headers:
-            _, token = self.running.service.access.make_key(f"a {role}", role, machines, SERVICE)
+            _, token = self.running.service[Access].make_key(f"a {role}", role, machines, SERVICE)
             self._headers[role, machines] = {"Authorization": f"Bearer {token}"}
         return self._headers[role, machines]
 
 
 @contextmanager
-def guarded_service(data_dir: Path, **settings: object) -> Iterator[Guarded]:
+def guarded_service(data_dir: Path, **settings: Any) -> Iterator[Guarded]:
     """With two machines, ``lever`` and ``other``; limits of rate are far away unless given."""
     chosen = {"access": "required", "requests_per_second": 10_000.0} | settings
     with running_service(data_dir, Fakes(), **chosen) as running:
         guarded = Guarded(running)
         for content in (MACHINE, OTHER):
-            running.service.upload_machine(content.encode())
+            running.service[MachineDesk].upload(content.encode())
         yield guarded

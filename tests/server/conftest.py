@@ -10,7 +10,7 @@ import pytest
 from postgresql_server import postgresql
 from service_fakes import Fakes, Running, recording_bytes, running_service
 
-from server import logs
+from server.platform import logs
 
 __all__ = ["postgresql"]
 

@@ -8,8 +8,8 @@ from pathlib import Path
 
 from service_fakes import Fakes
 
-from server.serve import serve
-from server.settings import Settings
+from server.composition.serve import serve
+from server.platform.settings import Settings
 
 
 def ready(url: str) -> None:
@@ -17,4 +17,4 @@ def ready(url: str) -> None:
 
 
 if __name__ == "__main__":
-    serve(Settings(data_dir=Path(sys.argv[1]), port=0), ready, lambda: Fakes().parts)
+    serve(Settings(data_dir=Path(sys.argv[1]), port=0), ready, Fakes().parts)

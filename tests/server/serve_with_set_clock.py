@@ -8,15 +8,14 @@ from __future__ import annotations
 
 import json
 import sys
-from dataclasses import replace
 from datetime import datetime, timedelta
 from pathlib import Path
 
-from server import children
-from server.parts import installed_parts
-from server.serve import serve
-from server.settings import Settings
-from server.store.database import utc_now
+from server.composition.serve import serve
+from server.platform.database.engine import utc_now
+from server.platform.processes import children
+from server.platform.service import CLOCK
+from server.platform.settings import Settings
 
 #: Machine seconds per second.
 SPEED = 4.0
@@ -36,4 +35,4 @@ if __name__ == "__main__":
     settings = Settings(
         data_dir=place / "data", port=0, simulate=True, simulation_speed=SPEED, access="required", local_jobs=True
     )
-    serve(settings, ready, lambda: replace(installed_parts(), clock=clock))
+    serve(settings, ready, {CLOCK: clock})

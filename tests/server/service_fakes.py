@@ -6,7 +6,7 @@ import asyncio
 import json
 import sys
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -20,13 +20,20 @@ from daq.acquisition import AcquisitionStatistics
 from daq.errors import AcquisitionError
 from daq.frame import Frame, row_dtype, row_from_frame
 from daq.ring import RingWriter, ring_buffer
-from server.app import create_app
-from server.identify import Wish
-from server.service import Parts, Service
-from server.sessions import RecordOrder
-from server.settings import Settings
-from server.stages import StageProgram
-from server.store import Identification
+from server.composition.app import create_app
+from server.composition.declarations import RESOURCES
+from server.identifications.identification_order import IdentificationOrders, Wish
+from server.identifications.identification_resource import STAGE_PROGRAM
+from server.identifications.identification_store import Identification
+from server.identifications.stage_request import StageProgram
+from server.jobs.job_store import Jobs
+from server.machines.machine_resource import LAUNCH
+from server.platform.parts import Key
+from server.platform.resource import Resource
+from server.platform.service import Service
+from server.platform.settings import Settings
+from server.recordings.recording_resource import RECORDER
+from server.recordings.recording_sessions import RecordOrder
 
 __all__ = ["REPORT"]
 API = "/api/v1"
@@ -156,11 +163,11 @@ class Fakes:
         self.acquisition = FakeAcquisition()
         self.recorder = FakeRecorder()
         script = Path(__file__).with_name("fake_stages.py")
-        self.parts = Parts(
-            program=lambda: StageProgram(STAGES, (sys.executable, str(script))),
-            launch=self.acquisition,
-            recorder=self.recorder,
-        )
+        self.parts: dict[Key, Any] = {
+            STAGE_PROGRAM: lambda: StageProgram(STAGES, (sys.executable, str(script))),
+            LAUNCH: self.acquisition,
+            RECORDER: self.recorder,
+        }
 
 
 class Running:
@@ -191,7 +198,7 @@ class Running:
     def order(self, content: bytes, **options: Any) -> Identification:
         """Order an identification, past the check of its options: they steer the fake stages."""
         recordings = tuple((choice["id"], None) for choice in self.choices(content))
-        return self.service.identify(Wish("lever", recordings, options, ""), None)
+        return self.service[IdentificationOrders].order(Wish("lever", recordings, options, ""), None)
 
     def follow(self, job: str, until: Callable[[dict[str, Any]], bool] = lambda event: False) -> list[dict[str, Any]]:
         """Events of a job until it ends or ``until`` is true."""
@@ -199,7 +206,7 @@ class Running:
         after = 0
         while True:
             number = self.service.changes.number
-            for event in self.service.jobs.events(job, after):
+            for event in self.service[Jobs].events(job, after):
                 after = event.number
                 seen.append(event.__dict__)
                 if event.state in ("done", "failed", "cancelled") or until(event.__dict__):
@@ -213,8 +220,10 @@ def wait_for_change(service: Service, number: int, timeout: float = 60) -> bool:
 
 
 @contextmanager
-def running_service(data_dir: Path, fakes: Fakes, **settings: Any) -> Iterator[Running]:
-    service = Service(Settings(data_dir=data_dir, **settings), fakes.parts)
+def running_service(
+    data_dir: Path, fakes: Fakes, *, resources: Sequence[Resource] = RESOURCES, **settings: Any
+) -> Iterator[Running]:
+    service = Service(Settings(data_dir=data_dir, **settings), resources, fakes.parts)
     try:
         service.start()
         with TestClient(create_app(service), "http://127.0.0.1:8350", raise_server_exceptions=False) as client:

@@ -10,14 +10,15 @@ import pytest
 from access_fakes import Clock, Guarded, guarded_service
 from service_fakes import API
 
-from server.access.desk import Access
+from server.access.access_desk import Access
+from server.access.access_tables import pairing_codes
 from server.access.pairing import DIGITS, MOST_FAILURES, MOST_OPEN, PairingCodes, pairing_url
-from server.access.principals import SERVICE
 from server.access.rates import Rate, Rates
-from server.audit import Audit
-from server.errors import ForbiddenError, TooManyError
-from server.store import Database
-from server.store.tables import pairing_codes
+from server.audit.audit_log import Audit
+from server.composition.declarations import TABLES
+from server.platform.authorization.principals import SERVICE
+from server.platform.database.engine import Database
+from server.platform.errors import ForbiddenError, TooManyError
 
 ACCESS = f"{API}/access"
 
@@ -35,7 +36,7 @@ def clock() -> Clock:
 
 @pytest.fixture
 def database(tmp_path: Path, clock: Clock) -> Iterator[Database]:
-    found = Database(tmp_path / "store.sqlite", clock=clock, changed=lambda: None)
+    found = Database(tmp_path / "store.sqlite", TABLES, clock=clock, changed=lambda: None)
     yield found
     found.close()
 
@@ -82,12 +83,12 @@ def test_a_key_is_shown_once_and_is_worth_nothing_after_it_was_revoked(guarded: 
 
 def test_no_secret_is_in_the_store(guarded: Guarded) -> None:
     token = guarded.bearer("viewer")["Authorization"].removeprefix("Bearer ")
-    code = guarded.running.service.access.open_code("viewer", None, SERVICE)
+    code = guarded.running.service[Access].open_code("viewer", None, SERVICE)
     content = guarded.running.service.files.database.read_bytes()
     assert token.encode() not in content
     assert f'"{code.digits}"'.encode() not in content
     assert b"$argon2id$" in content
-    guarded.running.service.access.pair(code.digits, "used up")
+    guarded.running.service[Access].pair(code.digits, "used up")
 
 
 def test_refusals_are_problem_documents_that_say_what_to_do(guarded: Guarded) -> None:
@@ -111,7 +112,7 @@ def test_a_machine_that_is_not_there_cannot_be_bound_to(guarded: Guarded) -> Non
 def test_the_last_admin_stays(database: Database) -> None:
     access = Access(database, Audit(database), required=True)
     first, _ = access.make_key("first", "admin", None, SERVICE)
-    from server.errors import ConflictError
+    from server.platform.errors import ConflictError
 
     with pytest.raises(ConflictError, match="last admin"):
         access.holders.remove(first.id, "key")

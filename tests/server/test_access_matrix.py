@@ -18,12 +18,14 @@ from pydantic import BaseModel
 from service_fakes import API, Fakes, recording_bytes
 from starlette.websockets import WebSocketDisconnect
 
-from server.access.guard import scope_of
-from server.access.names import Names, tells
-from server.access.principals import LEAST_ROLE, ROLES, Role, Scope
-from server.app import create_app
-from server.service import Service
-from server.settings import Settings
+from server.composition.app import create_app
+from server.composition.declarations import RESOURCES
+from server.platform.authorization.guard import scope_of
+from server.platform.authorization.named_things import Names, tells
+from server.platform.authorization.principals import LEAST_ROLE, ROLES, Role, Scope
+from server.platform.resource import Resource
+from server.platform.service import Service
+from server.platform.settings import Settings
 
 #: All that may be asked without being known. The description of the API is public: it is in the repository.
 OPEN = {
@@ -34,16 +36,7 @@ OPEN = {
 #: Ends the session of whoever asks, which everybody may; tried in test_access_sessions.py.
 OWN = ("DELETE", f"{API}/access/me")
 #: Resources that belong to one machine each.
-OF_A_MACHINE = (
-    "machines",
-    "recordings",
-    "identifications",
-    "calibrations",
-    "excitations",
-    "schedules",
-    "alarms",
-    "jobs",
-)
+OF_A_MACHINE = {"machines", "jobs", *(name for resource in RESOURCES for name in resource.of_a_machine)}
 #: Streams without an end: that they are refused is tested, and that they run elsewhere.
 ENDLESS = (f"{API}/events",)
 
@@ -61,7 +54,7 @@ def walk(routes: Any, prefix: str = "") -> Iterator[tuple[str, str, Any]]:
 
 def every_route() -> list[tuple[str, str, Any]]:
     with tempfile.TemporaryDirectory() as directory:
-        service = Service(Settings(data_dir=Path(directory)), Fakes().parts)
+        service = Service(Settings(data_dir=Path(directory)), RESOURCES, Fakes().parts)
         try:
             return list(walk(create_app(service).routes))
         finally:
@@ -199,7 +192,8 @@ def text_fields(annotation: Any, place: str) -> Iterator[tuple[str, bool]]:
             yield from text_fields(part, place)
 
 
-#: Text that names nothing which belongs to a machine; a new field is given a type of server.access.names, or listed.
+#: Text that names nothing which belongs to a machine; a new field is given a type of
+#: server.platform.authorization.named_things, or listed.
 NAMES_NOTHING = re.compile(
     r"(label|note|reason|cron|timezone|estimator|code|name|machines|joints|format|idempotency_key|if_match|last_event_id|columns"
     r"|action)$"
@@ -250,11 +244,10 @@ def test_every_model_that_names_something_is_tried() -> None:
     assert models == set(FOREIGN)
 
 
-def test_a_route_of_another_class_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_route_of_another_class_is_refused(tmp_path: Path) -> None:
     plain = APIRouter(prefix="/plain")
     plain.add_api_route("", lambda: None)
-    monkeypatch.setattr("server.app.ROUTERS", (plain,))
-    service = Service(Settings(data_dir=tmp_path), Fakes().parts)
+    service = Service(Settings(data_dir=tmp_path), (*RESOURCES, Resource("plain", (plain,))), Fakes().parts)
     try:
         with pytest.raises(TypeError, match="/plain"):
             create_app(service)

@@ -15,12 +15,13 @@ from access_fakes import Clock, Guarded, guarded_service
 from service_fakes import API
 from starlette.websockets import WebSocketDisconnect
 
+from server.access.access_desk import FAILURES, Access
 from server.access.connections import Connections, Presence, Stream
-from server.access.desk import FAILURES, Access
-from server.access.principals import SERVICE
-from server.audit import Audit
-from server.errors import ConflictError, ForbiddenError
-from server.store import Database
+from server.audit.audit_log import Audit
+from server.composition.declarations import TABLES
+from server.platform.authorization.principals import SERVICE
+from server.platform.database.engine import Database
+from server.platform.errors import ConflictError, ForbiddenError
 
 ACCESS = f"{API}/access"
 SOCKET = f"ws://127.0.0.1:8350{API}/live/stream?machine=lever"
@@ -129,7 +130,7 @@ def clock() -> Clock:
 
 @pytest.fixture
 def access(tmp_path: Path, clock: Clock) -> Iterator[Access]:
-    database = Database(tmp_path / "store.sqlite", clock=clock, changed=lambda: None)
+    database = Database(tmp_path / "store.sqlite", TABLES, clock=clock, changed=lambda: None)
     yield Access(database, Audit(database), required=True, days=90)
     database.close()
 
@@ -190,7 +191,7 @@ def test_ending_from_another_thread_is_heard(guarded: Guarded) -> None:
     """Revoking happens in a thread of the pool, streams run in the event loop."""
     id, token, _ = key(guarded)
     with guarded.client.websocket_connect(SOCKET, subprotocols=["hilfit.v1", f"bearer.{token}"]) as socket:
-        thread = threading.Thread(target=guarded.running.service.access.holders.remove, args=(id, "key"))
+        thread = threading.Thread(target=guarded.running.service[Access].holders.remove, args=(id, "key"))
         thread.start()
         with pytest.raises(WebSocketDisconnect):
             while True:

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from service_fakes import MACHINE, FakeAcquisition
 
-from server.acquisition import FIRST_PAUSE_S, LONGEST_PAUSE_S, LOOK_S, Supervisor
+from server.machines.acquisition import FIRST_PAUSE_S, LONGEST_PAUSE_S, LOOK_S, Supervisor
 
 
 class Pace:

@@ -9,11 +9,13 @@ from typing import Any
 import pytest
 from service_fakes import API, MACHINE, Running
 
-from server.alarms import Alarms
-from server.alarms.watch import WARNING, Watch, named, stale_channels
-from server.disk import RESERVE_BYTES, free_bytes, require_room
-from server.errors import ConflictError, UnavailableError
-from server.store import Database
+from server.alarms.alarm_desk import Alarms
+from server.alarms.alarm_watch import WARNING, Watch, named, stale_channels
+from server.composition.declarations import TABLES
+from server.platform.database.engine import Database
+from server.platform.disk import RESERVE_BYTES, free_bytes, require_room
+from server.platform.errors import ConflictError, UnavailableError
+from server.recordings.recording_sessions import Sessions
 
 
 class Bench:
@@ -27,7 +29,7 @@ class Bench:
         self.restart()
 
     def restart(self) -> None:
-        self.database = Database(self.path, clock=lambda: self.wall, changed=lambda: None)
+        self.database = Database(self.path, TABLES, clock=lambda: self.wall, changed=lambda: None)
         self.desk = Alarms(self.database, lambda: self.seconds)
 
     def wait(self, seconds: float) -> None:
@@ -237,7 +239,7 @@ def test_texts_name_a_few() -> None:
 
 def test_over_http(running: Running) -> None:
     running.client.post(f"{API}/machines", content=MACHINE)
-    running.service.alarms.report("lever", "residual_drift", "joint1 drifts", "warning", True)
+    running.service[Alarms].report("lever", "residual_drift", "joint1 drifts", "warning", True)
     alarm = running.client.get(f"{API}/alarms", params={"machine": "lever", "state": "active"}).json()["items"][0]
     assert (alarm["kind"], alarm["acknowledged"], alarm["count"]) == ("residual_drift", False, 1)
     path = f"{API}/alarms/{alarm['id']}"
@@ -256,10 +258,10 @@ def test_a_full_disk_refuses_a_recording_and_still_takes_an_acknowledgement(
     running: Running, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     running.client.post(f"{API}/machines", content=MACHINE)
-    monkeypatch.setattr(running.service.sessions, "_free", lambda: 5)
+    monkeypatch.setattr(running.service[Sessions], "_free", lambda: 5)
     refused = running.client.post(f"{API}/recordings", json={"machine": "lever", "role": "train"})
     assert refused.status_code == 409
     assert "disk is full" in refused.json()["detail"]
-    running.service.alarms.report(None, "disk_full", "full", "critical", True)
+    running.service[Alarms].report(None, "disk_full", "full", "critical", True)
     alarm = running.client.get(f"{API}/alarms", params={"state": "active"}).json()["items"][0]
     assert running.client.post(f"{API}/alarms/{alarm['id']}/acknowledge").status_code == 200

@@ -9,16 +9,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from server.alarms import lifecycle
-from server.alarms.conditions import KINDS, DeadBand, Kind, Timer, beyond, step
-from server.alarms.lifecycle import Alarm
+from server.alarms import alarm_lifecycle as lifecycle
+from server.alarms.alarm_conditions import KINDS, AlarmKind, DeadBand, Timer, beyond, step
+from server.alarms.alarm_lifecycle import Alarm
 
 NEW = Alarm("a1", "lever", "channel_stale", "no measurement", "warning", "2026-01-01T00:00:00.000Z")
 NOW = datetime(2026, 1, 1, 12, tzinfo=UTC)
 
 
 @pytest.mark.parametrize("kind", KINDS.values(), ids=list(KINDS))
-def test_delays_are_no_secret_and_not_negative(kind: Kind) -> None:
+def test_delays_are_no_secret_and_not_negative(kind: AlarmKind) -> None:
     assert kind.on_delay_s >= 0 <= kind.off_delay_s
 
 
@@ -31,7 +31,7 @@ def test_it_changes_exactly_when_the_condition_has_held_for_the_delay(
     on: float, off: float, looks: list[tuple[float, bool]]
 ) -> None:
     """Against a search through the whole history of looks."""
-    kind, timer, now = Kind(on, off), Timer(), 0.0
+    kind, timer, now = AlarmKind(on, off), Timer(), 0.0
     history: list[tuple[float, bool]] = []
     state = False
     for pause, condition in looks:
@@ -50,7 +50,7 @@ def test_it_changes_exactly_when_the_condition_has_held_for_the_delay(
 
 
 def test_flicker_shorter_than_the_delay_is_nothing() -> None:
-    kind, timer = Kind(on_delay_s=3), Timer()
+    kind, timer = AlarmKind(on_delay_s=3), Timer()
     for second in range(100):
         timer = step(timer, kind, second % 3 != 0, float(second))
         assert not timer.on

@@ -21,7 +21,9 @@ from schemathesis.specs.openapi.checks import (
 )
 from service_fakes import API
 
-from server.access.principals import ROLES, SERVICE
+from server.access.access_desk import Access
+from server.alarms.alarm_desk import Alarms
+from server.platform.authorization.principals import ROLES, SERVICE
 
 CHECKS = [not_a_server_error, status_code_conformance, content_type_conformance, response_schema_conformance]
 #: A stream that never ends is no answer to wait for; that it ends with its token is tried elsewhere.
@@ -44,7 +46,7 @@ def guarded(tmp_path_factory: pytest.TempPathFactory, csv: bytes) -> Iterator[Gu
         query = {"machine": "lever", "role": "train", "name": "made.csv"}
         headers = guarded.bearer("operator")
         guarded.client.post(f"{API}/recordings/upload", params=query, content=csv, headers=headers)
-        guarded.running.service.alarms.report("lever", "residual_drift", "joint1 drifts", "warning", True)
+        guarded.running.service[Alarms].report("lever", "residual_drift", "joint1 drifts", "warning", True)
         yield guarded
 
 
@@ -57,7 +59,7 @@ def headers_of(guarded: Guarded, who: str) -> dict[str, str]:
     """Of a principal of its own: one that ends its session must not end that of the next operation."""
     if who == "nobody":
         return HOST
-    _, token = guarded.running.service.access.make_key(who, who, None, SERVICE)  # type: ignore[arg-type]
+    _, token = guarded.running.service[Access].make_key(who, who, None, SERVICE)  # type: ignore[arg-type]
     return HOST | {"Authorization": f"Bearer {token}"}
 
 

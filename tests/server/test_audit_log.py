@@ -12,9 +12,10 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from service_fakes import API
 
-from server.access.principals import LOCAL
-from server.audit import Audit
-from server.store import Database
+from server.audit.audit_log import Audit
+from server.composition.declarations import TABLES
+from server.platform.authorization.principals import LOCAL
+from server.platform.database.engine import Database
 
 COLUMNS = ("time", "principal", "action", "subject", "detail", "hash")
 
@@ -26,7 +27,7 @@ def place(tmp_path: Path) -> Path:
 
 @pytest.fixture
 def audit(place: Path) -> Iterator[Audit]:
-    database = Database(place, changed=lambda: None)
+    database = Database(place, TABLES, changed=lambda: None)
     yield Audit(database)
     database.close()
 
@@ -83,7 +84,7 @@ def test_any_change_shows_where_it_was_made(
     tmp_path_factory: pytest.TempPathFactory, column: str, number: int, text: str
 ) -> None:
     place = tmp_path_factory.mktemp("log") / "store.sqlite"
-    database = Database(place, changed=lambda: None)
+    database = Database(place, TABLES, changed=lambda: None)
     audit = Audit(database)
     fill(audit)
     tamper(place, f"UPDATE audit_log SET {column} = '{text}' WHERE number = {number}")

@@ -18,13 +18,23 @@ from typing import Any
 import pytest
 from service_fakes import MACHINE, Fakes, running_service
 
-import server.backups
-from server.backups import KEPT, MANIFEST, Backups, restore
-from server.cli import main
-from server.errors import StartError
-from server.files import DataDirectory
-from server.store import Database, Machines, RecordingRow, Recordings
-from server.store.tables import SCHEMA_VERSION, identifications, jobs
+import server.backups.backup_archive
+from server.backups.backup_archive import KEPT, MANIFEST, Backups, restore
+from server.backups.backup_files import BackupContent
+from server.commands.command_line import main
+from server.composition.declarations import RESOURCES, TABLES
+from server.identifications.identification_store import Identifications
+from server.identifications.identification_tables import identifications
+from server.jobs.job_store import Jobs
+from server.jobs.job_tables import jobs
+from server.machines.machine_store import Machines
+from server.platform.database.engine import Database
+from server.platform.database.schema import SCHEMA_VERSION
+from server.platform.errors import StartError
+from server.platform.files import DataDirectory
+from server.recordings.recording_store import RecordingRow, Recordings
+
+CONTENT = BackupContent.of(RESOURCES)
 
 
 def contents(directory: Path) -> dict[str, bytes]:
@@ -37,19 +47,19 @@ def test_a_backup_of_a_running_service_is_restored_elsewhere_and_jobs_are_there(
     with running_service(data_dir, Fakes()) as running:
         order = running.order(csv)
         assert running.follow(order.job)[-1]["state"] == "done"
-        made = running.service.backups.make()
+        made = running.service[Backups].make()
         # What comes after the backup is not in it.
         running.upload(csv, "repeat")
-        assert [backup.id for backup in running.service.backups.list()] == [made.id]
+        assert [backup.id for backup in running.service[Backups].list()] == [made.id]
     backup = data_dir / "backups" / made.id
     assert made.bytes == sum(len(content) for name, content in contents(backup).items() if name != "manifest.json")
     new = DataDirectory(tmp_path / "new")
     with new.locked():
-        assert restore(backup, new, f"sqlite:///{new.database}") > 5
+        assert restore(backup, new, CONTENT, f"sqlite:///{new.database}") > 5
     with running_service(tmp_path / "new", Fakes()) as again:
-        assert again.service.jobs.get(order.job).state == "done"
-        assert again.service.identifications.get(order.id).verdict == "nothing_missing"
-        rows = again.service.recordings.list(10).items
+        assert again.service[Jobs].get(order.job).state == "done"
+        assert again.service[Identifications].get(order.id).verdict == "nothing_missing"
+        rows = again.service[Recordings].list(10).items
         assert sorted(row.role for row in rows) == ["train", "validate"]
         assert all((again.service.files.recordings / f"{row.id}.{row.format}").is_file() for row in rows)
         second = again.order(csv)  # what was restored can be worked with
@@ -60,7 +70,7 @@ def test_a_backup_of_a_running_service_is_restored_elsewhere_and_jobs_are_there(
 def files(tmp_path: Path) -> DataDirectory:
     """A store with a machine, and a recording's file."""
     files = DataDirectory(tmp_path / "data")
-    database = Database(files.database, changed=lambda: None)
+    database = Database(files.database, TABLES, changed=lambda: None)
     Machines(database).add("lever", 1, "hash")
     row = RecordingRow("rec-1", "lever", 1, "train", "", "sealed", "recorded", "parquet", database.now())
     Recordings(database).add(row)
@@ -79,7 +89,7 @@ def files(tmp_path: Path) -> DataDirectory:
 
 
 def backups_of(files: DataDirectory, now: list[datetime]) -> Backups:
-    return Backups(files, f"sqlite:///{files.database}", lambda: now[0])
+    return Backups(files, CONTENT, f"sqlite:///{files.database}", lambda: now[0])
 
 
 def test_what_is_being_written_is_left_out_and_a_log_that_goes_on_does_not_reach_the_backup(
@@ -94,7 +104,7 @@ def test_what_is_being_written_is_left_out_and_a_log_that_goes_on_does_not_reach
         file.write("second\n")
     assert (backup / "identifications" / "idn-1" / "check.log").read_text() == "first\n"
     assert sorted(path.name for path in (backup / "recordings").iterdir()) == ["rec-1.parquet"]
-    restore(backup, files, f"sqlite:///{files.database}")
+    restore(backup, files, CONTENT, f"sqlite:///{files.database}")
     assert log.read_text() == "first\n"
 
 
@@ -111,7 +121,7 @@ def test_a_harmed_backup_is_refused_and_nothing_is_changed(files: DataDirectory,
         harmed.unlink()
     before = contents(files.recordings) | {"store": files.database.read_bytes()}
     with pytest.raises(StartError, match="backup"):
-        restore(backup, files, f"sqlite:///{files.database}")
+        restore(backup, files, CONTENT, f"sqlite:///{files.database}")
     assert contents(files.recordings) | {"store": files.database.read_bytes()} == before
 
 
@@ -151,12 +161,12 @@ def test_what_goes_while_it_is_copied_is_left_out_and_told(
     for name in ("a.json", "deeper/b.json", "deeper/still/c.json"):
         (place / name).parent.mkdir(parents=True, exist_ok=True)
         (place / name).write_text("{}")
-    database = Database(files.database, changed=lambda: None)
+    database = Database(files.database, TABLES, changed=lambda: None)
     row = RecordingRow("rec-3", "lever", 1, "train", "", "sealed", "recorded", "parquet", database.now())
     Recordings(database).add(row)
     database.close()
     (files.recordings / "rec-3.parquet").write_bytes(b"sealed")
-    copy_database, copyfile = server.backups.copy_database, shutil.copyfile
+    copy_database, copyfile = server.backups.backup_archive.copy_database, shutil.copyfile
 
     def copy_store(*arguments: Any) -> Path:
         copied = copy_database(*arguments)
@@ -168,7 +178,7 @@ def test_what_goes_while_it_is_copied_is_left_out_and_told(
         if source.name == "a.json":
             shutil.rmtree(place)
 
-    monkeypatch.setattr(server.backups, "copy_database", copy_store)
+    monkeypatch.setattr(server.backups.backup_archive, "copy_database", copy_store)
     monkeypatch.setattr(shutil, "copyfile", copy_file)
     main_ends_well(["backup", "--data-dir", str(files.root)])
     assert "1 files that the store names were not there: recordings/rec-3.parquet" in capsys.readouterr().out
@@ -178,7 +188,7 @@ def test_what_goes_while_it_is_copied_is_left_out_and_told(
     assert (backup / "identifications" / "idn-1" / "2-cylinder_stage" / "a.json").read_text() == "{}"
     assert (backup / "recordings" / "rec-1.parquet").read_bytes() == b"sealed"
     monkeypatch.undo()
-    restore(backup, files, f"sqlite:///{files.database}")
+    restore(backup, files, CONTENT, f"sqlite:///{files.database}")
 
 
 @pytest.mark.slow
@@ -197,7 +207,7 @@ def test_a_backup_is_made_while_directories_come_and_go(files: DataDirectory) ->
     thread = threading.Thread(target=churn)
     thread.start()
     try:
-        backups = Backups(files, f"sqlite:///{files.database}", lambda: datetime.now(UTC))
+        backups = Backups(files, CONTENT, f"sqlite:///{files.database}", lambda: datetime.now(UTC))
         for _ in range(15):
             assert backups.make().missing == ()
     finally:
@@ -230,7 +240,7 @@ def test_the_commands(files: DataDirectory, tmp_path: Path, capsys: pytest.Captu
     with pytest.raises(SystemExit) as ended:
         main(["restore", str(backup), "--data-dir", str(tmp_path / "new")])
     assert ended.value.code == 0
-    database = Database(tmp_path / "new" / "hilfit.sqlite", changed=lambda: None)
+    database = Database(tmp_path / "new" / "hilfit.sqlite", TABLES, changed=lambda: None)
     assert Machines(database).get("lever").version == 1
     assert [row.id for row in Recordings(database).list(9).items] == ["rec-1"]
     database.close()
@@ -370,7 +380,9 @@ def test_what_cannot_be_restored_is_said_in_one_line_and_nothing_is_changed(
     harm: Callable[[Path], None],
     says: str,
 ) -> None:
-    made = Backups(files, f"sqlite:///{files.database}", lambda: datetime(2026, 1, 1, tzinfo=UTC), tmp_path / "kept")
+    made = Backups(
+        files, CONTENT, f"sqlite:///{files.database}", lambda: datetime(2026, 1, 1, tzinfo=UTC), tmp_path / "kept"
+    )
     backup = made.directory / made.make().id
     harm(backup)
     with files.locked():  # else its file would be new
@@ -388,7 +400,7 @@ def test_what_cannot_be_restored_is_said_in_one_line_and_nothing_is_changed(
 def test_a_disk_that_is_full_or_closed_while_restoring_changes_nothing(
     files: DataDirectory, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], breaks: str
 ) -> None:
-    made = Backups(files, f"sqlite:///{files.database}", lambda: datetime(2026, 1, 1, tzinfo=UTC))
+    made = Backups(files, CONTENT, f"sqlite:///{files.database}", lambda: datetime(2026, 1, 1, tzinfo=UTC))
     backup = made.directory / made.make().id
     (files.machines / "lever" / "2.yaml").write_text("since then")
     with files.locked():
@@ -408,7 +420,7 @@ def test_a_disk_that_is_full_or_closed_while_restoring_changes_nothing(
         line = refused(capsys, "restore", str(backup), "--data-dir", str(files.root))
     assert str(files.root) in line and "free some space, or give another --data-dir" in line
     assert contents(files.root) == before
-    restore(backup, files, f"sqlite:///{files.database}")
+    restore(backup, files, CONTENT, f"sqlite:///{files.database}")
     assert contents(files.root) == before | {"hilfit.sqlite": files.database.read_bytes()}
 
 

@@ -9,9 +9,9 @@ from typing import Any
 
 import pytest
 
-from server import cli
 from server.bench.attribution import runs
 from server.bench.cli import BENCHMARKS
+from server.commands import command_line as cli
 
 Run = Callable[..., tuple[int, str, str]]
 

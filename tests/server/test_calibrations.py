@@ -11,13 +11,15 @@ import pytest
 from access_fakes import Guarded, guarded_service
 from service_fakes import API, Running, recording_bytes
 
-from server.access.principals import LOCAL, SERVICE
-from server.calibrations import ByPolicy, Calibrations
-from server.calibrations.comparison import compare_errors, compare_parameters
-from server.calibrations.content import content_of
-from server.errors import ConflictError
-from server.identify import Wish
-from server.settings import Settings
+from server.audit.audit_log import Audit
+from server.calibrations.calibration_comparison import compare_errors, compare_parameters
+from server.calibrations.calibration_content import content_of
+from server.calibrations.calibration_desk import ByPolicy, Calibrations
+from server.identifications.identification_order import IdentificationOrders, Wish
+from server.identifications.identification_results import IdentificationResults
+from server.platform.authorization.principals import LOCAL, SERVICE
+from server.platform.errors import ConflictError
+from server.platform.settings import Settings
 
 pytestmark = pytest.mark.slow
 
@@ -64,9 +66,9 @@ def identified(guarded: Guarded, recordings: tuple[tuple[str, None], ...]) -> An
 
     def make(content: dict[str, Any]) -> str:
         running: Running = guarded.running
-        identification = running.service.identify(Wish("lever", recordings, {}, "of a test"), None)
+        identification = running.service[IdentificationOrders].order(Wish("lever", recordings, {}, "of a test"), None)
         assert running.follow(identification.job)[-1]["state"] == "done"
-        path = running.service.results.identification(identification.id) / "report.json"
+        path = running.service[IdentificationResults].directory(identification.id) / "report.json"
         path.write_text(json.dumps(content))
         return identification.id
 
@@ -108,7 +110,7 @@ def test_from_a_proposal_to_use_and_back(guarded: Guarded, identified: Any) -> N
         return [guarded.client.get(f"{PLACE}/{id}", headers=viewer).json()["state"] for id in ids]
 
     assert states() == ["retired", "active"]
-    active = service.calibrations.active("lever")
+    active = service[Calibrations].active("lever")
     assert active is not None and active.id == second
     listed = guarded.client.get(PLACE, params={"machine": "lever", "state": "active"}, headers=viewer).json()["items"]
     assert [row["id"] for row in listed] == [second]
@@ -168,14 +170,14 @@ def test_only_what_is_done_can_be_proposed(guarded: Guarded, identified: Any) ->
     assert propose(guarded, "idn-nowhere").status_code == 404
     broken = identified({"loop": {}})
     assert propose(guarded, broken).status_code == 422
-    path = guarded.running.service.results.identification(broken) / "report.json"
+    path = guarded.running.service[IdentificationResults].directory(broken) / "report.json"
     path.unlink()
     assert propose(guarded, broken).status_code == 409
 
 
 def test_a_policy_leaves_its_traces(guarded: Guarded, identified: Any) -> None:
     service = guarded.running.service
-    policy = ByPolicy(service.calibrations, service.audit)
+    policy = ByPolicy(service[Calibrations], service[Audit])
     identification = identified(report(60.0))
     made = policy.propose(identification, "nightly")
     assert policy.propose(identification, "nightly").id == made.id
@@ -184,7 +186,7 @@ def test_a_policy_leaves_its_traces(guarded: Guarded, identified: Any) -> None:
     active = policy.active("lever")
     assert active is not None
     assert (active.id, active.approved_by, active.note) == (made.id, SERVICE.name, "better by 10 %")
-    traces = [entry for entry in service.audit.list(50).items if entry.subject == made.id]
+    traces = [entry for entry in service[Audit].list(50).items if entry.subject == made.id]
     assert [entry.action for entry in traces] == ["calibrations.activate", "calibrations.propose"]
 
 
@@ -231,7 +233,7 @@ def test_whether_one_person_is_enough_is_a_policy(guarded: Guarded, identified: 
     assert Settings(second_person=None, access="loopback").approves_own
     assert not Settings(second_person=None, access="required").approves_own
     service = guarded.running.service
-    calibrations = Calibrations(service._database, service.files, Settings(second_person=second_person).approves_own)
+    calibrations = Calibrations(service.database, service.files, Settings(second_person=second_person).approves_own)
     made, _ = calibrations.propose(identified(report(80.0)), "", LOCAL)
     if second_person:
         with pytest.raises(ConflictError, match="second person"):

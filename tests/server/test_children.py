@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from server.children import Child, ChildResult, run_child
+from server.platform.processes.children import Child, ChildResult, run_child
 
 
 def child(code: str, tmp_path: Path, **options: object) -> ChildResult:
@@ -154,7 +154,7 @@ time.sleep(60)
     outer = f"""
 import sys
 from pathlib import Path
-from server.children import run_child
+from server.platform.processes.children import run_child
 run_child([sys.executable, "-c", {inner!r}], log=Path({str(tmp_path / "log")!r}), timeout_s=60,
           progress=lambda *_: print("up", flush=True))
 """

@@ -14,13 +14,14 @@ import pytest
 from service_fakes import MACHINE
 
 from daq.errors import AcquisitionError, InputError
-from server import cli
-from server.access.desk import Access
-from server.audit import Audit
-from server.errors import StartError
-from server.files import DataDirectory
-from server.settings import load_settings
-from server.store import Database
+from server.access.access_desk import Access
+from server.audit.audit_log import Audit
+from server.commands import command_line as cli
+from server.composition.declarations import TABLES
+from server.platform.database.engine import Database
+from server.platform.errors import StartError
+from server.platform.files import DataDirectory
+from server.platform.settings import load_settings
 
 Run = Callable[..., tuple[int, str, str]]
 
@@ -90,12 +91,12 @@ def test_a_file_s_host_counts_where_none_is_given(run: Run, tmp_path: Path) -> N
 def test_pairing_at_the_computer_of_the_service(run: Run, tmp_path: Path) -> None:
     code, _, err = run("access", "pair", "--role", "admin", "--data-dir", str(tmp_path / "none"))
     assert code == 2 and "holds no store" in err
-    Database(DataDirectory(tmp_path).database, changed=lambda: None).close()
+    Database(DataDirectory(tmp_path).database, TABLES, changed=lambda: None).close()
     code, out, err = run("access", "pair", "--role", "admin", "--data-dir", str(tmp_path), "--json")
     assert (code, err) == (0, "")
     made = json.loads(out)
     assert made["url"].endswith(f"/#pair={made['code']}")
-    database = Database(DataDirectory(tmp_path).database, changed=lambda: None)
+    database = Database(DataDirectory(tmp_path).database, TABLES, changed=lambda: None)
     holder, _ = Access(database, Audit(database), required=True).pair(made["code"], "tablet")
     database.close()
     assert holder.role == "admin"
@@ -185,7 +186,7 @@ def test_a_wrong_file_is_exit_code_2_and_one_line(run: Run, tmp_path: Path) -> N
 def test_help_imports_nothing_heavy() -> None:
     heavy = ("numpy", "pyarrow", "pydantic", "scipy", "mujoco", "fastapi", "dbos", "matplotlib")
     code = (
-        "import sys\nfrom server.cli import main\n"
+        "import sys\nfrom server.commands.command_line import main\n"
         "try:\n    main(['--help'])\nexcept SystemExit: pass\n"
         f"print([name for name in {heavy} if name in sys.modules])"
     )

@@ -9,8 +9,8 @@ from typing import Any
 import pytest
 import yaml
 
-from server.cli import PARTS, load_commands
-from server.settings import Settings
+from server.commands.command_line import PARTS, load_commands
+from server.platform.settings import Settings
 
 TOP = Path(__file__).parents[2]
 #: Licences of the images, looked up by a person; a new image needs an entry here.

@@ -7,10 +7,11 @@ import json
 from collections.abc import AsyncIterator
 
 import pytest
+from fastapi.concurrency import run_in_threadpool
 from service_fakes import API, MACHINE, Running
 
-from server.changes import Changes
-from server.live import Revisions
+from server.live.revisions import Revisions
+from server.platform.changes import Changes
 
 
 class Store:
@@ -108,11 +109,15 @@ def test_over_http_it_is_an_event_stream(running: Running) -> None:
 
 @pytest.mark.slow
 def test_its_lines_are_json(running: Running) -> None:
-    from server.routes.events import _lines
+    from server.live.event_routes import _lines
 
     async def run() -> bytes:
         running.service.changes = Changes()
-        running.service.revisions = Revisions(running.service.changes, running.service._read_revisions)
+
+        async def read() -> dict[str, int]:
+            return await run_in_threadpool(running.service.database.revisions)
+
+        running.service.put({Revisions: Revisions(running.service.changes, read)})
         return await asyncio.wait_for(anext(_lines(running.service)), 30)
 
     line = asyncio.run(run())

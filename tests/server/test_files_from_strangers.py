@@ -7,8 +7,8 @@ import sys
 import pytest
 from service_fakes import API, MACHINE, Running
 
-from server.errors import InvalidError
-from server.machine_reader import MachineReader
+from server.machines.machine_reader import MachineReader
+from server.platform.errors import InvalidError
 
 #: What plain PyYAML or pint never comes to an end with; the rest is in tests/daq/test_hostile_machine_files.py.
 HOSTILE = {
@@ -32,7 +32,7 @@ def test_a_hostile_machine_file_is_refused(running: Running, text: str) -> None:
 
 #: A child of which the time or the memory runs out as soon as it reads, as code that nobody thought of would make it.
 BURNS, EATS = (
-    "from server import inspect_machine as i; i.MACHINE_FILE_CPU_S = 1\n"
+    "from server.machines import inspect_machine as i; i.MACHINE_FILE_CPU_S = 1\n"
     f"def parse(text, name): {what}\n"
     "import sys; i.parse_machine = parse; sys.exit(i.main(sys.argv[1:]))"
     for what in ("exec('while True: pass')", "return [0] * 10**10")

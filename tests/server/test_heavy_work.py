@@ -15,9 +15,9 @@ import pyarrow.parquet
 import pytest
 from service_fakes import API, MACHINE, Fakes, running_service
 
-import server.uploads
-from server import heavy
-from server.children import ChildResult
+import server.recordings.recording_uploads
+from server.platform.processes import heavy_work as heavy
+from server.platform.processes.children import ChildResult
 
 
 @pytest.mark.slow
@@ -58,7 +58,7 @@ class Gate:
 @pytest.fixture
 def gate(monkeypatch: pytest.MonkeyPatch) -> Gate:
     gate = Gate()
-    monkeypatch.setattr(server.uploads, "run_child", gate)
+    monkeypatch.setattr(server.recordings.recording_uploads, "run_child", gate)
     return gate
 
 

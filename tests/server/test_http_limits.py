@@ -14,7 +14,7 @@ import pytest
 import uvicorn
 from fastapi import FastAPI, Request
 
-from server.http_limits import BoundedHttp, HttpLimits
+from server.platform.http.http_limits import BoundedHttp, HttpLimits
 
 #: Short times, so that a probe need not wait for the real ones.
 LIMITS = replace(HttpLimits(), header_s=0.5, body_idle_s=0.5, connections=60)

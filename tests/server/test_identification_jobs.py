@@ -12,9 +12,10 @@ import pytest
 from service_fakes import API, REPORT, Running, ran
 
 from fitting.session import Options
-from server.children import ChildResult
-from server.resources import IdentificationOptions
-from server.store import Identification
+from server.identifications.identification_results import IdentificationResults
+from server.identifications.identification_schemas import IdentificationOptions
+from server.identifications.identification_store import Identification
+from server.platform.processes.children import ChildResult
 
 pytestmark = pytest.mark.slow
 
@@ -114,7 +115,7 @@ def test_a_stage_that_fails_ends_the_job_and_says_why(
 def test_the_log_of_a_stage_keeps_its_standard_error(running: Running, csv: bytes) -> None:
     order = running.order(csv, fail=["check", 1, "it failed"])
     outcome(running, order)
-    log = running.service.results.identification(order.id) / "check.log"
+    log = running.service[IdentificationResults].directory(order.id) / "check.log"
     assert "details for the log" in log.read_text()
 
 
@@ -218,7 +219,7 @@ def test_the_event_stream_ends_with_the_job_and_resumes_where_a_client_left(runn
 def test_the_request_that_a_stage_gets(running: Running, csv: bytes) -> None:
     order = running.order(csv, anything=[1, 2])
     running.follow(order.job)
-    output = running.service.results.identification(order.id)
+    output = running.service[IdentificationResults].directory(order.id)
     request = json.loads((output / "request.json").read_text())
     assert request["options"] == {"anything": [1, 2]}
     assert request["output"] == str(output)
@@ -235,7 +236,7 @@ def test_a_stage_that_cannot_be_started_fails_the_job(
         raise OSError(errno.ENOSPC, "No space left on device")
 
     with monkeypatch.context() as patch:
-        patch.setattr("server.workflows.Child.run", full)
+        patch.setattr("server.jobs.job_runner.Child.run", full)
         job = outcome(running, running.order(csv))
     assert job["state"] == "failed"
     assert "No space left on device" in job["error"]

@@ -9,8 +9,9 @@ import pytest
 from dbos import DBOS
 from service_fakes import Fakes, ran, running_service
 
-from server.jobs.places import begin, place_name, tidy
-from server.store.claims import Claim
+from server.identifications.identification_results import IdentificationResults
+from server.jobs.claims import Claim
+from server.jobs.job_places import begin, place_name, tidy
 
 
 def test_an_execution_has_what_the_stage_before_left_and_shares_none_of_its_bytes(tmp_path: Path) -> None:
@@ -47,7 +48,7 @@ def test_a_job_goes_on_from_what_was_recorded_and_begins_anew_where_its_files_ar
     with running_service(tmp_path, Fakes()) as second:
         assert DBOS.get_result(order.job) == "done"
         (kept,) = (path for path in directory.iterdir() if path.is_dir())
-        assert kept == second.service.results.identification(order.id)
+        assert kept == second.service[IdentificationResults].directory(order.id)
         assert {path.name for path in kept.iterdir()} >= {"report.json", "check.log", "summary-check.json"}
         again = ["check"] if lost else []
         assert ran(second, order.id) == ["check", "cylinder_stage", *again, "cylinder_stage", "report"]

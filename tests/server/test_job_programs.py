@@ -16,10 +16,11 @@ from fitting.motion import read_motion
 from fitting.session import Options, Request
 from fitting.stage_names import STAGES
 from fitting.stages import run_stage
-from server.children import ChildResult, run_child
-from server.jobs import excitation, recalibration
-from server.jobs.comparison import BETTER, GREW, WORSE, sentence, table
-from server.stages import StageRequest
+from server.excitations import excitation_job as excitation
+from server.identifications.stage_request import StageRequest
+from server.platform.processes.children import ChildResult, run_child
+from server.recalibrations import recalibration_job as recalibration
+from server.recalibrations.recalibration_comparison import BETTER, GREW, WORSE, sentence, table
 
 pytestmark = pytest.mark.slow
 

@@ -8,9 +8,12 @@ from typing import Any
 import pytest
 from sqlalchemy.exc import OperationalError
 
-from server.access.principals import LOCAL, Principal
-from server.kept_answers import LARGEST_BYTES, KeptAnswers
+from server.composition.declarations import RESOURCES
+from server.platform.authorization.principals import LOCAL, Principal
+from server.platform.http.kept_answers import LARGEST_BYTES, KeptAnswers
+from server.platform.resource import kept_lists
 
+LISTS = {"/api" + path: names for path, names in kept_lists(RESOURCES).items()}
 BOUND = Principal("key-1", "bound", "viewer", ("lever",), "key")
 
 
@@ -34,7 +37,7 @@ class Bench:
     def __init__(self) -> None:
         self.application = Application()
         self.counters: dict[str, int] = {}
-        self.layer = KeptAnswers(self.application, "/api", self.read)
+        self.layer = KeptAnswers(self.application, LISTS, self.read)
 
     async def read(self) -> dict[str, int]:
         return self.counters
@@ -125,7 +128,7 @@ def test_without_a_store_the_route_says_so() -> None:
     async def gone() -> dict[str, int]:
         raise OperationalError("SELECT", {}, Exception("gone"))
 
-    bench.layer = KeptAnswers(bench.application, "/api", gone)
+    bench.layer = KeptAnswers(bench.application, LISTS, gone)
     bench.application.status = 503
     assert bench.ask()[0] == 503
 
@@ -142,7 +145,7 @@ def test_of_many_that_ask_at_once_one_asks_the_store() -> None:
             bench.counters = {"jobs": bench.counters.get("jobs", 0) + 1}  # it changes faster than it is made
             await inner(scope, receive, send)
 
-        layer, bodies = KeptAnswers(slow, "/api", bench.read), []
+        layer, bodies = KeptAnswers(slow, LISTS, bench.read), []
 
         async def ask() -> None:
             sent: list[dict[str, Any]] = []

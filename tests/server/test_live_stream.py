@@ -16,9 +16,11 @@ from starlette.websockets import WebSocketDisconnect
 from daq import Machine, parse_machine
 from daq.frame import Frame, row_dtype, row_from_frame
 from daq.ring import RingWriter, ring_buffer
-from server.errors import UnavailableError
-from server.live import Client, Hub, messages
-from server.live.reader import HEARTBEAT_S, PERIOD_S, _Stream
+from server.live import live_messages as messages
+from server.live.live_client import Client
+from server.live.live_reader import HEARTBEAT_S, PERIOD_S, Hub, _Stream
+from server.machines.acquisition import Acquisition
+from server.platform.errors import UnavailableError
 
 #: With the host, which a test client makes up otherwise: pages from elsewhere are refused.
 SOCKET = f"ws://127.0.0.1:8350{API}/live/stream"
@@ -235,7 +237,7 @@ def test_the_socket_speaks_the_protocol(running: Running) -> None:
     running.fakes.acquisition.up.clear()
     running.client.put(f"{API}/machines/lever/acquisition", json={"enabled": True})
     assert running.fakes.acquisition.up.wait(30)
-    while not running.service.acquisition.running("lever"):
+    while not running.service[Acquisition].running("lever"):
         wait_for_change(running.service, running.service.changes.number, 0.1)
     with running.client.websocket_connect(f"{SOCKET}?machine=lever", ["hilfit.v1"]) as socket:
         assert socket.accepted_subprotocol == "hilfit.v1"

@@ -11,8 +11,8 @@ import threading
 import pytest
 import structlog
 
-from server import logs
-from server.changes import Changes
+from server.platform import logs
+from server.platform.changes import Changes
 
 
 def test_every_record_is_one_json_line_without_secrets() -> None:

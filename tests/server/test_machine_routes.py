@@ -5,7 +5,8 @@ from __future__ import annotations
 import pytest
 from service_fakes import API, MACHINE, Running, wait_for_change
 
-from server.errors import UnavailableError
+from server.machines.acquisition import Acquisition
+from server.platform.errors import UnavailableError
 
 MACHINES = f"{API}/machines"
 
@@ -129,7 +130,7 @@ def acquire(running: Running, name: str) -> None:
     running.client.post(MACHINES, content=named(name))
     running.client.put(f"{MACHINES}/{name}/acquisition", json={"enabled": True})
     number = running.service.changes.number
-    while not running.service.acquisition.running(name):
+    while not running.service[Acquisition].running(name):
         assert wait_for_change(running.service, number, 10)
         number = running.service.changes.number
 
@@ -154,7 +155,7 @@ def test_live_values_come_from_the_ring(running: Running) -> None:
 def test_a_machine_that_has_just_begun_hides_no_other(running: Running, monkeypatch: pytest.MonkeyPatch) -> None:
     acquire(running, "early")
     acquire(running, "late")
-    latest = running.service.acquisition.latest
+    latest = running.service[Acquisition].latest
 
     def none_yet(name: str) -> dict[str, object]:
         if name == "late":
@@ -162,7 +163,7 @@ def test_a_machine_that_has_just_begun_hides_no_other(running: Running, monkeypa
         return latest(name)
 
     with monkeypatch.context() as patch:
-        patch.setattr(running.service.acquisition, "latest", none_yet)
+        patch.setattr(running.service[Acquisition], "latest", none_yet)
         found = running.client.get(f"{API}/live").json()
         assert "early" in found and "late" not in found
         assert running.client.get(f"{API}/live", params={"machine": "late"}).status_code == 503
@@ -173,7 +174,7 @@ def test_a_new_version_is_acquired_from_then_on(running: Running) -> None:
     ended = running.fakes.acquisition.ended
     running.client.post(MACHINES, content=named("changing").replace("velocity: 1.0", "velocity: 2.0"))
     assert running.fakes.acquisition.ended == ended + 1
-    assert "changing" in running.service.acquisition.names()
+    assert "changing" in running.service[Acquisition].names()
 
 
 def test_status_counts_changes(running: Running) -> None:

@@ -5,6 +5,9 @@ from __future__ import annotations
 from prometheus_client.parser import text_string_to_metric_families
 from service_fakes import API, MACHINE, Running, wait_for_change
 
+from server.alarms.alarm_desk import Alarms
+from server.machines.acquisition import Acquisition
+
 
 def samples(running: Running) -> dict[tuple[str, tuple[tuple[str, str], ...]], float]:
     response = running.client.get("/metrics")
@@ -22,9 +25,9 @@ def test_what_the_service_does_can_be_read(running: Running) -> None:
     running.fakes.acquisition.up.clear()
     running.client.put(f"{API}/machines/lever/acquisition", json={"enabled": True})
     assert running.fakes.acquisition.up.wait(30)
-    while not running.service.acquisition.running("lever"):
+    while not running.service[Acquisition].running("lever"):
         wait_for_change(running.service, running.service.changes.number, 0.1)
-    running.service.alarms.report("lever", "residual_drift", "x", "warning", True)
+    running.service[Alarms].report("lever", "residual_drift", "x", "warning", True)
     found = samples(running)
     assert found["hilfit_acquisition_state", (("machine", "lever"), ("state", "running"))] == 1
     assert found["hilfit_acquisition_state", (("machine", "lever"), ("state", "off"))] == 0
@@ -52,7 +55,7 @@ def test_requests_are_counted_by_route_and_an_id_makes_no_series(running: Runnin
 
 
 def test_two_services_share_nothing(running: Running) -> None:
-    from server.metrics import Metrics
+    from server.platform.http.metrics import Metrics
 
     running.client.get(f"{API}/recordings")
     assert b"hilfit_http_request_seconds_count" not in Metrics(running.service).text()

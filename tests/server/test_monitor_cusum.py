@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 
 from server.monitor import cusum
 from server.monitor.cusum import Sums
-from server.monitor.order import Rules
-from server.monitor.watcher import YEAR_S, Usual, Watcher, threshold
+from server.monitor.drift_watcher import YEAR_S, Usual, Watcher, threshold
+from server.monitor.monitor_order import Rules
 
 
 def simulated_run_length(threshold: float, allowance: float, shift: float, chains: int, seed: int) -> float:

@@ -17,9 +17,9 @@ from fitting.residual.laws import Law
 from fitting.residual.terms import Model, Term, fit_model
 from fitting.session import Session
 from fitting.splines import spline_knots
-from server.monitor.blocks import Windows
-from server.monitor.model import JointBlock, LiveModel, NotLiveError
-from server.monitor.scores import effective, scores
+from server.identifications.live_model import JointBlock, LiveModel, NotLiveError
+from server.monitor.residual_blocks import Windows
+from server.monitor.residual_scores import effective, scores
 
 
 @pytest.fixture(scope="module")

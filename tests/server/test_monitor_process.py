@@ -20,15 +20,17 @@ from daq.ring import RingWriter, ring_buffer
 from fitting.residual.kinematics import Corrections
 from fitting.stage_program import load_request
 from fitting.stages import STAGES, run_stage
-from server.alarms import Alarms
-from server.errors import ConflictError, UnavailableError
-from server.files import DataDirectory
-from server.monitor import Monitors, child
-from server.monitor.blocks import Windows
-from server.monitor.child import watch
-from server.monitor.model import LiveModel, NotLiveError
-from server.monitor.order import Order, Rules
-from server.store import Database
+from server.alarms.alarm_desk import Alarms
+from server.composition.declarations import TABLES
+from server.identifications.live_model import LiveModel, NotLiveError
+from server.monitor import monitor_child as child
+from server.monitor.monitor_child import watch
+from server.monitor.monitor_order import Order, Rules
+from server.monitor.monitor_supervisor import Monitors
+from server.monitor.residual_blocks import Windows
+from server.platform.database.engine import Database
+from server.platform.errors import ConflictError, UnavailableError
+from server.platform.files import DataDirectory
 
 NAMES = ("joint1.angle", "joint1.torque")
 RULES = Rules(learn=40, block_s=2.0)
@@ -143,7 +145,7 @@ class World:
 
     def __init__(self, root: Path) -> None:
         self.files = DataDirectory(root)
-        self.database = Database(root / "monitor-test.sqlite", changed=lambda: None)
+        self.database = Database(root / "monitor-test.sqlite", TABLES, changed=lambda: None)
         self.alarms = Alarms(self.database)
         self.calibration: str | None = "cal-1"
         self.ring_name: str | None = None

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from server.openapi import PLACE, describe, text_of
+from server.commands.openapi_file import PLACE, describe, text_of
 
 
 @pytest.fixture(scope="module")
@@ -20,8 +20,12 @@ def test_the_interface_has_not_changed_unannounced(description: dict[str, Any]) 
     changed = sorted(
         path for path in committed["paths"] | now["paths"] if committed["paths"].get(path) != now["paths"].get(path)
     )
-    assert not changed, f"{', '.join(changed)} changed; run 'python -m server.openapi' and review the difference"
-    assert PLACE.read_text(encoding="utf-8") == text_of(now), "run 'python -m server.openapi' and review the difference"
+    assert not changed, (
+        f"{', '.join(changed)} changed; run 'python -m server.commands.openapi_file' and review the difference"
+    )
+    assert PLACE.read_text(encoding="utf-8") == text_of(now), (
+        "run 'python -m server.commands.openapi_file' and review the difference"
+    )
 
 
 def test_every_operation_says_what_it_does_and_how_it_fails(description: dict[str, Any]) -> None:

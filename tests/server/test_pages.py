@@ -18,10 +18,11 @@ from service_fakes import API, Fakes, Running
 from starlette.datastructures import Headers
 from starlette.testclient import TestClient
 
-from server.app import create_app
-from server.pages import PageFile, page_files
-from server.service import Service
-from server.settings import Settings
+from server.composition.app import create_app
+from server.composition.declarations import RESOURCES
+from server.platform.http.pages import PageFile, page_files
+from server.platform.service import Service
+from server.platform.settings import Settings
 
 ROOT = Path(__file__).parents[2]
 WEB = ROOT / "server" / "web"
@@ -118,7 +119,7 @@ def test_the_page_is_only_read(running: Running) -> None:
 
 
 def test_strangers_get_the_page_but_nothing_else(tmp_path: Path) -> None:
-    service = Service(Settings(data_dir=tmp_path, access="required"), Fakes().parts)
+    service = Service(Settings(data_dir=tmp_path, access="required"), RESOURCES, Fakes().parts)
     try:
         client = TestClient(create_app(service), "http://192.168.7.4:8350")
         assert client.get("/").status_code == 200

@@ -21,7 +21,7 @@ import pytest
 from service_fakes import API
 
 from fitting.motion import Motion, write_motion
-from server.demo import PLAN, design_motions
+from server.commands.demo_command import PLAN, design_motions
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
 SPEED = 4.0
@@ -33,7 +33,7 @@ MACHINE = "folding-arm"
 @contextmanager
 def server(data_dir: Path) -> Iterator[httpx2.Client]:
     """``hilfit serve --simulate`` on a free port; stopped by SIGTERM at the end."""
-    command = [sys.executable, "-m", "server.cli", "serve", "--simulate", "--json", "--port", "0"]
+    command = [sys.executable, "-m", "server.commands.command_line", "serve", "--simulate", "--json", "--port", "0"]
     command += ["--simulation-speed", str(SPEED), "--data-dir", str(data_dir)]
     log = data_dir.parent / "server.log"
     with log.open("wb") as errors, subprocess.Popen(command, stdout=subprocess.PIPE, stderr=errors) as process:

@@ -18,11 +18,11 @@ from cryptography.hazmat.primitives import hashes
 from service_fakes import API, MACHINE
 
 from server.access.pairing import pairing_url
-from server.cli import main
-from server.errors import StartError
-from server.files import DataDirectory
-from server.settings import Settings, load_settings
-from server.tls import LIFETIME, certificate
+from server.commands.command_line import main
+from server.platform.errors import StartError
+from server.platform.files import DataDirectory
+from server.platform.settings import Settings, load_settings
+from server.platform.tls import LIFETIME, certificate
 
 SCRIPT = Path(__file__).with_name("serve_with_fakes.py")
 NOW = datetime(2026, 3, 1, tzinfo=UTC)

@@ -7,6 +7,8 @@ from typing import Any
 import pytest
 from service_fakes import API, Running
 
+from server.jobs.job_store import Jobs
+
 
 def problem(response: Any, status: int) -> dict[str, Any]:
     assert response.status_code == status, response.text
@@ -73,7 +75,7 @@ def test_an_unexpected_error_says_nothing_about_the_inside(running: Running, mon
     def fail(*_: object, **__: object) -> None:
         raise RuntimeError("/secret/path")
 
-    monkeypatch.setattr(running.service.jobs, "list", fail)
+    monkeypatch.setattr(running.service[Jobs], "list", fail)
     document = problem(running.client.get(f"{API}/jobs"), 500)
     assert "secret" not in str(document)
 
@@ -84,7 +86,7 @@ def test_a_store_that_is_gone_is_503(running: Running, monkeypatch: pytest.Monke
     def fail() -> None:
         raise sa.exc.OperationalError("SELECT", {}, Exception("disk I/O error"))
 
-    monkeypatch.setattr(running.service._database, "check", fail)
+    monkeypatch.setattr(running.service.database, "check", fail)
     problem(running.client.get("/healthz"), 503)
 
 

@@ -13,8 +13,9 @@ import pytest
 import uvicorn
 from service_fakes import MACHINE, Running
 
-from server.app import create_app
-from server.openapi import PLACE
+from server.commands.openapi_file import PLACE
+from server.composition.app import create_app
+from server.machines.machine_desk import MachineDesk
 
 CLIENT = Path(__file__).parents[2] / "clients" / "python"
 sys.path.insert(0, str(CLIENT))  # it is a distribution of its own
@@ -26,7 +27,7 @@ from hilfit_client.generated import SOURCE_SHA256  # noqa: E402
 @pytest.fixture(scope="module")
 def client(running: Running) -> Iterator[Client]:
     running.client.post("/api/v1/machines", content=MACHINE)
-    running.service.set_acquisition("lever", True)
+    running.service[MachineDesk].set_acquisition("lever", True)
     assert running.fakes.acquisition.up.wait(30)
     listening = socket.create_server(("127.0.0.1", 0))
     server = uvicorn.Server(uvicorn.Config(create_app(running.service), log_config=None, lifespan="off"))

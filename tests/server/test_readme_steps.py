@@ -14,6 +14,7 @@ from service_fakes import API, MACHINE, Fakes, motion, running_service
 from test_server_process import server
 
 from daq import parse_machine, write_recording
+from server.machines.machine_desk import MachineDesk
 
 README = (Path(__file__).parents[2] / "README.md").read_text(encoding="utf-8")
 ARM = MACHINE.replace("name: lever", "name: folding-arm")
@@ -60,8 +61,8 @@ def test_the_simulated_machine_keeps_its_file_and_its_recordings_can_be_uploaded
     with running_service(tmp_path / "data", Fakes()) as running:
         client, service = running.client, running.service
         assert client.post(f"{API}/machines", content=ARM).status_code == 201
-        service._simulated = "folding-arm"  # as --simulate leaves it
-        service.set_acquisition("folding-arm", True)
+        service[MachineDesk].simulated = "folding-arm"  # as --simulate leaves it
+        service[MachineDesk].set_acquisition("folding-arm", True)
         other = ARM.replace("channel: tests", "channel: of-an-earlier-run")
         for place in ("machines", "machines/check"):
             answer = client.post(f"{API}/{place}", content=other)

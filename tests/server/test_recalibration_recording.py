@@ -8,10 +8,11 @@ from typing import Any
 
 import pytest
 
-from server.jobs.kinds import JobError, StageRun
-from server.jobs.recording import TRIES, record
-from server.store import Job, RecordingRow
-from server.store.recalibrations import Plan, Recalibration
+from server.jobs.job_kinds import JobError, StageRun
+from server.jobs.job_store import Job
+from server.recalibrations.recalibration_recording import TRIES, record
+from server.recalibrations.recalibration_store import Plan, Recalibration
+from server.recordings.recording_store import RecordingRow
 
 RATE = 50.0
 JOB = Job("job-1", "recalibration", "", "rcl-1", (), "running", None, 0.0, "", None, False, "", None, None)

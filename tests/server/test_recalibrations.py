@@ -15,9 +15,18 @@ from typing import Any
 import pytest
 from service_fakes import MACHINE, Fakes, Running, ran, running_service
 
-from server.schedules.clock import ScheduleClock
-from server.store.recalibrations import Plan, Recalibrations
-from server.store.schedules import Schedule, Slot
+from server.alarms.alarm_desk import Alarms
+from server.identifications.identification_store import Identifications
+from server.jobs.job_runner import JobRunner
+from server.jobs.job_store import Jobs
+from server.machines.machine_desk import MachineDesk
+from server.recalibrations.recalibration_resource import COMPARISON, POLICY
+from server.recalibrations.recalibration_site import Site
+from server.recalibrations.recalibration_store import Plan, Recalibrations
+from server.recordings.recording_sessions import Sessions
+from server.recordings.recording_store import Recordings
+from server.schedules.schedule_clock import ScheduleClock
+from server.schedules.schedule_store import Schedule, Schedules, Slot
 
 PLAN = Plan(duration_s=12.0, deadline_s=600.0)
 GREW = {"joints": {"joint1": {"before": 2.0, "after": 1.0}}, "change_percent": -50.0, "better": True, "worse": []}
@@ -57,12 +66,15 @@ class Setting:
         self.calibrations = calibrations
         self.time = datetime(2026, 6, 1, 12, tzinfo=UTC)
         self.clock = ScheduleClock(
-            self.service.schedules._database, self.service.runner.enqueue, self.service.site.ready, lambda: self.time
+            self.service[Schedules]._database,
+            self.service[JobRunner].enqueue,
+            self.service[Site].ready,
+            lambda: self.time,
         )
 
     def schedule(self, cron: str = "0 * * * *", plan: Plan = PLAN) -> Schedule:
         made = Schedule(
-            id=f"sch-{len(self.service.schedules.list(500).items)}",
+            id=f"sch-{len(self.service[Schedules].list(500).items)}",
             machine="lever",
             label="Nightly",
             cron=cron,
@@ -72,7 +84,7 @@ class Setting:
             considered=self.time.isoformat(timespec="milliseconds").replace("+00:00", "Z"),
             created="2026-01-01T00:00:00.000Z",
         )
-        self.service.schedules.add(made)
+        self.service[Schedules].add(made)
         return made
 
     def later(self, hours: float) -> tuple[str, ...]:
@@ -80,23 +92,21 @@ class Setting:
         return self.clock.look()
 
     def slots(self, schedule: Schedule) -> tuple[Slot, ...]:
-        return self.service.schedules.slots(schedule.id, 50)
+        return self.service[Schedules].slots(schedule.id, 50)
 
     def alarms(self) -> dict[str, str]:
-        return {alarm.kind: alarm.text for alarm in self.service.alarms.active() if alarm.machine == "lever"}
+        return {alarm.kind: alarm.text for alarm in self.service[Alarms].active() if alarm.machine == "lever"}
 
 
 @contextmanager
 def setting(data_dir: Path, **settings: Any) -> Iterator[Setting]:
     fakes, calibrations = Fakes(), FakeCalibrations()
     script = Path(__file__).with_name("fake_comparison.py")
-    fakes.parts = replace(
-        fakes.parts, comparison=(sys.executable, str(script)), calibrations=lambda service: calibrations
-    )
+    fakes.parts |= {COMPARISON: (sys.executable, str(script)), POLICY: calibrations}
     with running_service(data_dir, fakes, **settings) as running:
-        running.service.schedule_clock.stop()  # the test's own clock is the only one
-        running.service.upload_machine(MACHINE.encode())
-        running.service.set_acquisition("lever", True)
+        running.service[ScheduleClock].stop()  # the test's own clock is the only one
+        running.service[MachineDesk].upload(MACHINE.encode())
+        running.service[MachineDesk].set_acquisition("lever", True)
         assert fakes.acquisition.up.wait(30)
         yield Setting(running, calibrations)
 
@@ -114,11 +124,11 @@ def test_a_slot_has_its_turn_once_and_proposes_a_calibration(site: Setting) -> N
     (job,) = site.later(0.6)
     assert site.later(0) == (), "the same moment again"
     events = site.running.follow(job)
-    assert events[-1]["state"] == "done", site.service.jobs.get(job)
+    assert events[-1]["state"] == "done", site.service[Jobs].get(job)
     assert {event["stage"] for event in events[1:]} == {"record", "identify", "compare", "propose"}
     assert "Recording" in [event["text"] for event in events]
     assert site.slots(schedule) == (Slot("2026-06-01T13:00:00.000Z", job, "done", "", "cal-1"),)
-    made = Recalibrations(site.service.schedules._database).get(site.service.jobs.get(job).subject)
+    made = Recalibrations(site.service[Schedules]._database).get(site.service[Jobs].get(job).subject)
     assert list(made.recordings) == ["operation", "validate"]
     assert made.comparison is None
     assert site.calibrations.proposed.keys() == {made.identification}
@@ -147,7 +157,7 @@ def test_there_are_never_two_on_one_machine_and_slots_wait_meanwhile(site: Setti
     schedule, other = site.schedule(), site.schedule("30 * * * *")
     (job,) = site.later(1)
     assert site.later(2) == (), "the machine is being recalibrated"
-    site.service.runner.cancel(job)
+    site.service[JobRunner].cancel(job)
     assert site.running.follow(job)[-1]["state"] == "cancelled"
     assert site.slots(schedule)[0].state == "failed"
     (site.service.files.root / "steer.json").unlink()
@@ -162,7 +172,7 @@ def test_there_are_never_two_on_one_machine_and_slots_wait_meanwhile(site: Setti
 @pytest.mark.slow
 def test_a_slot_of_a_machine_that_is_not_acquired_is_missed_and_says_why(site: Setting) -> None:
     schedule = site.schedule()
-    site.service.set_acquisition("lever", False)
+    site.service[MachineDesk].set_acquisition("lever", False)
     assert site.later(1) == ()
     (slot,) = site.slots(schedule)
     assert (slot.state, slot.job) == ("missed", None)
@@ -172,13 +182,15 @@ def test_a_slot_of_a_machine_that_is_not_acquired_is_missed_and_says_why(site: S
 @pytest.mark.slow
 def test_two_servers_that_look_at_once_order_one(site: Setting) -> None:
     schedule = site.schedule()
-    seen = site.service.schedules.get(schedule.id)
+    seen = site.service[Schedules].get(schedule.id)
     (job,) = site.later(1)
     # What the other one would do with what it read before.
-    new = replace(Recalibrations(site.service.schedules._database).get(site.service.jobs.get(job).subject), id="other")
+    new = replace(
+        Recalibrations(site.service[Schedules]._database).get(site.service[Jobs].get(job).subject), id="other"
+    )
     site.running.follow(job)
     slots = ["2026-06-01T13:00:00.000Z"]
-    assert not site.service.schedules.claim(seen, slots, replace(new, job="job-other"), ("", ""))
+    assert not site.service[Schedules].claim(seen, slots, replace(new, job="job-other"), ("", ""))
     assert len(site.slots(schedule)) == 1
 
 
@@ -194,8 +206,8 @@ def test_only_the_policy_activates_and_only_what_is_better(
     (site.service.files.root / "comparison.json").write_text(json.dumps(content))
     site.schedule(plan=replace(PLAN, activate=policy))
     (job,) = site.later(1)
-    assert site.running.follow(job)[-1]["state"] == "done", site.service.jobs.get(job)
-    made = Recalibrations(site.service.schedules._database).get(site.service.jobs.get(job).subject)
+    assert site.running.follow(job)[-1]["state"] == "done", site.service[Jobs].get(job)
+    made = Recalibrations(site.service[Schedules]._database).get(site.service[Jobs].get(job).subject)
     assert made.comparison == {**content, "active": "cal-0"}
     assert len(site.calibrations.activated) == activated
     assert "joint1" in site.alarms()["residual_grew"]
@@ -206,8 +218,8 @@ def identified(site: Setting) -> str:
     site.schedule()
     (job,) = site.later(1)
     assert site.running.follow(job)[-1]["state"] == "done"
-    schedule = site.service.schedules.list(1).items[0]
-    site.service.schedules.delete(schedule.id, None)
+    schedule = site.service[Schedules].list(1).items[0]
+    site.service[Schedules].delete(schedule.id, None)
     return next(iter(site.calibrations.proposed))
 
 
@@ -217,7 +229,7 @@ def test_a_recalibration_that_fails_raises_an_alarm_and_the_next_good_one_clears
     schedule = site.schedule()
     (job,) = site.later(1)
     assert site.running.follow(job)[-1]["state"] == "failed"
-    assert "the bus went away" in str(site.service.jobs.get(job).error)
+    assert "the bus went away" in str(site.service[Jobs].get(job).error)
     assert site.slots(schedule)[0].state == "failed"
     assert "the bus went away" in site.alarms()["recalibration_failed"]
     site.running.fakes.recorder.fail = None
@@ -233,34 +245,34 @@ def test_a_recalibration_goes_on_after_a_restart_without_recording_again(tmp_pat
         schedule = site.schedule()
         (job,) = site.later(1)
         site.running.follow(job, lambda event: event["text"] == "Half of check")
-        recorded = [row.id for row in site.service.recordings.list(10).items]
+        recorded = [row.id for row in site.service[Recordings].list(10).items]
     (tmp_path / "steer.json").unlink()
     with setting(tmp_path) as again:
         assert again.running.follow(job)[-1]["state"] == "done"
-        assert [row.id for row in again.service.recordings.list(10).items] == recorded
+        assert [row.id for row in again.service[Recordings].list(10).items] == recorded
         assert [slot.state for slot in again.slots(schedule)] == ["done"]
-        assert len(again.service.identifications.list(10).items) == 1
+        assert len(again.service[Identifications].list(10).items) == 1
 
 
 @pytest.mark.slow
 def test_the_standard_motion_of_a_real_machine_waits_for_a_person_and_says_what_to_do(site: Setting) -> None:
     site.schedule(plan=replace(PLAN, motion="standard", excitations=("exc-1",)))
-    site.service.site.motion_seconds = lambda excitation: 11.0  # type: ignore[method-assign]
+    site.service[Site].motion_seconds = lambda excitation: 11.0  # type: ignore[method-assign]
     (job,) = site.later(1)
     events = site.running.follow(job, lambda event: event["text"].startswith("Waiting for a person"))
     assert "load the motion of exc-1" in events[-1]["text"]
     assert "'train' and 'validate'" in events[-1]["text"]
     for role in ("train", "validate"):
-        started = site.service.sessions.start("lever", role, "", 10.0)
-        while site.service.recordings.get(started.id).state == "recording":
+        started = site.service[Sessions].start("lever", role, "", 10.0)
+        while site.service[Recordings].get(started.id).state == "recording":
             asyncio.run(site.service.changes.wait(site.service.changes.number, 1.0))
-    assert site.running.follow(job)[-1]["state"] == "done", site.service.jobs.get(job)
+    assert site.running.follow(job)[-1]["state"] == "done", site.service[Jobs].get(job)
 
 
 @pytest.mark.slow
 def test_a_person_who_does_not_come_is_no_reason_to_wait_for_ever(site: Setting) -> None:
-    site.service.site.motion_seconds = lambda excitation: 11.0  # type: ignore[method-assign]
+    site.service[Site].motion_seconds = lambda excitation: 11.0  # type: ignore[method-assign]
     site.schedule(plan=replace(PLAN, motion="standard", excitations=("exc-1",), deadline_s=0.0))
     (job,) = site.later(1)
     assert site.running.follow(job)[-1]["state"] == "failed"
-    assert "nobody recorded the standard motion" in str(site.service.jobs.get(job).error)
+    assert "nobody recorded the standard motion" in str(site.service[Jobs].get(job).error)

@@ -19,7 +19,8 @@ from service_fakes import API, MACHINE, Running, motion, recording_bytes
 
 from daq import parse_machine, read_recording, write_recording
 from daq.recording_files import Table, read_table
-from server.formats.statistics import statistics
+from server.recordings.formats.exports import Exports
+from server.recordings.formats.recording_statistics import statistics
 
 
 @pytest.fixture(scope="module")
@@ -207,7 +208,7 @@ def test_statistics_go_with_the_recording(running: Running, csv: bytes) -> None:
     running.client.post(f"{API}/machines", content=MACHINE)
     id = running.upload(csv, "train")
     assert running.client.get(f"{API}/recordings/{id}/statistics").json()["rows"] == 500
-    kept = running.service.exports.kept_statistics(id)
+    kept = running.service[Exports].kept_statistics(id)
     assert kept.is_file()
     running.client.delete(f"{API}/recordings/{id}")
     assert not kept.exists()

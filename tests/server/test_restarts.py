@@ -11,8 +11,11 @@ from dbos import DBOS
 from service_fakes import API, MACHINE, Fakes, Running, running_service
 from test_machine_routes import acquire
 
-from server.store import Jobs, RecordingRow
-from server.store.tables import recordings
+from server.jobs.job_runner import JobRunner
+from server.jobs.job_store import Jobs
+from server.machines.acquisition import Acquisition
+from server.recordings.recording_store import RecordingRow, Recordings
+from server.recordings.recording_tables import recordings
 
 RECORDINGS = f"{API}/recordings"
 
@@ -26,7 +29,7 @@ def test_stopping_the_service_seals_what_is_being_recorded(tmp_path: Path) -> No
     with running_service(tmp_path, Fakes()) as second:
         assert second.client.get(f"{RECORDINGS}/{id}").json()["state"] == "sealed"
         # A machine that was acquired is acquired again.
-        assert second.service.acquisition.names() == ("lever",)
+        assert second.service[Acquisition].names() == ("lever",)
 
 
 @pytest.mark.slow
@@ -44,15 +47,15 @@ def test_a_cut_recording_is_recovered_at_the_next_start(tmp_path: Path) -> None:
             format="parquet",
             created="2026-01-01T00:00:00.000Z",
         )
-        first.service.recordings.add(row)
+        first.service[Recordings].add(row)
         (first.service.files.recordings / "rec-cut.journal").touch()
     with running_service(tmp_path, Fakes()) as second:
         cut = second.client.get(f"{RECORDINGS}/rec-cut").json()
         assert (cut["state"], cut["statistics"]) == ("sealed", {"rows": 500, "recovered": True})
-        second.service.recordings.add(replace(row, id="rec-empty"))
+        second.service[Recordings].add(replace(row, id="rec-empty"))
         # Killed when the file was whole, before the store knew.
-        second.service.recordings.add(replace(row, id="rec-whole", machine="lever", role="validate", state="failed"))
-        with second.service._database.write() as connection:
+        second.service[Recordings].add(replace(row, id="rec-whole", machine="lever", role="validate", state="failed"))
+        with second.service.database.write() as connection:
             connection.execute(recordings.update().where(recordings.c.id == "rec-whole").values(state="recording"))
         directory = second.service.files.recordings
         (directory / "rec-whole.parquet").write_bytes((directory / "rec-cut.parquet").read_bytes())
@@ -95,9 +98,9 @@ def test_a_job_that_was_stored_but_never_queued_is_taken_up(
 ) -> None:
     with running_service(tmp_path, Fakes()) as first, monkeypatch.context() as patch:
         # As if the server had been killed between the two.
-        patch.setattr(first.service.runner, "enqueue", lambda job: None)
+        patch.setattr(first.service[JobRunner], "enqueue", lambda job: None)
         order = first.order(csv)
-        assert first.service.jobs.get(order.job).state == "queued"
+        assert first.service[Jobs].get(order.job).state == "queued"
     with running_service(tmp_path, Fakes()) as second:
         assert outcome(second, order.job)["state"] == "done"
 

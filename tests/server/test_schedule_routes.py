@@ -8,7 +8,9 @@ from typing import Any
 import pytest
 from service_fakes import API, MACHINE, Running
 
-from server.replays import LIFETIME_S, MOST, Replays
+from server.alarms.alarm_desk import Alarms
+from server.machines.machine_desk import MachineDesk
+from server.platform.http.replays import LIFETIME_S, MOST, Replays
 
 WISH = {"machine": "lever", "cron": "30 2 * * 1", "timezone": "Europe/Vienna"}
 
@@ -126,7 +128,7 @@ def test_a_motion_is_there_when_its_design_is_done_and_a_real_arm_gets_no_file(r
 
 @pytest.mark.slow
 def test_two_recordings_at_once_and_deleting_what_is_in_use(running: Running, csv: bytes) -> None:
-    running.service.set_acquisition("lever", True)
+    running.service[MachineDesk].set_acquisition("lever", True)
     assert running.fakes.acquisition.up.wait(30)
     order, headers = {"machine": "lever", "role": "train"}, {"Idempotency-Key": "go"}
     first = running.client.post(f"{API}/recordings", json=order, headers=headers)
@@ -137,7 +139,7 @@ def test_two_recordings_at_once_and_deleting_what_is_in_use(running: Running, cs
     off = running.client.put(f"{API}/machines/lever/acquisition", json={"enabled": False})
     assert first.json()["id"] in refusal(off, 409)
     assert running.client.post(f"{first.headers['location']}/stop").json()["state"] == "sealed"
-    running.service.set_acquisition("lever", False)
+    running.service[MachineDesk].set_acquisition("lever", False)
     identification = running.order(csv)
     used = running.choices(csv)[0]["id"]
     assert identification.id in refusal(running.client.delete(f"{API}/recordings/{used}"), 409)
@@ -161,7 +163,7 @@ def test_an_answer_is_kept_for_its_own_asker_and_for_a_while() -> None:
 
 @pytest.mark.slow
 def test_an_alarm_that_changed_meanwhile_is_not_changed_by_surprise(running: Running) -> None:
-    running.service.alarms.report("lever", "recalibration_failed", "of a test", "warning", True)
+    running.service[Alarms].report("lever", "recalibration_failed", "of a test", "warning", True)
     (row,) = [a for a in running.client.get(f"{API}/alarms").json()["items"] if a["text"] == "of a test"]
     place = f"{API}/alarms/{row['id']}"
     tag = running.client.get(place).headers["etag"]

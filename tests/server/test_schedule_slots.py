@@ -10,8 +10,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from server.errors import InvalidError
-from server.schedules.slots import check, due, upcoming
+from server.platform.errors import InvalidError
+from server.schedules.schedule_slots import check, due, upcoming
 
 VIENNA = "Europe/Vienna"
 

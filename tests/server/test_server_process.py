@@ -119,7 +119,7 @@ def test_a_second_server_on_the_same_data_refuses(tmp_path: Path) -> None:
     data_dir = tmp_path / "data"
     with server(data_dir):
         second = subprocess.run(
-            [sys.executable, "-m", "server.cli", "serve", "--port", "0", "--data-dir", str(data_dir)],
+            [sys.executable, "-m", "server.commands.command_line", "serve", "--port", "0", "--data-dir", str(data_dir)],
             capture_output=True,
             text=True,
             timeout=60,

@@ -9,7 +9,10 @@ import pytest
 from service_fakes import API, MACHINE, Running, wait_for_change
 from starlette.websockets import WebSocketDisconnect
 
-from server.alarms.conditions import KINDS, Kind
+from server.alarms.alarm_conditions import KINDS, AlarmKind
+from server.alarms.alarm_desk import Alarms
+from server.machines.acquisition import Acquisition
+from server.recordings.recording_sessions import Sessions
 
 
 def settled(running: Running, condition: Callable[[], bool]) -> None:
@@ -22,9 +25,9 @@ def settled(running: Running, condition: Callable[[], bool]) -> None:
 
 def test_a_locked_store_is_a_503_for_writers_while_readers_go_on(running: Running) -> None:
     running.client.post(f"{API}/machines", content=MACHINE)
-    running.service.alarms.report("lever", "residual_drift", "x", "warning", True)
+    running.service[Alarms].report("lever", "residual_drift", "x", "warning", True)
     path = f"{API}/alarms/{running.client.get(f'{API}/alarms').json()['items'][0]['id']}"
-    engine = running.service._database._engine
+    engine = running.service.database._engine
     engine.dispose()  # connections made from now on wait for a moment only
 
     def impatient(connection: sqlite3.Connection, _record: object) -> None:
@@ -53,18 +56,18 @@ def test_a_locked_store_is_a_503_for_writers_while_readers_go_on(running: Runnin
 def test_an_acquisition_that_dies_is_an_alarm_until_it_is_back(
     running: Running, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setitem(KINDS, "acquisition_down", Kind())
+    monkeypatch.setitem(KINDS, "acquisition_down", AlarmKind())
 
     def down() -> bool:
-        return "acquisition_down" in [alarm.kind for alarm in running.service.alarms.active()]
+        return "acquisition_down" in [alarm.kind for alarm in running.service[Alarms].active()]
 
     running.client.post(f"{API}/machines", content=MACHINE)
     running.client.put(f"{API}/machines/lever/acquisition", json={"enabled": True})
-    settled(running, lambda: running.service.acquisition.running("lever") and not down())
+    settled(running, lambda: running.service[Acquisition].running("lever") and not down())
     running.fakes.acquisition.failures += ["the bus is gone"] * 2
     running.fakes.acquisition.feeds[-1].alive = False
     settled(running, down)
-    settled(running, lambda: running.service.acquisition.running("lever") and not down())
+    settled(running, lambda: running.service[Acquisition].running("lever") and not down())
     running.client.put(f"{API}/machines/lever/acquisition", json={"enabled": False})
 
 
@@ -81,7 +84,7 @@ def test_a_page_from_elsewhere_gets_no_signals(running: Running) -> None:
 def test_a_machine_that_is_recorded_is_not_recorded_twice_and_what_is_in_use_stays(running: Running) -> None:
     running.client.post(f"{API}/machines", content=MACHINE)
     running.client.put(f"{API}/machines/lever/acquisition", json={"enabled": True})
-    settled(running, lambda: running.service.acquisition.running("lever"))
+    settled(running, lambda: running.service[Acquisition].running("lever"))
     first = running.client.post(f"{API}/recordings", json={"machine": "lever", "role": "train"}).json()["id"]
     second = running.client.post(f"{API}/recordings", json={"machine": "lever", "role": "train"})
     assert (second.status_code, first in second.json()["detail"]) == (409, True)
@@ -89,6 +92,6 @@ def test_a_machine_that_is_recorded_is_not_recorded_twice_and_what_is_in_use_sta
     assert running.client.get(f"{API}/recordings/{first}/statistics").status_code == 409
     assert running.client.get(f"{API}/recordings/{first}/data?format=mcap").status_code == 409
     assert running.client.put(f"{API}/machines/lever/acquisition", json={"enabled": False}).status_code == 409
-    running.service.sessions.end_all()  # what a full disk does
+    running.service[Sessions].end_all()  # what a full disk does
     settled(running, lambda: running.client.get(f"{API}/recordings/{first}").json()["state"] == "sealed")
     running.client.put(f"{API}/machines/lever/acquisition", json={"enabled": False})

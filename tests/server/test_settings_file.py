@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from server.errors import StartError
-from server.settings import load_settings, refuse_open_host
+from server.platform.errors import StartError
+from server.platform.settings import load_settings, refuse_open_host
 
 
 @pytest.fixture

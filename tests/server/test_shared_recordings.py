@@ -13,14 +13,17 @@ import fsspec
 import pytest
 from service_fakes import MACHINE, Fakes, running_service
 
-from server.children import ChildResult
-from server.errors import StartError, UnavailableError
-from server.files import DataDirectory
-from server.identify import Wish
-from server.jobs.identification import IdentificationKind
-from server.jobs.kinds import StageRun
-from server.shared_recordings import SharedRecordings
-from server.store import RecordingRow
+from server.identifications.identification_job import IdentificationKind
+from server.identifications.identification_order import IdentificationOrders, Wish
+from server.identifications.identification_resource import STAGE_PROGRAM
+from server.identifications.identification_results import IdentificationResults
+from server.jobs.job_kinds import StageRun
+from server.jobs.job_store import Jobs
+from server.platform.errors import StartError, UnavailableError
+from server.platform.files import DataDirectory
+from server.platform.processes.children import ChildResult
+from server.recordings.recording_store import RecordingRow
+from server.recordings.shared_recordings import SharedRecordings
 
 CONTENT = b"a recording"
 
@@ -151,7 +154,9 @@ def test_a_host_without_the_server_s_recordings_reads_them_from_there(tmp_path: 
         ids = [running.upload(csv, role) for role in ("train", "validate")]
         (kept,) = (path for path in (tmp_path / "data" / "recordings").glob(f"{ids[0]}.*"))
         assert not (tmp_path / "shared").exists(), "only what a job needs is put there"
-        order = running.service.identify(Wish("lever", tuple((id, None) for id in ids), {}, ""), None)
+        order = running.service[IdentificationOrders].order(
+            Wish("lever", tuple((id, None) for id in ids), {}, ""), None
+        )
         running.follow(order.job)
         assert sorted(path.stem for path in (tmp_path / "shared").iterdir()) == sorted(ids)
         content = kept.read_bytes()
@@ -163,9 +168,11 @@ def test_a_host_without_the_server_s_recordings_reads_them_from_there(tmp_path: 
             seen["bytes"] = Path(seen["recordings"][0][1]).read_bytes()
             return ChildResult("done")
 
-        database, files = running.service._database, DataDirectory(tmp_path / "data")
-        kind = IdentificationKind(database, files, fakes.parts.program, SharedRecordings(url), tmp_path / "scratch")
-        job, place = running.service.jobs.get(order.job), running.service.results.identification(order.id)
+        database, files = running.service.database, DataDirectory(tmp_path / "data")
+        kind = IdentificationKind(
+            database, files, fakes.parts[STAGE_PROGRAM], SharedRecordings(url), tmp_path / "scratch"
+        )
+        job, place = running.service[Jobs].get(order.job), running.service[IdentificationResults].directory(order.id)
         assert kind.run(StageRun(job, "check", lambda *_: None, lambda: False, child, place, True)).outcome == "done"
         assert seen["bytes"] == content
         assert Path(seen["recordings"][0][1]).is_relative_to(tmp_path / "scratch")
@@ -175,9 +182,9 @@ def test_a_host_without_the_server_s_recordings_reads_them_from_there(tmp_path: 
         # Storage that is gone: the order is refused, and no job is made.
         fsspec.filesystem("file").rm(f"{tmp_path}/shared", recursive=True)
         (tmp_path / "shared").write_text("a file where the directory should be")
-        before = running.service.jobs.counts()
+        before = running.service[Jobs].counts()
         answer = running.client.post(
             "/api/v1/identifications", json={"machine": "lever", "recordings": [{"id": id} for id in ids]}
         )
-        assert (answer.status_code, before) == (503, running.service.jobs.counts())
+        assert (answer.status_code, before) == (503, running.service[Jobs].counts())
         assert "recordings_url" in answer.json()["detail"]

@@ -28,7 +28,7 @@ def command(pid: int) -> str:
 @pytest.mark.slow
 def test_the_plant_loads_beside_the_service_and_ends_with_it(tmp_path: Path) -> None:
     """What takes long to load (the plant) is in a process of its own, so that the service answers meanwhile."""
-    run = [sys.executable, "-m", "server.cli", "serve", "--simulate", "--port", "0", "--json"]
+    run = [sys.executable, "-m", "server.commands.command_line", "serve", "--simulate", "--port", "0", "--json"]
     with (
         (tmp_path / "server.log").open("wb") as log,
         subprocess.Popen([*run, "--data-dir", str(tmp_path / "data")], stdout=subprocess.PIPE, stderr=log) as process,

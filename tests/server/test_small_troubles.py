@@ -13,7 +13,8 @@ from typing import Any
 import pytest
 from service_fakes import API, MACHINE, Fakes, Running, running_service
 
-import server.uploads
+import server.machines.machine_uploads
+import server.recordings.recording_uploads
 
 
 @pytest.fixture(scope="module")
@@ -74,7 +75,7 @@ def test_a_disk_that_takes_nothing_is_told(service: Running, monkeypatch: pytest
     def full(*_: object) -> None:
         raise OSError(number, os.strerror(number))
 
-    monkeypatch.setattr(server.uploads, "write_atomically", full)
+    monkeypatch.setattr(server.machines.machine_uploads, "write_atomically", full)
     answer = service.client.post(f"{API}/machines", content=MACHINE.replace("rate_hz: 50", "rate_hz: 40"))
     said = problem(answer, 503)
     assert answer.headers["retry-after"]
@@ -110,7 +111,7 @@ def test_allow_names_every_method_of_a_path(service: Running, method: str, path:
 def test_an_mdf4_upload_without_its_reader_is_an_unsupported_format(
     service: Running, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(server.uploads, "find_spec", lambda name: None)
+    monkeypatch.setattr(server.recordings.recording_uploads, "find_spec", lambda name: None)
     query = {"machine": "lever", "role": "train", "name": "made.mf4"}
     said = problem(service.client.post(f"{API}/recordings/upload", params=query, content=b"MDF"), 415)
     assert "hilfit[export]" in said["detail"]

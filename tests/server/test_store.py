@@ -12,12 +12,18 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from service_fakes import MACHINE
 
-from server.errors import ConflictError, StartError
-from server.files import DataDirectory
-from server.machine_reader import MachineReader
-from server.store import Database, Identification, Identifications, Jobs, Machines, RecordingRow, Recordings, tables
-from server.store.idempotency import IdempotencyKey
-from server.uploads import MachineUploads
+from server.composition.declarations import TABLES
+from server.identifications.identification_store import Identification, Identifications
+from server.jobs.job_store import Jobs
+from server.machines.machine_reader import MachineReader
+from server.machines.machine_store import Machines
+from server.machines.machine_uploads import MachineUploads
+from server.platform.database import schema
+from server.platform.database.engine import Database
+from server.platform.database.idempotency import IdempotencyKey
+from server.platform.errors import ConflictError, StartError
+from server.platform.files import DataDirectory
+from server.recordings.recording_store import RecordingRow, Recordings
 
 NOON = datetime(2026, 1, 1, 12, tzinfo=UTC)
 
@@ -36,7 +42,7 @@ def database(files: DataDirectory, request: pytest.FixtureRequest) -> Iterator[D
     """The same store on either; a new one for each test."""
     sqlite = request.param == "sqlite"
     place = files.database if sqlite else request.getfixturevalue("postgresql").new_database()
-    database = Database(place, clock=lambda: NOON, changed=nothing)
+    database = Database(place, TABLES, clock=lambda: NOON, changed=nothing)
     yield database
     database.close()
 
@@ -77,7 +83,7 @@ def at_once(count: int, action: Callable[[int], object]) -> list[object]:
 
 
 def test_sqlite_is_set_up_to_survive_a_power_cut(files: DataDirectory) -> None:
-    with Database(files.database, changed=nothing).read() as connection:
+    with Database(files.database, TABLES, changed=nothing).read() as connection:
         assert connection.exec_driver_sql("PRAGMA journal_mode").scalar() == "delete"
         assert connection.exec_driver_sql("PRAGMA synchronous").scalar() == 2  # FULL
         assert connection.exec_driver_sql("PRAGMA foreign_keys").scalar() == 1
@@ -142,7 +148,7 @@ def job(database: Database, id: str = "job-1") -> Jobs:
 def test_progress_never_goes_back_and_events_have_no_hole(
     tmp_path_factory: pytest.TempPathFactory, fractions: list[float]
 ) -> None:
-    jobs = job(Database(tmp_path_factory.mktemp("store") / "s.sqlite", changed=nothing))
+    jobs = job(Database(tmp_path_factory.mktemp("store") / "s.sqlite", TABLES, changed=nothing))
     for fraction in fractions:
         assert jobs.progress("job-1", "a", fraction, "works")
     assert jobs.finish("job-1", "done", "Done")
@@ -176,14 +182,14 @@ def test_times_are_utc(database: Database) -> None:
 
 def test_a_store_of_another_version_is_refused(database: Database, files: DataDirectory) -> None:
     with database.write() as connection:
-        connection.execute(tables.store_version.update().values(version=99))
+        connection.execute(schema.store_version.update().values(version=99))
     place = files.database if database.is_sqlite else database.url
     with pytest.raises(StartError, match="version 99"):
-        Database(place, changed=nothing)
+        Database(place, TABLES, changed=nothing)
 
 
 def test_a_file_that_is_no_database_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "hilfit.sqlite"
     path.write_text("hello " * 1000)
     with pytest.raises(StartError, match="cannot be opened as the store"):
-        Database(path, changed=nothing)
+        Database(path, TABLES, changed=nothing)

@@ -8,11 +8,14 @@ from pathlib import Path
 
 import pytest
 
-from server.errors import ConflictError, StartError
-from server.files import DataDirectory
-from server.jobs.places import Results
-from server.store import Database, Jobs, tables
-from server.store.idempotency import IdempotencyKey, earlier
+from server.composition.declarations import TABLES
+from server.identifications.identification_results import IdentificationResults
+from server.jobs.job_store import Jobs
+from server.platform.database import schema
+from server.platform.database.engine import Database
+from server.platform.database.idempotency import IdempotencyKey, earlier
+from server.platform.errors import ConflictError, StartError
+from server.platform.files import DataDirectory
 
 #: What version 1 had and version 2 changed, as SQLAlchemy wrote it then, with the tables that it points to.
 VERSION_1 = """
@@ -54,17 +57,17 @@ def version(path: Path) -> int:
 
 
 def test_what_was_there_is_there_and_the_copy_is_what_it_was(old: Path) -> None:
-    database = Database(old, changed=lambda: None)
+    database = Database(old, TABLES, changed=lambda: None)
     with database.read() as connection:
         assert earlier(connection, IdempotencyKey("tablet-1", "hash")) == "idn-1"
         with pytest.raises(ConflictError):
             earlier(connection, IdempotencyKey("tablet-1", "another"))
     assert database.revisions() == {"jobs": 7}
     assert Jobs(database).get("job-1").place is None
-    directory = Results(database, DataDirectory(old.parent)).identification("idn-1")
+    directory = IdentificationResults(database, DataDirectory(old.parent)).directory("idn-1")
     assert directory == old.parent / "identifications" / "idn-1", "where it left its files then"
     database.close()
-    assert version(old) == tables.SCHEMA_VERSION
+    assert version(old) == schema.SCHEMA_VERSION
     (copy,) = (old.parent / "backups").iterdir()
     assert version(copy) == 1
     with closing(sqlite3.connect(copy)) as connection:
@@ -73,25 +76,25 @@ def test_what_was_there_is_there_and_the_copy_is_what_it_was(old: Path) -> None:
 
 def test_a_store_that_is_up_to_date_is_not_copied(old: Path) -> None:
     for _ in range(2):
-        Database(old, changed=lambda: None).close()
+        Database(old, TABLES, changed=lambda: None).close()
     assert len(list((old.parent / "backups").iterdir())) == 1
 
 
 def test_without_a_backup_there_is_no_migration(old: Path) -> None:
     (old.parent / "backups").write_text("a file where the directory should be")
     with pytest.raises(StartError, match="backup cannot be written"):
-        Database(old, changed=lambda: None)
+        Database(old, TABLES, changed=lambda: None)
     assert version(old) == 1
 
 
 def test_a_migration_that_fails_changes_nothing(old: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def break_off(*_: object) -> None:
+    def break_off(*_: object, **__: object) -> None:
         raise RuntimeError("a bug")
 
     with monkeypatch.context() as patch:
-        patch.setattr(tables.metadata, "create_all", break_off)
+        patch.setattr(schema.metadata, "create_all", break_off)
         with pytest.raises(RuntimeError, match="a bug"):
-            Database(old, changed=lambda: None)
+            Database(old, TABLES, changed=lambda: None)
     with closing(sqlite3.connect(old)) as connection:
         assert connection.execute("SELECT identification FROM idempotency_keys").fetchall() == [("idn-1",)]
     assert version(old) == 1

@@ -11,7 +11,7 @@ from service_fakes import API, MACHINE, Running, motion
 
 from daq.machine_file import parse_machine
 from daq.recording import write_recording
-from server import inspect_recording
+from server.recordings import inspect_recording
 
 pytestmark = pytest.mark.slow
 

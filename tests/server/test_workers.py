@@ -22,16 +22,19 @@ from postgresql_server import PostgreSQL
 from service_fakes import Fakes, Running, ran, running_service
 from sqlalchemy.exc import OperationalError, ProgrammingError
 
-from server.errors import StartError, TakenOver
-from server.executors import SILENT_S, Presence, Silence
-from server.jobs.kinds import NUMERICAL
-from server.settings import Settings
-from server.store import Database, Identification, Jobs
-from server.store.claims import Claims
-from server.store.jobs import Result
-from server.store.patience import patiently
-from server.store.tables import executors
-from server.worker import work
+from server.composition.declarations import TABLES
+from server.composition.worker import work
+from server.identifications.identification_store import Identification
+from server.jobs.claims import Claims
+from server.jobs.executors import SILENT_S, Heartbeat, Silence
+from server.jobs.job_kinds import NUMERICAL
+from server.jobs.job_runner import JobRunner
+from server.jobs.job_store import Jobs, Result
+from server.jobs.job_tables import executors
+from server.platform.database.engine import Database
+from server.platform.database.patience import patiently
+from server.platform.errors import StartError, TakenOver
+from server.platform.settings import Settings
 
 SCRIPT = Path(__file__).with_name("work_with_fakes.py")
 
@@ -90,8 +93,8 @@ def test_what_a_killed_worker_was_doing_is_taken_over_without_doing_a_finished_s
             assert select.select([stage], [], [], 30)[0], "the stage has to die with its worker"
             os.close(stage)
         (running.service.files.identifications / order.id / "go").touch()
-        assert running.service.runner.take_over(lambda executor: executor == "server") == ()
-        assert running.service.runner.take_over(lambda executor: executor == "worker-one") == (order.job,)
+        assert running.service[JobRunner].take_over(lambda executor: executor == "server") == ()
+        assert running.service[JobRunner].take_over(lambda executor: executor == "worker-one") == (order.job,)
         with worker(data_dir, url, "two") as process:
             assert running.follow(order.job)[-1]["state"] == "done"
             process.send_signal(signal.SIGTERM)
@@ -106,7 +109,7 @@ def test_a_worker_that_was_stopped_wakes_up_and_leaves_alone_what_another_one_to
 ) -> None:
     data_dir, url = tmp_path / "data", postgresql.new_database()
     with running_service(data_dir, Fakes(), database_url=url, local_jobs=False) as running:
-        runner, directory = running.service.runner, running.service.files.identifications
+        runner, directory = running.service[JobRunner], running.service.files.identifications
         with worker(data_dir, url, "one") as one:
             order = in_the_middle(running, csv)
             stage = os.pidfd_open(processes(directory / order.id)[-1])
@@ -158,7 +161,7 @@ def test_what_the_stage_of_a_stopped_worker_goes_on_to_write_changes_nothing_tha
                 return answers, {path: path.read_bytes() for path in kept.rglob("*") if path.is_file()}
 
             one.send_signal(signal.SIGSTOP)  # its stage goes on
-            assert running.service.runner.take_over(lambda executor: executor == "worker-one") == (order.job,)
+            assert running.service[JobRunner].take_over(lambda executor: executor == "worker-one") == (order.job,)
             with worker(data_dir, url, "two") as two:
                 in_the_middle_again(running, order, half)
                 mine = processes(directory)[-1]
@@ -215,7 +218,7 @@ def database(tmp_path: Path, request: pytest.FixtureRequest) -> Iterator[Databas
     """The same store on either."""
     sqlite = request.param == "sqlite"
     place = tmp_path / "s.sqlite" if sqlite else request.getfixturevalue("postgresql").new_database()
-    database = Database(place, changed=lambda: None)
+    database = Database(place, TABLES, changed=lambda: None)
     yield database
     database.close()
 
@@ -313,9 +316,9 @@ def test_a_service_on_postgresql_runs_jobs_itself_and_refuses_a_second_server(
 
 def test_silence_is_what_changes_nothing_for_a_while(tmp_path: Path) -> None:
     now = 0.0
-    database = Database(tmp_path / "s.sqlite", changed=lambda: None)
+    database = Database(tmp_path / "s.sqlite", TABLES, changed=lambda: None)
     silence = Silence(database, lambda: now)
-    one, two = Presence(database, "worker-one"), Presence(database, "worker-two")
+    one, two = Heartbeat(database, "worker-one"), Heartbeat(database, "worker-two")
     for _ in range(3):
         one.say()
         two.say()
@@ -337,9 +340,9 @@ def test_silence_is_what_changes_nothing_for_a_while(tmp_path: Path) -> None:
 
 def test_a_time_in_which_the_database_was_away_is_nobody_s_silence(tmp_path: Path) -> None:
     now = 0.0
-    database = Database(tmp_path / "s.sqlite", changed=lambda: None)
+    database = Database(tmp_path / "s.sqlite", TABLES, changed=lambda: None)
     silence = Silence(database, lambda: now)
-    one = Presence(database, "worker-one")
+    one = Heartbeat(database, "worker-one")
     one.say()
     silence.look()
     now += 4 * SILENT_S  # nobody could look, nobody could say anything

@@ -7,9 +7,9 @@ from pathlib import Path
 
 from service_fakes import Fakes
 
-from server.settings import Settings
-from server.worker import work
+from server.composition.worker import work
+from server.platform.settings import Settings
 
 if __name__ == "__main__":
     settings = Settings(data_dir=Path(sys.argv[1]), database_url=sys.argv[2])
-    work(settings, sys.argv[3], lambda: print("ready", flush=True), lambda: Fakes().parts)
+    work(settings, sys.argv[3], lambda: print("ready", flush=True), Fakes().parts)

@@ -16,14 +16,20 @@ import pyarrow.parquet
 import sqlalchemy as sa
 from dbos import DBOSClient
 
-from server.audit import Audit
+from server.audit.audit_log import Audit
 from server.bench.postgresql import OWNER
 from server.bench.storm.traffic import Told
 from server.bench.targets import Check, fact
-from server.files import DataDirectory
-from server.jobs.places import Results
-from server.store import Database, Identifications, tables
-from server.store.jobs import FINAL
+from server.identifications import identification_tables
+from server.identifications.identification_results import IdentificationResults
+from server.identifications.identification_store import Identifications
+from server.jobs import job_tables
+from server.jobs.job_store import FINAL
+from server.platform.database.engine import Database
+from server.platform.files import DataDirectory
+from server.recalibrations import recalibration_tables
+from server.recordings import recording_tables
+from server.schedules import schedule_tables
 
 #: Counts every time that a result is stored, by a trigger that is none of the service's.
 COUNTED = "storm_results"
@@ -72,8 +78,10 @@ def all_checks(database: Database, files: DataDirectory, told: Told) -> Iterator
 
 def jobs(database: Database) -> Iterator[Check]:
     """Every job ended, and once; its events are numbered without a hole."""
-    rows = _rows(database, sa.select(tables.jobs))
-    events = _rows(database, sa.select(tables.job_events).order_by(tables.job_events.c.job, tables.job_events.c.number))
+    rows = _rows(database, sa.select(job_tables.jobs))
+    events = _rows(
+        database, sa.select(job_tables.job_events).order_by(job_tables.job_events.c.job, job_tables.job_events.c.number)
+    )
     by_job: dict[str, list[Any]] = {row.id: [] for row in rows}
     for event in events:
         by_job[event.job].append(event)
@@ -97,8 +105,8 @@ def jobs(database: Database) -> Iterator[Check]:
 
 def results(database: Database, told: Told) -> Iterator[Check]:
     """Every acknowledged order made one identification, and its result was stored once."""
-    rows = _rows(database, sa.select(tables.identifications, tables.jobs.c.state).join(
-        tables.jobs, tables.jobs.c.id == tables.identifications.c.job))  # fmt: skip
+    rows = _rows(database, sa.select(identification_tables.identifications, job_tables.jobs.c.state).join(
+        job_tables.jobs, job_tables.jobs.c.id == identification_tables.identifications.c.job))  # fmt: skip
     labels = Counter(row.label for row in rows if row.label.startswith("storm-"))
     by_id = {row.id: row for row in rows}
     wrong = [key for key, id in told.orders.items() if id not in by_id or by_id[id].label != key]
@@ -116,10 +124,10 @@ def results(database: Database, told: Told) -> Iterator[Check]:
 
 def undisturbed(database: Database, files: DataDirectory, told: Told) -> Check:
     """Every real identification was done, with the verdict, the numbers and the report of one before the storm."""
-    results, rows = Results(database, files), Identifications(database)
+    results, rows = IdentificationResults(database, files), Identifications(database)
 
     def found(id: str) -> dict[str, Any]:
-        report: dict[str, Any] = json.loads((results.identification(id) / "report.json").read_bytes())
+        report: dict[str, Any] = json.loads((results.directory(id) / "report.json").read_bytes())
         row = rows.get(id)
         return report | {"verdict": row.verdict, "overall_stored": row.overall, "created": None}
 
@@ -140,7 +148,9 @@ def steps(database: Database, files: DataDirectory) -> Iterator[Check]:
     client = DBOSClient(system_database_url=database.url)
     wrong, begun, recorded = [], 0, 0
     try:
-        for row in _rows(database, sa.select(tables.identifications.c.id, tables.identifications.c.job)):
+        for row in _rows(
+            database, sa.select(identification_tables.identifications.c.id, identification_tables.identifications.c.job)
+        ):
             found = {step["function_name"]: step for step in client.list_workflow_steps(row.job)}
             path = files.identifications / row.id / "runs.txt"
             runs = [line.split() for line in path.read_text().splitlines()] if path.is_file() else []
@@ -158,7 +168,7 @@ def steps(database: Database, files: DataDirectory) -> Iterator[Check]:
 
 def recordings(database: Database, files: DataDirectory, told: Told) -> Iterator[Check]:
     """Every row that the server said was safe is in a sealed file whose hash is the one in the store."""
-    rows = {row.id: row for row in _rows(database, sa.select(tables.recordings))}
+    rows = {row.id: row for row in _rows(database, sa.select(recording_tables.recordings))}
     wrong, safe = [], 0
     for id, said in told.rows.items():
         row, path = rows.get(id), files.recordings / f"{id}.parquet"
@@ -188,8 +198,8 @@ def _sha256(path: Path) -> str:
 
 def schedules(database: Database) -> Iterator[Check]:
     """Every slot of ``*/5 * * * *`` had its turn once; never two recalibrations of a machine at a time."""
-    slots = _rows(database, sa.select(tables.schedule_slots).order_by(tables.schedule_slots.c.slot))
-    schedule = _rows(database, sa.select(tables.schedules))[0]
+    slots = _rows(database, sa.select(schedule_tables.schedule_slots).order_by(schedule_tables.schedule_slots.c.slot))
+    schedule = _rows(database, sa.select(schedule_tables.schedules))[0]
     first = datetime.fromisoformat(schedule.created).replace(second=0, microsecond=0)
     found = [slot.slot for slot in slots]
     expected: list[str] = []
@@ -200,14 +210,19 @@ def schedules(database: Database) -> Iterator[Check]:
             expected.append(moment.astimezone(UTC).isoformat(timespec="milliseconds").replace("+00:00", "Z"))
     wrong = sorted(set(expected) ^ set(found)) + [slot for slot, count in Counter(found).items() if count != 1]
     ordered = [slot.job for slot in slots if slot.state == "ordered"]
-    made = _rows(database, sa.select(tables.recalibrations.c.job).where(tables.recalibrations.c.schedule.is_not(None)))
+    made = _rows(
+        database,
+        sa.select(recalibration_tables.recalibrations.c.job).where(
+            recalibration_tables.recalibrations.c.schedule.is_not(None)
+        ),
+    )
     if sorted(row.job for row in made) != sorted(ordered):
         wrong.append(f"{len(made)} recalibrations for {len(ordered)} slots")
     yield _none("slots that had their turn once", wrong, len(slots))
     states = Counter(slot.state for slot in slots)
     yield Check("slots by state", len(slots), ", ".join(f"{count} {state}" for state, count in sorted(states.items())))
-    spans = _rows(database, sa.select(tables.jobs.c.created, tables.jobs.c.ended).where(
-        tables.jobs.c.kind == "recalibration").order_by(tables.jobs.c.number))  # fmt: skip
+    spans = _rows(database, sa.select(job_tables.jobs.c.created, job_tables.jobs.c.ended).where(
+        job_tables.jobs.c.kind == "recalibration").order_by(job_tables.jobs.c.number))  # fmt: skip
     wrong = [
         f"{later.created} before {one.ended}"
         for one, later in pairwise(spans)

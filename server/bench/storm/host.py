@@ -8,17 +8,19 @@ from __future__ import annotations
 
 import json
 import sys
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import Any
 
 from server.bench.storm import stages
-from server.parts import installed_parts
-from server.serve import serve
-from server.service import Parts
-from server.settings import Settings
-from server.stages import StageProgram
-from server.worker import work
+from server.composition.serve import serve
+from server.composition.worker import work
+from server.identifications.identification_resource import STAGE_PROGRAM
+from server.identifications.stage_request import StageProgram
+from server.platform.parts import Key
+from server.platform.service import CLOCK
+from server.platform.settings import Settings
 
 #: Seconds of the schedules' clock per second: a slot every five minutes comes every five seconds.
 HASTE = 60.0
@@ -44,13 +46,11 @@ def main(order: Path, worker: str | None) -> None:
     began = datetime.fromisoformat(content.began)
     settings = Settings(data_dir=Path(content.data_dir), database_url=content.database_url, port=0)
 
-    def parts() -> Parts:
-        command = (sys.executable, "-I", "-S", str(Path(stages.__file__)))
-        return replace(
-            installed_parts(),
-            program=lambda: StageProgram(stages.STAGES, command),
-            clock=lambda: quick(began, datetime.now(UTC)),
-        )
+    command = (sys.executable, "-I", "-S", str(Path(stages.__file__)))
+    parts: dict[Key, Any] = {
+        STAGE_PROGRAM: lambda: StageProgram(stages.STAGES, command),
+        CLOCK: lambda: quick(began, datetime.now(UTC)),
+    }
 
     def say(text: str) -> None:
         print(text, flush=True)

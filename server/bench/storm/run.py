@@ -24,8 +24,9 @@ from server.bench.storm.host import HostOrder
 from server.bench.storm.processes import Herd, Host, real_identification
 from server.bench.storm.traffic import Client, NoAnswerError, Told, Traffic
 from server.bench.targets import Check, Outcome, fact
-from server.files import DataDirectory
-from server.store import Database
+from server.composition.declarations import TABLES
+from server.platform.database.engine import Database
+from server.platform.files import DataDirectory
 from sim_backends import SimulatedMachine, default_machine
 from sim_backends.cases import make_case
 
@@ -181,7 +182,7 @@ def _database(files: DataDirectory, url: str | None, herd: Herd | None = None) -
     """The store, seen from here; ``herd``: whose server makes it."""
     if herd is not None and not herd.wait_up():
         raise RuntimeError(f"the service did not start; {herd.server.log.read_text()[-2000:]}")
-    database = Database(url or files.database, changed=lambda: None)
+    database = Database(url or files.database, TABLES, changed=lambda: None)
     try:
         yield database
     finally:

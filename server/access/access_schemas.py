@@ -1,0 +1,127 @@
+"""What the routes of access control and of the audit log take and give."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import BaseModel, Field
+
+from server.access.connections import Connections, Presence
+from server.access.holder_store import Holder
+from server.platform.authorization.principals import Principal, Role
+from server.platform.database.engine import Page
+from server.platform.http.bodies import Body
+
+Name = Annotated[str, Field(min_length=1, max_length=80, pattern=r"^[^\x00-\x1f]+$")]
+MachineNames = Annotated[list[Annotated[str, Field(max_length=80)]], Field(min_length=1, max_length=100)]
+
+
+#: Days that a token is good for; null: as many as the service's setting ``token_days`` says.
+Days = Annotated[int, Field(strict=True, ge=1, le=3650)]
+
+
+NOBODY = Presence()
+
+
+class PrincipalResource(BaseModel):
+    """Who asks; ``machines`` null: all of them.
+
+    ``approves_own``: whether it may approve a calibration that it proposed.
+    """
+
+    id: str
+    name: str
+    role: Role
+    machines: list[str] | None
+    kind: Literal["device", "key", "local", "service"]
+    approves_own: bool
+
+    @classmethod
+    def of(cls, value: Principal, approves_own: bool) -> PrincipalResource:
+        """From the principal."""
+        return cls(**value.__dict__, approves_own=approves_own)
+
+
+class CodeOrder(Body):
+    """For which role, and for which machines (null: all), a device is to be paired."""
+
+    role: Role
+    machines: MachineNames | None = None
+    days: Days | None = None
+
+
+class CodeResource(BaseModel):
+    """A pairing code, its address for the device to be paired, and that address as a QR code (SVG)."""
+
+    code: str
+    role: Role
+    machines: list[str] | None
+    expires: str
+    url: str
+    qr_svg: str
+
+
+class Pairing(Body):
+    """The code, and what the device is to be called."""
+
+    code: Annotated[str, Field(pattern=r"^[0-9]{10}$")]
+    name: Name
+
+
+class Paired(BaseModel):
+    """The device's token: it is shown this once."""
+
+    token: str
+    principal: PrincipalResource
+
+
+class KeyOrder(Body):
+    """An API key for a program."""
+
+    name: Name
+    role: Role
+    machines: MachineNames | None = None
+    days: Days | None = None
+
+
+class HolderResource(BaseModel):
+    """A paired device or an API key.
+
+    ``expires`` null: never. ``seen``, ``address``: its last request since the service started; ``streams``: that it
+    has open now.
+    """
+
+    id: str
+    kind: Literal["device", "key"]
+    name: str
+    role: Role
+    machines: list[str] | None
+    created: str
+    created_by: str
+    expires: str | None
+    seen: str | None
+    address: str | None
+    streams: int
+
+    @classmethod
+    def of(cls, value: Holder, now: Presence = NOBODY) -> HolderResource:
+        """From the store, and what is known of its presence."""
+        return cls(**value.__dict__, **now.__dict__)
+
+
+class NewKey(HolderResource):
+    """An API key with its secret, which is shown this once."""
+
+    key: str
+
+
+class HolderList(BaseModel):
+    """A page of devices or keys."""
+
+    items: list[HolderResource]
+    next: int | None
+
+    @classmethod
+    def of(cls, page: Page[Holder], connections: Connections) -> HolderList:
+        """From the store."""
+        return cls(items=[HolderResource.of(value, connections.of(value.id)) for value in page.items], next=page.next)

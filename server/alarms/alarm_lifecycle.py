@@ -1,0 +1,115 @@
+"""What can happen to an alarm. Pure functions from one state to the next; time is an argument.
+
+::
+
+            raise_             clear
+    (none) -------> active -----------> cleared --(acknowledged: a new one next time)
+                      |  ^                  |
+                      |  '------raise_------'  not acknowledged: the same alarm, one more in ``count``
+                      '-- acknowledge, shelve, unshelve at any time; a shelf ends by itself
+"""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime, timedelta
+from typing import Literal
+
+from server.alarms.alarm_conditions import Severity
+
+#: Longest time that an alarm may be shelved: nobody should forget one over a change of shift and the next.
+LONGEST_SHELF_S = 86400
+
+
+@dataclass(frozen=True)
+class Alarm:
+    """One alarm; times are ISO 8601 in UTC.
+
+    Attributes
+    ----------
+    machine : None for one of the service as a whole
+    count : how often it came before somebody acknowledged it
+    raised, cleared : the last time that it came and went
+    shelved_until : it is tracked but nobody is to be called before then; None if it is not shelved
+    """
+
+    id: str
+    machine: str | None
+    kind: str
+    text: str
+    severity: Severity
+    raised: str
+    state: Literal["active", "cleared"] = "active"
+    acknowledged: bool = False
+    acknowledged_by: str | None = None
+    shelved_until: str | None = None
+    shelved_by: str | None = None
+    shelve_reason: str | None = None
+    cleared: str | None = None
+    count: int = 1
+
+
+def tag(alarm: Alarm) -> str:
+    """What is another one after every change of the alarm: for ``ETag``."""
+    return hashlib.sha256(repr(alarm).encode()).hexdigest()[:16]
+
+
+def raise_(last: Alarm | None, new: Alarm) -> Alarm:
+    """The alarm to store when the condition of ``new`` has come.
+
+    Parameters
+    ----------
+    last : the newest alarm of that machine and kind, if there ever was one
+    new : what it would be as a new one
+
+    Returns
+    -------
+    ``last`` with a new text if it is active; ``last`` active once more if nobody acknowledged it; else ``new``, on the
+    shelf on which ``last`` still is.
+    """
+    if last is None:
+        return new
+    if last.state == "active":
+        return replace(last, text=new.text, severity=new.severity)
+    if not last.acknowledged:
+        return replace(
+            last, state="active", text=new.text, severity=new.severity, raised=new.raised, count=last.count + 1
+        )
+    return replace(new, shelved_until=last.shelved_until, shelved_by=last.shelved_by, shelve_reason=last.shelve_reason)
+
+
+def clear(alarm: Alarm, now: str) -> Alarm:
+    """The condition has gone."""
+    return alarm if alarm.state == "cleared" else replace(alarm, state="cleared", cleared=now)
+
+
+def acknowledge(alarm: Alarm, who: str) -> Alarm:
+    """Somebody has seen it; the first one stays named."""
+    return alarm if alarm.acknowledged else replace(alarm, acknowledged=True, acknowledged_by=who)
+
+
+def shelve(alarm: Alarm, who: str, reason: str, seconds: float, now: datetime) -> Alarm:
+    """Keep it quiet for ``seconds``, at most :data:`LONGEST_SHELF_S`."""
+    until = now + timedelta(seconds=min(seconds, LONGEST_SHELF_S))
+    return replace(alarm, shelved_until=_text(until), shelved_by=who, shelve_reason=reason)
+
+
+def unshelve(alarm: Alarm) -> Alarm:
+    """Take it off the shelf."""
+    return replace(alarm, shelved_until=None, shelved_by=None, shelve_reason=None)
+
+
+def expired(alarm: Alarm, now: datetime) -> bool:
+    """Whether its shelf has ended.
+
+    One that would end later than it could have been put there ends too: the clock was set back meanwhile.
+    """
+    if alarm.shelved_until is None:
+        return False
+    left = datetime.fromisoformat(alarm.shelved_until) - now
+    return not timedelta(0) < left <= timedelta(seconds=LONGEST_SHELF_S)
+
+
+def _text(time: datetime) -> str:
+    return time.astimezone(UTC).isoformat(timespec="milliseconds").replace("+00:00", "Z")

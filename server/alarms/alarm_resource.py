@@ -1,0 +1,45 @@
+"""The resource ``alarms``: what is wrong now, and who has seen it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from prometheus_client.core import GaugeMetricFamily, Metric
+
+from server.alarms.alarm_desk import Alarms
+from server.alarms.alarm_routes import router
+from server.alarms.alarm_tables import alarms
+from server.alarms.alarm_watch import Watch
+from server.machines.acquisition import Acquisition
+from server.platform.database.engine import Database
+from server.platform.parts import Parts
+from server.platform.resource import Phase, Resource, Running
+from server.recordings.recording_resource import FREE
+from server.recordings.recording_sessions import Sessions
+
+
+def _running(parts: Parts) -> Iterator[Running]:
+    watch = parts[Watch]
+    yield Running(Phase.WATCHING, watch.start, watch.stop)
+
+
+def _metrics(parts: Parts) -> Iterator[Metric]:
+    active = GaugeMetricFamily("hilfit_alarms_active", "Active alarms.", labels=["machine", "kind", "severity"])
+    for alarm in parts[Alarms].active():
+        active.add_metric([alarm.machine or "", alarm.kind, alarm.severity], 1)
+    yield active
+
+
+ALARMS = Resource(
+    name="alarms",
+    routers=(router,),
+    tables=(alarms,),
+    of_a_machine={"alarms": alarms},
+    kept={"/alarms": ("alarms",)},
+    provides={
+        Alarms: lambda parts: Alarms(parts[Database]),
+        Watch: lambda parts: Watch(parts[Acquisition], parts[Alarms], parts[FREE], parts[Sessions].end_all),
+    },
+    running=_running,
+    metrics=_metrics,
+)

@@ -1,0 +1,68 @@
+"""``/alarms``: what is wrong, who has seen it, what is shelved."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from fastapi import APIRouter, Header, Response
+
+from server.alarms.alarm_desk import Alarms
+from server.alarms.alarm_lifecycle import Alarm, tag
+from server.alarms.alarm_schemas import AlarmList, AlarmResource, Shelf
+from server.platform.authorization.guard import PrincipalDep, require
+from server.platform.authorization.typed_route import TypedRoute
+from server.platform.http.route_parameters import Cursor, Limit, MachineQuery, ServiceDep, problems
+
+router = APIRouter(prefix="/alarms", tags=["alarms"], route_class=TypedRoute)
+IfMatch = Annotated[str | None, Header(max_length=80, description="`ETag` of the alarm as it was read")]
+
+
+@router.get("", responses=problems(422), dependencies=[require("read")])
+def list_alarms(
+    service: ServiceDep,
+    principal: PrincipalDep,
+    machine: MachineQuery = None,
+    state: Literal["active", "cleared"] | None = None,
+    limit: Limit = 50,
+    cursor: Cursor = 0,
+) -> AlarmList:
+    """List alarms, newest first; one of the service as a whole has no machine."""
+    return AlarmList.of(service[Alarms].list(limit, cursor, machine=machine, machines=principal.machines, state=state))
+
+
+@router.get("/{id}", responses=problems(404, 422), dependencies=[require("read")])
+def get(id: str, response: Response, service: ServiceDep) -> AlarmResource:
+    """Read an alarm; its ``ETag`` is for changing it."""
+    return _tagged(service[Alarms].get(id), response)
+
+
+@router.post("/{id}/acknowledge", responses=problems(404, 412, 422), dependencies=[require("operate")])
+def acknowledge(
+    id: str, response: Response, service: ServiceDep, principal: PrincipalDep, if_match: IfMatch = None
+) -> AlarmResource:
+    """Say that somebody has seen it; the first who says so stays named."""
+    return _tagged(service[Alarms].acknowledge(id, principal.name, _tag(if_match)), response)
+
+
+@router.post("/{id}/shelve", responses=problems(404, 412, 422), dependencies=[require("operate")])
+def shelve(
+    id: str, shelf: Shelf, response: Response, service: ServiceDep, principal: PrincipalDep, if_match: IfMatch = None
+) -> AlarmResource:
+    """Keep an alarm quiet for a while: it is tracked, but nobody is to be called."""
+    changed = service[Alarms].shelve(id, principal.name, shelf.reason, shelf.seconds, _tag(if_match))
+    return _tagged(changed, response)
+
+
+@router.post("/{id}/unshelve", responses=problems(404, 412, 422), dependencies=[require("operate")])
+def unshelve(id: str, response: Response, service: ServiceDep, if_match: IfMatch = None) -> AlarmResource:
+    """Let a shelved alarm be heard again."""
+    return _tagged(service[Alarms].unshelve(id, _tag(if_match)), response)
+
+
+def _tagged(alarm: Alarm, response: Response) -> AlarmResource:
+    response.headers["ETag"] = f'"{tag(alarm)}"'
+    return AlarmResource.of(alarm)
+
+
+def _tag(if_match: str | None) -> str | None:
+    return None if if_match is None or if_match.strip() == "*" else if_match.strip().strip('"')

@@ -1,0 +1,56 @@
+"""What ``/alarms`` takes and gives."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from server.alarms.alarm_conditions import Severity
+from server.alarms.alarm_lifecycle import LONGEST_SHELF_S, Alarm
+from server.platform.database.engine import Page
+
+
+class AlarmResource(BaseModel):
+    """An alarm: ``raised`` is when it came last, ``count`` how often before somebody acknowledged it."""
+
+    id: str
+    machine: str | None
+    kind: str
+    text: str
+    severity: Severity
+    state: Literal["active", "cleared"]
+    acknowledged: bool
+    acknowledged_by: str | None
+    shelved_until: str | None
+    shelved_by: str | None
+    shelve_reason: str | None
+    raised: str
+    cleared: str | None
+    count: int
+
+    @classmethod
+    def of(cls, alarm: Alarm) -> AlarmResource:
+        """From the store."""
+        return cls(**alarm.__dict__)
+
+
+class AlarmList(BaseModel):
+    """A page of alarms."""
+
+    items: list[AlarmResource]
+    next: int | None
+
+    @classmethod
+    def of(cls, page: Page[Alarm]) -> AlarmList:
+        """From the store."""
+        return cls(items=[AlarmResource.of(alarm) for alarm in page.items], next=page.next)
+
+
+class Shelf(BaseModel):
+    """How long an alarm is to be quiet, and why."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    seconds: Annotated[float, Field(gt=0, le=LONGEST_SHELF_S)]
+    reason: Annotated[str, Field(min_length=1, max_length=200)]

@@ -1,0 +1,148 @@
+"""Looks at acquisition, channels, disk and clock once a second and reports what is wrong; ends recordings in time."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Iterable
+from typing import Any, Protocol
+
+import structlog
+
+from daq import Quality
+from daq.errors import HilfitError
+from daq.quality import MEASURED
+from server.alarms.alarm_conditions import DeadBand, beyond
+from server.alarms.alarm_desk import Alarms
+from server.platform.disk import RESERVE_BYTES, Free
+
+LOOK_S = 1.0
+#: Free bytes above the reserve at which the alarm comes and goes.
+WARNING = DeadBand(comes=768 * 2**20, goes=1024 * 2**20)
+#: Seconds by which the wall's clock may run away from the monotonic one between two looks.
+JUMP_S = 2.0
+#: Also a value of an earlier cycle, and that of a device which owes none in this one.
+_MEASURED = frozenset(quality.name.lower() for quality in (*MEASURED, Quality.LATE, Quality.HELD))
+_log = structlog.stdlib.get_logger(__name__)
+
+
+class Watched(Protocol):
+    """The acquisitions that are looked at (:class:`server.machines.acquisition.Acquisition`)."""
+
+    def names(self) -> tuple[str, ...]:
+        """The machines that are acquired, or should be."""
+
+    def statistics(self, name: str) -> dict[str, Any]:
+        """State of one machine's acquisition."""
+
+    def latest(self, name: str) -> dict[str, Any]:
+        """Its newest frame, as ``/live`` gives it; raises a HilfitError while there is none."""
+
+
+def stale_channels(frame: dict[str, Any]) -> tuple[str, ...]:
+    """Channels of a frame that hold no measurement of its cycle, nor of the one before."""
+    return tuple(name for name, channel in frame["channels"].items() if channel["quality"] not in _MEASURED)
+
+
+def named(names: Iterable[str], most: int = 3) -> str:
+    """The first few names, and how many more."""
+    listed = list(names)
+    more = f" and {len(listed) - most} more" if len(listed) > most else ""
+    return ", ".join(listed[:most]) + more
+
+
+class Watch:
+    """The looking thread.
+
+    Parameters
+    ----------
+    free : free bytes now
+    end_recordings : lets all that is being recorded be sealed, without waiting for it
+    wall, monotonic : s, the two clocks
+    """
+
+    def __init__(
+        self,
+        watched: Watched,
+        alarms: Alarms,
+        free: Free,
+        end_recordings: Callable[[], None],
+        *,
+        wall: Callable[[], float] = time.time,
+        monotonic: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self._watched = watched
+        self._alarms = alarms
+        self._free = free
+        self._end_recordings = end_recordings
+        self._wall = wall
+        self._monotonic = monotonic
+        self._difference = wall() - monotonic()
+        self._low = False
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="alarms", daemon=True)
+        self._started = False
+
+    def start(self) -> None:
+        """Start looking; returns at once."""
+        self._started = True
+        self._thread.start()
+
+    def stop(self) -> None:
+        """Stop looking; also if it never started."""
+        self._stop.set()
+        if self._started:
+            self._thread.join()
+
+    def _run(self) -> None:
+        while not self._stop.wait(LOOK_S):
+            for look in (self.disk, self.acquisitions, self.clock, self._alarms.sweep):
+                try:
+                    look()
+                except Exception as error:  # a database that is locked now will not be at the next look
+                    _log.error("alarm_look_failed", look=look.__name__, exc_info=error)
+
+    def disk(self) -> None:
+        """Alarm when space gets short; end recordings before the database has none."""
+        free = self._free()
+        left = free - RESERVE_BYTES
+        self._low = beyond(left, WARNING, self._low)
+        if left <= 0:
+            self._end_recordings()
+        # The text holds no number that moves: each new text would be a revision.
+        text = f"little disk is free; recordings end below {RESERVE_BYTES // 2**20} MiB: delete some or make room"
+        if left <= 0:
+            text = (
+                f"the disk is full: less than {RESERVE_BYTES // 2**20} MiB are free, recordings have ended; make room"
+            )
+        self._alarms.report(None, "disk_full", text, "critical" if left <= 0 else "warning", self._low)
+
+    def acquisitions(self) -> None:
+        """Alarm when a machine's acquisition is down, or a channel of it silent."""
+        names = self._watched.names()
+        for name in names:
+            statistics = self._watched.statistics(name)
+            down = statistics["state"] != "running"
+            text = f"acquisition does not run: {statistics.get('error') or 'it is being started'}"
+            self._alarms.report(name, "acquisition_down", text, "critical", down)
+            stale: tuple[str, ...] = ()
+            if not down:
+                try:
+                    stale = stale_channels(self._watched.latest(name))
+                except HilfitError:  # it ended between the two looks
+                    continue
+            text = f"no measurement from {named(stale)}; check the sensor and its cable"
+            self._alarms.report(name, "channel_stale", text, "warning", bool(stale))
+        for alarm in self._alarms.active():
+            if alarm.kind in ("acquisition_down", "channel_stale") and alarm.machine not in names:
+                self._alarms.report(alarm.machine, alarm.kind, "", "info", False)
+
+    def clock(self) -> None:
+        """Say so when the wall's clock was set: times of recordings before and after do not go together."""
+        difference = self._wall() - self._monotonic()
+        jump = difference - self._difference
+        self._difference = difference
+        if abs(jump) >= JUMP_S:
+            text = f"the computer's clock was set by {jump:+.0f} s; times in lists before and after do not compare"
+            self._alarms.report(None, "clock_jumped", text, "info", True)
+            self._alarms.report(None, "clock_jumped", text, "info", False)

@@ -1,0 +1,105 @@
+"""The audit log.
+
+Entry n holds ``h_n = SHA-256(h_(n-1) || 0x0A || c_n)``, with ``h_0`` empty and ``c_n`` the entry as JSON with sorted
+keys. A changed, removed or inserted entry breaks the chain there; that the newest entries were cut off shows only
+against a number and hash noted elsewhere. The database refuses to change or delete rows (a trigger); the chain is for
+whoever gets around that.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import sqlalchemy as sa
+
+from server.audit.audit_tables import audit_log
+from server.platform.authorization.principals import Principal
+from server.platform.database.engine import Database, Page, page
+
+
+@dataclass(frozen=True)
+class Entry:
+    """Who did what to what, when (UTC)."""
+
+    number: int
+    time: str
+    principal: str
+    action: str
+    subject: str
+    detail: dict[str, Any]
+    hash: str
+
+
+@dataclass(frozen=True)
+class Verification:
+    """Outcome of a verification; ``first_broken`` is the number of the first entry that does not fit."""
+
+    intact: bool
+    first_broken: int | None
+    entries: int
+    last_hash: str | None
+
+
+class Audit:
+    """Writes, reads and verifies the log."""
+
+    def __init__(self, database: Database) -> None:
+        self._database = database
+
+    def write(
+        self, principal: Principal | str, action: str, subject: str, detail: Mapping[str, Any] | None = None
+    ) -> None:
+        """Add an entry.
+
+        Parameters
+        ----------
+        principal : who did it, or a name for what is no principal
+        action : what was done, ``<resource>.<verb>``
+        subject : id of what it was done to
+        detail : anything that JSON can hold; no secrets
+        """
+        who = principal if isinstance(principal, str) else f"{principal.name} ({principal.id})"
+        text = json.dumps(dict(detail or {}), sort_keys=True)
+        with self._database.write("audit") as connection:
+            last = connection.execute(
+                sa.select(audit_log.c.number, audit_log.c.hash).order_by(audit_log.c.number.desc()).limit(1)
+            ).first()
+            values = {
+                "number": 1 if last is None else last.number + 1,
+                "time": self._database.now(),
+                "principal": who,
+                "action": action,
+                "subject": subject,
+                "detail": text,
+            }
+            chained = _chained("" if last is None else last.hash, values)
+            connection.execute(audit_log.insert().values(**values, hash=chained))
+
+    def list(self, limit: int, after: int = 0, *, action: str | None = None) -> Page[Entry]:
+        """Newest first; ``action`` narrows to actions that begin with it."""
+        query = sa.select(audit_log)
+        if action is not None:
+            query = query.where(audit_log.c.action.startswith(action, autoescape=True))
+        with self._database.read() as connection:
+            rows, cursor = page(connection, query, audit_log.c.number, limit, after)
+        return Page(tuple(Entry(**{**row._mapping, "detail": json.loads(row.detail)}) for row in rows), cursor)
+
+    def verify(self) -> Verification:
+        """Compute the whole chain again."""
+        before, expected = "", 1
+        with self._database.read() as connection:
+            for row in connection.execute(sa.select(audit_log).order_by(audit_log.c.number)):
+                values = {key: value for key, value in row._mapping.items() if key != "hash"}
+                if row.number != expected or row.hash != _chained(before, values):
+                    return Verification(False, int(row.number), expected - 1, before or None)
+                before, expected = row.hash, expected + 1
+        return Verification(True, None, expected - 1, before or None)
+
+
+def _chained(before: str, values: Mapping[str, Any]) -> str:
+    content = json.dumps(values, sort_keys=True)
+    return hashlib.sha256(f"{before}\n{content}".encode()).hexdigest()

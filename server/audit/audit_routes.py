@@ -1,0 +1,34 @@
+"""``/audit``: who did what."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from fastapi import APIRouter, Query
+
+from server.audit.audit_log import Audit
+from server.audit.audit_schemas import EntryList, VerificationResource
+from server.platform.authorization.guard import PrincipalDep, require
+from server.platform.authorization.typed_route import TypedRoute
+from server.platform.http.route_parameters import Cursor, Limit, ServiceDep, problems
+
+router = APIRouter(
+    prefix="/audit", tags=["audit"], dependencies=[require("admin", every_machine=True)], route_class=TypedRoute
+)
+
+
+@router.get("", responses=problems(422))
+def list_entries(
+    service: ServiceDep,
+    action: Annotated[str | None, Query(max_length=80, description="Beginning of the action")] = None,
+    limit: Limit = 50,
+    cursor: Cursor = 0,
+) -> EntryList:
+    """List the audit log, newest first."""
+    return EntryList.of(service[Audit].list(limit, cursor, action=action))
+
+
+@router.get("/verification")
+async def verify(service: ServiceDep, principal: PrincipalDep) -> VerificationResource:
+    """Compute the chain of hashes again: whether the log is as it was written."""
+    return VerificationResource.of(await service.heavy.run(principal.id, service[Audit].verify))

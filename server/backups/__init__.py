@@ -1,0 +1,1 @@
+"""Backups: everything that cannot be made again, as plain files in a directory of its own."""

@@ -1,0 +1,275 @@
+"""Backups: everything that cannot be made again, as plain files in a directory of its own.
+
+::
+
+    backups/2026-06-01T020000Z/
+    ├── manifest.json            version, time, SHA-256 and size of every file, and what was missing; written last:
+    │                            without it, it is none
+    ├── store.sqlite|.pgdump     the whole database
+    └── machines/, recordings/, excitations/, identifications/
+
+A sealed recording never changes, so where backup and service are on one file system it is a second name of the same
+bytes (hard link) and takes no room; anything else is copied.
+"""
+
+from __future__ import annotations
+
+import errno
+import hashlib
+import json
+import secrets
+import shutil
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass
+from datetime import UTC, datetime, timedelta
+from importlib.metadata import version
+from pathlib import Path
+
+import structlog
+
+from daq.errors import HilfitError
+from server.backups.backup_files import BackupContent, copy_named
+from server.platform.database.database_copies import check_restore, copy_database, newer, restore_database
+from server.platform.database.schema import SCHEMA_VERSION
+from server.platform.errors import StartError
+from server.platform.files import DataDirectory, sync_directory, sync_tree, write_atomically
+
+MANIFEST = "manifest.json"
+DAILY = timedelta(days=1)
+#: Daily backups that are kept; those that somebody ordered stay until somebody removes them.
+KEPT = 14
+LOOK_S = 60.0
+_log = structlog.stdlib.get_logger(__name__)
+
+
+@dataclass(frozen=True)
+class Backup:
+    """One backup; ``bytes`` counts every file, linked or copied.
+
+    ``missing``: what the store names and was not there when it was to be copied.
+    """
+
+    id: str
+    created: str
+    bytes: int
+    kind: str
+    missing: tuple[str, ...] = ()
+
+
+class Backups:
+    """The backups of one data directory.
+
+    Parameters
+    ----------
+    content : what a backup has to hold
+    url : of the database
+    directory : where they are kept; by default in the data directory
+    """
+
+    def __init__(
+        self,
+        files: DataDirectory,
+        content: BackupContent,
+        url: str,
+        now: Callable[[], datetime],
+        directory: Path | None = None,
+    ) -> None:
+        self._files = files
+        self._content = content
+        self._url = url
+        self._now = now
+        self.directory = files.backups if directory is None else directory.resolve()
+        self._lock = threading.Lock()
+
+    def make(self, kind: str = "ordered") -> Backup:
+        """Make one while the service runs.
+
+        Raises
+        ------
+        StartError
+            If it cannot be written; one line.
+        """
+        with self._lock:
+            moment = self._now().astimezone(UTC)
+            id = f"{moment:%Y-%m-%dT%H%M%S.%f}"[:-3] + "Z"
+            partial = self.directory / f".{id}.partial"
+            try:
+                partial.mkdir(parents=True)
+                missing = self._copy(partial)
+                manifest = {
+                    "hilfit": version("hilfit"),
+                    "created": moment.isoformat(timespec="milliseconds").replace("+00:00", "Z"),
+                    "kind": kind,
+                    "store": SCHEMA_VERSION,
+                    "missing": list(missing),
+                    "files": _files_of(partial),
+                }
+                write_atomically(partial / MANIFEST, json.dumps(manifest, indent=1).encode())
+                partial.rename(self.directory / id)
+                sync_directory(self.directory)
+            except OSError as error:
+                raise StartError(f"{self.directory}: the backup cannot be written ({_reason(error)}") from None
+            finally:
+                shutil.rmtree(partial, ignore_errors=True)
+        found = _backup(self.directory / id)
+        assert found is not None
+        _log.info("backup_made", backup=id, bytes=found.bytes)
+        if missing:
+            _log.warning("backup_incomplete", backup=id, missing=missing)
+        return found
+
+    def _copy(self, partial: Path) -> tuple[str, ...]:
+        """Copy the store, then all that the copy names; what of that was not there."""
+        # What is made after the copy is one file too many, which harms nobody. PostgreSQL's copy cannot be read here:
+        # what it names was named before it was made, or after.
+        before = None if self._url.startswith("sqlite") else self._content.named(self._url)
+        copy = copy_database(self._url, partial, "store")
+        named = self._content.named(f"sqlite:///{copy}") if before is None else before | self._content.named(self._url)
+        return copy_named(named, self._files.root, partial, self._content.unchanging)
+
+    def list(self) -> tuple[Backup, ...]:
+        """Newest first."""
+        found = (_backup(path) for path in sorted(self.directory.glob("*Z"), reverse=True))
+        return tuple(backup for backup in found if backup is not None)
+
+    def daily(self) -> Backup | None:
+        """Make one if the newest is a day old, and remove daily ones beyond :data:`KEPT`."""
+        found = self.list()
+        if found and self._now() - datetime.fromisoformat(found[0].created) < DAILY:
+            return None
+        made = self.make("daily")
+        for old in [backup for backup in self.list() if backup.kind == "daily"][KEPT:]:
+            shutil.rmtree(self.directory / old.id, ignore_errors=True)
+        return made
+
+
+class DailyBackups:
+    """Makes a backup a day while the service runs."""
+
+    def __init__(self, backups: Backups) -> None:
+        self._backups = backups
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="backups", daemon=True)
+
+    def start(self) -> None:
+        """Start; the first look is after a minute, when whatever starts has started."""
+        self._thread.start()
+
+    def stop(self) -> None:
+        """Stop, and wait for a backup that is being made."""
+        self._stop.set()
+        if self._thread.is_alive():
+            self._thread.join()
+
+    def _run(self) -> None:
+        while not self._stop.wait(LOOK_S):
+            try:
+                self._backups.daily()
+            except HilfitError as error:
+                _log.error("backup_failed", error=str(error))
+
+
+def manifest_of(backup: Path) -> dict[str, str]:
+    """SHA-256 of every file of a backup, by its path in there.
+
+    Raises
+    ------
+    StartError
+        If it is no backup, or was made by a newer hilfit.
+    """
+    if not backup.is_dir():
+        what = "is a file" if backup.exists() else "there is no such directory"
+        raise StartError(f"{backup}: {what}; give the directory of a backup, the one with {MANIFEST}")
+    try:
+        manifest = json.loads((backup / MANIFEST).read_text(encoding="utf-8"))
+        wanted = {str(entry["path"]): str(entry["sha256"]) for entry in manifest["files"]}
+        store = int(manifest.get("store", 0))
+    except (OSError, ValueError, KeyError, TypeError, AttributeError):
+        raise StartError(
+            f"{backup}: is no backup of hilfit ({MANIFEST} is missing or damaged); use another backup"
+        ) from None
+    if store > SCHEMA_VERSION:
+        raise StartError(newer(backup, store))
+    return wanted
+
+
+def restore(backup: Path, files: DataDirectory, content: BackupContent, url: str) -> int:
+    """Put a backup in the place of what is there; the number of files.
+
+    The caller holds the lock of the data directory. Files that are there and not in the backup stay. Everything is
+    copied beside the data first, so what can go wrong does before anything is changed.
+
+    Raises
+    ------
+    StartError
+        If it is no backup, a file of it is damaged, or it cannot be written here; nothing is changed then.
+    """
+    wanted = manifest_of(backup)
+    stores = [name for name in wanted if name.startswith("store.") and "/" not in name]
+    if len(stores) != 1:
+        raise StartError(f"{backup}: has no copy of the store; use another backup")
+    for name, expected in wanted.items():
+        if name not in stores and (name.split("/")[0] not in content.folders or ".." in name.split("/")):
+            raise StartError(f"{backup}: {name} has no place in a backup of hilfit; use another backup")
+        path = backup / name
+        if not path.resolve().is_relative_to(backup.resolve()) or not path.is_file():
+            raise StartError(f"{backup}: {name} is missing; use another backup")
+        if _sum_of(path) != expected:
+            raise StartError(f"{backup}: {name} is damaged; use another backup")
+    check_restore(backup / stores[0], url)
+    staged = files.root / f".restoring-{secrets.token_hex(4)}"
+    try:
+        for name in wanted:
+            (staged / name).parent.mkdir(parents=True, exist_ok=True)
+            shutil.copyfile(backup / name, staged / name)
+            (files.root / name).parent.mkdir(parents=True, exist_ok=True)
+        sync_tree(staged)
+        for name in wanted:
+            if name not in stores:
+                (staged / name).replace(files.root / name)
+        restore_database(staged / stores[0], url)
+    except OSError as error:
+        raise StartError(
+            f"{files.root}: {backup} cannot be restored here ({error.strerror}); free some space, or give another "
+            "--data-dir, and restore again"
+        ) from None
+    finally:
+        shutil.rmtree(staged, ignore_errors=True)
+    return len(wanted)
+
+
+def _reason(error: OSError) -> str:
+    """What is wrong, and what to do about it; the end of a line."""
+    full = error.errno in (errno.ENOSPC, errno.EDQUOT)
+    return f"{error.strerror}); " + ("free some space" if full else "see that it is there and can be written")
+
+
+def _sum_of(path: Path) -> str:
+    try:
+        return _sha256(path)
+    except OSError as error:
+        raise StartError(f"{path}: cannot be read ({error.strerror}); mend that or use another backup") from None
+
+
+def _files_of(directory: Path) -> list[dict[str, str | int]]:
+    return [
+        {"path": str(path.relative_to(directory)), "sha256": _sha256(path), "bytes": path.stat().st_size}
+        for path in sorted(directory.rglob("*"))
+        if path.is_file()
+    ]
+
+
+def _sha256(path: Path) -> str:
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def _backup(path: Path) -> Backup | None:
+    try:
+        manifest = json.loads((path / MANIFEST).read_text(encoding="utf-8"))
+        size = sum(int(entry["bytes"]) for entry in manifest["files"])
+        missing = tuple(str(name) for name in manifest.get("missing", ()))
+        return Backup(path.name, str(manifest["created"]), size, str(manifest["kind"]), missing)
+    except (OSError, ValueError, KeyError, TypeError):
+        return None

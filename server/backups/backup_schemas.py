@@ -1,0 +1,32 @@
+"""What the routes of backups give."""
+
+from __future__ import annotations
+
+from pydantic import BaseModel
+
+from server.backups.backup_archive import Backup
+
+
+class BackupResource(BaseModel):
+    """A backup; ``kind`` is daily or ordered. It is restored by ``hilfit restore``, with the service stopped.
+
+    ``missing``: files that the store names and that were gone when they were to be copied.
+    """
+
+    id: str
+    created: str
+    bytes: int
+    kind: str
+    missing: list[str]
+
+    @classmethod
+    def of(cls, backup: Backup) -> BackupResource:
+        """From what is on disk."""
+        return cls(**{**backup.__dict__, "missing": list(backup.missing)})
+
+
+class BackupList(BaseModel):
+    """All backups, newest first."""
+
+    items: list[BackupResource]
+    next: None = None

@@ -1,0 +1,65 @@
+"""What a calibration takes from a report (schema ``hilfit/report/1``), so that it stays when reports go."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from server.identifications.report_verdict import verdict_of
+
+MODEL_SCHEMA = "hilfit/model/1"
+#: Parts of a report that are the model, or say what it was made of; the rest is evidence.
+_MODEL = ("machine", "created", "software", "bandwidth_hz", "reduction", "cylinders", "rigid_body", "errors")
+#: What the loop added to the model.
+_LOOP = ("effects", "unexplained")
+
+
+@dataclass(frozen=True)
+class Content:
+    """Of one report.
+
+    Attributes
+    ----------
+    verdict, overall : the loop's verdict; errors of all joints together, before and after
+    errors : per joint, of its ``errors``: unit, noise floor, and the error before and after
+    parameters : ``{"name", "value", "std", "unit"}`` each: of cylinders ``joint1.f_c``, of the rigid bodies their
+        expression, of added effects ``effect:joint.parameter``
+    model : what ``model.json`` holds
+    """
+
+    verdict: str
+    overall: dict[str, Any]
+    errors: dict[str, Any]
+    parameters: list[dict[str, Any]]
+    model: dict[str, Any]
+
+
+def content_of(report: Mapping[str, Any]) -> Content:
+    """The content that a report stands for; parts that it lacks are empty."""
+    loop = report["loop"]
+    model = {"schema": MODEL_SCHEMA} | {key: report[key] for key in _MODEL if key in report}
+    model |= {key: loop[key] for key in _LOOP if key in loop}
+    return Content(
+        verdict=verdict_of(report),
+        overall=dict(report["overall"]),
+        errors=dict(report.get("errors", {})),
+        parameters=list(_parameters(report)),
+        model=model,
+    )
+
+
+def _parameters(report: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
+    for joint, cylinder in report.get("cylinders", {}).items():
+        for name, entry in cylinder["parameters"].items():
+            yield _parameter(f"{joint}.{name}", entry)
+    for entry in report.get("rigid_body", {}).get("parameters", ()):
+        yield _parameter(entry["expression"], entry)
+    for effect in report["loop"].get("effects", ()):
+        place = effect["id"] if effect["joint"] is None else f"{effect['id']}:{effect['joint']}"
+        for name, entry in effect["parameters"].items():
+            yield _parameter(f"{place}.{name}", entry)
+
+
+def _parameter(name: str, entry: Mapping[str, Any]) -> dict[str, Any]:
+    return {"name": name, "value": entry["value"], "std": entry.get("std"), "unit": entry.get("unit")}

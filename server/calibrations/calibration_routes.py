@@ -1,0 +1,143 @@
+"""``/calibrations``: propose, approve by a second person, activate, roll back, compare, download."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from fastapi import APIRouter, Header, Query
+from fastapi.responses import JSONResponse, Response
+
+from server.calibrations.calibration_desk import Calibrations
+from server.calibrations.calibration_schemas import (
+    CalibrationList,
+    CalibrationResource,
+    ComparisonResource,
+    Decision,
+    Proposal,
+)
+from server.calibrations.calibration_store import Calibration
+from server.machines.machine_store import Machines
+from server.platform.authorization.guard import PrincipalDep, require
+from server.platform.authorization.named_things import Names
+from server.platform.authorization.typed_route import TypedRoute
+from server.platform.errors import ConflictError, PreconditionError
+from server.platform.http.route_parameters import Cursor, Limit, MachineQuery, ServiceDep, problems
+
+router = APIRouter(prefix="/calibrations", tags=["calibrations"], route_class=TypedRoute)
+machine_router = APIRouter(prefix="/machines", tags=["calibrations"], route_class=TypedRoute)
+IfMatch = Annotated[str | None, Header(max_length=40, description="`ETag` of the calibration as it was read")]
+Id = Annotated[str, Names("calibrations"), Query(max_length=80)]
+READ, OPERATE, ENGINEER = [require("read")], [require("operate")], [require("engineer")]
+
+
+@router.post(
+    "",
+    status_code=201,
+    responses={200: {"model": CalibrationResource}, **problems(404, 409, 422)},
+    dependencies=OPERATE,
+)
+def propose(body: Proposal, response: Response, service: ServiceDep, principal: PrincipalDep) -> CalibrationResource:
+    """Propose an identification that is done; one that was proposed before is answered with 200 as it is."""
+    calibration, made = service[Calibrations].propose(body.identification, body.label, principal)
+    response.status_code = 201 if made else 200
+    response.headers["Location"] = f"/api/v1/calibrations/{calibration.id}"
+    return _tagged(calibration, response)
+
+
+@router.get("", responses=problems(422), dependencies=READ)
+def list_calibrations(
+    service: ServiceDep,
+    principal: PrincipalDep,
+    machine: MachineQuery = None,
+    state: Literal["proposed", "approved", "rejected", "active", "retired"] | None = None,
+    limit: Limit = 50,
+    cursor: Cursor = 0,
+) -> CalibrationList:
+    """List calibrations, newest first."""
+    page = service[Calibrations].list(limit, cursor, machine=machine, machines=principal.machines, state=state)
+    return CalibrationList.of(page)
+
+
+@router.get("/compare", responses=problems(404, 409, 422), dependencies=READ)
+def compare(a: Id, b: Id, service: ServiceDep) -> ComparisonResource:
+    """Two calibrations of one machine: every parameter, how far it moved, and the errors per joint."""
+    first, second = service[Calibrations].get(a), service[Calibrations].get(b)
+    if first.machine != second.machine:
+        raise ConflictError(f"'{a}' is of machine '{first.machine}', '{b}' of '{second.machine}'; take one machine")
+    return ComparisonResource.of(first, second)
+
+
+@router.get("/{id}", responses=problems(404, 422), dependencies=READ)
+def get(id: str, response: Response, service: ServiceDep) -> CalibrationResource:
+    """Read a calibration; its ``ETag`` is for changing it."""
+    return _tagged(service[Calibrations].get(id), response)
+
+
+@router.get(
+    "/{id}/model.json",
+    response_class=JSONResponse,
+    responses={200: {"content": {"application/json": {}}}, **problems(404, 422)},
+    dependencies=READ,
+)
+def model(id: str, service: ServiceDep) -> JSONResponse:
+    """Download the fitted model (schema ``hilfit/model/1``)."""
+    found = service[Calibrations].get(id)
+    name = f"{found.machine}-{id}-model.json"
+    content = found.model | {"calibration": id, "identification": found.identification, "state": found.state}
+    return JSONResponse(content, headers={"Content-Disposition": f'attachment; filename="{name}"'})
+
+
+@router.post("/{id}/approve", responses=problems(404, 409, 412, 422), dependencies=ENGINEER)
+def approve(
+    id: str,
+    body: Decision,
+    response: Response,
+    service: ServiceDep,
+    principal: PrincipalDep,
+    if_match: IfMatch = None,
+) -> CalibrationResource:
+    """Approve a proposed calibration; whoever proposed it may only where the policy says so (``second_person``)."""
+    return _tagged(service[Calibrations].decide(id, "approved", principal, body.note, _revision(if_match)), response)
+
+
+@router.post("/{id}/reject", responses=problems(404, 409, 412, 422), dependencies=ENGINEER)
+def reject(
+    id: str,
+    body: Decision,
+    response: Response,
+    service: ServiceDep,
+    principal: PrincipalDep,
+    if_match: IfMatch = None,
+) -> CalibrationResource:
+    """Reject a calibration that is not in use and never was."""
+    return _tagged(service[Calibrations].decide(id, "rejected", principal, body.note, _revision(if_match)), response)
+
+
+@router.post("/{id}/activate", responses=problems(404, 409, 412, 422), dependencies=ENGINEER)
+def activate(
+    id: str, response: Response, service: ServiceDep, principal: PrincipalDep, if_match: IfMatch = None
+) -> CalibrationResource:
+    """Use an approved calibration; the one in use before is retired."""
+    return _tagged(service[Calibrations].activate(id, _revision(if_match), principal), response)
+
+
+@machine_router.post("/{name}/calibrations/rollback", responses=problems(404, 409, 422), dependencies=ENGINEER)
+def roll_back(name: str, response: Response, service: ServiceDep, principal: PrincipalDep) -> CalibrationResource:
+    """Use the calibration again that was in use before the active one."""
+    service[Machines].get(name)
+    return _tagged(service[Calibrations].roll_back(name, principal), response)
+
+
+def _tagged(calibration: Calibration, response: Response) -> CalibrationResource:
+    response.headers["ETag"] = f'"{calibration.revision}"'
+    return CalibrationResource.of(calibration)
+
+
+def _revision(if_match: str | None) -> int | None:
+    """The revision that a client expects, None for any; a tag that no calibration ever had fits none."""
+    if if_match is None or if_match.strip() == "*":
+        return None
+    text = if_match.strip().strip('"')
+    if not text.isascii() or not text.isdecimal():
+        raise PreconditionError(f"If-Match {if_match}: is no ETag of a calibration; read it again")
+    return int(text)

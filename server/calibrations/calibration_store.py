@@ -1,0 +1,242 @@
+"""Calibrations in the store.
+
+::
+
+    proposed ──approve──► approved ──activate──► active ──another one──► retired ──activate, roll back──► active
+        └──────reject──────┴──► rejected
+"""
+
+from __future__ import annotations
+
+import builtins
+import secrets
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Literal
+
+import sqlalchemy as sa
+
+from server.calibrations.calibration_content import Content
+from server.calibrations.calibration_tables import calibration_activations as activations
+from server.calibrations.calibration_tables import calibration_steps, calibrations
+from server.identifications.identification_store import Identification
+from server.platform.authorization.principals import Principal
+from server.platform.database.engine import Database, Page, page
+from server.platform.errors import ConflictError, NotFoundError, PreconditionError
+
+State = Literal["proposed", "approved", "rejected", "active", "retired"]
+
+
+@dataclass(frozen=True)
+class Step:
+    """Who did what to a calibration, when: ``proposed``, ``approved``, ``rejected``, ``activated``, ``retired``."""
+
+    time: str
+    action: str
+    by: str
+    note: str
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """One calibration; ``revision`` counts its changes, ``history`` has them, oldest first."""
+
+    id: str
+    revision: int
+    machine: str
+    identification: str
+    label: str
+    state: State
+    proposed_by: str
+    proposed_by_id: str
+    note: str
+    verdict: str
+    overall: dict[str, Any]
+    errors: dict[str, Any]
+    parameters: list[dict[str, Any]]
+    model: dict[str, Any]
+    created: str
+    approved_by: str | None = None
+    activated: str | None = None
+    history: tuple[Step, ...] = ()
+
+
+class CalibrationStore:
+    """Repository of calibrations; every change is a transaction and one revision of ``calibrations``.
+
+    Parameters
+    ----------
+    approves_own : whether whoever proposed a calibration may approve it
+    """
+
+    def __init__(self, database: Database, approves_own: bool = True) -> None:
+        self._database = database
+        self._approves_own = approves_own
+
+    def add(self, source: Identification, label: str, content: Content, by: Principal) -> tuple[Calibration, bool]:
+        """Propose; the one that is there already, and False, if this identification was proposed before."""
+        with self._database.write("calibrations") as connection:
+            known = connection.execute(
+                sa.select(calibrations).where(calibrations.c.identification == source.id)
+            ).first()
+            if known is not None:
+                return _get(connection, known.id), False
+            new = Calibration(
+                id=f"cal-{secrets.token_hex(8)}",
+                revision=1,
+                machine=source.machine,
+                identification=source.id,
+                label=label or source.label,
+                state="proposed",
+                proposed_by=by.name,
+                proposed_by_id=by.id,
+                note="",
+                created=self._database.now(),
+                **content.__dict__,
+            )
+            row = {key: value for key, value in new.__dict__.items() if key != "history"}
+            connection.execute(calibrations.insert().values(**row))
+            self._step(connection, new.id, "proposed", by, "")
+            return _get(connection, new.id), True
+
+    def get(self, id: str) -> Calibration:
+        """The calibration; NotFoundError if there is none."""
+        with self._database.read() as connection:
+            return _get(connection, id)
+
+    def list(
+        self,
+        limit: int,
+        after: int = 0,
+        *,
+        machine: str | None = None,
+        machines: tuple[str, ...] | None = None,
+        state: str | None = None,
+    ) -> Page[Calibration]:
+        """Newest first; ``machines``: only those of these machines."""
+        query = sa.select(calibrations)
+        if machine is not None:
+            query = query.where(calibrations.c.machine == machine)
+        if machines is not None:
+            query = query.where(calibrations.c.machine.in_(machines))
+        if state is not None:
+            query = query.where(calibrations.c.state == state)
+        with self._database.read() as connection:
+            rows, cursor = page(connection, query, calibrations.c.number, limit, after)
+            return Page(_with_history(connection, rows), cursor)
+
+    def active(self, machine: str) -> Calibration | None:
+        """The one in use; None if the machine has none."""
+        query = sa.select(calibrations).where(calibrations.c.machine == machine, calibrations.c.state == "active")
+        with self._database.read() as connection:
+            row = connection.execute(query).first()
+            return None if row is None else _with_history(connection, [row])[0]
+
+    def decide(
+        self, id: str, state: Literal["approved", "rejected"], by: Principal, note: str, revision: int | None
+    ) -> Calibration:
+        """Approve or reject.
+
+        Raises
+        ------
+        ConflictError
+            If its state forbids it, or ``by`` proposed it and wants to approve it, and the policy forbids that. What
+            schedules do by themselves has a policy of its own.
+        PreconditionError
+            If ``revision`` is given and not the current one.
+        """
+        with self._database.write("calibrations") as connection:
+            found = _expect(connection, id, revision)
+            if found.state != "proposed" and not (found.state == "approved" and state == "rejected"):
+                raise ConflictError(f"calibration '{id}' is {found.state}; only a proposed one can be {state}")
+            own = found.proposed_by_id == by.id and by.kind != "service"
+            if state == "approved" and own and not self._approves_own:
+                raise ConflictError(f"calibration '{id}' was proposed by you; a second person has to approve it")
+            approved_by = by.name if state == "approved" else found.approved_by
+            _update(connection, found, state=state, note=note, approved_by=approved_by)
+            self._step(connection, id, state, by, note)
+            return _get(connection, id)
+
+    def activate(self, id: str, revision: int | None, by: Principal) -> Calibration:
+        """Use it in the name of ``by``; the one in use before is retired. Nothing happens if it is active.
+
+        Raises
+        ------
+        ConflictError
+            If nobody approved it.
+        PreconditionError
+            If ``revision`` is given and not the current one.
+        """
+        with self._database.write("calibrations") as connection:
+            found = _expect(connection, id, revision)
+            if found.state == "active":
+                return found
+            if found.state not in ("approved", "retired"):
+                raise ConflictError(f"calibration '{id}' is {found.state}; it has to be approved before it is used")
+            now = self._database.now()
+            connection.execute(
+                activations.insert().values(machine=found.machine, calibration=id, time=now, undone=False)
+            )
+            self._put_in_use(connection, found, now, by, "")
+            return _get(connection, id)
+
+    def roll_back(self, machine: str, by: Principal) -> Calibration:
+        """Use the one again that was in use before the active one; ConflictError if there was none."""
+        with self._database.write("calibrations") as connection:
+            lasting = self._lasting(connection, machine)
+            if len(lasting) < 2:
+                raise ConflictError(f"machine '{machine}' had no other calibration in use before; activate one instead")
+            current, before = lasting
+            connection.execute(activations.update().where(activations.c.number == current.number).values(undone=True))
+            again = _get(connection, before.calibration)
+            self._put_in_use(connection, again, self._database.now(), by, "rolled back to")
+            return _get(connection, before.calibration)
+
+    def _lasting(self, connection: sa.Connection, machine: str) -> builtins.list[Any]:
+        query = sa.select(activations).where(activations.c.machine == machine, sa.not_(activations.c.undone))
+        return builtins.list(connection.execute(query.order_by(activations.c.number.desc()).limit(2)))
+
+    def _put_in_use(self, connection: sa.Connection, found: Calibration, now: str, by: Principal, note: str) -> None:
+        query = sa.select(calibrations).where(calibrations.c.machine == found.machine, calibrations.c.state == "active")
+        for row in connection.execute(query).all():
+            _update(connection, _calibration(row), state="retired")
+            self._step(connection, row.id, "retired", by, "")
+        _update(connection, found, state="active", activated=now)
+        self._step(connection, found.id, "activated", by, note)
+
+    def _step(self, connection: sa.Connection, id: str, action: str, by: Principal, note: str) -> None:
+        values = {"calibration": id, "time": self._database.now(), "action": action}
+        connection.execute(calibration_steps.insert().values(**values, by=by.name, by_id=by.id, note=note))
+
+
+def _expect(connection: sa.Connection, id: str, revision: int | None) -> Calibration:
+    found = _get(connection, id)
+    if revision is not None and found.revision != revision:
+        raise PreconditionError(f"calibration '{id}' changed since you read it; read it again")
+    return found
+
+
+def _update(connection: sa.Connection, found: Calibration, **values: Any) -> None:
+    connection.execute(
+        calibrations.update().where(calibrations.c.id == found.id).values(**values, revision=found.revision + 1)
+    )
+
+
+def _get(connection: sa.Connection, id: str) -> Calibration:
+    row = connection.execute(sa.select(calibrations).where(calibrations.c.id == id)).first()
+    if row is None:
+        raise NotFoundError(f"there is no calibration '{id}'")
+    return _with_history(connection, [row])[0]
+
+
+def _with_history(connection: sa.Connection, rows: Sequence[sa.Row[Any]]) -> tuple[Calibration, ...]:
+    """Calibrations, each with what was done to it."""
+    steps: dict[str, builtins.list[Step]] = {row.id: [] for row in rows}
+    query = sa.select(calibration_steps).where(calibration_steps.c.calibration.in_(steps))
+    for step in connection.execute(query.order_by(calibration_steps.c.number)):
+        steps[step.calibration].append(Step(step.time, step.action, step.by, step.note))
+    return tuple(replace(_calibration(row), history=tuple(steps[row.id])) for row in rows)
+
+
+def _calibration(row: sa.Row[Any]) -> Calibration:
+    return Calibration(**{key: value for key, value in row._mapping.items() if key != "number"})

@@ -1,0 +1,102 @@
+"""``hilfit worker``, ``hilfit backup``, ``hilfit restore``: what whoever operates a service does."""
+
+from __future__ import annotations
+
+import socket
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from daq.console import print_json
+from server.platform.secret_options import no_secret
+
+Config = Annotated[Path | None, typer.Option(help="Configuration file of the service.", dir_okay=False)]
+DataDir = Annotated[Path | None, typer.Option(help="Data directory of the service.", file_okay=False)]
+DatabaseUrl = Annotated[
+    str | None,
+    typer.Option(help="PostgreSQL of the service, without a password; else the SQLite.", callback=no_secret),
+]
+
+
+def register(app: typer.Typer) -> None:
+    """Add the commands."""
+    app.command("worker")(worker)
+    app.command("backup")(backup)
+    app.command("restore")(restore)
+
+
+def worker(
+    name: Annotated[str | None, typer.Option(help="Of this worker among all; the host's name.")] = None,
+    config: Config = None,
+    data_dir: DataDir = None,
+    database_url: DatabaseUrl = None,
+) -> None:
+    """Take numerical jobs of a service with PostgreSQL until stopped."""
+    from server.composition.worker import work
+
+    own = name or socket.gethostname()
+    settings = _settings(config, data_dir=data_dir, database_url=database_url)
+    work(settings, own, lambda: print(f"hilfit worker {own} takes jobs (Ctrl-C stops)", flush=True))
+
+
+def backup(
+    output: Annotated[Path | None, typer.Option(help="Where; DATA_DIR/backups.", file_okay=False)] = None,
+    config: Config = None,
+    data_dir: DataDir = None,
+    database_url: DatabaseUrl = None,
+    json: Annotated[bool, typer.Option("--json", help="Print the result as JSON.")] = False,
+) -> None:
+    """Make a backup; the service may run meanwhile."""
+    from server.backups.backup_archive import Backups
+    from server.backups.backup_files import BackupContent
+    from server.composition.declarations import RESOURCES
+    from server.platform.database.engine import utc_now
+    from server.platform.errors import StartError
+    from server.platform.files import DATABASE_FILE, DataDirectory
+
+    settings = _settings(config, data_dir=data_dir, database_url=database_url)
+    missing = settings.database_url is None and not (settings.data_dir / DATABASE_FILE).is_file()
+    if missing or not settings.data_dir.is_dir():
+        raise StartError(f"--data-dir {settings.data_dir}: there is nothing to back up; name the service's directory")
+    files = DataDirectory(settings.data_dir)
+    backups = Backups(
+        files, BackupContent.of(RESOURCES), settings.database(files), utc_now, output or settings.backup_dir
+    )
+    made = backups.make()
+    place = backups.directory / made.id
+    if json:
+        print_json({**made.__dict__, "path": str(place)})
+    else:
+        print(f"{place} ({made.bytes / 1e6:.1f} MB)")
+        if made.missing:
+            print(f"{len(made.missing)} files that the store names were not there: {', '.join(made.missing[:5])}")
+
+
+def restore(
+    source: Annotated[Path, typer.Argument(help="A backup: the directory with manifest.json.", metavar="BACKUP")],
+    config: Config = None,
+    data_dir: DataDir = None,
+    database_url: DatabaseUrl = None,
+) -> None:
+    """Put a backup in the place of what is there; the service has to be stopped."""
+    from server.backups.backup_archive import manifest_of
+    from server.backups.backup_archive import restore as put_back
+    from server.backups.backup_files import BackupContent
+    from server.composition.declarations import RESOURCES
+    from server.platform.files import DataDirectory
+
+    settings = _settings(config, data_dir=data_dir, database_url=database_url)
+    manifest_of(source)  # before a data directory is made
+    files = DataDirectory(settings.data_dir)
+    with files.locked():
+        count = put_back(source, files, BackupContent.of(RESOURCES), settings.database(files))
+    print(f"{count} files of {source} are back in {files.root}")
+
+
+def _settings(config: Path | None, **given: Any) -> Any:
+    from server.platform.files import private_files
+    from server.platform.settings import load_settings
+
+    private_files()
+    return load_settings(config, **{name: value for name, value in given.items() if value is not None})

@@ -1,0 +1,76 @@
+"""``hilfit serve``."""
+
+from __future__ import annotations
+
+import json as json_format
+from contextlib import ExitStack, closing
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+if TYPE_CHECKING:
+    from server.platform.parts import Key
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command."""
+    app.command()(serve)
+
+
+def serve(
+    context: typer.Context,
+    config: Annotated[Path | None, typer.Option(help="YAML file with settings.", dir_okay=False)] = None,
+    host: Annotated[
+        str, typer.Option(help="Address to listen on; others than this computer's need access control.")
+    ] = ("127.0.0.1"),
+    port: Annotated[int, typer.Option(help="Port to listen on; 0 takes a free one.", min=0, max=65535)] = 8350,
+    data_dir: Annotated[Path, typer.Option(help="Directory of the database and all files.", file_okay=False)] = Path(
+        "hilfit-data"
+    ),
+    tls_cert: Annotated[
+        Path | None, typer.Option(help="Certificate (PEM) to serve HTTPS with.", dir_okay=False)
+    ] = None,
+    tls_key: Annotated[Path | None, typer.Option(help="Its key (PEM).", dir_okay=False)] = None,
+    tls: Annotated[str, typer.Option(help="self-signed: HTTPS with a certificate that the service makes.")] = "off",
+    simulate: Annotated[bool, typer.Option(help="Start the simulated machine and acquire from it.")] = False,
+    simulation_speed: Annotated[
+        float, typer.Option(help="Machine seconds per second of the simulated machine, up to 4.")
+    ] = 1.0,
+    json: Annotated[bool, typer.Option("--json", help="Print the address as JSON.")] = False,
+) -> None:
+    """Serve machines, recordings and identifications over HTTP until stopped."""
+    from server.platform.settings import load_settings
+
+    def ready(url: str) -> None:
+        print(json_format.dumps({"url": url}) if json else f"hilfit serves on {url} (Ctrl-C stops)", flush=True)
+
+    options: dict[str, Any] = {
+        "host": host,
+        "port": port,
+        "data_dir": data_dir,
+        "tls_cert": tls_cert,
+        "tls_key": tls_key,
+        "tls": tls,
+        "simulate": simulate,
+        "simulation_speed": simulation_speed,
+    }
+    settings = load_settings(config, **{name: value for name, value in options.items() if _was_given(context, name)})
+    with ExitStack() as stack:
+        given: dict[Key, Any] = {}
+        if settings.simulate:
+            from server.machines.simulation import Simulation
+
+            simulation = stack.enter_context(closing(Simulation()))  # it loads while this process does
+            from server.machines.machine_resource import SIMULATE
+
+            given[SIMULATE] = simulation.machine
+        from server.composition.serve import serve as run
+
+        run(settings, ready, given)
+
+
+def _was_given(context: typer.Context, name: str) -> bool:
+    """Whether an option was given, here or in the environment: only then it counts more than a configuration file."""
+    source = context.get_parameter_source(name)
+    return source is not None and not source.name.startswith("DEFAULT")

@@ -1,0 +1,160 @@
+"""The FastAPI application: routes, problem documents, limits, health."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable
+from importlib.metadata import version
+from typing import Any
+
+from fastapi import FastAPI, Response
+from fastapi.routing import APIRoute
+
+from server.access.access_desk import Access
+from server.access.gate import Gate
+from server.access.rates import Rate, Rates
+from server.audit.audit_log import Audit
+from server.live.revisions import Revisions
+from server.platform.authorization.guard import is_about_every_machine, require
+from server.platform.authorization.typed_route import TypedRoute
+from server.platform.http import problems
+from server.platform.http.health import Health
+from server.platform.http.kept_answers import KeptAnswers
+from server.platform.http.metrics import MEDIA_TYPE, Metrics, RequestTimes
+from server.platform.http.pages import Pages, page_files
+from server.platform.http.request_limits import BodyLimit, OwnPagesOnly, SafeHeaders
+from server.platform.http.route_parameters import problems as problem_responses
+from server.platform.resource import Resource, kept_lists
+from server.platform.service import Service
+
+API = "/api/v1"
+
+_RESPONSES = {str(status): response for status, response in problem_responses(401, 403, 429, 503).items()}
+
+
+class _Application(FastAPI):
+    """Describes problem documents once for all routes."""
+
+    def openapi(self) -> dict[str, Any]:
+        """The OpenAPI description."""
+        description = super().openapi()
+        description["components"]["schemas"].setdefault("Problem", problems.Problem.model_json_schema())
+        for path in description["paths"].values():
+            for operation in path.values():  # what the layers around all routes answer
+                operation["responses"] = {**_RESPONSES, **operation["responses"]}
+        for path in kept_lists(self.state.service.resources):
+            unchanged = {"description": "Not Modified: `If-None-Match` names the `ETag` of this answer"}
+            description["paths"][API + path]["get"]["responses"]["304"] = unchanged
+        return description
+
+
+def create_app(service: Service) -> FastAPI:
+    """The application in front of ``service``, which whoever calls starts before and stops afterwards."""
+    app = _Application(
+        title="hilfit",
+        summary="Acquisition and fitting for hydraulically driven arms",
+        version=version("hilfit"),
+        redoc_url=None,
+        docs_url=None,  # the page that FastAPI brings loads scripts from elsewhere
+        openapi_url=f"{API}/openapi.json",
+    )
+    app.state.service = service
+    app.router.route_class = TypedRoute
+    problems.install(app)
+    for resource in service.resources:
+        check_declaration(resource, service.ownership.collections)
+        for router in resource.routers:
+            app.include_router(router, prefix=API)
+    metrics = Metrics(service)
+    _add_health(app, service, metrics)
+    # Behind all routes: a mount at / would take what a route answers with 405.
+    app.router.default = Pages(page_files(), app.router.not_found)
+    _add_layers(app, service, metrics)
+    return app
+
+
+def check_declaration(resource: Resource, collections: Collection[str]) -> None:
+    """Look whether a resource forgot something of its routes.
+
+    Parameters
+    ----------
+    collections : those whose things belong to machines
+
+    Raises
+    ------
+    TypeError
+        If a route has another class than :class:`TypedRoute`, no resource says to which machine the things in its path
+        belong, or a list is declared that no route answers.
+    """
+    routes = [route for router in resource.routers for route in router.routes if isinstance(route, APIRoute)]
+    for route in routes:
+        if not isinstance(route, TypedRoute):
+            raise TypeError(f"{route.path}: nobody checks what its requests name; give its router TypedRoute")
+        collection = route.path.strip("/").split("/")[0]
+        known = collection in collections or collection in resource.of_no_machine or is_about_every_machine(route)
+        if "{" in route.path and not known:
+            raise TypeError(
+                f"{route.path}: nobody knows of which machine '{collection}' are; add them to of_a_machine or "
+                f"of_no_machine of resource '{resource.name}'"
+            )
+    for paths, method in ((resource.kept, "GET"), (resource.large_uploads, "POST")):
+        unknown = set(paths) - {route.path for route in routes if method in (route.methods or ())}
+        if unknown:
+            raise TypeError(f"resource '{resource.name}' declares {sorted(unknown)}, which no {method} route answers")
+
+
+def _add_health(app: FastAPI, service: Service, metrics: Metrics) -> None:
+    """What those ask who see to it that the service runs."""
+
+    @app.get("/livez", tags=["health"])
+    async def livez() -> Health:
+        """Whether the process answers: if not, restart it."""
+        return Health(status="ok")
+
+    @app.get("/readyz", tags=["health"], responses=problem_responses(503))
+    @app.get("/healthz", tags=["health"], responses=problem_responses(503))
+    def healthz() -> Health:
+        """Whether requests can be served: the store can be read, and the data directory be written."""
+        service.check()
+        return Health(status="ok")
+
+    @app.get(
+        "/metrics",
+        tags=["health"],
+        dependencies=[require("read", every_machine=True)],
+        response_class=Response,
+        responses={200: {"content": {"text/plain": {"schema": {"type": "string"}}}}},
+    )
+    def read_metrics() -> Response:
+        """What is counted, for Prometheus."""
+        return Response(metrics.text(), media_type=MEDIA_TYPE)
+
+
+def actions_of(resources: Iterable[Resource]) -> dict[Any, str]:
+    """What a call of each endpoint is called in the audit log: ``recordings.start``."""
+    return {
+        route.endpoint: f"{resource.name}.{route.endpoint.__name__}"
+        for resource in resources
+        for router in resource.routers
+        for route in router.routes
+        if isinstance(route, APIRoute)
+    }
+
+
+def _add_layers(app: FastAPI, service: Service, metrics: Metrics) -> None:
+    """What a request passes before it comes to a route; the last one is the outermost."""
+    settings, access = service.settings, service[Access]
+
+    large = frozenset(API + path for resource in service.resources for path in resource.large_uploads)
+
+    def limit(path: str) -> int:
+        return settings.maximum_upload_bytes if path in large else settings.maximum_request_bytes
+
+    lists = {API + path: names for path, names in kept_lists(service.resources).items()}
+    app.add_middleware(KeptAnswers, lists=lists, revisions=service[Revisions].current)
+    app.add_middleware(BodyLimit, limit=limit)
+    actions = actions_of(service.resources)
+    rate = Rate(settings.requests_per_second, max(1, round(4 * settings.requests_per_second)))
+    app.add_middleware(Gate, access=access, audit=service[Audit], actions=actions, rate=rate, rates=Rates())
+    app.add_middleware(OwnPagesOnly, hosts=settings.public_hosts, addresses=access.required)
+    app.add_middleware(SafeHeaders)
+    app.add_middleware(RequestTimes, metrics=metrics)

@@ -1,0 +1,41 @@
+"""All resources of the service, one line each."""
+
+from __future__ import annotations
+
+from server.access.access_resource import ACCESS
+from server.alarms.alarm_resource import ALARMS
+from server.audit.audit_resource import AUDIT
+from server.backups.backup_resource import BACKUPS
+from server.calibrations.calibration_resource import CALIBRATIONS
+from server.effects.effect_resource import EFFECTS
+from server.excitations.excitation_resource import EXCITATIONS
+from server.identifications.identification_resource import IDENTIFICATIONS
+from server.jobs.job_resource import JOBS
+from server.live.live_resource import LIVE
+from server.machines.machine_resource import MACHINES
+from server.monitor.monitor_resource import MONITOR
+from server.platform.resource import tables_of
+from server.recalibrations.recalibration_resource import RECALIBRATIONS
+from server.recordings.recording_resource import RECORDINGS
+from server.schedules.schedule_resource import SCHEDULES
+
+#: Routes are tried in this order, one after the other: what pages ask for most comes first.
+RESOURCES = (
+    LIVE,
+    MACHINES,
+    MONITOR,
+    RECORDINGS,
+    IDENTIFICATIONS,
+    EXCITATIONS,
+    SCHEDULES,
+    RECALIBRATIONS,
+    CALIBRATIONS,
+    BACKUPS,
+    JOBS,
+    EFFECTS,
+    ALARMS,
+    ACCESS,
+    AUDIT,
+)
+#: All tables of the store.
+TABLES = tables_of(RESOURCES)

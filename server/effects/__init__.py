@@ -1,0 +1,1 @@
+"""The catalogue of physical effects that the loop knows, for reading."""

@@ -1,0 +1,108 @@
+"""Designs of motions as jobs of one stage, in a process of its own."""
+
+from __future__ import annotations
+
+import json
+import secrets
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from daq import load_machine
+from server.excitations.excitation_store import Excitation, Excitations
+from server.jobs.job_kinds import NUMERICAL, JobError, StageRun
+from server.jobs.job_places import kept_place
+from server.jobs.job_store import Job, Jobs, Result
+from server.machines.machine_store import Machines
+from server.platform.database.engine import Database
+from server.platform.database.idempotency import IdempotencyKey
+from server.platform.errors import InvalidError
+from server.platform.files import DataDirectory, write_atomically
+from server.platform.processes.children import ChildResult
+
+STAGE = "design"
+#: The program that designs: ``[*PROGRAM, REQUEST.json]``.
+PROGRAM = (sys.executable, "-P", "-m", "server.excitations.excitation_child")
+
+
+class ExcitationKind:
+    """Designs a motion.
+
+    Parameters
+    ----------
+    program : command that designs; it gets the request's path
+    """
+
+    name = "excitation"
+    queue = NUMERICAL
+
+    def __init__(self, database: Database, files: DataDirectory, program: Sequence[str] = PROGRAM) -> None:
+        self._database = database
+        self._files = files
+        self._program = tuple(program)
+        self._excitations = Excitations(database)
+        self._jobs = Jobs(database)
+
+    def order(self, machine: str, options: dict[str, Any], label: str, key: str | None) -> Excitation:
+        """Check a wish and store it with its queued job.
+
+        Raises
+        ------
+        NotFoundError, InvalidError, ConflictError
+            If there is no such machine or joint, or the key came before with another wish.
+        """
+        row = Machines(self._database).get(machine)
+        described = load_machine(self._files.machine_file(machine, row.version))
+        known = [joint.name for joint in described.joints]
+        for joint in options.get("joints") or ():
+            if joint not in known:
+                raise InvalidError(f"machine '{machine}' has no joint '{joint}'; it has {', '.join(known)}")
+        if options.get("rods") == "unpinned" and all(joint.cylinder is None for joint in described.joints):
+            raise InvalidError(f"machine '{machine}' has no cylinder, so there is nothing to unpin; use rods 'pinned'")
+        new = Excitation(
+            id=f"exc-{secrets.token_hex(8)}",
+            job=f"job-{secrets.token_hex(8)}",
+            machine=machine,
+            machine_version=row.version,
+            label=label or f"Motion of {machine}",
+            options=options,
+            created=self._database.now(),
+        )
+        return self._excitations.add(new, (STAGE,), IdempotencyKey.of(key, "excitation", machine, options, label))
+
+    def motion(self, id: str) -> Path:
+        """Where the motion file is once it is designed; NotFoundError if there is no such excitation."""
+        job = self._jobs.get(self._excitations.get(id).job)
+        return kept_place(self._files.excitations / id, job) / "motion.csv"
+
+    def words(self, stage: str) -> str:
+        """What a person reads while it runs."""
+        return "Designing the motion"
+
+    def directory(self, job: Job) -> Path:
+        """Where the design gets its place."""
+        return self._files.excitations / job.subject
+
+    def run(self, run: StageRun) -> ChildResult:
+        """Design."""
+        excitation = self._excitations.get(run.job.subject)
+        request = {
+            "machine": str(self._files.machine_file(excitation.machine, excitation.machine_version)),
+            "output": str(run.place),
+            "options": excitation.options,
+        }
+        path = run.place / "request.json"
+        write_atomically(path, json.dumps(request, indent=1).encode())
+        return run.child(self._program, [str(path)], run.place / "design.log")
+
+    def result(self, job: Job, place: Path) -> Result:
+        """What the design found."""
+        try:
+            result = json.loads((place / "result.json").read_bytes())
+        except (OSError, ValueError):
+            raise JobError("The design left no motion that can be read; order it again") from None
+        return self._excitations.result(job.subject, result)
+
+    def ended(self, job: Job, state: str, error: str | None) -> None:
+        """Nobody waits for it here."""

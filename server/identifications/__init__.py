@@ -1,0 +1,1 @@
+"""Identifications: orders that are checked, jobs that fit recordings, and the reports that they leave."""

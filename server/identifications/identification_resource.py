@@ -1,0 +1,71 @@
+"""The resource ``identifications``: both stages and the loop, from recordings."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+
+import sqlalchemy as sa
+
+from server.identifications.identification_job import IdentificationKind
+from server.identifications.identification_order import IdentificationOrders
+from server.identifications.identification_results import IdentificationResults
+from server.identifications.identification_routes import router
+from server.identifications.identification_store import Identifications
+from server.identifications.identification_tables import identification_recordings, identifications
+from server.identifications.stage_request import StageProgram, fitting_program
+from server.jobs.job_files import named_results
+from server.jobs.job_runner import JobRunner
+from server.platform.database.engine import Database
+from server.platform.files import DataDirectory
+from server.platform.parts import PartName, Parts
+from server.platform.resource import BackedUp, Resource
+from server.recordings.recording_desk import USED_BY, RecordingDesk
+from server.recordings.shared_recordings import SharedRecordings
+
+#: The stages of an identification, and the command that runs one; called when the first job needs it.
+STAGE_PROGRAM: PartName[Callable[[], StageProgram]] = PartName("stages of an identification")
+#: Where jobs fetch recordings from, and the directory for what is fetched; None: they are in the data directory.
+FETCHED: PartName[tuple[SharedRecordings, Path] | None] = PartName("where jobs fetch recordings")
+
+
+def _kind(parts: Parts) -> IdentificationKind:
+    fetched = parts[FETCHED] or (None, None)
+    return IdentificationKind(parts[Database], parts[DataDirectory], parts[STAGE_PROGRAM], *fetched)
+
+
+def _used_by(connection: sa.Connection, recording: str) -> str | None:
+    """The identification that was made of a recording."""
+    of_it = identification_recordings.c.recording == recording
+    found = connection.execute(sa.select(identification_recordings.c.identification).where(of_it)).scalar()
+    return None if found is None else f"identification '{found}'"
+
+
+def _orders(parts: Parts) -> IdentificationOrders:
+    return IdentificationOrders(
+        parts[Database],
+        lambda: parts[IdentificationKind].stages,
+        lambda id: parts[RecordingDesk].share(id),
+        lambda job: parts[JobRunner].enqueue(job),
+    )
+
+
+IDENTIFICATIONS = Resource(
+    name="identifications",
+    routers=(router,),
+    tables=(identifications, identification_recordings),
+    of_a_machine={"identifications": identifications},
+    kept={"/identifications": ("identifications",)},
+    provides={
+        STAGE_PROGRAM: lambda parts: fitting_program,
+        FETCHED: lambda parts: None,
+        USED_BY: lambda parts: _used_by,
+        Identifications: lambda parts: Identifications(parts[Database]),
+        IdentificationResults: lambda parts: IdentificationResults(parts[Database], parts[DataDirectory]),
+        IdentificationKind: _kind,
+        IdentificationOrders: _orders,
+    },
+    job_kinds=(IdentificationKind,),
+    backed_up=BackedUp("identifications", partial(named_results, identifications)),
+)

@@ -1,0 +1,123 @@
+"""``/identifications``: order, list, read, report."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+from fastapi import APIRouter, Header, Response
+from fastapi.responses import FileResponse
+
+from fitting.stage_names import NEXT_MOTION
+from server.identifications.identification_order import IdentificationOrders, Wish
+from server.identifications.identification_results import IdentificationResults
+from server.identifications.identification_schemas import (
+    IdentificationList,
+    IdentificationOrder,
+    IdentificationResource,
+)
+from server.identifications.identification_store import Identifications
+from server.jobs.job_store import Jobs
+from server.platform.authorization.guard import PrincipalDep, require
+from server.platform.authorization.typed_route import TypedRoute
+from server.platform.errors import ConflictError, NotFoundError
+from server.platform.http.route_parameters import Cursor, Limit, MachineQuery, ServiceDep, problems
+from server.platform.service import Service
+
+router = APIRouter(prefix="/identifications", tags=["identifications"], route_class=TypedRoute)
+#: The report is a page of ours, but it shows names from machine files: it may run no script and load nothing
+#: from elsewhere. It is one file that is read without the service too, so its style sheet stands in it; without
+#: scripts and requests an inline style can do no more than look wrong.
+REPORT_POLICY = "default-src 'none'; style-src 'unsafe-inline'; img-src data:; font-src data:; sandbox"
+
+
+@router.post("", status_code=202, responses=problems(404, 409, 422), dependencies=[require("engineer")])
+async def order(
+    body: IdentificationOrder,
+    response: Response,
+    service: ServiceDep,
+    idempotency_key: Annotated[str | None, Header(min_length=1, max_length=200)] = None,
+) -> IdentificationResource:
+    """Order an identification: its job is at ``Location``; one ``Idempotency-Key`` makes one job."""
+    wish = Wish(
+        machine=body.machine,
+        recordings=tuple((choice.id, choice.role) for choice in body.recordings),
+        options=body.options.model_dump(),
+        label=body.label,
+    )
+    # Shared storage may have to be filled first, and may be far away.
+    identification = await service.heavy.aside(service[IdentificationOrders].order, wish, idempotency_key)
+    response.headers["Location"] = f"/api/v1/jobs/{identification.job}"
+    return IdentificationResource.of(identification)
+
+
+@router.get("", responses=problems(422), dependencies=[require("read")])
+def list_identifications(
+    service: ServiceDep,
+    principal: PrincipalDep,
+    machine: MachineQuery = None,
+    limit: Limit = 50,
+    cursor: Cursor = 0,
+) -> IdentificationList:
+    """List identifications, newest first."""
+    return IdentificationList.of(
+        service[Identifications].list(limit, cursor, machine=machine, machines=principal.machines)
+    )
+
+
+@router.get("/{id}", responses=problems(404, 422), dependencies=[require("read")])
+def get(id: str, service: ServiceDep) -> IdentificationResource:
+    """Read an identification."""
+    return IdentificationResource.of(service[Identifications].get(id))
+
+
+@router.get(
+    "/{id}/report.json",
+    response_class=FileResponse,
+    responses={200: {"content": {"application/json": {}}}, **problems(404, 409, 422)},
+    dependencies=[require("read")],
+)
+def report(id: str, service: ServiceDep) -> FileResponse:
+    """The result (schema ``hilfit/report/1``)."""
+    return _report(service, id, "report.json", "application/json")
+
+
+@router.get(
+    "/{id}/report.html",
+    response_class=FileResponse,
+    responses={200: {"content": {"text/html": {}}}, **problems(404, 409, 422)},
+    dependencies=[require("read")],
+)
+def report_page(id: str, service: ServiceDep) -> FileResponse:
+    """The result as a self-contained page."""
+    response = _report(service, id, "report.html", "text/html")
+    response.headers["Content-Security-Policy"] = REPORT_POLICY
+    return response
+
+
+@router.get(
+    "/{id}/next-experiment.csv",
+    response_class=FileResponse,
+    responses={200: {"content": {"text/csv": {}}}, **problems(404, 409, 422)},
+    dependencies=[require("read")],
+)
+def next_experiment(id: str, service: ServiceDep) -> FileResponse:
+    """The motion that would tell apart what these recordings could not (a motion file); 404 if none was designed."""
+    path = _written(service, id, "report.json").with_name(NEXT_MOTION)
+    if not path.is_file():
+        raise NotFoundError(f"identification '{id}' designed no next experiment: nothing was left to be told apart")
+    return FileResponse(path, media_type="text/csv", filename=f"{id}-{NEXT_MOTION}")
+
+
+def _report(service: Service, id: str, name: str, media_type: str) -> FileResponse:
+    return FileResponse(_written(service, id, name), media_type=media_type)
+
+
+def _written(service: Service, id: str, name: str) -> Path:
+    """A file that every identification which is done has."""
+    identification = service[Identifications].get(id)
+    job = service[Jobs].get(identification.job)
+    path = service[IdentificationResults].directory(id) / name
+    if job.state != "done" or not path.is_file():
+        raise ConflictError(f"identification '{id}' has no {name}: its job {job.id} is {job.state}")
+    return path

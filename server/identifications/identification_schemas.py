@@ -1,0 +1,82 @@
+"""What the REST interface takes and gives; the only pydantic models of the service."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, Field
+
+from server.identifications.identification_store import Identification
+from server.platform.authorization.named_things import MachineName, RecordingId
+from server.platform.database.engine import Page
+from server.platform.http.bodies import Body, Flag, Label
+from server.recordings.recording_schemas import RecordingRole
+
+
+class RecordingChoice(Body):
+    """A recording to identify from, by default in the role that it was recorded in."""
+
+    id: RecordingId
+    role: RecordingRole | None = None
+
+
+class IdentificationOptions(Body):
+    """Choices of an identification (:class:`fitting.session.Options`).
+
+    ``loop``: look for what the model lacks. ``bandwidth_hz``: identification bandwidth, None: from the motion.
+    ``bootstrap``: most replicas that a null distribution is drawn from. ``forgetting``: factor of stage 1's recursion,
+    1 forgets nothing. ``estimator``, ``covariance``: of stage 2. ``prior`` and ``columns`` name files: only the command
+    line has them. ``resample``: stored recordings have the machine's rate already, so it changes nothing.
+    """
+
+    loop: Flag = True
+    bandwidth_hz: Annotated[float, Field(gt=0)] | None = None
+    bootstrap: Annotated[int, Field(ge=0, le=1000)] = 18
+    forgetting: Annotated[float, Field(gt=0, le=1)] = 1.0
+    estimator: Annotated[str, Field(max_length=64)] = "gls"
+    covariance: Literal["hac", "bootstrap", "white"] = "hac"
+    prior: None = None
+    columns: None = None
+    resample: bool = False
+
+
+class IdentificationOrder(Body):
+    """What to identify."""
+
+    machine: MachineName
+    recordings: Annotated[list[RecordingChoice], Field(min_length=1, max_length=200)]
+    options: IdentificationOptions = IdentificationOptions()
+    label: Label = ""
+
+
+class IdentificationResource(BaseModel):
+    """An identification; ``verdict`` and ``overall`` are there once its job is done."""
+
+    id: str
+    job: str
+    machine: str
+    machine_version: int
+    label: str
+    recordings: list[RecordingChoice]
+    options: dict[str, Any]
+    created: str
+    verdict: str | None
+    overall: dict[str, Any] | None
+
+    @classmethod
+    def of(cls, value: Identification) -> IdentificationResource:
+        """From the store."""
+        chosen = [RecordingChoice.model_validate({"id": id, "role": role}) for id, role in value.recordings]
+        return cls(**{**value.__dict__, "recordings": chosen})
+
+
+class IdentificationList(BaseModel):
+    """A page of identifications."""
+
+    items: list[IdentificationResource]
+    next: int | None
+
+    @classmethod
+    def of(cls, page: Page[Identification]) -> IdentificationList:
+        """From the store."""
+        return cls(items=[IdentificationResource.of(value) for value in page.items], next=page.next)

@@ -1,0 +1,57 @@
+"""The program that a job's stages run in, and what it is told.
+
+By default it is ``python -P -m fitting.stage_program --stay REQUEST.json STAGE``, which never runs in the process that
+serves HTTP, and stays for the stages that follow.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from fitting.stage_names import STAGES, WORDS
+from server.platform.files import write_atomically
+
+
+@dataclass(frozen=True)
+class StageProgram:
+    """Stages in order, and the command that runs one: ``[*command, REQUEST.json, STAGE]``."""
+
+    stages: tuple[str, ...]
+    command: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class StageRequest:
+    """What every stage of one identification is told: files by their paths, recordings with their roles."""
+
+    machine: Path
+    recordings: tuple[tuple[str, Path], ...]
+    options: dict[str, Any]
+    output: Path
+
+    def write(self, path: Path | None = None) -> Path:
+        """Write it to a file, by default ``request.json`` in the output directory; returns its path."""
+        content = {
+            "machine": str(self.machine),
+            "recordings": [[role, str(path)] for role, path in self.recordings],
+            "options": self.options,
+            "output": str(self.output),
+        }
+        path = path or self.output / "request.json"
+        write_atomically(path, json.dumps(content, indent=1).encode())
+        return path
+
+
+def words(stage: str) -> str:
+    """What a person reads while ``stage`` runs."""
+    said = WORDS.get(stage, stage.replace("_", " "))
+    return said[:1].upper() + said[1:]
+
+
+def fitting_program() -> StageProgram:
+    """The stages of :mod:`fitting`, which is loaded here only for their names."""
+    return StageProgram(tuple(STAGES), (sys.executable, "-P", "-m", "fitting.stage_program", "--stay"))

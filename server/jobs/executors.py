@@ -1,0 +1,109 @@
+"""Processes that run jobs: each says now and then that it is there; the work of one that fell silent is taken over.
+
+Its own clock decides nothing: what is silent is judged by when its last word was stored, seen from here.
+"""
+
+from __future__ import annotations
+
+import socket
+import threading
+import time
+from collections.abc import Callable
+
+import sqlalchemy as sa
+import structlog
+
+from server.jobs.job_tables import executors
+from server.platform.database.engine import Database
+
+BEAT_S = 5.0
+#: An executor that was not heard for so long has lost its work. Long against a garbage collection or a slow disk,
+#: short against a fit.
+SILENT_S = 30.0
+_log = structlog.stdlib.get_logger(__name__)
+
+
+class Silence:
+    """Tells which executors have fallen silent.
+
+    Only changes of what they wrote count, on this process' own monotonic clock: hosts need not agree about the time.
+
+    Parameters
+    ----------
+    clock : s, monotonic
+    """
+
+    def __init__(self, database: Database, clock: Callable[[], float] = time.monotonic) -> None:
+        self._database = database
+        self._clock = clock
+        self._began = self._looked = clock()
+        self._heard: dict[str, tuple[str, float]] = {}
+
+    def look(self) -> None:
+        """Read who was there.
+
+        A time in which nothing could be read is nobody's silence: the database was away for all, or we slept.
+        """
+        with self._database.read() as connection:
+            rows = connection.execute(sa.select(executors.c.id, executors.c.seen)).all()
+        now = self._clock()
+        deaf = now - self._looked
+        self._looked = now
+        if deaf > SILENT_S / 2:
+            self._began += deaf
+            self._heard = {executor: (word, when + deaf) for executor, (word, when) in self._heard.items()}
+        for row in rows:
+            if self._heard.get(row.id, ("", 0.0))[0] != row.seen:
+                self._heard[row.id] = (row.seen, now)
+
+    def silent(self, executor: str) -> bool:
+        """Whether nothing was heard of an executor for :data:`SILENT_S`; of one never heard of, since we listen."""
+        return self._clock() - self._heard.get(executor, ("", self._began))[1] > SILENT_S
+
+
+class Heartbeat:
+    """Says now and then that this process is there, and calls ``each`` after it.
+
+    Parameters
+    ----------
+    executor : name of this process
+    each : done after every word; what it raises is logged
+    """
+
+    def __init__(self, database: Database, executor: str, each: Callable[[], object] = lambda: None) -> None:
+        self._database = database
+        self._executor = executor
+        self._each = each
+        self._started = database.now()
+        self._count = 0
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="presence", daemon=True)
+
+    def start(self) -> None:
+        """Start; the first word is said before this returns."""
+        self.say()
+        self._thread.start()
+
+    def stop(self) -> None:
+        """Stop."""
+        self._stop.set()
+        if self._thread.is_alive():
+            self._thread.join()
+
+    def say(self) -> None:
+        """Say it once."""
+        self._count += 1
+        # The count makes every word a new one, whatever the clock does.
+        values = {"host": socket.gethostname(), "started": self._started, "seen": f"{self._started} {self._count}"}
+        with self._database.write() as connection:
+            known = connection.execute(executors.update().where(executors.c.id == self._executor).values(**values))
+            if known.rowcount == 0:
+                connection.execute(executors.insert().values(id=self._executor, **values))
+
+    def _run(self) -> None:
+        while not self._stop.wait(BEAT_S):
+            try:
+                self.say()
+                self._each()
+            except Exception as error:  # of the store or the engine; the next word may get through
+                _log.error("presence_not_said", exc_info=error)

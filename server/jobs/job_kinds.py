@@ -1,0 +1,71 @@
+"""What a kind of job has to tell the runner."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+
+from daq.errors import HilfitError
+from server.jobs.job_store import Job, Result
+from server.platform.processes.children import ChildResult
+
+#: Queue of numerical work: one job at a time per process that takes from it, on whatever host.
+NUMERICAL = "identifications"
+#: Queue of jobs that need the machines themselves: only the server takes from it, many at a time (they mostly wait).
+AT_MACHINES = "recalibrations"
+
+
+class JobError(HilfitError):
+    """The job fails; the text is one line that says what to do."""
+
+
+@dataclass(frozen=True)
+class StageRun:
+    """What a kind is given to run one stage of one job.
+
+    Attributes
+    ----------
+    progress : takes the fraction of the stage (0 to 1) and what is being done
+    should_stop : whether somebody cancelled the job, or the service stops
+    child : runs a program with arguments and a log file; one that stays is there for the job's next stage
+        (:class:`server.platform.processes.children.Child`)
+    place : directory that nobody else writes to, with all that the stages before left (:mod:`server.jobs.job_places`)
+    whole : whether what they left is there; False also for the first stage
+    """
+
+    job: Job
+    stage: str
+    progress: Callable[[float, str], None]
+    should_stop: Callable[[], bool]
+    child: Callable[[Sequence[str], Sequence[str], Path], ChildResult]
+    place: Path
+    whole: bool
+
+
+class JobKind(Protocol):
+    """One kind of job."""
+
+    @property
+    def name(self) -> str:
+        """As it stands in a job's ``kind``."""
+
+    @property
+    def queue(self) -> str:
+        """Where its jobs wait."""
+
+    def words(self, stage: str) -> str:
+        """What a person reads while a stage runs."""
+
+    def directory(self, job: Job) -> Path:
+        """Where a job's stages get their places."""
+
+    def run(self, run: StageRun) -> ChildResult:
+        """Run a stage; one that broke off is run again, so it must not do twice what may be done once."""
+
+    def result(self, job: Job, place: Path) -> Result | None:
+        """What the last stage left to be stored with the end of the job; None: nothing. JobError if it is not there."""
+
+    def ended(self, job: Job, state: str, error: str | None) -> None:
+        """The job is about to be over; may be told twice."""

@@ -1,0 +1,85 @@
+"""The resource ``jobs``: long work of all kinds, which the other resources declare."""
+
+from __future__ import annotations
+
+import os
+import signal
+from collections.abc import Iterator
+from typing import cast
+
+import structlog
+from prometheus_client.core import GaugeMetricFamily, Metric
+
+from server.jobs.executors import Heartbeat, Silence
+from server.jobs.job_kinds import AT_MACHINES, JobKind
+from server.jobs.job_routes import router
+from server.jobs.job_runner import EXECUTOR, QUEUES, JobRunner
+from server.jobs.job_store import Jobs
+from server.jobs.job_tables import executors, job_claims, job_events, jobs
+from server.platform.database.engine import Database
+from server.platform.files import DataDirectory
+from server.platform.parts import Parts
+from server.platform.resource import Phase, Resource, Running
+from server.platform.service import Service
+from server.platform.settings import Settings
+
+_log = structlog.stdlib.get_logger(__name__)
+
+
+def _runner(parts: Parts) -> JobRunner:
+    settings = parts[Settings]
+    kinds = [cast(JobKind, parts[kind]) for resource in parts[Service].resources for kind in resource.job_kinds]
+    return JobRunner(
+        parts[Database],
+        parts[DataDirectory],
+        kinds,
+        stage_timeout_s=settings.stage_timeout_s,
+        queues=tuple(QUEUES) if settings.local_jobs else (AT_MACHINES,),
+    )
+
+
+def _heartbeat(parts: Parts) -> Heartbeat:
+    database, silence = parts[Database], parts[Silence]
+
+    def take_over() -> None:
+        """Let others go on with the jobs of workers that fell silent."""
+        if not database.still_alone():
+            _log.critical("another_server_has_the_database", database=database.name)
+            os.kill(os.getpid(), signal.SIGTERM)
+            return
+        silence.look()
+        parts[JobRunner].take_over(silence.silent)
+
+    return Heartbeat(database, EXECUTOR, take_over)
+
+
+def _running(parts: Parts) -> Iterator[Running]:
+    runner = parts[JobRunner]
+    yield Running(Phase.JOBS, runner.start, runner.stop)
+    yield Running(Phase.ORDERS, stop=runner.halt)
+    if not parts[Database].is_sqlite:  # else nobody shares it
+        heartbeat = parts[Heartbeat]
+        yield Running(Phase.CLOCKS, heartbeat.start, heartbeat.stop)
+
+
+def _metrics(parts: Parts) -> Iterator[Metric]:
+    states = GaugeMetricFamily("hilfit_jobs", "Jobs in each state.", labels=["state"])
+    for state, number in parts[Jobs].counts().items():
+        states.add_metric([state], number)
+    yield states
+
+
+JOBS = Resource(
+    name="jobs",
+    routers=(router,),
+    tables=(jobs, job_events, executors, job_claims),
+    kept={"/jobs": ("jobs", "identifications", "excitations", "recalibrations")},
+    provides={
+        Jobs: lambda parts: Jobs(parts[Database]),
+        JobRunner: _runner,
+        Silence: lambda parts: Silence(parts[Database]),
+        Heartbeat: _heartbeat,
+    },
+    running=_running,
+    metrics=_metrics,
+)

@@ -1,0 +1,361 @@
+"""Jobs as durable workflows (DBOS): each stage is a step that is recorded once it is done.
+
+After a crash, at whatever moment, the next start goes on with the first stage that has no recorded result.
+What a person sees of a job is in our own store (:class:`server.store.Jobs`); the engine's tables are its
+private business. Inputs and results are kept as JSON, never as pickles.
+"""
+
+from __future__ import annotations
+
+import contextvars
+import threading
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Any
+
+import structlog
+from dbos import DBOS, DBOSPortableJSONSerializer, SetWorkflowID
+from sqlalchemy.exc import DBAPIError
+
+from daq.errors import HilfitError
+from server.jobs.claims import Claim, Claims
+from server.jobs.job_kinds import AT_MACHINES, NUMERICAL, JobError, JobKind, StageRun
+from server.jobs.job_places import begin, place_name, tidy
+from server.jobs.job_store import FINAL, Job, Jobs, Result, State
+from server.platform.database.engine import Database
+from server.platform.database.patience import Value, away, patiently
+from server.platform.errors import ServiceStopping, TakenOver
+from server.platform.files import DataDirectory, sync_tree
+from server.platform.processes.children import GRACE_S, LOOK_S, Child, ChildResult
+
+#: Jobs of a queue that one process runs at a time. Numerical work may take all cores but those of acquisition and
+#: HTTP; what is done at machines is mostly waiting, and one machine has one at a time.
+QUEUES: Mapping[str, int] = {NUMERICAL: 1, AT_MACHINES: 8}
+#: Changed when the order or meaning of a workflow's steps changes: only workflows of the same version are
+#: resumed.
+WORKFLOW_VERSION = "hilfit-jobs-1"
+#: The engine resumes what its own executor left behind, so the name has to be the same after a restart. The
+#: lock of the data directory sees to it that two servers never share it.
+EXECUTOR = "server"
+POLL_S = 0.25
+#: Times that a stage is begun whose process somebody else kills: it may be the victim of a large neighbour, or be too
+#: large itself.
+ATTEMPTS = 3
+#: Held by the runner that has started the engine, which keeps its state in its module.
+_ENGINE = threading.Lock()
+_LOST = "the job broke off unexpectedly; order it again"
+_log = structlog.stdlib.get_logger(__name__)
+
+
+class JobRunner:
+    """Runs jobs: numerical ones one after another, each in a process of its own.
+
+    Parameters
+    ----------
+    kinds : what jobs there are
+    stage_timeout_s : most seconds that a stage's process may take
+    executor : name of this process among those that share the store; the same after a restart
+    queues : from which it takes jobs; it may put jobs into all of them
+    """
+
+    def __init__(
+        self,
+        database: Database,
+        files: DataDirectory,
+        kinds: Sequence[JobKind],
+        *,
+        stage_timeout_s: float,
+        executor: str = EXECUTOR,
+        queues: Sequence[str] = tuple(QUEUES),
+    ) -> None:
+        self._database = database
+        self._files = files
+        self._kinds = {kind.name: kind for kind in kinds}
+        self._stage_timeout_s = stage_timeout_s
+        self._executor = executor
+        self._queues = tuple(queues)
+        self._jobs = Jobs(database)
+        self._claims = Claims(database)
+        self._stopping = threading.Event()
+        self._one_at_a_time = threading.Lock()
+        self._idle = threading.Condition()
+        self._at_work = 0
+        self._workflows: dict[str, Any] = {}
+        self._started = False
+
+    def start(self) -> None:
+        """Start the engine: unfinished jobs go on, waiting ones are taken from the queues."""
+        if not _ENGINE.acquire(blocking=False):
+            raise RuntimeError("the workflow engine exists once per process, and another service has it")
+        self._started = True
+        self._claims.release(self._executor)
+        DBOS(
+            config={
+                "name": "hilfit",
+                "system_database_url": self._database.url,
+                "serializer": DBOSPortableJSONSerializer(),
+                "executor_id": self._executor,
+                "application_version": WORKFLOW_VERSION,
+                "log_level": "WARNING",
+                "enable_otlp": False,
+                "sys_db_pool_size": 5,
+            }
+        )
+        for name in self._kinds:
+            self._workflows[name] = self._workflow(name)
+        DBOS.listen_queues(list(self._queues))
+        DBOS.launch()
+        for queue, count in QUEUES.items():
+            DBOS.register_queue(
+                queue, worker_concurrency=count, polling_interval_sec=POLL_S, on_conflict="always_update"
+            )
+        if self._executor == EXECUTOR:  # whoever stores jobs also sees to it that they are queued
+            for job in self._jobs.unfinished():
+                self._take_up(job)
+
+    def _workflow(self, name: str) -> Any:
+        def workflow(job: str, stages: list[str]) -> str:
+            return self._run(job, stages)
+
+        # A stage cannot take the server down (it is a process of its own), so a job that was resumed
+        # often is a victim, not a cause: no limit on attempts.
+        return DBOS.workflow(name=name, max_recovery_attempts=None)(workflow)
+
+    def _take_up(self, job: Job) -> None:
+        """Bring a job that is not over in our store together with its workflow, which a crash may have kept from it."""
+        workflow = DBOS.get_workflow_status(job.id)
+        if workflow is None:
+            self.enqueue(job.id)
+        elif workflow.status not in ("ENQUEUED", "PENDING"):
+            _log.error("job_lost", job=job.id, workflow=workflow.status)
+            self._kinds[job.kind].ended(job, "failed", _LOST)
+            self._jobs.finish(job.id, "failed", "Failed", error=_LOST)
+
+    def halt(self) -> None:
+        """Let no stage begin and running ones end, unrecorded; returns at once."""
+        self._stopping.set()
+
+    def stop(self) -> None:
+        """Stop the engine; a running stage is ended and will run again at the next start."""
+        self.halt()
+        # Whoever is at work is ending its child now; the engine and the store have to be there until then.
+        with self._idle:
+            self._idle.wait_for(lambda: self._at_work == 0, timeout=2 * GRACE_S + LOOK_S)
+        if self._started:
+            self._started = False
+            DBOS.destroy(destroy_registry=True)
+            _ENGINE.release()
+
+    def enqueue(self, job: str) -> None:
+        """Queue the workflow of a stored job; does nothing if it is queued, running or over."""
+        # In a context of its own: the engine refuses to start a workflow inside a step, which a recalibration does.
+        contextvars.Context().run(self._enqueue, self._jobs.get(job))
+
+    def _enqueue(self, job: Job) -> None:
+        with SetWorkflowID(job.id):
+            DBOS.enqueue_workflow(self._kinds[job.kind].queue, self._workflows[job.kind], job.id, list(job.stages))
+
+    def cancel(self, job: str) -> Job:
+        """Ask a job to stop. A running stage is ended within a second; a waiting job never starts."""
+        return self._jobs.request_cancel(job)
+
+    def take_over(self, silent: Callable[[str], bool]) -> tuple[str, ...]:
+        """Let others go on with the jobs of executors that are ``silent``; the jobs' ids.
+
+        The engine recovers only what its own executor left behind. One that is silent but lives loses its claims, so
+        it stores nothing more about those jobs.
+        """
+        self._claims.revoke(silent)
+        taken = []
+        for workflow in DBOS.list_workflows(status="PENDING", load_input=False, load_output=False):
+            if workflow.executor_id is None or not silent(workflow.executor_id) or workflow.name not in self._kinds:
+                continue
+            DBOS.resume_workflow(workflow.workflow_id, queue_name=self._kinds[workflow.name].queue)
+            _log.warning("job_taken_over", job=workflow.workflow_id, executor=workflow.executor_id)
+            taken.append(workflow.workflow_id)
+        return tuple(taken)
+
+    def _run(self, job: str, stages: list[str]) -> str:
+        """The workflow. Its steps depend on nothing but its arguments and the results of earlier steps.
+
+        The claim is no step: every execution takes one of its own.
+        """
+        claim = self._claim(job)
+        result: dict[str, Any] = {"outcome": "done"}
+        try:
+            with Child() as process:
+                for index, stage in enumerate(stages):
+                    part, before = (index, len(stages)), result.get("place")
+                    result = DBOS.run_step({"name": stage}, self._run_stage, claim, stage, part, before, process)
+                    if result["outcome"] != "done":
+                        break
+            state = str(DBOS.run_step({"name": "finish"}, self._finish, claim, result))
+        except (Exception, TakenOver):  # somebody else has it: the engine knows it, or the store
+            self._leave(claim)
+            raise
+        self._leave(claim)
+        return state
+
+    def _leave(self, claim: Claim) -> None:
+        """Let go of a job; if it is over, remove the files that do not count, whoever wrote them."""
+        with suppress(ServiceStopping):  # the claim is released at the next start, or revoked if there is none
+            self._patiently(lambda: self._claims.give_back(claim))
+            row = self._patiently(lambda: self._jobs.get(claim.job))
+            if row.place is not None:
+                tidy(self._kinds[row.kind].directory(row), row.place)
+
+    def _claim(self, job: str) -> Claim:
+        """Take a job's claim; waits while somebody else, who woke up late, still holds it."""
+        while True:
+            claim = self._patiently(lambda: self._claims.take(job, self._executor))
+            if claim is not None:
+                return claim
+            self._pause(POLL_S)
+
+    def _pause(self, seconds: float) -> None:
+        if self._stopping.wait(seconds):
+            raise ServiceStopping
+
+    def _patiently(self, do: Callable[[], Value]) -> Value:
+        return patiently(do, self._pause)
+
+    @contextmanager
+    def _working(self, kind: JobKind) -> Iterator[None]:
+        with self._idle:
+            self._at_work += 1
+        try:
+            if kind.queue == NUMERICAL:
+                with self._one_at_a_time:  # a resumed job may come beside the queue
+                    yield
+            else:
+                yield
+        finally:
+            with self._idle:
+                self._at_work -= 1
+                self._idle.notify_all()
+
+    def _run_stage(
+        self, claim: Claim, stage: str, part: tuple[int, int], before: str | None, process: Child
+    ) -> dict[str, Any]:
+        """Step: one stage, after one that left its files in the place ``before``.
+
+        Parameters
+        ----------
+        part : which of how many
+        process : of the stage before, if it stayed
+        """
+        row = self._patiently(lambda: self._jobs.get(claim.job))
+        kind = self._kinds[row.kind]
+        directory, name = kind.directory(row), place_name(claim, stage)
+        with self._working(kind):
+            if self._stopping.is_set():
+                raise ServiceStopping
+            said = kind.words(stage)
+            if not self._patiently(lambda: self._jobs.progress(row.id, stage, part[0] / part[1], said, claim)):
+                return {"outcome": "stopped", "stage": stage, "error": None, "place": before}
+            try:
+                whole = begin(directory, name, before)
+                result = self._work(row, claim, kind, stage, part, directory / name, whole, process)
+                sync_tree(directory / name)  # before it is recorded
+                if self._stopping.is_set() and result.outcome != "done":
+                    raise ServiceStopping
+            except OSError as error:
+                reason = f"its files cannot be kept ({error.strerror or error}); free some space and order it again"
+                result = ChildResult("failed", error=reason)
+        _log.info("stage_ended", job=row.id, stage=stage, outcome=result.outcome, error=result.error)
+        return self._outcome(stage, result) | {"place": name}
+
+    def _work(
+        self,
+        job: Job,
+        claim: Claim,
+        kind: JobKind,
+        stage: str,
+        part: tuple[int, int],
+        place: Path,
+        whole: bool,
+        process: Child,
+    ) -> ChildResult:
+        words, (index, count) = kind.words(stage), part
+
+        # A database that is away does not end a stage: it goes on, and is recorded when the database is back.
+        def progress(fraction: float, text: str) -> None:
+            within = min(1.0, max(0.0, fraction))
+            try:
+                self._jobs.progress(job.id, stage, (index + within) / count, text or words, claim)
+            except DBAPIError as error:
+                if not away(error):
+                    raise
+
+        def should_stop() -> bool:
+            try:
+                return self._stopping.is_set() or self._jobs.cancelling(job.id, claim)
+            except DBAPIError as error:
+                if not away(error):
+                    raise
+                return False
+
+        def child(program: Sequence[str], arguments: Sequence[str], log: Path) -> ChildResult:
+            for attempt in range(1, ATTEMPTS + 1):
+                try:
+                    result = process.run(
+                        program,
+                        arguments,
+                        log=log,
+                        timeout_s=self._stage_timeout_s,
+                        progress=progress,
+                        should_stop=should_stop,
+                    )
+                except OSError as error:
+                    _log.error("stage_not_started", job=job.id, stage=stage, exc_info=error)
+                    reason = f"cannot run ({error.strerror}); the log of the service says more"
+                    return ChildResult("failed", error=reason)
+                if not result.killed or attempt == ATTEMPTS or should_stop():
+                    break
+                _log.warning("stage_killed", job=job.id, stage=stage, attempt=attempt)
+            return result
+
+        _log.info("stage_started", job=job.id, stage=stage)
+        try:
+            return self._patiently(lambda: kind.run(StageRun(job, stage, progress, should_stop, child, place, whole)))
+        except HilfitError as error:
+            return ChildResult("input", error=str(error))
+        except Exception as error:  # whatever it is, the job has to end
+            _log.error("stage_broke", job=job.id, stage=stage, exc_info=error)
+            return ChildResult("failed", error="broke unexpectedly; the log of the service says why")
+
+    def _outcome(self, stage: str, result: ChildResult) -> dict[str, Any]:
+        """What the engine records of a stage; an error of the input stands for itself, any other names the stage."""
+        error = result.error
+        if error is not None:
+            # Where the service keeps its files is nobody's business.
+            error = error.replace(f"{self._files.root}/", "")
+            error = f"stage {stage}: {error}" if result.outcome == "failed" else error
+        return {"outcome": result.outcome, "stage": stage, "error": error, "summary": result.summary}
+
+    def _finish(self, claim: Claim, result: dict[str, Any]) -> str:
+        """Step: store the outcome, once; running it twice changes nothing."""
+        return self._patiently(lambda: self._store(claim, result))
+
+    def _store(self, claim: Claim, result: dict[str, Any]) -> str:
+        row = self._jobs.get(claim.job)
+        if row.state in FINAL:  # killed after it was stored, before the engine knew
+            return row.state
+        kind, place = self._kinds[row.kind], result.get("place")
+        error: str | None = None
+        found: Result | None = None
+        state: State
+        if result["outcome"] == "done":
+            state, text = "done", "Done"
+            try:
+                found = kind.result(row, kind.directory(row) / (place or ""))
+            except JobError as failure:
+                state, text, error = "failed", "Failed", str(failure)
+        elif result["outcome"] == "stopped":
+            state, text = "cancelled", "Cancelled"
+        else:
+            state, text, error = "failed", f"{kind.words(result['stage'])}: failed", result["error"]
+        kind.ended(row, state, error)  # first: whoever sees the end of the job sees what follows from it
+        self._jobs.finish(row.id, state, text, error, claim=claim, result=found, place=place)
+        return state

@@ -1,0 +1,202 @@
+"""From a machine's ring buffer to all clients that look at it: one thread, one encoding, no waiting for anybody."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Protocol
+
+import numpy as np
+import numpy.typing as npt
+import structlog
+
+from daq import Machine
+from daq.errors import AcquisitionError
+from daq.ring import RingReader
+from server.live import live_messages as messages
+from server.live.live_client import Client
+from server.platform.errors import ServiceError
+
+#: Seconds between two messages with samples, and between two heartbeats.
+PERIOD_S, HEARTBEAT_S = 0.1, 2.0
+_log = structlog.stdlib.get_logger(__name__)
+
+
+class HasRing(Protocol):
+    """A running acquisition: where its frames are."""
+
+    ring_name: str
+
+
+class Source(Protocol):
+    """Where a reader finds the acquisition of its machine (:class:`server.machines.acquisition.Acquisition`)."""
+
+    def feed(self, name: str) -> tuple[Machine, HasRing]:
+        """The machine and its running feed; raises a ServiceError or AcquisitionError while there is none."""
+
+    def state(self, name: str) -> str:
+        """What the acquisition does: ``off``, ``starting``, ``running``, ``waiting``, ``stopped``."""
+
+
+class _Stream:
+    """What one machine's thread knows: the clients, the ring that it reads, the sequence number."""
+
+    def __init__(self, machine: str, source: Source, clock: Callable[[], float]) -> None:
+        self._machine = machine
+        self._source = source
+        self._clock = clock
+        self._lock = threading.Lock()
+        self._new: list[Client] = []
+        self._clients: list[Client] = []
+        self._seq = 0
+        self._ring: RingReader | None = None
+        self._channels: messages.Channels | None = None
+        self._next_heartbeat = clock() + HEARTBEAT_S
+
+    def add(self, client: Client) -> None:
+        """Give ``client`` a snapshot at the next step, then everything."""
+        with self._lock:
+            self._new.append(client)
+
+    def remove(self, client: Client) -> int:
+        """Forget ``client``; how many are left."""
+        with self._lock:
+            self._new = [other for other in self._new if other is not client]
+            self._clients = [other for other in self._clients if other is not client]
+            return len(self._new) + len(self._clients)
+
+    def drop_all(self) -> None:
+        """The service stops."""
+        with self._lock:
+            for client in self._new + self._clients:
+                client.drop()
+
+    def step(self) -> None:
+        """Send what came since the last step."""
+        ring, changed = self._attach()
+        if changed:
+            self._send(lambda seq: messages.snapshot(seq, self._state(), self._channels, self._newest()))
+        elif ring is not None and self._channels is not None:
+            read = ring.read()
+            if len(read.rows):
+                channels = self._channels
+                self._send(lambda seq: messages.frames(seq, channels, read.rows, read.missed))
+        self._welcome()
+        now = self._clock()
+        if now >= self._next_heartbeat:
+            self._next_heartbeat = now + HEARTBEAT_S
+            self._send(lambda seq: messages.heartbeat(seq, self._state()))
+
+    def close(self) -> None:
+        """Let go of the ring."""
+        if self._ring is not None:
+            self._ring.close()
+            self._ring = None
+
+    def _attach(self) -> tuple[RingReader | None, bool]:
+        """The ring of the acquisition that runs now, and whether it is another one than at the last step."""
+        try:
+            machine, feed = self._source.feed(self._machine)
+        except (ServiceError, AcquisitionError):
+            had = self._ring is not None
+            self.close()
+            return None, had
+        if self._ring is not None and self._ring.name == feed.ring_name:
+            return self._ring, False
+        self.close()
+        try:
+            self._ring = RingReader(feed.ring_name)
+        except AcquisitionError:  # it ended between the two looks
+            return None, False
+        self._channels = messages.Channels.of(machine)
+        return self._ring, True
+
+    def _newest(self) -> npt.NDArray[np.void] | None:
+        return None if self._ring is None else self._ring.latest()
+
+    def _state(self) -> str:
+        return self._source.state(self._machine)
+
+    def _send(self, make: Callable[[int], str]) -> None:
+        """Number a message and give it to all clients that had a snapshot."""
+        self._seq += 1
+        with self._lock:
+            clients = tuple(self._clients)
+        if clients:
+            message = make(self._seq)
+            for client in clients:
+                client.offer(message)
+
+    def _welcome(self) -> None:
+        """Give those who came since the last step where the others are."""
+        with self._lock:
+            new, self._new = self._new, []
+            self._clients += new
+        if new:
+            message = messages.snapshot(self._seq, self._state(), self._channels, self._newest())
+            for client in new:
+                client.offer(message)
+
+
+class Hub:
+    """All streams; a machine's thread lives while somebody looks at the machine.
+
+    Parameters
+    ----------
+    source : where the acquisitions are
+    closed : whether the service is stopping
+    clock : s, monotonic
+    """
+
+    def __init__(self, source: Source, closed: Callable[[], bool], clock: Callable[[], float] = time.monotonic) -> None:
+        self._source = source
+        self._closed = closed
+        self._clock = clock
+        self._lock = threading.Lock()
+        self._streams: dict[str, tuple[_Stream, threading.Event]] = {}
+
+    @contextmanager
+    def client(self, machine: str, client: Client) -> Iterator[None]:
+        """Send the signals of ``machine`` to ``client`` while the block runs."""
+        with self._lock:
+            stream, stop = self._streams.get(machine) or self._start(machine)
+            stream.add(client)
+        try:
+            yield
+        finally:
+            with self._lock:
+                if stream.remove(client) == 0:
+                    stop.set()
+                    self._forget(machine, stream)
+
+    def machines(self) -> tuple[str, ...]:
+        """Machines that somebody looks at."""
+        with self._lock:
+            return tuple(self._streams)
+
+    def _start(self, machine: str) -> tuple[_Stream, threading.Event]:
+        stream, stop = _Stream(machine, self._source, self._clock), threading.Event()
+        self._streams[machine] = stream, stop
+        threading.Thread(target=self._run, args=(machine, stream, stop), name=f"live-{machine}", daemon=True).start()
+        return stream, stop
+
+    def _run(self, machine: str, stream: _Stream, stop: threading.Event) -> None:
+        try:
+            while True:
+                stream.step()
+                if self._closed() or stop.wait(PERIOD_S):
+                    break
+        except Exception as error:  # clients connect again; silence would look like a machine that stands still
+            _log.error("live_failed", machine=machine, exc_info=error)
+        finally:
+            with self._lock:
+                self._forget(machine, stream)
+            stream.drop_all()
+            stream.close()
+
+    def _forget(self, machine: str, stream: _Stream) -> None:
+        """Let the next client start a stream of its own; under the lock."""
+        if self._streams.get(machine, (None,))[0] is stream:
+            del self._streams[machine]

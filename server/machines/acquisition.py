@@ -1,0 +1,292 @@
+"""Keeps one acquisition process per machine alive, and reads its ring buffer."""
+
+from __future__ import annotations
+
+import math
+import threading
+from collections.abc import Callable
+from contextlib import AbstractContextManager, suppress
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any, Protocol
+
+import structlog
+
+from daq import Machine, Quality, load_machine
+from daq.acquisition import AcquisitionStatistics
+from daq.errors import HilfitError
+from server.platform.errors import ConflictError, UnavailableError
+
+#: Seconds between two looks at a running acquisition.
+LOOK_S = 0.5
+#: Seconds that commissioning may take before the attempt is given up.
+START_S = 60.0
+START_LOOK_S = 0.1
+#: Seconds before the next attempt: doubled after each that failed, up to the last.
+FIRST_PAUSE_S, LONGEST_PAUSE_S = 1.0, 30.0
+_log = structlog.stdlib.get_logger(__name__)
+
+
+class Feed(Protocol):
+    """A running acquisition process, as the supervisor needs it (:class:`daq.acquisition.AcquisitionProcess`)."""
+
+    ring_name: str
+
+    @property
+    def alive(self) -> bool:
+        """Whether frames come."""
+
+    def check(self) -> None:
+        """Raise AcquisitionError with one line if it has failed."""
+
+    def statistics(self) -> AcquisitionStatistics:
+        """What it counted."""
+
+
+#: Starts acquiring a machine; leaving the context ends it.
+Launch = Callable[[Machine], AbstractContextManager[Feed]]
+
+
+@dataclass
+class _State:
+    """What the supervisor's thread shares with the others, under its lock."""
+
+    state: str = "starting"  # starting, running, waiting, stopped
+    error: str | None = None
+    restarts: int = 0
+    feed: Feed | None = None
+    machine: Machine | None = None
+    last: dict[str, Any] = field(default_factory=dict)
+
+
+class Supervisor:
+    """One machine: starts its acquisition, starts it again when it dies, with growing pauses.
+
+    Parameters
+    ----------
+    pause : waits that many seconds or until told to stop; True if told to stop (a test passes its own)
+    """
+
+    def __init__(
+        self,
+        name: str,
+        machine_file: Path,
+        launch: Launch,
+        *,
+        changed: Callable[[], None] = lambda: None,
+        pause: Callable[[threading.Event, float], bool] = lambda event, seconds: event.wait(seconds),
+    ) -> None:
+        self._name = name
+        self._machine_file = machine_file
+        self._launch = launch
+        self._changed = changed
+        self._pause = pause
+        self._lock = threading.Lock()
+        self._state = _State()
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._run, name=f"acquisition-{name}", daemon=True)
+
+    def start(self) -> None:
+        """Start the supervising thread; returns at once."""
+        self._thread.start()
+
+    def stop(self) -> None:
+        """End the acquisition and wait for it."""
+        self._stop.set()
+        self._thread.join()
+
+    @property
+    def running(self) -> tuple[Machine, Feed] | None:
+        """The machine and its feed while frames come, else None."""
+        with self._lock:
+            state = self._state
+            if state.state != "running" or state.feed is None or state.machine is None:
+                return None
+            return state.machine, state.feed
+
+    def statistics(self) -> dict[str, Any]:
+        """State, restarts, the last error, and what the process counted."""
+        with self._lock:
+            state = self._state
+            result = {"state": state.state, "restarts": state.restarts, "error": state.error}
+            return result if not state.last else {**result, "counts": state.last}
+
+    def _set(self, **values: Any) -> None:
+        with self._lock:
+            for key, value in values.items():
+                setattr(self._state, key, value)
+        if "state" in values:
+            self._changed()
+
+    def _run(self) -> None:
+        failures = 0
+        while not self._stop.is_set():
+            self._set(state="starting")
+            ran = False
+            try:
+                machine = load_machine(self._machine_file)
+                with self._launch(machine) as feed:
+                    if self._comes_up(feed):
+                        ran = True
+                        self._set(state="running", error=None, feed=feed, machine=machine)
+                        _log.info("acquisition_running", machine=self._name)
+                        self._watch(feed)
+                        self._set(state="stopped", feed=None)
+            except HilfitError as error:
+                self._failed(str(error))
+            except Exception as error:  # a driver may raise anything; the machine has to come back all the same
+                _log.error("acquisition_failed", machine=self._name, exc_info=error)
+                self._failed("acquisition failed unexpectedly; the log of the service says why")
+            if self._stop.is_set():
+                break
+            failures = 1 if ran else failures + 1
+            if self._pause(self._stop, min(FIRST_PAUSE_S * 2 ** (failures - 1), LONGEST_PAUSE_S)):
+                break
+            with self._lock:
+                self._state.restarts += 1
+        self._set(state="stopped", feed=None)
+
+    def _failed(self, error: str) -> None:
+        self._set(state="waiting", error=error, feed=None)
+        _log.warning("acquisition_waits", machine=self._name, error=error)
+
+    def _comes_up(self, feed: Feed) -> bool:
+        """Wait until frames come; False if told to stop before."""
+        for _ in range(round(START_S / START_LOOK_S)):
+            if feed.alive:
+                return True
+            feed.check()
+            if self._pause(self._stop, START_LOOK_S):
+                return False
+        raise UnavailableError(f"no frame came within {START_S:g} s; check the buses of the machine")
+
+    def _watch(self, feed: Feed) -> None:
+        """Return when told to stop; raise when the process has died."""
+        while not self._pause(self._stop, LOOK_S):
+            self._set(last=asdict(feed.statistics()))
+            if not feed.alive:
+                feed.check()
+                raise UnavailableError("the acquisition process ended by itself; it is started again")
+
+
+class Acquisition:
+    """All machines that are acquired.
+
+    Parameters
+    ----------
+    launch : starts acquiring one machine
+    changed : called whenever a machine's acquisition changes its state
+    """
+
+    def __init__(self, launch: Launch, changed: Callable[[], None]) -> None:
+        self._launch = launch
+        self._changed = changed
+        self._lock = threading.Lock()
+        self._supervisors: dict[str, Supervisor] = {}
+
+    def start(self, name: str, machine_file: Path) -> None:
+        """Acquire machine ``name``, from now on by this file."""
+        self.stop(name)
+        supervisor = Supervisor(name, machine_file, self._launch, changed=self._changed)
+        with self._lock:
+            self._supervisors[name] = supervisor
+        supervisor.start()
+
+    def stop(self, name: str) -> None:
+        """Stop acquiring machine ``name``; nothing happens if it is not acquired."""
+        with self._lock:
+            supervisor = self._supervisors.pop(name, None)
+        if supervisor is not None:
+            supervisor.stop()
+
+    def stop_all(self) -> None:
+        """Stop acquiring anything."""
+        for name in self.names():
+            self.stop(name)
+
+    def names(self) -> tuple[str, ...]:
+        """The machines that are acquired (or should be, while one starts)."""
+        with self._lock:
+            return tuple(self._supervisors)
+
+    def running(self, name: str) -> bool:
+        """Whether frames of that machine come at the moment."""
+        with self._lock:
+            supervisor = self._supervisors.get(name)
+        return supervisor is not None and supervisor.running is not None
+
+    def check(self, machine_file: Path) -> None:
+        """Raise ConflictError if the machine's file does not say where its channels come from."""
+        machine = load_machine(machine_file)
+        silent = [channel.name for channel in machine.channels if channel.source is None]
+        if not machine.buses or silent:
+            what = f"channel {silent[0]} has no source" if silent else "no buses"
+            raise ConflictError(
+                f"machine '{machine.name}' cannot be acquired: {what} in its file; add it and upload it again"
+            )
+
+    def statistics(self, name: str) -> dict[str, Any]:
+        """State of one machine's acquisition."""
+        with self._lock:
+            supervisor = self._supervisors.get(name)
+        return {"state": "off"} if supervisor is None else supervisor.statistics()
+
+    def state(self, name: str) -> str:
+        """What one machine's acquisition does: ``off``, ``starting``, ``running``, ``waiting`` or ``stopped``."""
+        return str(self.statistics(name)["state"])
+
+    def feed(self, name: str) -> tuple[Machine, Feed]:
+        """The machine and its running feed.
+
+        Raises
+        ------
+        ConflictError
+            If it is not acquired.
+        UnavailableError
+            If its acquisition does not run at the moment.
+        """
+        with self._lock:
+            supervisor = self._supervisors.get(name)
+        if supervisor is None:
+            raise ConflictError(
+                f"machine '{name}' is not being acquired; enable it at /api/v1/machines/{name}/acquisition"
+            )
+        running = supervisor.running
+        if running is None:
+            state = supervisor.statistics()
+            reason = f" ({state['error']})" if state["error"] else ""
+            raise UnavailableError(f"acquisition of machine '{name}' is {state['state']}{reason}; try again")
+        return running
+
+    def latest(self, name: str) -> dict[str, Any]:
+        """The newest frame: values in the channels' units, with quality and age; NaN becomes None."""
+        from daq.frame import frame_from_row
+        from daq.ring import RingReader
+
+        machine, feed = self.feed(name)
+        with RingReader(feed.ring_name) as reader:
+            row = reader.latest()
+        if row is None:
+            raise UnavailableError(f"machine '{name}' has not sent a frame yet; try again")
+        frame = frame_from_row(row[0])
+        channels = {}
+        for index, channel in enumerate(machine.channels):
+            value = float(machine.conversion(channel).from_si(float(frame.values[index])))
+            age = float(frame.ages[index])
+            channels[channel.name] = {
+                "value": value if math.isfinite(value) else None,
+                "unit": channel.unit,
+                "quality": Quality(int(frame.quality[index])).name.lower(),
+                "age_s": age if math.isfinite(age) else None,
+            }
+        return {"cycle": frame.cycle, "time": frame.time, "utc_ns": frame.utc_ns, "channels": channels}
+
+    def newest(self, name: str | None) -> dict[str, dict[str, Any]]:
+        """The newest frame of one machine, or of each that has one at the moment, by machine."""
+        if name is not None:
+            return {name: self.latest(name)}
+        found = {}
+        for machine in self.names():
+            with suppress(ConflictError, UnavailableError):  # starting, waiting, or stopped just now
+                found[machine] = self.latest(machine)
+        return found

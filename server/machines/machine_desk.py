@@ -1,0 +1,88 @@
+"""Machines of a running service: their files, whether they are acquired, and which of them is simulated."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import AbstractContextManager
+from pathlib import Path
+
+from server.machines.acquisition import Acquisition
+from server.machines.machine_store import MachineRow, Machines
+from server.machines.machine_uploads import MachineUploads
+from server.platform.errors import ConflictError
+from server.platform.files import DataDirectory
+from server.platform.parts import PartName
+
+#: Id of the recording that is being made of a machine; None without one.
+BEING_RECORDED: PartName[Callable[[str], str | None]] = PartName("which recording is being made of a machine")
+#: Starts the simulated machine in a directory, at a speed; leaving the context ends it.
+Simulate = Callable[[Path, float], AbstractContextManager[Path]]
+
+
+class MachineDesk:
+    """What is done to machines.
+
+    Parameters
+    ----------
+    recorded : see :data:`BEING_RECORDED`
+    """
+
+    def __init__(
+        self,
+        machines: Machines,
+        uploads: MachineUploads,
+        acquisition: Acquisition,
+        files: DataDirectory,
+        recorded: Callable[[str], str | None],
+    ) -> None:
+        self._machines = machines
+        self._uploads = uploads
+        self._acquisition = acquisition
+        self._files = files
+        self._recorded = recorded
+        #: Name of the simulated machine, None without one.
+        self.simulated: str | None = None
+
+    def add_simulated(self, machine_file: Path) -> None:
+        """Take the file that the simulated machine has written; it is acquired from now on."""
+        row, _ = self._uploads.add(machine_file.read_bytes(), acquire=True, own=True)
+        self._machines.set_acquire(row.name, True)
+        self.simulated = row.name
+
+    def start_acquisition(self) -> None:
+        """Acquire all machines that should be."""
+        for machine in self._machines.acquiring():
+            self._acquisition.start(machine.name, self._files.machine_file(machine.name, machine.version))
+
+    def check(self, content: bytes, allowed: Callable[[str], bool]) -> tuple[str, int]:
+        """A machine file's machine and the version that it would be; refuses what :meth:`upload` would."""
+        return self._uploads.check(content, allowed, self.simulated)
+
+    def upload(
+        self, content: bytes, allowed: Callable[[str], bool] = lambda name: True, expected: int | None = None
+    ) -> tuple[MachineRow, bool]:
+        """Store a machine file; a machine that is being acquired goes on with the new one.
+
+        NotFoundError if the machine is not ``allowed``, PreconditionError if ``expected`` is not its version,
+        ConflictError if it is the simulated one.
+        """
+        row, made = self._uploads.add(content, allowed=allowed, protected=self.simulated, expected=expected)
+        if made and row.acquire:
+            self._acquisition.start(row.name, self._files.machine_file(row.name, row.version))
+        return row, made
+
+    def set_acquisition(self, name: str, enabled: bool) -> None:
+        """Start or stop acquiring a machine; ConflictError if its file names no bus or it is recorded."""
+        row = self._machines.get(name)
+        if enabled:
+            path = self._files.machine_file(name, row.version)
+            self._acquisition.check(path)
+            self._machines.set_acquire(name, True)
+            if name not in self._acquisition.names():
+                self._acquisition.start(name, path)
+            return
+        recording = self._recorded(name)
+        if recording is not None:
+            raise ConflictError(f"machine '{name}' is being recorded as {recording}; stop that recording first")
+        self._machines.set_acquire(name, False)
+        self._acquisition.stop(name)

@@ -1,0 +1,81 @@
+"""The resource ``machines``: machine files, acquisition, the simulated machine."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import sqlalchemy as sa
+from prometheus_client.core import Metric
+
+from server.machines.acquisition import Acquisition, Launch
+from server.machines.acquisition_metrics import acquisition_metrics
+from server.machines.launch import acquire
+from server.machines.machine_desk import BEING_RECORDED, MachineDesk, Simulate
+from server.machines.machine_reader import MachineReader
+from server.machines.machine_routes import router
+from server.machines.machine_store import Machines
+from server.machines.machine_tables import machine_versions, machines
+from server.machines.machine_uploads import MachineUploads
+from server.machines.simulation import simulated_machine
+from server.platform.changes import Changes
+from server.platform.database.engine import Database
+from server.platform.files import DataDirectory
+from server.platform.parts import PartName, Parts
+from server.platform.resource import BackedUp, NamedFiles, Phase, Resource, Running
+from server.platform.settings import Settings
+
+LAUNCH: PartName[Launch] = PartName("what starts an acquisition")
+SIMULATE: PartName[Simulate] = PartName("what starts the simulated machine")
+
+
+def _reader(parts: Parts) -> MachineReader:
+    reader = MachineReader(parts[DataDirectory])
+    parts.at_close(reader.close)
+    return reader
+
+
+def _desk(parts: Parts) -> MachineDesk:
+    return MachineDesk(
+        parts[Machines], parts[MachineUploads], parts[Acquisition], parts[DataDirectory], parts[BEING_RECORDED]
+    )
+
+
+def _running(parts: Parts) -> Iterator[Running]:
+    settings, desk = parts[Settings], parts[MachineDesk]
+
+    def simulate() -> None:
+        if settings.simulate:
+            directory = parts[DataDirectory].simulation
+            desk.add_simulated(parts.entered(parts[SIMULATE](directory, settings.simulation_speed)))
+
+    yield Running(Phase.SIMULATION, start=simulate)
+    yield Running(Phase.ACQUISITION, start=desk.start_acquisition, stop=parts[Acquisition].stop_all)
+
+
+def _files(connection: sa.Connection) -> NamedFiles:
+    versions = connection.execute(sa.select(machine_versions.c.name, machine_versions.c.version))
+    return NamedFiles(needed=frozenset(f"machines/{row.name}/{row.version}.yaml" for row in versions))
+
+
+def _metrics(parts: Parts) -> Iterator[Metric]:
+    return acquisition_metrics(parts[Acquisition])
+
+
+MACHINES = Resource(
+    name="machines",
+    routers=(router,),
+    tables=(machines, machine_versions),
+    kept={"/machines": ("machines",)},
+    provides={
+        LAUNCH: lambda parts: acquire,
+        SIMULATE: lambda parts: simulated_machine,
+        Machines: lambda parts: Machines(parts[Database]),
+        MachineReader: _reader,
+        MachineUploads: lambda parts: MachineUploads(parts[Database], parts[DataDirectory], parts[MachineReader]),
+        Acquisition: lambda parts: Acquisition(parts[LAUNCH], parts[Changes].notify),
+        MachineDesk: _desk,
+    },
+    running=_running,
+    backed_up=BackedUp("machines", _files),
+    metrics=_metrics,
+)

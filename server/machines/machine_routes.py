@@ -1,0 +1,123 @@
+"""``/machines``: upload, list, read, acquire."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any
+
+from fastapi import APIRouter, Header, Query, Request, Response
+from fastapi.concurrency import run_in_threadpool
+
+from server.machines.acquisition import Acquisition
+from server.machines.machine_desk import MachineDesk
+from server.machines.machine_reader import MachineReader
+from server.machines.machine_schemas import AcquisitionWish, MachineCheck, MachineDetail, MachineList, MachineSummary
+from server.machines.machine_store import Machines
+from server.platform.authorization.guard import Principal, PrincipalDep, require
+from server.platform.authorization.typed_route import TypedRoute
+from server.platform.errors import NotFoundError, PreconditionError
+from server.platform.http.route_parameters import Cursor, Limit, ServiceDep, problems
+from server.platform.service import Service
+
+router = APIRouter(prefix="/machines", tags=["machines"], route_class=TypedRoute)
+YAML = "application/yaml"
+Version = Annotated[int | None, Query(ge=1, le=2**53, description="By default the current one")]
+IfMatch = Annotated[
+    str | None, Header(max_length=40, description="`ETag` of the machine (its current version) as it was read")
+]
+_FILE: dict[str, Any] = {
+    "requestBody": {
+        "required": True,
+        "description": "The text of a machine file (YAML, or JSON, which is YAML too)",
+        "content": {YAML: {"schema": {"type": "string"}}},
+    }
+}
+
+
+@router.post(
+    "",
+    status_code=201,
+    responses={200: {"model": MachineSummary}, **problems(404, 409, 412, 413, 422)},
+    openapi_extra=_FILE,
+    dependencies=[require("engineer")],
+)
+async def upload(
+    request: Request, response: Response, service: ServiceDep, principal: PrincipalDep, if_match: IfMatch = None
+) -> MachineSummary:
+    """Upload a machine file: a new machine or a new version (200 if it is the current version already)."""
+    expected = _version(if_match)
+    async with service.heavy.place(principal.id) as place:
+        row, made = await place.run(service[MachineDesk].upload, await request.body(), principal.may_see, expected)
+    response.status_code = 201 if made else 200
+    response.headers["Location"] = f"/api/v1/machines/{row.name}"
+    response.headers["ETag"] = f'"{row.current}"'
+    return MachineSummary.of(row)
+
+
+@router.post("/check", responses=problems(404, 409, 413, 422), openapi_extra=_FILE, dependencies=[require("engineer")])
+async def check(request: Request, service: ServiceDep, principal: PrincipalDep) -> MachineCheck:
+    """Check a machine file as an upload of it would; nothing is stored."""
+    async with service.heavy.place(principal.id) as place:
+        name, version = await place.run(service[MachineDesk].check, await request.body(), principal.may_see)
+    return MachineCheck(name=name, version=version)
+
+
+@router.get("", responses=problems(422), dependencies=[require("read")])
+def list_machines(service: ServiceDep, principal: PrincipalDep, limit: Limit = 50, cursor: Cursor = 0) -> MachineList:
+    """List machines."""
+    return MachineList.of(service[Machines].list(limit, cursor, only=principal.machines))
+
+
+@router.get("/{name}", responses=problems(404, 422), dependencies=[require("read")])
+async def get(
+    name: str, response: Response, service: ServiceDep, principal: PrincipalDep, version: Version = None
+) -> MachineDetail:
+    """Read a machine: its file, validated, as JSON, and the state of its acquisition."""
+    detail = await _detail(service, principal, name, version)
+    response.headers["ETag"] = f'"{detail.current}"'
+    return detail
+
+
+@router.get(
+    "/{name}/file",
+    response_class=Response,
+    responses={200: {"content": {YAML: {"schema": {"type": "string"}}}}, **problems(404, 422)},
+    dependencies=[require("read")],
+)
+def file(name: str, service: ServiceDep, version: Version = None) -> Response:
+    """Read a machine file as it was uploaded."""
+    row = service[Machines].get(name, version)
+    content = service.files.machine_file(name, row.version).read_bytes()
+    return Response(content, media_type=YAML, headers={"ETag": f'"{row.current}"'})
+
+
+@router.put("/{name}/acquisition", responses=problems(404, 409, 422), dependencies=[require("engineer")])
+async def acquisition(name: str, wish: AcquisitionWish, service: ServiceDep, principal: PrincipalDep) -> MachineDetail:
+    """Start or stop acquiring a machine; it stays so over restarts."""
+    await service.heavy.aside(service[MachineDesk].set_acquisition, name, wish.enabled)
+    return await _detail(service, principal, name, None)
+
+
+def _version(if_match: str | None) -> int | None:
+    """The version that a client expects to be the current one, None for any; a new machine has none (0)."""
+    if if_match is None or if_match.strip() == "*":
+        return None
+    text = if_match.strip().strip('"')
+    if not text.isascii() or not text.isdecimal():
+        raise PreconditionError(f"If-Match {if_match}: is no ETag of a machine; read it again")
+    return int(text)
+
+
+async def _detail(service: Service, principal: Principal, name: str, version: int | None) -> MachineDetail:
+    row = await run_in_threadpool(service[Machines].get, name, version)
+    path = service.files.machine_file(name, row.version)
+    content = service[MachineReader].known(path)
+    if content is None:  # not since this start: reading it takes a while
+        if not path.is_file():
+            raise NotFoundError(f"the file of machine '{name}' is gone; upload it again")
+        content = await service.heavy.run(principal.id, service[MachineReader].content, path)
+    return MachineDetail(
+        **row.__dict__,
+        versions=[entry.version for entry in await run_in_threadpool(service[Machines].versions, name)],
+        machine=content,
+        acquisition=service[Acquisition].statistics(name),
+    )

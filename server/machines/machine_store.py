@@ -1,0 +1,119 @@
+"""Machines and the versions of their files."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import sqlalchemy as sa
+
+from server.machines.machine_tables import machine_versions, machines
+from server.platform.database.engine import Database, Page, page
+from server.platform.errors import NotFoundError
+
+
+@dataclass(frozen=True)
+class MachineRow:
+    """One version of a machine; ``acquire`` and ``current`` (the newest version) are the machine's."""
+
+    name: str
+    version: int
+    sha256: str
+    created: str
+    acquire: bool
+    current: int
+
+
+class Machines:
+    """Repository of machines."""
+
+    def __init__(self, database: Database) -> None:
+        self._database = database
+
+    def next_version(self, name: str, sha256: str) -> int | None:
+        """The version that a file with this hash would get; None if it is the current one already."""
+        with self._database.read() as connection:
+            row = connection.execute(_versions().where(machines.c.name == name, _is_current())).first()
+        if row is None:
+            return 1
+        return None if row.sha256 == sha256 else int(row.version) + 1
+
+    def add(self, name: str, version: int, sha256: str, *, acquire: bool = False) -> None:
+        """Store a version and make it the current one; ``acquire`` counts for a new machine only."""
+        with self._database.write("machines") as connection:
+            if version == 1:
+                connection.execute(machines.insert().values(name=name, version=1, acquire=acquire))
+            else:
+                connection.execute(machines.update().where(machines.c.name == name).values(version=version))
+            connection.execute(
+                machine_versions.insert().values(
+                    name=name, version=version, sha256=sha256, created=self._database.now()
+                )
+            )
+
+    def get(self, name: str, version: int | None = None) -> MachineRow:
+        """One version, by default the current one.
+
+        Raises
+        ------
+        NotFoundError
+            If there is none.
+        """
+        wanted = _is_current() if version is None else machine_versions.c.version == version
+        with self._database.read() as connection:
+            row = connection.execute(_versions().where(machines.c.name == name, wanted)).first()
+        if row is None:
+            which = f"machine '{name}'" if version is None else f"version {version} of machine '{name}'"
+            raise NotFoundError(f"there is no {which}; upload its machine file to /api/v1/machines")
+        return _machine(row)
+
+    def versions(self, name: str) -> tuple[MachineRow, ...]:
+        """Every version of a machine, newest first; empty if there is no such machine."""
+        query = _versions().where(machines.c.name == name).order_by(machine_versions.c.version.desc())
+        with self._database.read() as connection:
+            return tuple(_machine(row) for row in connection.execute(query))
+
+    def list(self, limit: int, after: int = 0, *, only: tuple[str, ...] | None = None) -> Page[MachineRow]:
+        """Current versions, the machine added last first; ``only``: of these machines."""
+        query = _versions().where(_is_current())
+        if only is not None:
+            query = query.where(machines.c.name.in_(only))
+        with self._database.read() as connection:
+            rows, cursor = page(connection, query, machines.c.number, limit, after)
+        return Page(tuple(_machine(row) for row in rows), cursor)
+
+    def acquiring(self) -> tuple[MachineRow, ...]:
+        """The machines whose acquisition should run."""
+        query = _versions().where(_is_current(), machines.c.acquire).order_by(machines.c.number)
+        with self._database.read() as connection:
+            return tuple(_machine(row) for row in connection.execute(query))
+
+    def set_acquire(self, name: str, acquire: bool) -> None:
+        """Say whether acquisition should run (now and after a restart)."""
+        with self._database.write("machines") as connection:
+            connection.execute(machines.update().where(machines.c.name == name).values(acquire=acquire))
+
+
+def _is_current() -> sa.ColumnElement[bool]:
+    return machine_versions.c.version == machines.c.version
+
+
+def _versions() -> sa.Select[Any]:
+    joined = machines.join(machine_versions, machines.c.name == machine_versions.c.name)
+    return sa.select(
+        machines.c.number,
+        machine_versions,
+        machines.c.acquire,
+        machines.c.version.label("current"),
+    ).select_from(joined)
+
+
+def _machine(row: sa.Row[Any]) -> MachineRow:
+    return MachineRow(
+        name=row.name,
+        version=row.version,
+        sha256=row.sha256,
+        created=row.created,
+        acquire=row.acquire,
+        current=row.current,
+    )

@@ -1,0 +1,105 @@
+"""Machine files that clients send: checked first, then stored whole."""
+
+from __future__ import annotations
+
+import hashlib
+import threading
+from collections.abc import Callable
+
+from daq import parse_machine
+from server.machines.machine_reader import MachineReader, ReadMachine
+from server.machines.machine_store import MachineRow, Machines
+from server.platform.database.engine import Database
+from server.platform.errors import (
+    ConflictError,
+    NotFoundError,
+    PreconditionError,
+)
+from server.platform.files import DataDirectory, write_atomically
+
+
+class MachineUploads:
+    """Takes machine files; every change of a machine's file is a version of its own."""
+
+    def __init__(self, database: Database, files: DataDirectory, reader: MachineReader) -> None:
+        self._machines = Machines(database)
+        self._files = files
+        self._reader = reader
+        self._lock = threading.Lock()  # two uploads of one machine must not take the same version number
+
+    def add(
+        self,
+        content: bytes,
+        *,
+        acquire: bool = False,
+        own: bool = False,
+        allowed: Callable[[str], bool] = lambda name: True,
+        protected: str | None = None,
+        expected: int | None = None,
+    ) -> tuple[MachineRow, bool]:
+        """Check and store the text of a machine file.
+
+        Parameters
+        ----------
+        own : whether it was written by this service, so that it can be read here
+        protected : machine whose file no upload may change
+        expected : the version that the writer knows as the current one (0: none), None where that does not matter
+
+        Returns
+        -------
+        The machine, and whether a version was made (False: the file is the current version already).
+
+        Raises
+        ------
+        InvalidError, daq.errors.MachineFileError
+            One line: line, key, what to do.
+        PreconditionError
+            If another version than ``expected`` is the current one.
+        ConflictError
+            If it would change the ``protected`` machine.
+        """
+        machine, digest = self._parsed(content, allowed, own)
+        with self._lock:
+            version = self._machines.next_version(machine.name, digest)
+            if expected is not None and version is not None and version != expected + 1:
+                raise PreconditionError(
+                    f"machine '{machine.name}' has version {version - 1} by now, not {expected}; read it and put both "
+                    "changes together"
+                )
+            if version is not None:
+                _refuse_protected(machine.name, protected)
+                path = self._files.machine_file(machine.name, version)
+                write_atomically(path, content)
+                self._reader.keep(path, machine.content)
+                self._machines.add(machine.name, version, digest, acquire=acquire)
+        return self._machines.get(machine.name), version is not None
+
+    def check(self, content: bytes, allowed: Callable[[str], bool], protected: str | None = None) -> tuple[str, int]:
+        """Check the text of a machine file; the machine's name, and the version that it would be.
+
+        Raises
+        ------
+        What :meth:`add` raises for the same text.
+        """
+        machine, digest = self._parsed(content, allowed)
+        version = self._machines.next_version(machine.name, digest)
+        if version is None:
+            return machine.name, self._machines.get(machine.name).version
+        _refuse_protected(machine.name, protected)
+        return machine.name, version
+
+    def _parsed(self, content: bytes, allowed: Callable[[str], bool], own: bool = False) -> tuple[ReadMachine, str]:
+        """The machine of a text, and the text's SHA-256."""
+        machine = ReadMachine.of(parse_machine(content.decode())) if own else self._reader.read(content)
+        if not allowed(machine.name):
+            raise NotFoundError(f"there is no machine '{machine.name}' for you; ask an admin to bind you to it")
+        return machine, hashlib.sha256(content).hexdigest()
+
+
+def _refuse_protected(name: str, protected: str | None) -> None:
+    if name == protected:
+        raise ConflictError(
+            f"machine '{name}' is the one that this service simulates: with another file it would look for its buses "
+            "elsewhere, and be acquired no more. Recordings of it can be uploaded as they are; for a machine of your "
+            "own change name: in the file, or serve without --simulate"
+        )

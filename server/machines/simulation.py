@@ -1,0 +1,118 @@
+"""The simulated machine of ``hilfit serve --simulate``: a stand-in on real bus protocols, in processes of its own."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import closing, contextmanager, suppress
+from pathlib import Path
+from typing import Any
+
+from server.platform.errors import StartError, UnavailableError
+from server.platform.files import write_atomically
+
+#: s that the simulated buses have to end.
+LEAVING_S = 15.0
+
+
+class Simulation:
+    """The process of the simulated machine; it loads from the moment it is made, and waits for :meth:`machine`."""
+
+    def __init__(self) -> None:
+        self._process = subprocess.Popen(
+            [sys.executable, "-P", "-m", "server.machines.simulation_child", str(os.getpid())],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+            start_new_session=True,  # Ctrl-C is for the service, which ends it in its turn
+        )
+
+    def close(self) -> None:
+        """End it, and the buses with it."""
+        process = self._process
+        assert process.stdin is not None and process.stdout is not None
+        with suppress(BrokenPipeError):
+            process.stdin.close()
+        try:
+            process.wait(LEAVING_S)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.wait()
+        process.stdout.close()
+
+    @contextmanager
+    def machine(self, directory: Path, speed: float) -> Iterator[Path]:
+        """Simulated buses of the default machine, with an effect in the plant that its machine file does not know.
+
+        Parameters
+        ----------
+        directory : gets ``machine.yaml``, the controller's ``inbox/`` for motion files, and logs
+        speed : machine seconds per second
+
+        Yields
+        ------
+        The machine file with the addresses that hold for this run.
+
+        Raises
+        ------
+        StartError
+            If they do not start; one line.
+        """
+        process = self._process
+        assert process.stdin is not None and process.stdout is not None
+        with closing(self):
+            with suppress(BrokenPipeError):
+                process.stdin.write(json.dumps({"directory": str(directory), "speed": speed}) + "\n")
+                process.stdin.flush()
+            line = process.stdout.readline()
+            said = json.loads(line) if line else {"error": "its process ended; the log above says why"}
+            if "error" in said:
+                raise StartError(f"--simulate: the simulated machine does not start: {said['error']}")
+            yield Path(said["machine"])
+
+
+@contextmanager
+def simulated_machine(directory: Path, speed: float) -> Iterator[Path]:
+    """As :meth:`Simulation.machine`, of a process that is made now."""
+    with Simulation().machine(directory, speed) as path:
+        yield path
+
+
+class SimulatedController:
+    """The arm's own controller of the simulated machine: motions are files in its inbox.
+
+    Parameters
+    ----------
+    directory : of the simulated machine
+    motion : where the motion file of an excitation is
+    """
+
+    def __init__(self, directory: Path, motion: Callable[[str], Path]) -> None:
+        self._directory = directory
+        self._motion = motion
+
+    def send(self, name: str, excitation: str) -> None:
+        """Hand it the motion of an excitation under a name."""
+        write_atomically(self._directory / "inbox" / f"{name}.csv", self._motion(excitation).read_bytes())
+
+    def follows(self, name: str) -> bool:
+        """Whether it began to follow the motion.
+
+        Raises
+        ------
+        UnavailableError
+            If it refused the motion, or is not there.
+        """
+        status = self._status()
+        if name in status["rejected"]:
+            raise UnavailableError(f"the simulated controller refused the motion: {status['rejected'][name]}")
+        return name in status["followed"]
+
+    def _status(self) -> dict[str, Any]:
+        try:
+            return dict(json.loads((self._directory / "controller.json").read_text(encoding="utf-8")))
+        except (OSError, ValueError):
+            raise UnavailableError("the simulated machine's controller does not answer; restart the service") from None

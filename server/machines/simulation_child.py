@@ -1,0 +1,41 @@
+"""The process that the simulated buses are started from: ``python -m server.machines.simulation_child PARENT_PID``.
+
+Loading the plant's libraries takes as long as loading the service's; in a process of its own it is done meanwhile. It
+reads one order ``{"directory": ..., "speed": ...}`` from standard input, answers ``{"machine": ...}`` or ``{"error":
+...}``, and ends everything when standard input does.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+
+from server.platform.processes.child_guard import die_with
+
+
+def main(parent: int) -> int:
+    """Load, take the order, stay until the parent goes; returns the exit code."""
+    die_with(parent)
+    from daq.errors import HilfitError
+    from sim_backends import SimulatedMachine, default_machine
+
+    machine, truth = default_machine()
+    line = sys.stdin.readline()
+    if not line:
+        return 0
+    order = json.loads(line)
+    try:
+        with SimulatedMachine(
+            machine, truth, undeclared="demo", speed=float(order["speed"]), workdir=Path(order["directory"])
+        ) as simulated:
+            print(json.dumps({"machine": str(simulated.machine_path)}), flush=True)
+            sys.stdin.read()
+    except HilfitError as error:
+        print(json.dumps({"error": str(error)}), flush=True)
+        return 1
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(int(sys.argv[1])))

@@ -1,0 +1,131 @@
+"""``python -m server.monitor.monitor_child ORDER.json``: watches one machine until its ring buffer ends.
+
+It reads the ring at its own pace, at low priority, and writes one line per block; nothing waits for
+it. The lines are those of :mod:`server.platform.processes.children`, with what was found as JSON in ``text``.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy.typing as npt
+
+from daq import load_machine
+from daq.errors import HilfitError, InputError
+from daq.ring import RingReader
+from server.identifications.live_model import LiveModel, NotLiveError
+from server.monitor.drift_watcher import Watcher
+from server.monitor.monitor_order import Order
+from server.monitor.residual_blocks import Windows, measured
+from server.monitor.residual_scores import STATISTICS, effective, scores
+from server.platform.files import write_atomically
+
+#: Seconds between two looks at the ring.
+LOOK_S = 0.25
+#: Blocks (of 2 s) after which its state is written down: what a kill costs at most.
+REMEMBER_BLOCKS = 15
+Say = Callable[[Mapping[str, Any]], None]
+
+
+def watch(
+    model: LiveModel, names: tuple[str, ...], order: Order, windows: Iterator[npt.NDArray[Any]], say: Say
+) -> None:
+    """Watch ``windows`` until they end; say what was found in each.
+
+    Parameters
+    ----------
+    names : of the channels, in the order of the ring's rows
+    """
+    joints = tuple(joint.name for joint in model.machine.joints)
+    watcher = _remembered(order.memory, Watcher.begin(joints, STATISTICS, order.rules))
+    units = {joint.name: joint.effort_unit for joint in model.machine.joints}
+    for number, rows in enumerate(windows, 1):
+        time, values = measured(rows, names)
+        blocks = model.evaluate(time, values)
+        if blocks is None:  # a gap: nothing is known of these seconds
+            watcher = watcher.step({})
+            residual = dict.fromkeys(joints)
+        else:
+            by_joint = dict(zip(joints, blocks, strict=True))
+            watcher = watcher.step({joint: scores(block) for joint, block in by_joint.items()})
+            residual = {joint: effective(block) for joint, block in by_joint.items()}
+        found = [{**watcher.joint(joint), "residual": residual[joint], "unit": units[joint]} for joint in joints]
+        say(
+            {
+                "state": watcher.state,
+                "joints": [{k: None if v != v else v for k, v in joint.items()} for joint in found],
+                "drifting": sorted(watcher.drifting),
+                "time": float(time[-1]),
+                "delay_s": model.delay_s,
+            }
+        )
+        if number % REMEMBER_BLOCKS == 0:
+            _remember(order.memory, watcher)
+    _remember(order.memory, watcher)
+
+
+def _remember(path: Path, watcher: Watcher) -> None:
+    write_atomically(path, json.dumps(watcher.memory()).encode())
+
+
+def _remembered(path: Path, fresh: Watcher) -> Watcher:
+    """The watcher that was remembered; the fresh one without a memory that can be read."""
+    try:
+        return fresh.remembering(json.loads(path.read_text(encoding="utf-8")))
+    except (OSError, ValueError, KeyError, TypeError, AttributeError):
+        return fresh
+
+
+def _windows(ring: RingReader, windows: Windows) -> Iterator[npt.NDArray[Any]]:
+    while True:
+        if not ring.wait(LOOK_S, poll=0.05) and (ring.closed or not ring.writer_alive):
+            return
+        read = ring.read()
+        yield from windows.push(read.rows, read.missed)
+
+
+def run(order: Order, say: Say) -> None:
+    """Load the model and watch the ring until it ends.
+
+    Raises
+    ------
+    NotLiveError, HilfitError
+        If this calibration cannot be watched on this machine.
+    """
+    machine = load_machine(order.machine)
+    model = LiveModel.load(order.request)
+    names = tuple(channel.name for channel in machine.channels)
+    missing = {channel.name for channel in model.machine.channels} - set(names)
+    if missing:
+        raise NotLiveError(
+            f"the machine file has no channel {min(missing)} any more, which the calibration was fitted on; "
+            "identify with the present file"
+        )
+    windows = Windows(model.overlap, model.block_samples(order.rules.block_s))
+    with RingReader(order.ring_name) as ring:
+        say({"state": "learning", "joints": [], "drifting": [], "time": None, "delay_s": model.delay_s})
+        watch(model, names, order, _windows(ring, windows), say)
+
+
+def main(arguments: list[str]) -> int:
+    """Entry of the process."""
+
+    def write(content: Mapping[str, Any]) -> None:
+        print(json.dumps(content), flush=True)
+
+    try:
+        order = Order.from_json(Path(arguments[0]).read_text(encoding="utf-8"))
+        run(order, lambda found: write({"fraction": 0.0, "text": json.dumps(found)}))
+    except HilfitError as error:
+        write({"error": str(error)})
+        return 2 if isinstance(error, InputError | NotLiveError) else 1
+    write({"summary": {}})
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

@@ -1,0 +1,66 @@
+"""The resource ``monitor``: the live residual of each machine against its active calibration."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from prometheus_client.core import GaugeMetricFamily, Metric
+
+from server.alarms.alarm_desk import Alarms
+from server.identifications.identification_results import IdentificationResults
+from server.machines.acquisition import Acquisition
+from server.machines.machine_store import Machines
+from server.monitor.monitor_routes import router
+from server.monitor.monitor_supervisor import Monitors
+from server.platform.database.engine import Database
+from server.platform.files import DataDirectory
+from server.platform.parts import Parts
+from server.platform.resource import Phase, Resource, Running
+from server.platform.settings import Settings
+from server.recalibrations.recalibration_resource import POLICY
+from server.schedules.recalibration_orders import RecalibrationOrders
+
+
+def _monitors(parts: Parts) -> Monitors:
+    return Monitors(
+        parts[POLICY],
+        parts[Acquisition],
+        parts[Machines],
+        parts[DataDirectory],
+        parts[IdentificationResults].directory,
+        parts[Alarms],
+        parts[Database].now,
+        recalibrate=parts[RecalibrationOrders].order_drifted if parts[Settings].recalibrate_on_drift else None,
+    )
+
+
+def _running(parts: Parts) -> Iterator[Running]:
+    monitors = parts[Monitors]
+    yield Running(Phase.WATCHING, monitors.start, monitors.stop)
+
+
+def _metrics(parts: Parts) -> Iterator[Metric]:
+    labels = ["machine", "joint"]
+    residual = GaugeMetricFamily(
+        "hilfit_residual", "Root mean square residual, in the joint's effort unit.", labels=labels
+    )
+    share = GaugeMetricFamily(
+        "hilfit_residual_cusum_ratio",
+        "Largest cumulative sum over its threshold; a drift begins at 1.",
+        labels=labels,
+    )
+    for machine in parts[Acquisition].names():
+        for joint in parts[Monitors].state(machine).get("joints", ()):
+            if joint["residual"] is not None:
+                residual.add_metric([machine, joint["joint"]], joint["residual"])
+            share.add_metric([machine, joint["joint"]], joint["cusum"] / joint["threshold"])
+    yield from (residual, share)
+
+
+MONITOR = Resource(
+    name="monitor",
+    routers=(router,),
+    provides={Monitors: _monitors},
+    running=_running,
+    metrics=_metrics,
+)

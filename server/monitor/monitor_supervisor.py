@@ -1,0 +1,243 @@
+"""One monitor process per machine that is acquired and has an active calibration; alarms and recalibrations."""
+
+from __future__ import annotations
+
+import json
+import sys
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Protocol
+
+import structlog
+
+from daq.errors import HilfitError
+from server.alarms.alarm_desk import Alarms
+from server.machines.acquisition import Acquisition
+from server.machines.machine_store import Machines
+from server.monitor.monitor_order import Order, Rules
+from server.platform.files import DataDirectory, write_atomically
+from server.platform.processes.children import run_child
+
+LOOK_S = 1.0
+#: Seconds before a monitor that failed is tried again.
+PAUSE_S = 60.0
+_log = structlog.stdlib.get_logger(__name__)
+
+
+class CalibrationInUse(Protocol):
+    """What the monitor needs of a calibration."""
+
+    @property
+    def id(self) -> str:
+        """Its id."""
+
+    @property
+    def identification(self) -> str:
+        """The identification that it is."""
+
+
+class CalibrationsInUse(Protocol):
+    """Where the active calibration of a machine is found."""
+
+    def active(self, machine: str) -> CalibrationInUse | None:
+        """The active calibration, None without one."""
+
+
+#: Asks for a recalibration of a machine; the second argument says in words why.
+Recalibrate = Callable[[str, str], None]
+
+
+@dataclass
+class _Watch:
+    """One monitor process and what it said last."""
+
+    calibration: str
+    ring_name: str
+    stop: threading.Event = field(default_factory=threading.Event)
+    thread: threading.Thread | None = None
+    found: dict[str, Any] = field(default_factory=dict)
+    since: str | None = None
+    ended: float | None = None
+    reason: str | None = None
+
+
+class Monitors:
+    """All monitors of a service.
+
+    Parameters
+    ----------
+    results : directory of the files that an identification left
+    recalibrate : asked once when a drift begins, if given
+    clock : s, monotonic
+    """
+
+    def __init__(
+        self,
+        calibrations: CalibrationsInUse,
+        acquisition: Acquisition,
+        machines: Machines,
+        files: DataDirectory,
+        results: Callable[[str], Path],
+        alarms: Alarms,
+        now: Callable[[], str],
+        *,
+        recalibrate: Recalibrate | None = None,
+        rules: Rules | None = None,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self.recalibrate = recalibrate
+        self._calibrations = calibrations
+        self._acquisition = acquisition
+        self._machines = machines
+        self._files = files
+        self._results = results
+        self._directory = files.root / "monitor"
+        self._alarms = alarms
+        self._now = now
+        self._rules = rules or Rules()
+        self._clock = clock
+        self._lock = threading.Lock()
+        self._watches: dict[str, _Watch] = {}
+        # Machine -> calibration whose drift was told: a monitor that starts again remembers it, and is not heard twice.
+        self._asked: dict[str, str] = {}
+        self._stop = threading.Event()
+        self._thread: threading.Thread | None = None
+
+    def start(self) -> None:
+        """Start supervising; returns at once."""
+        self._thread = threading.Thread(target=self._run, name="monitors", daemon=True)
+        self._thread.start()
+
+    def stop(self) -> None:
+        """End all monitors; also if they never started."""
+        self._stop.set()
+        if self._thread is not None:
+            self._thread.join()
+        with self._lock:
+            watches, self._watches = list(self._watches.values()), {}
+        for watch in watches:
+            _end(watch)
+
+    def state(self, machine: str) -> dict[str, Any]:
+        """What the monitor of a machine says: see ``GET /machines/{name}/monitor``."""
+        with self._lock:
+            watch = self._watches.get(machine)
+            if watch is None:
+                return {"state": "off", "reason": self._why_not(machine)}
+            common = {"calibration": watch.calibration, "since": watch.since}
+            if watch.ended is not None:
+                return {"state": "off", **common, "reason": watch.reason}
+            return {"state": "learning", **common, **watch.found, "reason": None}
+
+    def _why_not(self, machine: str) -> str:
+        if not self._acquisition.running(machine):
+            return "the machine is not acquired at the moment"
+        return "the machine has no active calibration"
+
+    def _run(self) -> None:
+        while not self._stop.wait(LOOK_S):
+            try:
+                self.look()
+            except Exception as error:  # a database that is locked now will not be at the next look
+                _log.error("monitor_look_failed", exc_info=error)
+
+    def look(self) -> None:
+        """Start what should be watched, end what should not."""
+        wanted = {name: found for name in self._acquisition.names() if (found := self._wanted(name)) is not None}
+        with self._lock:
+            gone = {m: w for m, w in self._watches.items() if wanted.get(m, (None,))[0] != (w.calibration, w.ring_name)}
+            for machine in gone:
+                del self._watches[machine]
+        for machine, watch in gone.items():
+            _end(watch)
+            self._alarms.report(machine, "residual_drift", "", "info", False)
+        for machine, ((calibration, ring_name), request) in wanted.items():
+            with self._lock:
+                current = self._watches.get(machine)
+                if current is not None and (current.ended is None or self._clock() - current.ended < PAUSE_S):
+                    continue
+                watch = _Watch(calibration, ring_name, since=self._now())
+                self._watches[machine] = watch
+            row = self._machines.get(machine)
+            order = Order(
+                request=request,
+                machine=self._files.machine_file(machine, row.version),
+                ring_name=ring_name,
+                memory=self._directory / f"{calibration}.json",
+                rules=self._rules,
+            )
+            watch.thread = threading.Thread(
+                target=self._watch, args=(machine, watch, order), name=f"monitor-{machine}", daemon=True
+            )
+            watch.thread.start()
+
+    def _wanted(self, machine: str) -> tuple[tuple[str, str], Path] | None:
+        """(calibration, ring) and the request file behind them; None if there is nothing to watch."""
+        calibration = self._calibrations.active(machine)
+        if calibration is None:
+            return None
+        try:
+            _, feed = self._acquisition.feed(machine)
+        except HilfitError:
+            return None
+        return (calibration.id, feed.ring_name), self._results(calibration.identification) / "request.json"
+
+    def _watch(self, machine: str, watch: _Watch, order: Order) -> None:
+        path = self._directory / f"{machine}.order"
+        try:
+            write_atomically(path, order.to_json().encode())
+            result = run_child(
+                [sys.executable, "-P", "-m", "server.monitor.monitor_child", str(path)],
+                log=self._directory / f"{machine}.log",
+                timeout_s=float("inf"),
+                progress=lambda _, text: self._heard(machine, watch, json.loads(text)),
+                should_stop=watch.stop.is_set,
+            )
+            reason = result.error or "the acquisition ended"
+        except Exception as error:
+            _log.error("monitor_failed", machine=machine, exc_info=error)
+            reason = "the monitor failed unexpectedly; the log of the service says why"
+        with self._lock:
+            watch.reason, watch.ended = reason, self._clock()
+        if not watch.stop.is_set():
+            _log.warning("monitor_ended", machine=machine, reason=reason)
+
+    def _heard(self, machine: str, watch: _Watch, found: dict[str, Any]) -> None:
+        """Keep what a monitor said; tell of a drift that begins or ends."""
+        drifting = found.pop("drifting")
+        with self._lock:
+            before = watch.found.get("state", "learning")
+            watch.found = found
+            if found["state"] != before:
+                watch.since = self._now()
+        if watch.stop.is_set():
+            return
+        worst = [joint for joint in found["joints"] if joint["joint"] in drifting]
+        text = "; ".join(f"{joint['joint']}: {WORDS[joint['statistic']]}" for joint in worst)
+        text = f"measured and predicted effort drift apart: {text}; recalibrate, or look for the cause"
+        self._alarms.report(machine, "residual_drift", text, "warning", bool(drifting))
+        if found["state"] == "watching":
+            self._asked.pop(machine, None)
+        if found["state"] == "drift" and self._asked.get(machine) != watch.calibration and self.recalibrate is not None:
+            self._asked[machine] = watch.calibration
+            try:
+                self.recalibrate(machine, text)
+            except HilfitError as error:
+                self._alarms.report(machine, "recalibration_failed", str(error), "warning", True)
+
+
+#: What a change of each statistic looks like to a person.
+WORDS = {
+    "offset": "a constant force more or less",
+    "direction": "more or less force against the motion (friction)",
+    "level": "a force that grows with the load (a gain, or another load)",
+}
+
+
+def _end(watch: _Watch) -> None:
+    watch.stop.set()
+    if watch.thread is not None:
+        watch.thread.join()

@@ -1,0 +1,108 @@
+"""What routes declare: the scope that they need, and who asks.
+
+::
+
+    @router.post("/{id}/stop", dependencies=[require("operate")])
+    def stop(id: str, service: ServiceDep, principal: PrincipalDep) -> ...
+
+Whatever a request names (a machine, or something of a machine) does not exist (404) for a principal that is bound to
+other machines: :mod:`server.platform.authorization.typed_route` sees to that. Routes that list narrow their lists by
+``principal.machines``.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Any
+
+from fastapi import Depends, WebSocketException
+from fastapi.concurrency import run_in_threadpool
+from starlette.requests import HTTPConnection
+
+from server.platform.authorization.named_things import things_of_path
+from server.platform.authorization.principals import LEAST_ROLE, Principal, Scope
+from server.platform.errors import ForbiddenError, ServiceError, UnauthenticatedError
+from server.platform.service import Service
+
+__all__ = ["Principal", "PrincipalDep", "require", "scope_of"]
+#: Close code of a WebSocket that is refused (RFC 6455 section 7.4.1: policy).
+POLICY = 1008
+
+
+def current_principal(connection: HTTPConnection) -> Principal:
+    """Who asks.
+
+    Raises
+    ------
+    UnauthenticatedError
+        If the request brought no token, or one that is not (or no longer) known.
+    """
+    principal = connection.scope.get("hilfit.principal")
+    if not isinstance(principal, Principal):
+        raise UnauthenticatedError("pair this device first, or send 'Authorization: Bearer' with a valid token")
+    return principal
+
+
+async def _principal(connection: HTTPConnection) -> Principal:
+    """As a dependency; a coroutine, since for a plain function FastAPI takes a thread, which costs more."""
+    return current_principal(connection)
+
+
+PrincipalDep = Annotated[Principal, Depends(_principal)]
+
+
+def require(scope: Scope, *, every_machine: bool = False) -> Any:
+    """A dependency that lets only principals with ``scope`` through.
+
+    Parameters
+    ----------
+    scope : what the route does
+    every_machine : the route says or does something about all machines at once; refused (403) to bound principals
+    """
+
+    async def guard(connection: HTTPConnection) -> None:
+        try:
+            principal = current_principal(connection)
+            if not principal.may(scope):
+                raise ForbiddenError(
+                    f"this needs the role {LEAST_ROLE[scope]}, '{principal.name}' is {principal.role}; "
+                    "ask an admin for a pairing code of that role"
+                )
+            if principal.machines is not None:
+                if every_machine:
+                    raise ForbiddenError(f"this is about all machines, '{principal.name}' is bound to some of them")
+                await _only_its_machines(connection, principal)
+        except ServiceError as error:
+            if connection.scope["type"] == "websocket":
+                raise WebSocketException(POLICY, str(error)) from None
+            raise
+
+    guard.hilfit_scope = scope  # type: ignore[attr-defined]
+    guard.hilfit_every_machine = every_machine  # type: ignore[attr-defined]
+    return Depends(guard)
+
+
+def scope_of(route: Any) -> Scope | None:
+    """The scope that a route declares; None without one."""
+    scope: Scope | None = _declared(route, "hilfit_scope")
+    return scope
+
+
+def is_about_every_machine(route: Any) -> bool:
+    """Whether a route refuses bound principals."""
+    return bool(_declared(route, "hilfit_every_machine"))
+
+
+def _declared(route: Any, what: str) -> Any:
+    """What the guard of a route says of itself; None without one."""
+    found = (getattr(dependency.call, what, None) for dependency in route.dependant.dependencies)
+    return next((value for value in found if value is not None), None)
+
+
+async def _only_its_machines(connection: HTTPConnection, principal: Principal) -> None:
+    service = connection.app.state.service
+    assert isinstance(service, Service)
+    things = things_of_path(str(connection.scope["path"]), connection.path_params, service.ownership.collections)
+    if connection.scope["type"] == "websocket":  # a request's query is checked once it is parsed
+        things |= {("machines", name) for name in connection.query_params.getlist("machine")}
+    if things:
+        await run_in_threadpool(service.ownership.refuse_foreign, principal, things)

@@ -1,0 +1,275 @@
+"""Connections, transactions, revision counters and pages of the store."""
+
+from __future__ import annotations
+
+import sqlite3
+import threading
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any, Generic, TypeVar
+
+import sqlalchemy as sa
+
+from server.platform.database.database_copies import copy_database, postgresql_url
+from server.platform.database.migrations import migrate
+from server.platform.database.schema import SCHEMA_VERSION, metadata, revisions, store_version
+from server.platform.errors import StartError
+
+Clock = Callable[[], datetime]
+#: Number of the advisory lock that writers take on PostgreSQL ("hilfit" in bytes).
+_WRITERS = 0x68696C666974
+#: And of the one that the server holds while it runs.
+_SERVER = _WRITERS + 1
+#: s: longest that PostgreSQL waits within a transaction for a process that was stopped there, or whose host was.
+FROZEN_S = 10
+#: s that a server waits for the session of the one before it, which the database may end later than the process.
+LEAVING_S = 3.0
+Item = TypeVar("Item")
+
+
+def utc_now() -> datetime:
+    """The clock of a running service."""
+    return datetime.now(UTC)
+
+
+@dataclass(frozen=True)
+class Page(Generic[Item]):
+    """Some items of a longer list, and the cursor of the next page (None at the end)."""
+
+    items: tuple[Item, ...]
+    next: int | None
+
+
+class Database:
+    """The store: a SQLite file, or a PostgreSQL database that several hosts share.
+
+    One writer at a time on either. SQLite: writers take the lock when they begin (BEGIN IMMEDIATE); a transaction
+    that starts reading and then writes would fail at once with "database is locked" instead of waiting. Rollback
+    journal and ``synchronous=FULL``: the write-ahead log of the SQLite that Debian 12 ships has a corruption bug with
+    several processes. PostgreSQL: writers take one advisory lock, so what is checked in a transaction still holds
+    when it is written, as on SQLite; transactions are a few rows long. A process that is stopped in one would hold up
+    all the others: after ``FROZEN_S`` PostgreSQL ends its connection, and what it had not committed never happened.
+
+    Parameters
+    ----------
+    place : the SQLite file, or the URL of a PostgreSQL database
+    tables : all that there are (:func:`server.platform.resource.tables_of`)
+    changed : called after every committed write
+    backups : directory that gets a copy of the store before it is migrated; by default ``backups`` beside the file
+    """
+
+    def __init__(
+        self,
+        place: Path | str,
+        tables: Sequence[sa.Table],
+        *,
+        clock: Clock = utc_now,
+        changed: Callable[[], None],
+        backups: Path | None = None,
+    ) -> None:
+        self.url = f"sqlite:///{place}" if isinstance(place, Path) else _not_frozen(postgresql_url(place))
+        self.is_sqlite = isinstance(place, Path)
+        self.name = str(place) if isinstance(place, Path) else sa.make_url(place).render_as_string(hide_password=True)
+        self._tables = tuple(tables)
+        self._clock = clock
+        self._changed = changed
+        self._lock = threading.Lock()
+        self._own: Mapping[str, int] = {}
+        self._alone: sa.Connection | None = None
+        # PostgreSQL may be restarted below us: a connection that it ended is noticed before it is used.
+        self._engine = sa.create_engine(self.url, pool_pre_ping=not self.is_sqlite)
+        if self.is_sqlite:
+            sa.event.listen(self._engine, "connect", _prepare)
+            sa.event.listen(self._engine, "begin", _begin)
+        else:
+            sa.event.listen(self._engine, "begin", _begin_postgresql)
+        if backups is None:
+            backups = place.parent / "backups" if isinstance(place, Path) else Path("backups")
+        try:
+            self._create(backups)
+        except BaseException:
+            self.close()
+            raise
+
+    def _create(self, backups: Path) -> None:
+        try:
+            found = self._found()
+            if found is not None and found < SCHEMA_VERSION:
+                copy_database(self.url, backups, f"before-version-{SCHEMA_VERSION}-{found}")
+            with (
+                self._engine.connect().execution_options(hilfit_write=True) as connection,
+                connection.begin(),
+            ):
+                found = _version(connection)  # another process may have been quicker
+                if found is not None and found < SCHEMA_VERSION:
+                    migrate(connection, found, SCHEMA_VERSION)
+                    found = SCHEMA_VERSION
+                if found is None or found == SCHEMA_VERSION:
+                    metadata.create_all(connection, tables=self._tables)
+                if found is None:
+                    connection.execute(store_version.insert().values(version=SCHEMA_VERSION))
+                    found = SCHEMA_VERSION
+        except sa.exc.DatabaseError as error:
+            reason = " ".join(str(error.orig).split())
+            raise StartError(
+                f"{self.name}: cannot be opened as the store ({reason}); move it away or restore it"
+            ) from None
+        if found != SCHEMA_VERSION:
+            raise StartError(
+                f"{self.name}: is a store of version {found}, this hilfit reads version {SCHEMA_VERSION}; "
+                "use the hilfit that wrote it or another --data-dir"
+            )
+
+    def _found(self) -> int | None:
+        with self.read() as connection:
+            return _version(connection)
+
+    @contextmanager
+    def read(self) -> Iterator[sa.Connection]:
+        """A transaction that only reads."""
+        with self._engine.connect() as connection, connection.begin():
+            yield connection
+
+    @contextmanager
+    def write(self, *resources: str) -> Iterator[sa.Connection]:
+        """A transaction that writes; counts a revision of each of ``resources``, then wakes the waiters."""
+        with self._engine.connect().execution_options(hilfit_write=True) as connection, connection.begin():
+            yield connection
+            counted = {resource: _count(connection, resource) for resource in resources}
+        with self._lock:  # after the commit: whoever sees the number finds what was written
+            newer = {name: max(number, self._own.get(name, 0)) for name, number in counted.items()}
+            self._own = {**self._own, **newer}
+        self._changed()
+
+    @contextmanager
+    def alone(self) -> Iterator[None]:
+        """Hold the database for this server; the lock of a SQLite file's directory does that already.
+
+        Waits up to ``LEAVING_S`` for another to leave: the session of a server that was killed ends a little later.
+
+        Raises
+        ------
+        StartError
+            If another server has it.
+        """
+        if self.is_sqlite:
+            yield
+            return
+        with self._engine.connect().execution_options(isolation_level="AUTOCOMMIT") as connection:
+            if not _take(connection):
+                connection.invalidate()
+                self.close()
+                raise StartError(f"{self.name}: another hilfit server is using it; stop that one")
+            self._alone = connection
+            try:
+                yield
+            finally:
+                self._alone = None
+                connection.invalidate()  # the lock is the session's: it goes with that
+
+    def still_alone(self) -> bool:
+        """Whether :meth:`alone` still holds; the lock goes with its connection, and is taken again if nobody did.
+
+        Raises what the driver raises while the database is away.
+        """
+        if self._alone is None:
+            return True
+        try:
+            self._alone.execute(sa.text("SELECT 1"))
+            return True
+        except sa.exc.DBAPIError:
+            self._alone.invalidate()
+            self._alone.rollback()
+        return _take(self._alone)
+
+    def now(self) -> str:
+        """The time as the store writes it: UTC, milliseconds."""
+        return self._clock().astimezone(UTC).isoformat(timespec="milliseconds").replace("+00:00", "Z")
+
+    def revisions(self) -> dict[str, int]:
+        """Per resource how often it changed since the store was made."""
+        with self.read() as connection:
+            rows = connection.execute(sa.select(revisions)).all()
+        return {row.resource: row.number for row in rows}
+
+    def own_revisions(self) -> Mapping[str, int]:
+        """Of each resource that this process wrote, its revision after the last of those writes; no read."""
+        return self._own
+
+    def check(self) -> None:
+        """Read one row; raises what the driver raises when the database is gone."""
+        with self.read() as connection:
+            connection.execute(sa.select(store_version)).one()
+
+    def close(self) -> None:
+        """Close all connections."""
+        self._engine.dispose()
+
+
+def _take(connection: sa.Connection) -> bool:
+    """Whether the servers' lock could be had within ``LEAVING_S``."""
+    end = time.monotonic() + LEAVING_S
+    while not connection.execute(sa.text(f"SELECT pg_try_advisory_lock({_SERVER})")).scalar():
+        if time.monotonic() > end:
+            return False
+        time.sleep(0.05)
+    return True
+
+
+def _count(connection: sa.Connection, resource: str) -> int:
+    """Count a revision; the new number."""
+    column = revisions.c.number
+    count = sa.update(revisions).where(revisions.c.resource == resource).values(number=column + 1)
+    number = connection.execute(count.returning(column)).scalar()
+    if number is None:
+        connection.execute(revisions.insert().values(resource=resource, number=1))
+        return 1
+    return int(number)
+
+
+def page(
+    connection: sa.Connection, query: sa.Select[Any], number: sa.Column[int], limit: int, after: int
+) -> tuple[Sequence[sa.Row[Any]], int | None]:
+    """Newest first; ``after`` is the cursor of a page before (0: from the start)."""
+    if after:
+        query = query.where(number < after)
+    rows = connection.execute(query.order_by(number.desc()).limit(limit + 1)).all()
+    more = len(rows) > limit
+    return rows[:limit], rows[limit - 1].number if more else None
+
+
+def _prepare(connection: sqlite3.Connection, _record: object) -> None:
+    connection.isolation_level = None  # the begin event below emits BEGIN, the driver must not
+    connection.execute("PRAGMA journal_mode=DELETE")
+    connection.execute("PRAGMA synchronous=FULL")
+    connection.execute("PRAGMA foreign_keys=ON")
+    connection.execute("PRAGMA busy_timeout=30000")
+
+
+def _begin(connection: sa.Connection) -> None:
+    write = connection.get_execution_options().get("hilfit_write", False)
+    connection.exec_driver_sql("BEGIN IMMEDIATE" if write else "BEGIN")
+
+
+def _begin_postgresql(connection: sa.Connection) -> None:
+    if connection.get_execution_options().get("hilfit_write", False):
+        connection.exec_driver_sql(f"SELECT pg_advisory_xact_lock({_WRITERS})")
+
+
+def _not_frozen(url: str) -> str:
+    """A URL whose sessions, the workflow engine's too, are ended when their client is stopped in a transaction."""
+    address = sa.make_url(url)
+    given = address.query.get("options", "")
+    options = [*([given] if isinstance(given, str) else given), f"-c idle_in_transaction_session_timeout={FROZEN_S}s"]
+    return address.update_query_dict({"options": " ".join(options).strip()}).render_as_string(hide_password=False)
+
+
+def _version(connection: sa.Connection) -> int | None:
+    """Version of the store; None if there is nothing yet."""
+    if not sa.inspect(connection).has_table(store_version.name):
+        return None
+    return connection.execute(sa.select(store_version.c.version)).scalar()

@@ -1,0 +1,71 @@
+"""Bring an older store up to date, one version after the other, in the transaction that opens it.
+
+New tables need no step: they are made when the store is opened. A step changes what is there, in SQL that SQLite and
+PostgreSQL both understand. Steps know nothing of :mod:`server.platform.database.schema`, which shows the newest version
+only.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+
+import sqlalchemy as sa
+
+
+def _to_2(connection: sa.Connection) -> None:
+    """An idempotency key may have made anything, not only an identification."""
+    for statement in (
+        "ALTER TABLE idempotency_keys RENAME TO idempotency_keys_1",
+        "CREATE TABLE idempotency_keys (key VARCHAR NOT NULL PRIMARY KEY, request_sha256 VARCHAR NOT NULL,"
+        " subject VARCHAR NOT NULL, created VARCHAR NOT NULL)",
+        "INSERT INTO idempotency_keys (key, request_sha256, subject, created)"
+        " SELECT key, request_sha256, identification, created FROM idempotency_keys_1",
+        "DROP TABLE idempotency_keys_1",
+    ):
+        connection.exec_driver_sql(statement)
+
+
+#: PostgreSQL refuses to change, delete or truncate the audit log. A rule would do nothing and say nothing.
+AUDIT_APPEND_ONLY = (
+    "CREATE OR REPLACE FUNCTION audit_log_append_only() RETURNS trigger LANGUAGE plpgsql AS "
+    "$$ BEGIN RAISE EXCEPTION 'the audit log is append-only'; END $$",
+    "CREATE TRIGGER audit_log_append_only BEFORE UPDATE OR DELETE OR TRUNCATE ON audit_log "
+    "FOR EACH STATEMENT EXECUTE FUNCTION audit_log_append_only()",
+)
+
+
+def _to_3(connection: sa.Connection) -> None:
+    """The audit log of PostgreSQL was protected by rules, which let TRUNCATE through and refused without a word."""
+    if connection.dialect.name != "postgresql" or not sa.inspect(connection).has_table("audit_log"):
+        return
+    for statement in (
+        "DROP RULE IF EXISTS audit_log_no_update ON audit_log",
+        "DROP RULE IF EXISTS audit_log_no_delete ON audit_log",
+        *AUDIT_APPEND_ONLY,
+    ):
+        connection.exec_driver_sql(statement)
+
+
+def _to_4(connection: sa.Connection) -> None:
+    """Every execution of a stage has a directory of its own; a job says which of them counts."""
+    connection.exec_driver_sql("ALTER TABLE jobs ADD COLUMN place VARCHAR")
+
+
+def _to_5(connection: sa.Connection) -> None:
+    """Tokens expire; those that there are do not."""
+    for table, column in (("principals", "expires VARCHAR"), ("pairing_codes", "days INTEGER")):
+        inspector = sa.inspect(connection)
+        there = inspector.has_table(table)  # else it is made now, with that column
+        if there and column.split()[0] not in {known["name"] for known in inspector.get_columns(table)}:
+            connection.exec_driver_sql(f"ALTER TABLE {table} ADD COLUMN {column}")
+
+
+#: Per version, the step to the next one.
+STEPS: Mapping[int, Callable[[sa.Connection], None]] = {1: _to_2, 2: _to_3, 3: _to_4, 4: _to_5}
+
+
+def migrate(connection: sa.Connection, found: int, wanted: int) -> None:
+    """Bring a store of version ``found`` to ``wanted``; nothing is committed here."""
+    for version in range(found, wanted):
+        STEPS[version](connection)
+    connection.execute(sa.text("UPDATE store_version SET version = :version"), {"version": wanted})

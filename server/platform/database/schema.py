@@ -1,0 +1,35 @@
+"""What all tables of the store (SQLAlchemy Core) share, and those that belong to no resource.
+
+The tables of a resource stand in its folder. Times are ISO 8601 in UTC, so text order is time order.
+"""
+
+from __future__ import annotations
+
+import sqlalchemy as sa
+
+#: Raised by one whenever a table that was there changes (a new table needs nothing);
+#: :mod:`server.platform.database.migrations` brings an older store up to date, a newer one is refused.
+SCHEMA_VERSION = 5
+
+metadata = sa.MetaData()
+
+store_version = sa.Table("store_version", metadata, sa.Column("version", sa.Integer, primary_key=True))
+
+#: How often something changed, per resource; a client that saw the number knows whether to read again.
+revisions = sa.Table(
+    "revisions",
+    metadata,
+    sa.Column("resource", sa.String, primary_key=True),
+    sa.Column("number", sa.Integer, nullable=False),
+)
+
+idempotency_keys = sa.Table(
+    "idempotency_keys",
+    metadata,
+    sa.Column("key", sa.String, primary_key=True),
+    sa.Column("request_sha256", sa.String, nullable=False),
+    sa.Column("subject", sa.String, nullable=False),  # id of what the request made
+    sa.Column("created", sa.String, nullable=False),
+)
+
+PLATFORM_TABLES = (store_version, revisions, idempotency_keys)

@@ -1,0 +1,39 @@
+"""Room on the disk: recordings end before the database has none left."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+from server.platform.errors import ConflictError
+
+#: Free bytes that recordings and uploads leave to the database, beyond what sealing the running ones takes.
+RESERVE_BYTES = 256 * 2**20
+Free = Callable[[], int]
+
+
+def free_bytes(recordings: Path) -> int:
+    """Bytes that are free below ``recordings``, after what sealing its journals will take."""
+    sizes = 0
+    for journal in recordings.glob("*.journal"):
+        try:
+            sizes += journal.stat().st_size
+        except FileNotFoundError:  # it was sealed meanwhile
+            continue
+    return shutil.disk_usage(recordings).free - sizes
+
+
+def require_room(free: int) -> None:
+    """Refuse to begin something that fills the disk.
+
+    Raises
+    ------
+    ConflictError
+        If not more than :data:`RESERVE_BYTES` are free.
+    """
+    if free <= RESERVE_BYTES:
+        raise ConflictError(
+            f"the disk is full: {max(free, 0) // 2**20} MiB are free and {RESERVE_BYTES // 2**20} MiB are kept for the "
+            "database; delete recordings or make room"
+        )

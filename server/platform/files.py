@@ -1,0 +1,229 @@
+"""The data directory: where the service keeps files, and how they get there whole or not at all.
+
+::
+
+    data_dir/
+    ├── hilfit.sqlite            store and workflow engine
+    ├── lock                     held by the one server that uses this directory
+    ├── machines/<name>/<version>.yaml
+    ├── recordings/<id>.parquet|.csv, with .journal while being recorded, .incoming-* while being uploaded
+    ├── excitations/<id>/<place>/        request.json, motion.csv, result.json, design.log
+    ├── recalibrations/<id>/<place>/     request and log of the comparison
+    ├── backups/<time>/          copies of everything that cannot be made again
+    ├── identifications/<id>/<place>/    request.json, artefacts of the stages, report.json, report.html, <stage>.log
+    ├── tls/                     the site's own certificate and key
+    ├── monitor/                 what monitors learnt, per calibration, and their logs
+    └── simulation/              machine file and inbox of the simulated machine
+
+A place is the directory of one execution of a stage (:mod:`server.jobs.job_places`).
+"""
+
+from __future__ import annotations
+
+import fcntl
+import os
+import secrets
+from collections.abc import AsyncIterable, Awaitable, Callable, Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Any
+
+from server.platform.errors import ConflictError, StartError, TooLargeError, UnavailableError
+
+#: Bytes gathered before one write to disk; small enough to be nothing in memory.
+WRITE_BYTES = 2**20
+DATABASE_FILE = "hilfit.sqlite"
+
+
+class DataDirectory:
+    """Paths below ``data_dir``; creates the directories."""
+
+    def __init__(self, root: Path) -> None:
+        self.root = root.resolve()
+        self._held: int | None = None
+        self.machines = self.root / "machines"
+        self.recordings = self.root / "recordings"
+        self.identifications = self.root / "identifications"
+        self.excitations = self.root / "excitations"
+        self.recalibrations = self.root / "recalibrations"
+        self.backups = self.root / "backups"
+        self.simulation = self.root / "simulation"
+        try:
+            for directory in (self.root, self.machines, self.recordings, self.identifications):
+                directory.mkdir(parents=True, exist_ok=True)
+            if self.root.stat().st_mode & 0o077:  # made before its files were private, or by somebody else
+                make_private(self.root)
+        except OSError as error:
+            raise StartError(f"--data-dir {root}: cannot be created ({error.strerror})") from None
+
+    @property
+    def database(self) -> Path:
+        """The SQLite file."""
+        return self.root / DATABASE_FILE
+
+    def machine_file(self, name: str, version: int) -> Path:
+        """Text of one version of a machine file; never changed once written."""
+        return self.machines / name / f"{version}.yaml"
+
+    def incoming(self) -> Path:
+        """A new name for an upload in progress."""
+        return self.recordings / f".incoming-{secrets.token_hex(8)}"
+
+    def clean(self) -> None:
+        """Remove what interrupted uploads left behind; called before anything is served."""
+        for leftover in self.recordings.glob(".incoming-*"):
+            leftover.unlink(missing_ok=True)
+
+    @contextmanager
+    def locked(self) -> Iterator[None]:
+        """Hold the directory for this server.
+
+        Two servers on one directory would both resume its unfinished jobs.
+
+        Raises
+        ------
+        StartError
+            If another server holds it.
+        """
+        try:
+            opened = (self.root / "lock").open("a")
+        except OSError as error:
+            raise StartError(
+                f"--data-dir {self.root}: cannot be written ({error.strerror}); give another directory"
+            ) from None
+        with opened as file:
+            try:
+                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except OSError:
+                raise StartError(
+                    f"--data-dir {self.root}: another hilfit server is using it; stop that one or "
+                    "give another directory"
+                ) from None
+            self._held = file.fileno()
+            try:
+                yield
+            finally:
+                self._held = None
+
+    def check(self) -> None:
+        """See that the directory is the one that this server holds, and that it can be written.
+
+        Raises
+        ------
+        UnavailableError
+            If it was deleted, replaced or closed to us, or its disk is full.
+        """
+        try:
+            if self._held is not None and not os.path.samestat((self.root / "lock").stat(), os.fstat(self._held)):
+                raise UnavailableError("the data directory is another one than at the start; restart the service")
+            for directory in (self.machines, self.recordings, self.identifications):
+                directory.stat()
+            probe = self.root / f".probe-{secrets.token_hex(4)}"
+            probe.write_bytes(b"written")
+            probe.unlink()
+        except OSError as error:
+            raise UnavailableError(f"the data directory cannot be used ({error.strerror}); put it right") from None
+
+
+def private_files() -> None:
+    """Let this process, and what it starts, make files that only its user can read."""
+    os.umask(0o077)
+
+
+def make_private(root: Path) -> None:
+    """Take all rights of others from a directory and what is in it; links are left alone."""
+    for directory, _, names in os.walk(root):
+        for path in (Path(directory), *(Path(directory, name) for name in names)):
+            if not path.is_symlink():
+                with suppress(FileNotFoundError):  # of a service that runs
+                    path.chmod(path.stat().st_mode & 0o700)
+
+
+def write_atomically(path: Path, content: bytes) -> None:
+    """Write a file that readers see whole or not at all, also after a power cut."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    temporary = path.with_name(f".{path.name}.{secrets.token_hex(4)}")
+    try:
+        with temporary.open("wb") as file:
+            file.write(content)
+            file.flush()
+            os.fsync(file.fileno())
+        temporary.replace(path)
+    finally:
+        temporary.unlink(missing_ok=True)
+    sync_directory(path.parent)
+
+
+def sync_directory(directory: Path) -> None:
+    """Make renames and new names in ``directory`` survive a power cut."""
+    descriptor = os.open(directory, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
+
+
+def sync_tree(directory: Path) -> None:
+    """Make every file below ``directory`` and the directory itself survive a power cut."""
+    for path in sorted(directory.rglob("*"), reverse=True):
+        if path.is_dir():
+            sync_directory(path)
+        else:
+            with path.open("rb") as file:
+                os.fsync(file.fileno())
+    sync_directory(directory)
+    sync_directory(directory.parent)
+
+
+async def receive(
+    chunks: AsyncIterable[bytes],
+    path: Path,
+    limit: int,
+    in_thread: Callable[..., Awaitable[Any]],
+) -> int:
+    """Stream ``chunks`` into the new file ``path``, synced; the file is removed if anything goes wrong.
+
+    Parameters
+    ----------
+    limit : most bytes taken
+    in_thread : runs a blocking call elsewhere, ``await in_thread(function, *arguments)``
+
+    Returns
+    -------
+    Bytes written.
+
+    Raises
+    ------
+    TooLargeError
+        As soon as more than ``limit`` bytes came.
+    ConflictError
+        If the disk is full.
+    """
+    size = 0
+    pending = bytearray()
+    file = await in_thread(path.open, "xb")
+    try:
+        async for chunk in chunks:
+            size += len(chunk)
+            if size > limit:
+                raise TooLargeError(f"the upload is larger than {limit} bytes; split it or raise maximum_upload_bytes")
+            pending += chunk
+            if len(pending) >= WRITE_BYTES:
+                await in_thread(file.write, bytes(pending))
+                pending.clear()
+        await in_thread(_finish, file, bytes(pending))
+    except OSError as error:
+        await in_thread(path.unlink, True)
+        raise ConflictError(f"the upload cannot be stored ({error.strerror}); free some space and try again") from None
+    except BaseException:
+        path.unlink(missing_ok=True)
+        raise
+    finally:
+        file.close()
+    return size
+
+
+def _finish(file: Any, rest: bytes) -> None:
+    file.write(rest)
+    file.flush()
+    os.fsync(file.fileno())

@@ -1,0 +1,160 @@
+"""Errors as problem documents (RFC 9457, ``application/problem+json``) on every path."""
+
+from __future__ import annotations
+
+import errno
+from collections.abc import Awaitable, Callable
+from http import HTTPStatus
+from typing import Any
+
+import structlog
+from fastapi import FastAPI, Request
+from fastapi.exceptions import RequestValidationError
+from fastapi.responses import JSONResponse
+from pydantic import BaseModel
+from sqlalchemy.exc import OperationalError
+from starlette.exceptions import HTTPException
+from starlette.routing import Match
+
+from daq.errors import AcquisitionError, HilfitError, InputError
+from server.platform.errors import ServiceError
+
+INVALID = "Invalid content"
+MEDIA_TYPE = "application/problem+json"
+_log = structlog.stdlib.get_logger(__name__)
+
+
+class Problem(BaseModel):
+    """A problem document: what went wrong with one request, and what to do."""
+
+    type: str
+    title: str
+    status: int
+    detail: str
+    instance: str
+    errors: list[dict[str, Any]] | None = None
+
+
+def problem(
+    request: Request,
+    status: int,
+    detail: str,
+    *,
+    slug: str | None = None,
+    title: str | None = None,
+    errors: list[dict[str, Any]] | None = None,
+    headers: dict[str, str] | None = None,
+) -> JSONResponse:
+    """The response that tells ``detail``; ``type`` is ``urn:hilfit:problem:<slug>``, RFC 9457 section 3.1."""
+    phrase = title or HTTPStatus(status).phrase
+    document = Problem(
+        type=f"urn:hilfit:problem:{slug or phrase.lower().replace(' ', '-')}",
+        title=phrase,
+        status=status,
+        detail=detail,
+        instance=request.url.path,
+        errors=errors,
+    )
+    return JSONResponse(
+        document.model_dump(exclude_none=True), status_code=status, headers=headers, media_type=MEDIA_TYPE
+    )
+
+
+def methods_of(request: Request) -> list[str]:
+    """All methods that there are for a request's path, whichever route takes them (RFC 9110 section 10.2.1)."""
+    found: set[str] = set()
+    for method in ("GET", "HEAD", "POST", "PUT", "PATCH", "DELETE"):
+        scope = dict(request.scope, method=method)
+        if any(route.matches(scope)[0] is Match.FULL for route in request.app.router.routes):
+            found.add(method)
+    return sorted(found)
+
+
+def install(app: FastAPI) -> None:
+    """Make ``app`` answer every error with a problem document."""
+    for kind, answer in _ANSWERS.items():
+        app.add_exception_handler(kind, answer)
+
+
+async def _service_error(request: Request, error: Exception) -> JSONResponse:
+    assert isinstance(error, ServiceError)
+    return problem(request, error.status, str(error), slug=error.slug, title=error.title, headers=dict(error.headers))
+
+
+async def _input_error(request: Request, error: Exception) -> JSONResponse:
+    return problem(request, 422, str(error), slug="invalid", title="Invalid content")
+
+
+async def _acquisition_error(request: Request, error: Exception) -> JSONResponse:
+    return problem(request, 503, str(error), slug="unavailable", title="Unavailable")
+
+
+async def _other_error(request: Request, error: Exception) -> JSONResponse:
+    return problem(request, 500, str(error))
+
+
+async def _http_error(request: Request, error: Exception) -> JSONResponse:
+    assert isinstance(error, HTTPException)
+    headers = dict(error.headers or {})
+    if error.status_code == 405:
+        headers["Allow"] = ", ".join(methods_of(request))
+    if error.status_code == 400:  # a body that is no JSON in UTF-8, or nested without end
+        return problem(request, 422, "the body is no JSON that can be read", slug="invalid", title=INVALID)
+    detail = {
+        404: f"there is nothing at {request.url.path}; the resources are listed in /api/v1/openapi.json",
+        405: f"{request.method} is not possible here; see the header Allow",
+    }.get(error.status_code, str(error.detail))
+    return problem(request, error.status_code, detail, headers=headers)
+
+
+async def _validation_error(request: Request, error: Exception) -> JSONResponse:
+    assert isinstance(error, RequestValidationError)
+    errors = [
+        {"place": ".".join(str(part) for part in entry["loc"]), "text": str(entry["msg"])} for entry in error.errors()
+    ]
+    first = errors[0] if errors else {"place": "request", "text": "cannot be read"}
+    more = f" (and {len(errors) - 1} more)" if len(errors) > 1 else ""
+    detail = " ".join(f"{first['place']}: {first['text']}{more}".split())
+    detail = detail.encode("utf-8", "backslashreplace").decode()  # it may quote what is not Unicode
+    return problem(request, 422, detail, slug="invalid", title="Invalid content", errors=errors)
+
+
+async def _store_unavailable(request: Request, error: Exception) -> JSONResponse:
+    _log.error("store_unavailable", path=request.url.path, exc_info=error)
+    detail = "the store is busy, full or gone; try again, and see the log of the service"
+    return problem(request, 503, detail, slug="unavailable", title="Unavailable", headers={"Retry-After": "5"})
+
+
+async def _storage_failed(request: Request, error: Exception) -> JSONResponse:
+    assert isinstance(error, OSError)
+    _log.error("storage_failed", path=request.url.path, exc_info=error)
+    full = error.errno in (errno.ENOSPC, errno.EDQUOT)
+    detail = "the disk is full; make room" if full else "the data directory cannot be used; the log says why"
+    headers = {"Retry-After": "30"}
+    return problem(request, 503, detail, slug="unavailable", title="Unavailable", headers=headers)
+
+
+async def _not_text(request: Request, error: Exception) -> JSONResponse:
+    # JSON may hold half of a surrogate pair (RFC 8259 section 8.2), which no encoding of text can write.
+    return problem(request, 422, "a text in the request is not Unicode; correct it", slug="invalid", title=INVALID)
+
+
+async def _unexpected(request: Request, error: Exception) -> JSONResponse:
+    # The text of an unexpected error may hold paths and values; it belongs in the log only.
+    _log.error("request_failed", path=request.url.path, exc_info=error)
+    detail = "the service failed on this request; its log says why"
+    return problem(request, 500, detail, slug="internal", title="Internal error")
+
+
+_ANSWERS: dict[type[Exception], Callable[[Request, Exception], Awaitable[JSONResponse]]] = {
+    ServiceError: _service_error,
+    InputError: _input_error,
+    AcquisitionError: _acquisition_error,
+    HilfitError: _other_error,
+    HTTPException: _http_error,
+    RequestValidationError: _validation_error,
+    OperationalError: _store_unavailable,
+    OSError: _storage_failed,
+    UnicodeEncodeError: _not_text,
+    Exception: _unexpected,
+}

@@ -1,0 +1,105 @@
+"""A running service: the parts that its resources declare, and what starts and stops them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from datetime import datetime
+from typing import Any
+
+import structlog
+from sqlalchemy.exc import SQLAlchemyError
+
+from server.platform.authorization.ownership import Ownership
+from server.platform.changes import Changes
+from server.platform.database.engine import Database, utc_now
+from server.platform.errors import UnavailableError
+from server.platform.files import DataDirectory
+from server.platform.http.replays import Replays
+from server.platform.parts import Key, PartName, Parts
+from server.platform.processes.heavy_work import Heavy
+from server.platform.resource import Resource, providers_of, tables_of
+from server.platform.settings import Settings
+from server.platform.tls import Certificate, certificate
+
+#: What schedules go by.
+CLOCK: PartName[Callable[[], datetime]] = PartName("clock of the schedules")
+_log = structlog.stdlib.get_logger(__name__)
+
+
+class Service(Parts):
+    """A running service; call :meth:`start` once, then :meth:`stop`, also when starting failed.
+
+    Parameters
+    ----------
+    resources : what it is composed of; their routers are tried in this order
+    given : parts in the place of what a resource would make; tests put fakes here
+    """
+
+    def __init__(
+        self, settings: Settings, resources: Sequence[Resource], given: Mapping[Key, Any] | None = None
+    ) -> None:
+        super().__init__(providers_of(resources))
+        self.settings = settings
+        self.resources = tuple(resources)
+        self.changes = Changes()
+        self.files = DataDirectory(settings.data_dir)
+        self.replays = Replays()
+        try:
+            self._open()
+            self.put({Service: self, CLOCK: utc_now, Settings: settings, Changes: self.changes})
+            self.put({DataDirectory: self.files, Database: self.database})
+            self.put(given or {})
+            self.make_all()
+            running = [running for resource in resources for running in resource.running(self)]
+        except BaseException:
+            self.close()
+            raise
+        self._running = sorted(running, key=lambda entry: entry.phase)
+
+    def _open(self) -> None:
+        # Before the database is touched: two servers must not even open one.
+        self.entered(self.files.locked())
+        self.files.clean()
+        place, tables = self.settings.full_database_url or self.files.database, tables_of(self.resources)
+        self.database = Database(place, tables, changed=self.changes.notify, backups=self.files.backups)
+        self.at_close(self.database.close)
+        self.entered(self.database.alone())
+        self.certificate = certificate(self.settings, self.files, utc_now)
+        self.ownership = Ownership(self.database, self.resources)
+        self.heavy = Heavy()
+        self.at_close(self.heavy.close)
+
+    def start(self) -> None:
+        """Start what the resources declare, phase by phase."""
+        for running in self._running:
+            running.start()
+        _log.info("started", data_dir=str(self.files.root), simulate=self.settings.simulate)
+
+    def stop(self) -> None:
+        """Stop everything in the opposite order, end every child process, close the store."""
+        self.changes.close()
+        for running in reversed(self._running):
+            running.stop()
+        self.close()
+        _log.info("stopped")
+
+    @property
+    def fingerprint(self) -> str | None:
+        """Of the certificate that only its fingerprint vouches for; None without such a one."""
+        found: Certificate | None = self.certificate
+        return found.fingerprint if found is not None and found.self_made else None
+
+    def now(self) -> str:
+        """The time as the store writes it."""
+        return self.database.now()
+
+    def check(self) -> None:
+        """Raise UnavailableError if the store cannot be read, or the data directory not be written."""
+        self.files.check()
+        if self.database.is_sqlite and not self.files.database.is_file():
+            raise UnavailableError("the store's file is gone; restore a backup and restart the service")
+        try:
+            self.database.check()
+        except SQLAlchemyError as error:
+            _log.error("store_unavailable", exc_info=error)
+            raise UnavailableError("the store cannot be read; the log of the service says why") from None

@@ -1,0 +1,184 @@
+"""Settings of the service: command line, ``HILFIT_...`` in the environment, the file of ``--config``, defaults.
+
+What stands further to the left counts.
+"""
+
+from __future__ import annotations
+
+import ipaddress
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import sqlalchemy as sa
+import yaml
+from pydantic import Field, ValidationError
+from pydantic_settings import BaseSettings, SettingsConfigDict
+
+from server.platform.database.database_copies import postgresql_url
+from server.platform.errors import StartError
+from server.platform.files import DataDirectory
+
+
+class Settings(BaseSettings):
+    """What a running service was told; immutable.
+
+    Attributes
+    ----------
+    data_dir : directory of the database and of every file that the service keeps
+    database_url : PostgreSQL that several hosts share, ``postgresql://user:password@host/name``; without it a SQLite
+        file in ``data_dir``
+    database_password_file : file that holds the password of ``database_url`` alone
+    recordings_url : storage that hosts share, ``s3://bucket/folder`` or ``file:///mount/folder``; workers fetch
+        recordings from there, without it from ``data_dir``
+    local_jobs : the server runs numerical jobs itself; else only ``hilfit worker`` processes do
+    backup_dir : where backups are kept; by default ``backups`` in ``data_dir``
+    tls_cert, tls_key : files of a certificate and its key (PEM): HTTPS, and nothing else, is served
+    tls : ``self-signed``: with a certificate that the service makes for itself and keeps in ``data_dir``; its
+        fingerprint goes with the pairing code
+    host, port : where HTTP is served; port 0 takes a free one
+    access : ``required``: every request needs a token; ``loopback``: none does, and HTTP is for this computer only
+    public_hosts : names by which other computers reach the service, ``hilfit.example`` or with a port; addresses need
+        not be listed
+    trusted_proxies : addresses of proxies whose ``X-Forwarded-For`` and ``X-Forwarded-Proto`` are believed
+    token_days : that the token of a paired device or an API key is good for, unless an admin says another number
+    second_person : whether whoever proposed a calibration may not approve it; by default where access control is on
+        (without it there is only one principal)
+    requests_per_second : of each paired device and API key in the long run, four times as many at once
+    simulate : start the simulated machine and acquire from it
+    simulation_speed : its machine seconds per second
+    maximum_upload_bytes : of one recording
+    maximum_request_bytes : of any other request, machine files included
+    stage_timeout_s : a stage of a job that takes longer is ended, and the job fails
+    recalibrate_on_drift : a drift of the residual does at once what the machine's schedule does; else it only alarms
+    """
+
+    model_config = SettingsConfigDict(env_prefix="HILFIT_", frozen=True, extra="forbid")
+
+    data_dir: Path = Path("hilfit-data")
+    database_url: str | None = None
+    database_password_file: Path | None = None
+    recordings_url: str | None = None
+    backup_dir: Path | None = None
+    local_jobs: bool = True
+    tls_cert: Path | None = None
+    tls_key: Path | None = None
+    tls: Literal["off", "self-signed"] = "off"
+    host: str = "127.0.0.1"
+    port: Annotated[int, Field(ge=0, le=65535)] = 8350
+    access: Literal["loopback", "required"] = "loopback"
+    public_hosts: tuple[str, ...] = ()
+    trusted_proxies: tuple[str, ...] = ()
+    token_days: Annotated[int, Field(ge=1, le=3650)] = 365
+    second_person: bool | None = None
+    requests_per_second: Annotated[float, Field(gt=0, le=10_000)] = 100.0
+    simulate: bool = False
+    simulation_speed: Annotated[float, Field(gt=0, le=4)] = 1.0
+    maximum_upload_bytes: Annotated[int, Field(gt=0)] = 512 * 2**20
+    maximum_request_bytes: Annotated[int, Field(gt=0)] = 2**20
+    stage_timeout_s: Annotated[float, Field(gt=0)] = 3600.0
+    recalibrate_on_drift: bool = False
+
+    @property
+    def approves_own(self) -> bool:
+        """Whether a calibration may be approved by whoever proposed it."""
+        return self.access == "loopback" if self.second_person is None else not self.second_person
+
+    def database(self, files: DataDirectory) -> str:
+        """URL of the database."""
+        url = self.full_database_url
+        return f"sqlite:///{files.database}" if url is None else postgresql_url(url)
+
+    @property
+    def full_database_url(self) -> str | None:
+        """URL of PostgreSQL with its password; StartError if the file that holds it cannot be read."""
+        if self.database_url is None or self.database_password_file is None:
+            return self.database_url
+        try:
+            password = self.database_password_file.read_text(encoding="utf-8").strip()
+        except (OSError, UnicodeDecodeError) as error:
+            raise StartError(
+                f"database_password_file {self.database_password_file}: cannot be read ({error})"
+            ) from None
+        postgresql_url(self.database_url)  # else SQLAlchemy says something about a URL that it cannot parse
+        return sa.make_url(self.database_url).set(password=password).render_as_string(hide_password=False)
+
+    @property
+    def scheme(self) -> str:
+        """``http`` or ``https``."""
+        return "http" if self.tls == "off" and self.tls_cert is None else "https"
+
+    def public_url(self, port: int) -> str:
+        """The address that other computers use, as far as it is known here."""
+        if self.public_hosts:
+            first = self.public_hosts[0]
+            return f"{self.scheme}://{first}" if ":" in first else f"{self.scheme}://{first}:{port}"
+        host = f"[{self.host}]" if ":" in self.host else self.host
+        return f"{self.scheme}://{host}:{port}"
+
+
+def load_settings(config: Path | None = None, **given: Any) -> Settings:
+    """Settings from ``given``, the environment, and the YAML file ``config``.
+
+    Raises
+    ------
+    StartError
+        One line with the first setting that cannot be used, or is not known.
+    """
+    written = {} if config is None else _read_config(config)
+    # What the environment says counts more than the file, so the file must not hand it over as given.
+    below = {key: value for key, value in written.items() if f"HILFIT_{key.upper()}" not in os.environ}
+    try:
+        return Settings(**{**below, **given})
+    except ValidationError as error:
+        first = error.errors(include_url=False)[0]
+        name = str(first["loc"][0])
+        if name in given:
+            how = "--" + name.replace("_", "-")
+        else:
+            how = f"{config}: {name}" if name in below else f"HILFIT_{name.upper()}"
+        raise StartError(f"{how}: {first['msg'].lower()} (found {first['input']!r})") from None
+
+
+def is_loopback(host: str) -> bool:
+    """Whether a name or address is of this computer only."""
+    if host == "localhost":
+        return True
+    try:
+        return ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return False
+
+
+def refuse_open_host(settings: Settings) -> None:
+    """Refuse to listen beyond this computer without access control.
+
+    Raises
+    ------
+    StartError
+        If ``host`` is not a loopback address and ``access`` is not ``required``.
+    """
+    if settings.access != "required" and not is_loopback(settings.host):
+        raise StartError(
+            f"--host {settings.host}: is reachable from other computers, and access control is off; "
+            "say 'access: required' in the file of --config (or HILFIT_ACCESS=required), or use 127.0.0.1"
+        )
+
+
+def _read_config(path: Path) -> Mapping[str, Any]:
+    """The content of a configuration file; StartError, one line, if it is none."""
+    try:
+        content = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise StartError(f"{path}: cannot be read ({error.strerror})") from None
+    except (UnicodeDecodeError, yaml.YAMLError) as error:
+        raise StartError(f"{path}: is not YAML ({' '.join(str(error).split())})") from None
+    if content is None:
+        return {}
+    if not isinstance(content, dict):
+        raise StartError(f"{path}: has to hold 'name: value' lines, found {type(content).__name__}")
+    for key in content:
+        if key not in Settings.model_fields:
+            raise StartError(f"{path}: {key}: is no setting; known are {', '.join(sorted(Settings.model_fields))}")
+    return content

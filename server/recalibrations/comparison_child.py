@@ -1,0 +1,86 @@
+"""``python -m server.recalibrations.comparison_child REQUEST.json``: what two calibrations leave over of one recording.
+
+The request names the requests of both identifications and, for each, the recordings to look at. Speaks as
+:mod:`server.platform.processes.children` says; its summary is that of
+:func:`server.recalibrations.recalibration_comparison.table`.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from daq.errors import HilfitError, InputError
+from daq.recording import read_recording
+from server.identifications.live_model import LiveModel
+from server.recalibrations.recalibration_comparison import table
+
+FloatArray = npt.NDArray[np.float64]
+
+
+def residuals(model: LiveModel, recordings: Sequence[Path]) -> tuple[FloatArray, ...]:
+    """Residual of every joint where its drive moves, through the identification filter, N m or N.
+
+    Raises
+    ------
+    InputError
+        If a recording has a gap, or is shorter than the filters.
+    """
+    parts: list[list[FloatArray]] = [[] for _ in model.machine.joints]
+    for path in recordings:
+        recording = read_recording(path, model.machine, "operation")
+        rows = (len(recording.time) - model.overlap) // model.bank.decimation
+        if rows < 5:
+            raise InputError(f"{path.name}: is too short to compare calibrations by; record a minute at least")
+        use = slice(0, model.overlap + rows * model.bank.decimation)
+        values = {name: column[use] for name, column in recording.values.items()}
+        blocks = model.evaluate(recording.time[use], values)
+        if blocks is None:
+            raise InputError(f"{path.name}: has gaps, so calibrations cannot be compared by it; record again")
+        for part, block in zip(parts, blocks, strict=True):
+            part.append(block.residual[block.moving])
+    return tuple(np.concatenate(part) for part in parts)
+
+
+def rms(residual: FloatArray) -> float:
+    """Root of the mean square; 0 where nothing moved."""
+    return float(np.sqrt(np.mean(residual**2))) if len(residual) else 0.0
+
+
+def run(request: Path) -> dict[str, Any]:
+    """Compare what ``request`` names."""
+    content = json.loads(request.read_text(encoding="utf-8"))
+    active, new = (LiveModel.load(Path(content[name]["request"])) for name in ("active", "new"))
+    judged = [Path(path) for path in content["new"]["recordings"]]
+    own = [Path(path) for path in content["active"]["recordings"]]
+    names = [joint.name for joint in new.machine.joints]
+
+    def by_joint(model: LiveModel, recordings: Sequence[Path]) -> dict[str, float]:
+        return dict(zip(names, (rms(each) for each in residuals(model, recordings)), strict=True))
+
+    units = {joint.name: joint.effort_unit for joint in new.machine.joints}
+    return table(by_joint(active, judged), by_joint(new, judged), by_joint(active, own) if own else {}, units)
+
+
+def main(arguments: list[str]) -> int:
+    """Run as a program; the exit code."""
+
+    def say(content: dict[str, Any]) -> None:
+        print(json.dumps(content), flush=True)
+
+    try:
+        say({"summary": run(Path(arguments[0]))})
+    except HilfitError as error:
+        say({"error": str(error)})
+        return 2  # whatever it is, it is a reason why these two cannot be compared
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

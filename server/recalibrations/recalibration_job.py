@@ -1,0 +1,228 @@
+"""Recalibrations as jobs: record, fit, compare with the active calibration, propose a new one.
+
+Every stage begins by looking at what an earlier run of it left behind, so one that broke off goes on. The fit is an
+identification like any other, with a job of its own that the stage waits for.
+"""
+
+from __future__ import annotations
+
+import json
+import secrets
+import sys
+import threading
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Protocol
+
+from server.identifications.identification_order import Wish
+from server.identifications.identification_results import IdentificationResults
+from server.identifications.identification_store import Identification, Identifications
+from server.jobs.job_kinds import AT_MACHINES, JobError, StageRun
+from server.jobs.job_store import FINAL, Job, Jobs
+from server.platform.database.engine import Database
+from server.platform.files import DataDirectory, write_atomically
+from server.platform.processes.children import ChildResult
+from server.recalibrations.recalibration_comparison import sentence
+from server.recalibrations.recalibration_recording import RecalibratedMachines, record
+from server.recalibrations.recalibration_store import Plan, Recalibration, Recalibrations
+from server.recordings.recording_store import Recordings
+
+#: The program that compares: ``[*PROGRAM, REQUEST.json]``.
+PROGRAM = (sys.executable, "-P", "-m", "server.recalibrations.comparison_child")
+WORDS = {
+    "record": "Recording",
+    "identify": "Fitting the new recordings",
+    "compare": "Comparing with the active calibration",
+    "propose": "Proposing the new calibration",
+}
+LOOK_S = 0.5
+
+
+class CalibrationLike(Protocol):
+    """What a recalibration has to know of a calibration."""
+
+    @property
+    def id(self) -> str:
+        """Its id."""
+
+    @property
+    def identification(self) -> str:
+        """What it was made of."""
+
+
+class CalibrationPolicy(Protocol):
+    """The calibrations of the service, as a recalibration needs them."""
+
+    def active(self, machine: str) -> CalibrationLike | None:
+        """The active one of a machine."""
+
+    def propose(self, identification: str, label: str) -> CalibrationLike:
+        """Propose an identification; the same calibration if it was proposed already."""
+
+    def activate(self, id: str, note: str) -> None:
+        """Approve and activate by policy; nothing happens if it is active already."""
+
+
+class AlarmReports(Protocol):
+    """Who is told that something is wrong."""
+
+    def report(self, machine: str | None, kind: str, text: str, severity: Any, on: bool) -> None:
+        """Say whether it is."""
+
+
+@dataclass(frozen=True)
+class Surroundings:
+    """What a recalibration uses of the service.
+
+    Attributes
+    ----------
+    identify : orders an identification; the same key gives the same one
+    cancel : cancels a job
+    pause : waits that many seconds
+    """
+
+    calibrations: CalibrationPolicy
+    alarms: AlarmReports
+    machines: RecalibratedMachines
+    identify: Callable[[Wish, str], Identification]
+    cancel: Callable[[str], Any]
+    pause: Callable[[float], Any] = threading.Event().wait
+
+
+class RecalibrationKind:
+    """Recalibrates one machine."""
+
+    name = "recalibration"
+    queue = AT_MACHINES
+
+    def __init__(
+        self, database: Database, files: DataDirectory, around: Surroundings, program: Sequence[str] = PROGRAM
+    ) -> None:
+        self._files = files
+        self._around = around
+        self._program = tuple(program)
+        self._jobs = Jobs(database)
+        self._recordings = Recordings(database)
+        self._identifications = Identifications(database)
+        self._recalibrations = Recalibrations(database)
+        self._results = IdentificationResults(database, files)
+        self._stages: dict[str, Callable[[StageRun, Recalibration], ChildResult]] = {
+            "record": self._record,
+            "identify": self._identify,
+            "compare": self._compare,
+            "propose": self._propose,
+        }
+
+    def words(self, stage: str) -> str:
+        """What a person reads while ``stage`` runs."""
+        return WORDS.get(stage, stage)
+
+    def directory(self, job: Job) -> Path:
+        """Where the stages get their places; only the comparison leaves files."""
+        return self._files.recalibrations / job.subject
+
+    def run(self, run: StageRun) -> ChildResult:
+        """One stage."""
+        return self._stages[run.stage](run, self._recalibrations.get(run.job.subject))
+
+    def _record(self, run: StageRun, this: Recalibration) -> ChildResult:
+        found = record(run, this, self._around.machines, self._recordings, self._recalibrations, self._around.pause)
+        return ChildResult("stopped") if found is None else ChildResult("done", summary={"recordings": found})
+
+    def _identify(self, run: StageRun, this: Recalibration) -> ChildResult:
+        wish = Wish(
+            machine=this.machine,
+            recordings=tuple((id, role) for role, id in this.recordings.items()),
+            options=this.plan.options,
+            label=this.label,
+        )
+        identification = self._around.identify(wish, f"recalibration {this.id}")
+        self._recalibrations.note(this.id, identification=identification.id)
+        said = ""
+        while (job := self._jobs.get(identification.job)).state not in FINAL:
+            if run.should_stop():
+                if self._jobs.cancelling(run.job.id):
+                    self._around.cancel(job.id)
+                return ChildResult("stopped")
+            if job.text != said:
+                said = job.text
+                run.progress(job.fraction, said)
+            self._around.pause(LOOK_S)
+        if job.state == "cancelled":
+            raise JobError(f"its identification {identification.id} was cancelled; run the schedule again")
+        if job.state == "failed":
+            raise JobError(job.error or "its identification failed")
+        return ChildResult("done", summary={"identification": identification.id})
+
+    def _compare(self, run: StageRun, this: Recalibration) -> ChildResult:
+        assert this.identification is not None
+        active = self._around.calibrations.active(this.machine)
+        if active is None:
+            return ChildResult("done", summary={"note": "there was no active calibration to compare with"})
+        request = {
+            "active": self._judged(active.identification),
+            "new": self._judged(this.identification),
+        }
+        path = run.place / "request.json"
+        write_atomically(path, json.dumps(request, indent=1).encode())
+        result = run.child(self._program, [str(path)], run.place / "compare.log")
+        if result.outcome == "input":
+            # A calibration that cannot be compared can still be looked at by a person.
+            note = f"the two calibrations cannot be compared: {result.error}"
+            result = ChildResult("done", summary={"note": note})
+        if result.outcome == "done":
+            self._recalibrations.note(this.id, comparison={**result.summary, "active": active.id})
+        return result
+
+    def _judged(self, identification: str) -> dict[str, Any]:
+        """Request of an identification, and the recordings that it is judged by."""
+        recordings = self._identifications.get(identification).recordings
+        held_out = [id for id, role in recordings if role == "validate"]
+        chosen = held_out or [id for id, role in recordings if role == "operation"]
+        return {
+            "request": str(self._results.directory(identification) / "request.json"),
+            "recordings": [str(self._files.recordings / f"{id}.{self._recordings.get(id).format}") for id in chosen],
+        }
+
+    def _propose(self, run: StageRun, this: Recalibration) -> ChildResult:
+        assert this.identification is not None
+        calibration = self._around.calibrations.propose(this.identification, this.label)
+        self._recalibrations.note(this.id, calibration=calibration.id)
+        comparison = this.comparison or {}
+        grew = comparison.get("grew") or []
+        self._around.alarms.report(
+            this.machine,
+            "residual_grew",
+            f"at {', '.join(grew)} the active calibration leaves more unexplained than when it was made; "
+            f"look at the proposed calibration {calibration.id}",
+            "warning",
+            bool(grew),
+        )
+        adopted = this.plan.activate == "if_better" and bool(comparison.get("better"))
+        if adopted:
+            self._around.calibrations.activate(calibration.id, f"by policy: {sentence(comparison)}")
+        return ChildResult("done", summary={"calibration": calibration.id, "activated": adopted})
+
+    def result(self, job: Job, place: Path) -> None:
+        """Everything is stored by the stages."""
+
+    def ended(self, job: Job, state: str, error: str | None) -> None:
+        """Raise the alarm of a recalibration that failed, clear it after one that did not."""
+        this = self._recalibrations.get(job.subject)
+        if state != "cancelled":
+            text = f"{this.label}: {error}"
+            self._around.alarms.report(this.machine, "recalibration_failed", text, "warning", state == "failed")
+
+
+def new_recalibration(machine: str, schedule: str | None, label: str, plan: Plan, now: str) -> Recalibration:
+    """A recalibration that is yet to be stored."""
+    return Recalibration(
+        id=f"rcl-{secrets.token_hex(8)}",
+        job=f"job-{secrets.token_hex(8)}",
+        machine=machine,
+        schedule=schedule,
+        label=label or f"Recalibration of {machine}",
+        plan=plan,
+        created=now,
+    )

@@ -1,0 +1,60 @@
+"""The resource ``recalibrations``: what schedules and people order, and how far it came."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from server.alarms.alarm_desk import Alarms
+from server.calibrations.calibration_desk import ByPolicy
+from server.excitations.excitation_job import ExcitationKind
+from server.excitations.motion_delivery import MotionDelivery
+from server.identifications.identification_order import IdentificationOrders
+from server.jobs.job_store import Jobs
+from server.machines.acquisition import Acquisition
+from server.platform.database.engine import Database
+from server.platform.files import DataDirectory
+from server.platform.parts import PartName, Parts
+from server.platform.resource import Resource
+from server.recalibrations.recalibration_job import PROGRAM, CalibrationPolicy, RecalibrationKind, Surroundings
+from server.recalibrations.recalibration_routes import router
+from server.recalibrations.recalibration_site import Site
+from server.recalibrations.recalibration_store import Recalibrations
+from server.recalibrations.recalibration_tables import recalibrations
+from server.recordings.recording_sessions import Sessions
+
+COMPARISON: PartName[Sequence[str]] = PartName("the program that compares calibrations")
+POLICY: PartName[CalibrationPolicy] = PartName("what recalibrations do to calibrations")
+
+
+def _site(parts: Parts) -> Site:
+    return Site(
+        parts[Database],
+        parts[DataDirectory],
+        parts[Acquisition],
+        parts[Sessions],
+        parts[ExcitationKind],
+        parts[MotionDelivery],
+    )
+
+
+def _kind(parts: Parts) -> RecalibrationKind:
+    around = Surroundings(
+        parts[POLICY], parts[Alarms], parts[Site], parts[IdentificationOrders].order, parts[Jobs].request_cancel
+    )
+    return RecalibrationKind(parts[Database], parts[DataDirectory], around, parts[COMPARISON])
+
+
+RECALIBRATIONS = Resource(
+    name="recalibrations",
+    routers=(router,),
+    tables=(recalibrations,),
+    of_a_machine={"recalibrations": recalibrations},
+    provides={
+        COMPARISON: lambda parts: PROGRAM,
+        POLICY: lambda parts: parts[ByPolicy],
+        Recalibrations: lambda parts: Recalibrations(parts[Database]),
+        Site: _site,
+        RecalibrationKind: _kind,
+    },
+    job_kinds=(RecalibrationKind,),
+)

@@ -1,0 +1,35 @@
+"""What the routes of recalibrations give."""
+
+from __future__ import annotations
+
+from typing import Any, Literal
+
+from pydantic import BaseModel
+
+from server.recalibrations.recalibration_store import Recalibration
+
+
+class RecalibrationResource(BaseModel):
+    """A recalibration; its id is the ``subject`` of its job. What it has not come to is null.
+
+    ``recordings``: ids by role. ``comparison``: errors per joint on the newest recordings, of the active calibration
+    (``before``) and of the new one (``after``).
+    """
+
+    id: str
+    job: str
+    state: Literal["queued", "running", "done", "failed", "cancelled"]
+    machine: str
+    schedule: str | None
+    label: str
+    created: str
+    recordings: dict[str, str]
+    identification: str | None
+    comparison: dict[str, Any] | None
+    calibration: str | None
+
+    @classmethod
+    def of(cls, value: Recalibration, state: str) -> RecalibrationResource:
+        """From the store."""
+        row = {key: item for key, item in value.__dict__.items() if key in cls.model_fields}
+        return cls.model_validate(row | {"state": state})

@@ -1,0 +1,83 @@
+"""The machines and calibrations of a running service, as recalibrations see them."""
+
+from __future__ import annotations
+
+from daq import load_machine
+from daq.errors import HilfitError
+from fitting.motion import read_motion
+from server.excitations.excitation_job import ExcitationKind
+from server.excitations.excitation_store import Excitations
+from server.excitations.motion_delivery import MotionDelivery
+from server.jobs.job_kinds import JobError
+from server.machines.acquisition import Acquisition
+from server.machines.machine_store import Machines
+from server.machines.simulation import SimulatedController
+from server.platform.database.engine import Database
+from server.platform.errors import ConflictError, NotFoundError
+from server.platform.files import DataDirectory
+from server.recordings.recording_sessions import Sessions
+from server.recordings.recording_store import RecordingRow
+
+
+class Site:
+    """The machines of one service (:class:`server.recalibrations.recalibration_recording.RecalibratedMachines`)."""
+
+    def __init__(
+        self,
+        database: Database,
+        files: DataDirectory,
+        acquisition: Acquisition,
+        sessions: Sessions,
+        excitations: ExcitationKind,
+        delivery: MotionDelivery,
+    ) -> None:
+        self._database = database
+        self._files = files
+        self._acquisition = acquisition
+        self._sessions = sessions
+        self._designs = excitations
+        self._delivery = delivery
+        self._machines = Machines(database)
+        self._excitations = Excitations(database)
+
+    def start_recording(self, machine: str, role: str, label: str, seconds: float) -> RecordingRow:
+        """Start recording."""
+        return self._sessions.start(machine, role, label, seconds)
+
+    def stop_recording(self, id: str) -> None:
+        """Stop a recording; one that ended meanwhile stays as it is."""
+        try:
+            self._sessions.stop(id)
+        except ConflictError:
+            return
+
+    def controller(self, machine: str) -> SimulatedController | None:
+        """The simulated machine's controller; None: a real machine."""
+        return self._delivery.controller(machine)
+
+    def motion_seconds(self, excitation: str) -> float:
+        """Length of a designed motion, s."""
+        try:
+            self._excitations.get(excitation)
+            return read_motion(self._designs.motion(excitation)).seconds
+        except HilfitError as error:
+            text = str(error).replace(f"{self._files.root}/", "")
+            raise JobError(f"{text}; design the excitation first and name it in the schedule") from None
+
+    def rate_hz(self, machine: str) -> float:
+        """Cycles a second."""
+        row = self._machines.get(machine)
+        return load_machine(self._files.machine_file(machine, row.version)).rate_hz
+
+    def now(self) -> str:
+        """The time as the store writes it."""
+        return self._database.now()
+
+    def ready(self, machine: str) -> None:
+        """Raise ConflictError if a machine is not being acquired: no slot can do anything then."""
+        try:
+            row = self._machines.get(machine)
+        except NotFoundError as error:
+            raise ConflictError(str(error)) from None
+        if not row.acquire:
+            raise ConflictError(f"machine '{machine}' is not being acquired; enable its acquisition")

@@ -1,0 +1,81 @@
+"""One piece of work on one file.
+
+``python -m server.recordings.formats.conversion_child WHAT SOURCE TARGET MACHINE_FILE SHOWN``
+
+``WHAT`` is ``parquet``, ``csv``, ``mdf4`` or ``mcap`` (write SOURCE as that), ``import`` or ``import-resampled`` (write
+SOURCE, a file of another tool, as a recording in Parquet; a map of its columns stands beside it if there is one) or
+``statistics`` (JSON into TARGET). Speaks the protocol of :mod:`server.platform.processes.children`.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+
+from daq import InputError, load_machine
+from daq.column_map import load_map
+from daq.machine_file import Machine
+from daq.recording_files import Table, read_table, write_columns
+from daq.recording_source import import_file
+from server.platform.processes.child_limits import RECORDING_CPU_S, limit_child
+from server.recordings.formats import mcap_file, mdf4
+from server.recordings.formats.imports import IMPORTS, map_beside
+from server.recordings.formats.recording_statistics import statistics
+
+#: Library and extra that a form needs.
+NEEDS = {"asammdf": "export", "mcap": "export"}
+
+
+def do(what: str, source: Path, target: Path, machine: Machine, shown: str) -> None:
+    """Do one piece of work.
+
+    Raises
+    ------
+    InputError
+        One line: what is wrong with the file.
+    """
+    if what in IMPORTS:
+        written = map_beside(source)
+        columns = load_map(written, machine, "the map of columns") if written.is_file() else None
+        import_file(source, machine, target, columns, resampled=what == IMPORTS[1], shown=shown)
+        return
+    table = read_table(source)
+    if what == "statistics":
+        target.write_text(json.dumps(statistics(table, machine)), encoding="utf-8")
+    elif what in ("parquet", "csv"):
+        write_columns(target, table)
+    else:
+        (mdf4 if what == "mdf4" else mcap_file).write(table, units_of(table, machine), target)
+
+
+def units_of(table: Table, machine: Machine) -> dict[str, str]:
+    """Units of the columns: what the file says, else what the machine file declares."""
+    said = json.loads(table.metadata.get("hilfit.units", "{}"))
+    return {**{c.name: c.unit for c in machine.channels}, **said}
+
+
+def main(arguments: list[str]) -> int:
+    """Entry of the process."""
+    what, source, target, machine_file, shown = arguments
+    limit_child(RECORDING_CPU_S, Path(source).stat().st_size)
+    try:
+        do(what, Path(source), Path(target), load_machine(machine_file), shown)
+    except InputError as error:
+        print(json.dumps({"error": str(error)}))
+        return 2
+    except MemoryError:
+        print(json.dumps({"error": f"{shown}: needs too much memory; use a shorter recording"}))
+        return 2
+    except ModuleNotFoundError as error:
+        extra = NEEDS.get((error.name or "").partition(".")[0])
+        if extra is None:
+            raise
+        print(json.dumps({"error": f"this needs {error.name}; run: pip install 'hilfit[{extra}]'"}))
+        return 1
+    print(json.dumps({"summary": {}}))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

@@ -1,0 +1,121 @@
+"""The service's side of files in other forms: children that do the work, and what they leave."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+from typing import Any, Literal
+
+from server.platform.errors import ConflictError, InvalidError, NotFoundError, UnavailableError
+from server.platform.files import DataDirectory
+from server.platform.processes.children import run_child
+from server.recordings.formats.imports import IMPORTS, map_beside
+from server.recordings.recording_store import RecordingRow
+
+Format = Literal["parquet", "csv", "mdf4", "mcap"]
+#: Per form its media type and its suffix.
+FORMATS: dict[str, tuple[str, str]] = {
+    "parquet": ("application/vnd.apache.parquet", ".parquet"),
+    "csv": ("text/csv", ".csv"),
+    "mdf4": ("application/x-mdf4", ".mf4"),
+    "mcap": ("application/x-mcap", ".mcap"),
+}
+#: Seconds that one piece of work may take.
+WORK_S = 300.0
+
+
+class Exports:
+    """Recordings in other forms."""
+
+    def __init__(self, files: DataDirectory) -> None:
+        self._files = files
+
+    def source(self, row: RecordingRow) -> Path:
+        """The file of a sealed recording.
+
+        Raises
+        ------
+        ConflictError, NotFoundError
+            If it is not sealed, or its file is gone.
+        """
+        if row.state != "sealed":
+            raise ConflictError(f"recording '{row.id}' is {row.state}; there is no whole file to read")
+        path = self._files.recordings / f"{row.id}.{row.format}"
+        if not path.is_file():
+            raise NotFoundError(f"the file of recording '{row.id}' is gone; record or upload it again")
+        return path
+
+    def file(self, row: RecordingRow, format: str) -> Path:
+        """A new file in another form than the recording is kept in, to be removed after use."""
+        path = self.source(row)
+        target = self._temporary(FORMATS[format][1])
+        self._work(format, path, target, row.machine, row.machine_version, row.id)
+        return target
+
+    def statistics(self, row: RecordingRow) -> dict[str, Any]:
+        """What the recording holds; computed once, kept beside it."""
+        path = self.source(row)
+        kept = self.kept_statistics(row.id)
+        if not kept.is_file():
+            target = self._temporary(".json")
+            try:
+                self._work("statistics", path, target, row.machine, row.machine_version, row.id)
+                target.replace(kept)
+            finally:
+                target.unlink(missing_ok=True)
+        return dict(json.loads(kept.read_text(encoding="utf-8")))
+
+    def kept_statistics(self, id: str) -> Path:
+        """Where the statistics of a recording are kept."""
+        return self._files.recordings / f"{id}.statistics.json"
+
+    def imported(
+        self, incoming: Path, machine: str, version: int, shown: str, columns: str | None, resample: bool
+    ) -> Path:
+        """An uploaded file of another tool as a recording in Parquet beside it; the uploaded one is removed.
+
+        Parameters
+        ----------
+        columns : text of a map of its columns (:mod:`daq.column_map`)
+        resample : whether another rate is brought to the machine's
+        """
+        target = self._temporary(".parquet")
+        try:
+            if columns is not None:
+                map_beside(incoming).write_text(columns, encoding="utf-8")
+            self._work(IMPORTS[resample], incoming, target, machine, version, shown)
+        except BaseException:
+            target.unlink(missing_ok=True)
+            raise
+        finally:
+            map_beside(incoming).unlink(missing_ok=True)
+            incoming.unlink(missing_ok=True)
+        return target
+
+    def _temporary(self, suffix: str) -> Path:
+        path = self._files.incoming()
+        return path.with_name(path.name + suffix)
+
+    def _work(self, what: str, source: Path, target: Path, machine: str, version: int, shown: str) -> None:
+        machine_file = self._files.machine_file(machine, version)
+        result = run_child(
+            [
+                sys.executable,
+                "-P",
+                "-m",
+                "server.recordings.formats.conversion_child",
+                what,
+                *map(str, (source, target, machine_file)),
+                shown,
+            ],
+            log=self._files.recordings / "formats.log",
+            timeout_s=WORK_S,
+        )
+        if result.outcome == "done":
+            return
+        target.unlink(missing_ok=True)
+        error = (result.error or "").replace(str(source), shown)
+        if result.outcome == "input" or (what in IMPORTS and "ended by" in error):
+            raise InvalidError(error if result.outcome == "input" else f"{shown}: cannot be read; export it again")
+        raise UnavailableError(error if "pip install" in error else f"{shown}: could not be written as {what}; {error}")

@@ -1,0 +1,60 @@
+"""Look at an uploaded recording in a process of its own.
+
+``python -m server.recordings.inspect_recording FILE MACHINE_FILE ROLE``
+
+A file from outside may be hostile; reading it must not cost the process that serves HTTP more than a child.
+Speaks the protocol of :mod:`server.platform.processes.children`.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+from daq import InputError, Machine, Recording, load_machine, read_recording
+from fitting.checks import check_recordings
+from fitting.checks.gate import explained, for_report
+from fitting.checks.places import Places
+from server.platform.processes.child_limits import RECORDING_CPU_S, limit_child
+
+
+def findings_on(machine: Machine, recording: Recording, machine_file: Path) -> list[dict[str, Any]]:
+    """What the checks say of one recording alone; nothing if they fail: an upload must not fail for that."""
+    try:
+        found = check_recordings(machine, [recording], places=Places.of(machine_file))
+    except Exception as error:
+        print(f"the checks failed: {error!r}", file=sys.stderr)
+        return []
+    told = for_report([finding.to_json() for finding in found])
+    # The file has another name here than the one that people know it by.
+    return [{**own, "recording": None, "text": own["text"].replace(f"{recording.file}: ", "")} for own in told]
+
+
+def main(recording_file: Path, machine_file: Path, role: str) -> int:
+    """Print the summary or the error; returns the exit code."""
+    try:
+        machine = load_machine(machine_file)
+        recording = read_recording(recording_file, machine, role)
+    except InputError as error:
+        print(json.dumps({"error": str(explained(error, machine_file, [(role, recording_file)]))}))
+        return 2
+    except MemoryError:
+        print(json.dumps({"error": f"{recording_file}: needs too much memory; record or export a shorter one"}))
+        return 2
+    summary = {
+        "rows": len(recording),
+        "seconds": round(recording.duration, 6),
+        "rate_hz": recording.rate_hz,
+        "missing_rows": len(recording) - sum(part.stop - part.start for part in recording.segments()),
+        "segments": len(recording.segments()),
+        "findings": findings_on(machine, recording, machine_file),
+    }
+    print(json.dumps({"summary": {"sha256": recording.sha256, "statistics": summary}}))
+    return 0
+
+
+if __name__ == "__main__":
+    limit_child(RECORDING_CPU_S, Path(sys.argv[1]).stat().st_size)
+    sys.exit(main(Path(sys.argv[1]), Path(sys.argv[2]), sys.argv[3]))

@@ -1,0 +1,61 @@
+"""Recordings of a running service and all files that belong to them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import sqlalchemy as sa
+
+from daq.events import events_path
+from server.platform.files import DataDirectory
+from server.platform.parts import PartName
+from server.recordings.formats.exports import Exports
+from server.recordings.recording_store import Recordings
+from server.recordings.shared_recordings import SharedRecordings
+
+#: What was made of a recording, ``identification 'idn-1'``, read in a transaction; None: nothing, it may go.
+UsedBy = Callable[[sa.Connection, str], str | None]
+USED_BY: PartName[UsedBy] = PartName("what was made of a recording")
+
+
+class RecordingDesk:
+    """What is done to recordings with all their files.
+
+    Parameters
+    ----------
+    shared : where workers without the data directory find them; None without such a place
+    used_by : see :data:`USED_BY`
+    """
+
+    def __init__(
+        self,
+        recordings: Recordings,
+        files: DataDirectory,
+        exports: Exports,
+        shared: SharedRecordings | None,
+        used_by: UsedBy,
+    ) -> None:
+        self._used_by = used_by
+        self._recordings = recordings
+        self._files = files
+        self._exports = exports
+        self._shared = shared
+
+    def share(self, id: str) -> None:
+        """Let workers find a sealed recording; UnavailableError if they could not get it."""
+        if self._shared is None:
+            return
+        row = self._recordings.get(id)
+        if row.state == "sealed":
+            self._shared.put(row, self._files.recordings / f"{id}.{row.format}")
+
+    def delete(self, id: str) -> None:
+        """Delete a recording and its files; refused while it is in use."""
+        row = self._recordings.get(id)
+        self._recordings.delete(id, self._used_by)
+        file = self._files.recordings / f"{id}.{row.format}"
+        for path in (file, events_path(file)):
+            path.unlink(missing_ok=True)
+        if self._shared is not None:
+            self._shared.remove(row)
+        self._exports.kept_statistics(id).unlink(missing_ok=True)

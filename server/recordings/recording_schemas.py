@@ -1,0 +1,80 @@
+"""What the routes of recordings take and give."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, Field
+
+from server.platform.authorization.named_things import MachineName
+from server.platform.database.engine import Page
+from server.platform.http.bodies import Body, Label
+from server.recordings.recording_store import RecordingRow
+
+RecordingRole = Literal["unloaded", "train", "repeat", "validate", "operation"]
+
+
+class RecordingStart(Body):
+    """Start recording a machine that is being acquired; without ``seconds`` until it is stopped."""
+
+    machine: MachineName
+    role: RecordingRole
+    label: Label = ""
+    seconds: Annotated[float, Field(gt=0, le=86400)] | None = None
+
+
+class RecordingResource(BaseModel):
+    """A recording; ``statistics`` count rows, gaps and what the acquisition lost while it ran."""
+
+    id: str
+    machine: str
+    machine_version: int
+    role: str
+    label: str
+    state: Literal["recording", "sealed", "failed"]
+    origin: Literal["recorded", "uploaded"]
+    format: Literal["parquet", "csv"]
+    created: str
+    ended: str | None
+    bytes: int | None
+    sha256: str | None
+    statistics: dict[str, Any]
+    error: str | None
+
+    @classmethod
+    def of(cls, row: RecordingRow) -> RecordingResource:
+        """From the store."""
+        return cls(**row.__dict__)
+
+
+class RecordingList(BaseModel):
+    """A page of recordings."""
+
+    items: list[RecordingResource]
+    next: int | None
+
+    @classmethod
+    def of(cls, page: Page[RecordingRow]) -> RecordingList:
+        """From the store."""
+        return cls(items=[RecordingResource.of(row) for row in page.items], next=page.next)
+
+
+class ChannelStatistics(BaseModel):
+    """One channel in the unit of the file; null where no value is finite."""
+
+    minimum: float | None
+    maximum: float | None
+    mean: float | None
+    std: float | None
+    missing: int
+    quality: dict[str, int]
+
+
+class RecordingStatistics(BaseModel):
+    """A recording's rows, its time in s, its gaps (steps of more than one and a half periods), and its channels."""
+
+    rows: int
+    seconds: float
+    rate_hz: float
+    gaps: int
+    channels: dict[str, ChannelStatistics]

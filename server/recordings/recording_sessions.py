@@ -1,0 +1,204 @@
+"""Recordings in progress: one thread each, from the ring buffer of a running acquisition to a sealed file."""
+
+from __future__ import annotations
+
+import hashlib
+import secrets
+import sys
+import threading
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Protocol
+
+import pyarrow.parquet
+import structlog
+
+from daq import Machine
+from daq.errors import HilfitError
+from server.machines.acquisition import Acquisition
+from server.machines.machine_store import Machines
+from server.platform.database.engine import Database
+from server.platform.disk import Free, require_room
+from server.platform.errors import ConflictError
+from server.platform.files import DataDirectory
+from server.recordings.recording_store import RecordingRow, Recordings
+
+_log = structlog.stdlib.get_logger(__name__)
+
+
+@dataclass(frozen=True)
+class RecordOrder:
+    """What one recording needs.
+
+    Attributes
+    ----------
+    path : the sealed file
+    seconds : of machine time, None: until ``stop`` is set
+    report : takes the statistics so far, now and then
+    """
+
+    machine: Machine
+    ring_name: str
+    role: str
+    path: Path
+    seconds: float | None
+    stop: threading.Event
+    report: Callable[[dict[str, Any]], None]
+
+
+class Recorder(Protocol):
+    """Records, and seals what a killed server left behind."""
+
+    def record(self, order: RecordOrder) -> dict[str, Any]:
+        """Record until the time is over, stopped, or the acquisition ends; then the sealed file is there.
+
+        Returns
+        -------
+        Statistics of the recording.
+        """
+
+    def recover(self, directory: Path) -> Mapping[Path, int]:
+        """Seal what a killed recorder left in ``directory``; the sealed files and their rows."""
+
+
+@dataclass
+class _Session:
+    stop: threading.Event
+    thread: threading.Thread
+    statistics: dict[str, Any] = field(default_factory=dict)
+
+
+class Sessions:
+    """All recordings in progress."""
+
+    def __init__(
+        self,
+        database: Database,
+        files: DataDirectory,
+        acquisition: Acquisition,
+        recorder: Recorder,
+        free: Free = lambda: sys.maxsize,
+    ) -> None:
+        self._database = database
+        self._recordings = Recordings(database)
+        self._machines = Machines(database)
+        self._files = files
+        self._acquisition = acquisition
+        self._recorder = recorder
+        self._free = free
+        self._lock = threading.Lock()
+        self._sessions: dict[str, _Session] = {}
+
+    def start(self, machine: str, role: str, label: str, seconds: float | None) -> RecordingRow:
+        """Start recording; returns at once.
+
+        Raises
+        ------
+        NotFoundError, ConflictError, UnavailableError
+            If there is no such machine, it is not acquired, or it is being recorded already.
+        """
+        row = self._machines.get(machine)
+        require_room(self._free())
+        content, feed = self._acquisition.feed(machine)
+        recording = RecordingRow(
+            id=f"rec-{secrets.token_hex(8)}",
+            machine=machine,
+            machine_version=row.version,
+            role=role,
+            label=label or f"{machine} {role}",
+            state="recording",
+            origin="recorded",
+            format="parquet",
+            created=self._database.now(),
+        )
+        self._recordings.add(recording)
+        stop = threading.Event()
+
+        def report(statistics: dict[str, Any]) -> None:
+            with self._lock:
+                self._sessions[recording.id].statistics = statistics
+
+        order = RecordOrder(content, feed.ring_name, role, self._path(recording.id), seconds, stop, report)
+        thread = threading.Thread(
+            target=self._run, args=(recording.id, order), name=f"recording-{recording.id}", daemon=True
+        )
+        with self._lock:
+            self._sessions[recording.id] = _Session(stop, thread)
+        thread.start()
+        return recording
+
+    def stop(self, id: str) -> RecordingRow:
+        """Stop a recording and wait until its file is sealed.
+
+        Raises
+        ------
+        NotFoundError, ConflictError
+            If there is no such recording, or it has ended.
+        """
+        state = self._recordings.get(id).state
+        with self._lock:
+            session = self._sessions.get(id)
+        if session is None:
+            raise ConflictError(f"recording '{id}' is {state}; there is nothing to stop")
+        session.stop.set()
+        session.thread.join()
+        return self._recordings.get(id)
+
+    def statistics(self, id: str) -> dict[str, Any] | None:
+        """What a recording in progress counted so far; None if it is not in progress."""
+        with self._lock:
+            session = self._sessions.get(id)
+            return None if session is None else session.statistics
+
+    def end_all(self) -> None:
+        """Let everything that is being recorded be sealed; returns at once."""
+        with self._lock:
+            for session in self._sessions.values():
+                session.stop.set()
+
+    def stop_all(self) -> None:
+        """Seal everything that is being recorded."""
+        self.end_all()
+        with self._lock:
+            sessions = list(self._sessions.values())
+        for session in sessions:
+            session.thread.join()
+
+    def recover(self) -> None:
+        """Seal what a killed server was recording; called before anything is recorded."""
+        rows = self._recorder.recover(self._files.recordings)
+        for row in self._recordings.list(500, state="recording").items:
+            path = self._path(row.id)
+            if path.is_file():
+                # Not among those that were sealed now: killed when its file was whole, and the store did not know yet.
+                found = rows[path] if path in rows else pyarrow.parquet.read_metadata(path).num_rows
+                self._seal(row.id, path, {"rows": found, "recovered": True})
+            else:
+                self._recordings.fail(row.id, "the service ended before anything was recorded; record it again")
+
+    def _path(self, id: str) -> Path:
+        return self._files.recordings / f"{id}.parquet"
+
+    def _run(self, id: str, order: RecordOrder) -> None:
+        try:
+            self._seal(id, order.path, self._recorder.record(order))
+        except HilfitError as error:
+            self._fail(id, error)
+        except Exception as error:
+            _log.error("recording_failed", recording=id, exc_info=error)
+            self._recordings.fail(id, "recording failed unexpectedly; the log of the service says why")
+        finally:
+            with self._lock:
+                del self._sessions[id]
+
+    def _seal(self, id: str, path: Path, statistics: dict[str, Any]) -> None:
+        with path.open("rb") as file:
+            digest = hashlib.file_digest(file, "sha256").hexdigest()
+        self._recordings.seal(id, bytes=path.stat().st_size, sha256=digest, statistics=statistics)
+        _log.info("recording_sealed", recording=id)
+
+    def _fail(self, id: str, error: HilfitError) -> None:
+        text = str(error).replace(f"{self._files.recordings}/", "")
+        _log.warning("recording_failed", recording=id, error=text)
+        self._recordings.fail(id, text)

@@ -1,0 +1,139 @@
+"""Recordings: what was recorded or uploaded, in which role, in which state."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+import sqlalchemy as sa
+
+from server.platform.database.engine import Database, Page, page
+from server.platform.errors import ConflictError, NotFoundError
+from server.recordings.recording_tables import recordings
+
+State = Literal["recording", "sealed", "failed"]
+
+
+@dataclass(frozen=True)
+class RecordingRow:
+    """One recording; ``bytes`` and ``sha256`` are known once it is sealed."""
+
+    id: str
+    machine: str
+    machine_version: int
+    role: str
+    label: str
+    state: State
+    origin: Literal["recorded", "uploaded"]
+    format: Literal["parquet", "csv"]
+    created: str
+    bytes: int | None = None
+    sha256: str | None = None
+    statistics: dict[str, Any] = field(default_factory=dict)
+    error: str | None = None
+    ended: str | None = None
+
+
+class Recordings:
+    """Repository of recordings."""
+
+    def __init__(self, database: Database) -> None:
+        self._database = database
+
+    def add(self, row: RecordingRow) -> None:
+        """Store a new recording.
+
+        Raises
+        ------
+        ConflictError
+            If it is being recorded and its machine is being recorded already.
+        """
+        with self._database.write("recordings") as connection:
+            if row.state == "recording":
+                running = connection.execute(
+                    sa.select(recordings.c.id).where(
+                        recordings.c.machine == row.machine, recordings.c.state == "recording"
+                    )
+                ).scalar()
+                if running is not None:
+                    raise ConflictError(
+                        f"machine '{row.machine}' is being recorded already as {running}; stop that one first"
+                    )
+            connection.execute(recordings.insert().values(**row.__dict__))
+
+    def seal(self, id: str, *, bytes: int, sha256: str, statistics: dict[str, Any]) -> None:
+        """The file is whole."""
+        self._end(id, {"state": "sealed", "bytes": bytes, "sha256": sha256, "statistics": statistics})
+
+    def fail(self, id: str, error: str, statistics: dict[str, Any] | None = None) -> None:
+        """There will be no usable file; ``error`` says why in one line."""
+        self._end(id, {"state": "failed", "error": error, "statistics": statistics or {}})
+
+    def _end(self, id: str, values: dict[str, Any]) -> None:
+        with self._database.write("recordings") as connection:
+            connection.execute(
+                recordings.update().where(recordings.c.id == id).values(**values, ended=self._database.now())
+            )
+
+    def get(self, id: str) -> RecordingRow:
+        """The recording; NotFoundError if there is none."""
+        with self._database.read() as connection:
+            row = connection.execute(sa.select(recordings).where(recordings.c.id == id)).first()
+        if row is None:
+            raise NotFoundError(f"there is no recording '{id}'")
+        return _recording(row)
+
+    def list(
+        self,
+        limit: int,
+        after: int = 0,
+        *,
+        machine: str | None = None,
+        machines: tuple[str, ...] | None = None,
+        role: str | None = None,
+        state: str | None = None,
+    ) -> Page[RecordingRow]:
+        """Newest first, narrowed to what is given."""
+        query = sa.select(recordings)
+        if machines is not None:
+            query = query.where(recordings.c.machine.in_(machines))
+        for column, wanted in (
+            (recordings.c.machine, machine),
+            (recordings.c.role, role),
+            (recordings.c.state, state),
+        ):
+            if wanted is not None:
+                query = query.where(column == wanted)
+        with self._database.read() as connection:
+            rows, cursor = page(connection, query, recordings.c.number, limit, after)
+        return Page(tuple(_recording(row) for row in rows), cursor)
+
+    def delete(self, id: str, used_by: Callable[[sa.Connection, str], str | None]) -> None:
+        """Forget a recording.
+
+        Parameters
+        ----------
+        used_by : what was made of it, None if nothing was
+
+        Raises
+        ------
+        NotFoundError
+            If there is none.
+        ConflictError
+            If it is being recorded, or something was made of it.
+        """
+        with self._database.write("recordings") as connection:
+            row = connection.execute(sa.select(recordings.c.state).where(recordings.c.id == id)).first()
+            if row is None:
+                raise NotFoundError(f"there is no recording '{id}'")
+            if row.state == "recording":
+                raise ConflictError(f"recording '{id}' is still being recorded; stop it first")
+            used = used_by(connection, id)
+            if used is not None:
+                raise ConflictError(f"recording '{id}' is the data of {used}; it has to stay")
+            connection.execute(recordings.delete().where(recordings.c.id == id))
+
+
+def _recording(row: sa.Row[Any]) -> RecordingRow:
+    return RecordingRow(**{key: value for key, value in row._mapping.items() if key != "number"})

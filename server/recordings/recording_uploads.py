@@ -1,0 +1,147 @@
+"""Machine files and recordings that clients send: checked first, then stored whole."""
+
+from __future__ import annotations
+
+import secrets
+import sys
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Literal, cast
+
+from daq import ROLES
+from server.machines.machine_store import Machines
+from server.platform.database.engine import Database
+from server.platform.disk import free_bytes, require_room
+from server.platform.errors import (
+    ConflictError,
+    InvalidError,
+    ServiceError,
+    UnsupportedFormatError,
+)
+from server.platform.files import DataDirectory, sync_directory
+from server.platform.processes.children import ChildResult, run_child
+from server.recordings.formats.exports import Exports
+from server.recordings.recording_store import RecordingRow, Recordings
+
+#: Seconds that looking at a recording may take.
+INSPECTION_S = 120.0
+#: Kinds of files that are taken; all but the first two are kept as Parquet.
+ENDINGS = (".csv", ".parquet", ".txt", ".tsv", ".mf4", ".mat", ".db3", ".mcap")
+
+
+class RecordingUploads:
+    """Takes recordings as CSV, Parquet, and as other tools write them (which is kept as Parquet)."""
+
+    def __init__(self, database: Database, files: DataDirectory) -> None:
+        self._database = database
+        self._recordings = Recordings(database)
+        self._machines = Machines(database)
+        self._exports = Exports(files)
+        self._files = files
+
+    def incoming(self, machine: str, role: str, name: str) -> Path:
+        """Where to stream an upload that is named ``name``, before a byte of it is read.
+
+        Raises
+        ------
+        NotFoundError, InvalidError, UnsupportedFormatError
+            If the machine, the role or the kind of file is unknown.
+        """
+        self._machines.get(machine)
+        if role not in ROLES:
+            raise InvalidError(f"role '{role}' is unknown; use one of {', '.join(ROLES)}")
+        suffix = Path(name).suffix.lower()
+        if suffix not in ENDINGS:
+            raise UnsupportedFormatError(
+                f"'{name}' is none of {', '.join(ENDINGS)}; export the recording as one of them"
+            )
+        if suffix == ".mf4" and find_spec("asammdf") is None:
+            raise UnsupportedFormatError(
+                f"'{name}': this service reads no MDF4 (hilfit[export] is not installed); upload .csv or .parquet"
+            )
+        require_room(free_bytes(self._files.recordings))
+        incoming = self._files.incoming()
+        return incoming.with_name(incoming.name + suffix)
+
+    def add(
+        self,
+        incoming: Path,
+        machine: str,
+        role: str,
+        label: str,
+        columns: str | None = None,
+        resample: bool = False,
+    ) -> RecordingRow:
+        """Check the file at ``incoming`` and move it into the store; it is gone from there whatever happens.
+
+        Parameters
+        ----------
+        columns : text of a map of the file's columns (:mod:`daq.column_map`)
+        resample : whether another rate is brought to the machine's
+
+        Raises
+        ------
+        InvalidError
+            One line: what is wrong with the recording and what to do.
+        """
+        try:
+            version = self._machines.get(machine).version
+            if incoming.suffix not in (".csv", ".parquet") or columns is not None or resample:
+                incoming = self._exports.imported(incoming, machine, version, label, columns, resample)
+            result = self._inspected(incoming, machine, version, role, label)
+            id = f"rec-{secrets.token_hex(8)}"
+            format = cast(Literal["parquet", "csv"], incoming.suffix.removeprefix("."))
+            target = self._files.recordings / f"{id}.{format}"
+            size = incoming.stat().st_size
+            _moved(incoming, target)
+            row = RecordingRow(
+                id=id,
+                machine=machine,
+                machine_version=version,
+                role=role,
+                label=label,
+                state="sealed",
+                origin="uploaded",
+                format=format,
+                created=self._database.now(),
+                bytes=size,
+                sha256=result.summary["sha256"],
+                statistics=result.summary["statistics"],
+                ended=self._database.now(),
+            )
+            self._recordings.add(row)
+            return row
+        finally:
+            incoming.unlink(missing_ok=True)
+
+    def _inspected(self, file: Path, machine: str, version: int, role: str, label: str) -> ChildResult:
+        """What a process of its own says of a file; InvalidError if it is no good recording."""
+        machine_file = self._files.machine_file(machine, version)
+        result = run_child(
+            [
+                sys.executable,
+                "-P",
+                "-m",
+                "server.recordings.inspect_recording",
+                str(file),
+                str(machine_file),
+                role,
+            ],
+            log=self._files.recordings / "inspect.log",
+            timeout_s=INSPECTION_S,
+        )
+        if result.outcome == "input":
+            raise InvalidError((result.error or "").replace(str(file), label))
+        if result.outcome == "failed" and result.error is not None and "ended by" in result.error:
+            raise InvalidError(f"{label}: cannot be read; export it again")
+        if result.outcome != "done":
+            raise ServiceError(f"{label}: looking at it failed; {result.error}")
+        return result
+
+
+def _moved(incoming: Path, target: Path) -> None:
+    try:
+        incoming.replace(target)
+        sync_directory(target.parent)
+    except OSError as error:
+        raise ConflictError(f"the upload cannot be stored ({error.strerror}); free some space") from None

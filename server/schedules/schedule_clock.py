@@ -1,0 +1,117 @@
+"""Gives slots their turn.
+
+What counts is the store: a slot's row, its job and how far the schedule has come are written in one transaction, so
+whatever is killed when, and however many servers look at the clock, a slot has its turn once. Slots that were missed,
+because the service was off or the machine was still being recalibrated, have it together, as one.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from datetime import UTC, datetime
+
+import structlog
+from sqlalchemy.exc import SQLAlchemyError
+
+from daq.errors import HilfitError
+from server.platform.database.engine import Database
+from server.platform.errors import ConflictError
+from server.recalibrations.recalibration_job import new_recalibration
+from server.schedules import schedule_slots as slots
+from server.schedules.schedule_store import Schedule, Schedules
+
+#: Seconds between two looks at the clock: how late a slot may begin.
+LOOK_S = 2.0
+#: Most missed slots that are written down one by one.
+KEPT = 50
+_TOGETHER = "had its turn together with a later slot"
+_log = structlog.stdlib.get_logger(__name__)
+
+
+class ScheduleClock:
+    """Looks at the clock and orders recalibrations.
+
+    Parameters
+    ----------
+    enqueue : queues a stored job
+    ready : raises HilfitError where a machine cannot be recalibrated now; the slot is missed then
+    now : UTC
+    """
+
+    def __init__(
+        self,
+        database: Database,
+        enqueue: Callable[[str], None],
+        ready: Callable[[str], None],
+        now: Callable[[], datetime],
+    ) -> None:
+        self._database = database
+        self._schedules = Schedules(database)
+        self._enqueue = enqueue
+        self._ready = ready
+        self._now = now
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="schedules", daemon=True)
+
+    def start(self) -> None:
+        """Start looking; returns at once."""
+        self._thread.start()
+
+    def stop(self) -> None:
+        """Stop looking, and wait for it."""
+        self._stop.set()
+        if self._thread.is_alive():
+            self._thread.join()
+
+    def _run(self) -> None:
+        while not self._stop.is_set():
+            try:
+                self.look()
+            except (HilfitError, SQLAlchemyError) as error:  # the next look may do better
+                _log.error("schedules_not_looked_at", exc_info=error)
+            self._stop.wait(LOOK_S)
+
+    def look(self) -> tuple[str, ...]:
+        """Give every slot that is due its turn; the jobs that were ordered."""
+        ordered = (self._turn(schedule) for schedule in self._schedules.enabled())
+        return tuple(job for job in ordered if job is not None)
+
+    def _turn(self, schedule: Schedule) -> str | None:
+        considered = datetime.fromisoformat(schedule.considered)
+        due = slots.due(schedule.cron, schedule.timezone, considered, self._now(), KEPT)
+        # While the machine is being recalibrated its slots wait, and have their turn together afterwards.
+        if not due or self._schedules.busy(schedule.machine):
+            return None
+        written = [text(slot) for slot in due]
+        try:
+            self._ready(schedule.machine)
+        except HilfitError as error:
+            self._schedules.claim(schedule, written, None, (str(error), _TOGETHER))
+            _log.warning("slot_missed", schedule=schedule.id, slot=written[-1], reason=str(error))
+            return None
+        new = new_recalibration(schedule.machine, schedule.id, schedule.label, schedule.plan, self._database.now())
+        note = f"stands for {len(due) - 1} earlier" if len(due) > 1 else ""
+        try:
+            if not self._schedules.claim(schedule, written, new, (note, _TOGETHER)):
+                return None
+        except ConflictError:  # somebody ordered one by hand at this moment
+            return None
+        # If we are killed here, the job is stored and is queued at the next start.
+        self._enqueue(new.job)
+        _log.info("slot_ordered", schedule=schedule.id, slot=written[-1], job=new.job)
+        return new.job
+
+
+def text(moment: datetime) -> str:
+    """A moment as the store writes it."""
+    return moment.astimezone(UTC).isoformat(timespec="milliseconds").replace("+00:00", "Z")
+
+
+def next_slot(schedule: Schedule) -> str | None:
+    """The next slot of a schedule that has not had its turn; None if it does not run."""
+    if not schedule.enabled:
+        return None
+    after = datetime.fromisoformat(schedule.considered)
+    found = next(slots.upcoming(schedule.cron, schedule.timezone, after), None)
+    return None if found is None else text(found)

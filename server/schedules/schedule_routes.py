@@ -1,0 +1,158 @@
+"""``/schedules``: when machines are recalibrated, and what became of each slot."""
+
+from __future__ import annotations
+
+import secrets
+from dataclasses import replace
+from datetime import datetime
+from itertools import islice
+from typing import Annotated
+
+from fastapi import APIRouter, Header, Query, Response
+
+from server.excitations.excitation_store import Excitations
+from server.jobs.job_schemas import JobResource
+from server.jobs.job_store import Jobs
+from server.machines.machine_store import Machines
+from server.platform.authorization.guard import PrincipalDep, require
+from server.platform.authorization.typed_route import TypedRoute
+from server.platform.errors import InvalidError, PreconditionError
+from server.platform.http.route_parameters import Cursor, Idempotency, Limit, MachineQuery, ServiceDep, problems
+from server.platform.service import Service
+from server.schedules import schedule_slots as slots
+from server.schedules.recalibration_orders import RecalibrationOrders
+from server.schedules.schedule_clock import text
+from server.schedules.schedule_schemas import (
+    ScheduleList,
+    ScheduleResource,
+    ScheduleWish,
+    SlotList,
+    SlotResource,
+    UpcomingSlots,
+)
+from server.schedules.schedule_store import Schedule, Schedules
+
+router = APIRouter(prefix="/schedules", tags=["schedules"], route_class=TypedRoute)
+#: Slots that are told ahead.
+UPCOMING = 5
+IfMatch = Annotated[str | None, Header(max_length=40, description="`ETag` of the schedule as it was read")]
+
+
+@router.post("", status_code=201, responses=problems(404, 409, 422), dependencies=[require("engineer")])
+def create(
+    wish: ScheduleWish,
+    response: Response,
+    service: ServiceDep,
+    principal: PrincipalDep,
+    idempotency_key: Idempotency = None,
+) -> ScheduleResource:
+    """Make a schedule; its first slot is the next one from now. One ``Idempotency-Key`` makes one schedule."""
+
+    def make() -> str:
+        schedule = _checked(service, wish, f"sch-{secrets.token_hex(8)}", service.now())
+        service[Schedules].add(schedule)
+        return schedule.id
+
+    id = service.replays.once(principal.id, "schedules", idempotency_key, wish.model_dump(), make)
+    response.headers["Location"] = f"/api/v1/schedules/{id}"
+    return _resource(service, service[Schedules].get(id), response)
+
+
+@router.get("", responses=problems(422), dependencies=[require("read")])
+def list_schedules(
+    service: ServiceDep,
+    principal: PrincipalDep,
+    machine: MachineQuery = None,
+    limit: Limit = 50,
+    cursor: Cursor = 0,
+) -> ScheduleList:
+    """List schedules, newest first."""
+    page = service[Schedules].list(limit, cursor, machine=machine, machines=principal.machines)
+    return ScheduleList(items=[_resource(service, schedule) for schedule in page.items], next=page.next)
+
+
+@router.get("/upcoming", responses=problems(422), dependencies=[require("read")])
+def upcoming(
+    service: ServiceDep,
+    cron: Annotated[str, Query(max_length=200)],
+    timezone: Annotated[str, Query(max_length=64)] = "UTC",
+) -> UpcomingSlots:
+    """When a schedule with this expression would run next; it is refused where a schedule with it would be."""
+    now = datetime.fromisoformat(service.now())
+    slots.check(cron, timezone, now)
+    return UpcomingSlots(slots=[text(slot) for slot in islice(slots.upcoming(cron, timezone, now), UPCOMING)])
+
+
+@router.get("/{id}", responses=problems(404, 422), dependencies=[require("read")])
+def get(id: str, response: Response, service: ServiceDep) -> ScheduleResource:
+    """Read a schedule; its ``ETag`` is for changing it."""
+    return _resource(service, service[Schedules].get(id), response)
+
+
+@router.put("/{id}", responses=problems(404, 412, 422), dependencies=[require("engineer")])
+def change(
+    id: str, wish: ScheduleWish, response: Response, service: ServiceDep, if_match: IfMatch = None
+) -> ScheduleResource:
+    """Change a schedule; slots before now that had no turn are forgotten."""
+    before = service[Schedules].get(id)
+    changed = replace(_checked(service, wish, id, before.created), considered=service.now())
+    return _resource(service, service[Schedules].replace(changed, _revision(if_match)), response)
+
+
+@router.delete("/{id}", status_code=204, responses=problems(404, 412, 422), dependencies=[require("engineer")])
+def delete(id: str, service: ServiceDep, if_match: IfMatch = None) -> None:
+    """Delete a schedule; its jobs and calibrations stay."""
+    service[Schedules].delete(id, _revision(if_match))
+
+
+@router.post("/{id}/run", status_code=202, responses=problems(404, 409, 422), dependencies=[require("operate")])
+def run(id: str, response: Response, service: ServiceDep) -> JobResource:
+    """Recalibrate now, whatever the clock says; its job is at ``Location``."""
+    job = service[RecalibrationOrders].order(service[Schedules].get(id))
+    response.headers["Location"] = f"/api/v1/jobs/{job}"
+    return JobResource.of(service[Jobs].get(job))
+
+
+@router.get("/{id}/slots", responses=problems(404, 422), dependencies=[require("read")])
+def list_slots(id: str, service: ServiceDep, limit: Limit = 50) -> SlotList:
+    """The newest slots that had their turn, newest first."""
+    return SlotList(items=[SlotResource(**slot.__dict__) for slot in service[Schedules].slots(id, limit)])
+
+
+def _checked(service: Service, wish: ScheduleWish, id: str, created: str) -> Schedule:
+    service[Machines].get(wish.machine)
+    now = service.now()
+    slots.check(wish.cron, wish.timezone, datetime.fromisoformat(now))
+    for excitation in wish.excitations:
+        machine = service[Excitations].get(excitation).machine
+        if machine != wish.machine:
+            raise InvalidError(f"excitation '{excitation}' is of machine '{machine}', not of '{wish.machine}'")
+    if wish.motion == "standard" and not wish.excitations:
+        raise InvalidError("the standard motion needs excitations: give the id of one or two that were designed")
+    return Schedule(
+        id=id,
+        machine=wish.machine,
+        label=wish.label or f"Recalibration of {wish.machine}",
+        cron=wish.cron,
+        timezone=wish.timezone,
+        enabled=wish.enabled,
+        plan=wish.plan(),
+        considered=now,
+        created=created,
+    )
+
+
+def _resource(service: Service, schedule: Schedule, response: Response | None = None) -> ScheduleResource:
+    if response is not None:
+        response.headers["ETag"] = f'"{schedule.revision}"'
+    last = service[Schedules].slots(schedule.id, 1)
+    return ScheduleResource.of(schedule, last[0] if last else None)
+
+
+def _revision(if_match: str | None) -> int | None:
+    if if_match is None or if_match == "*":
+        return None
+    text = if_match.strip('"')
+    if not text.isdecimal():
+        raise PreconditionError("If-Match is not an ETag of a schedule; read it again")
+    return int(text)

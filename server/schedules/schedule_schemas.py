@@ -1,0 +1,104 @@
+"""What the REST interface takes and gives of schedules."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from server.identifications.identification_schemas import IdentificationOptions
+from server.platform.authorization.named_things import ExcitationId, MachineName
+from server.platform.http.bodies import Flag
+from server.recalibrations.recalibration_store import Plan
+from server.schedules.schedule_clock import next_slot
+from server.schedules.schedule_store import Schedule, Slot
+
+
+class ScheduleWish(BaseModel):
+    """When and how a machine is recalibrated.
+
+    ``motion``: record normal ``operation`` for ``duration_s`` of machine time (two thirds are fitted, one third
+    judges the fit), or the ``standard`` motion: ``excitations`` names one or two, the first to fit, the last to judge
+    by. ``deadline_s``: how long it waits for the machine, or for the person who runs the motion. ``activate``: only
+    ``if_better`` lets it activate what it finds.
+    """
+
+    model_config = ConfigDict(extra="forbid")
+
+    machine: MachineName
+    label: Annotated[str, Field(max_length=200)] = ""
+    cron: Annotated[str, Field(max_length=200)]
+    timezone: Annotated[str, Field(max_length=64)] = "UTC"
+    enabled: Flag = True
+    motion: Literal["operation", "standard"] = "operation"
+    duration_s: Annotated[float, Field(ge=30, le=86400)] = 300.0
+    excitations: Annotated[list[ExcitationId], Field(max_length=2)] = []
+    deadline_s: Annotated[float, Field(ge=10, le=86400)] = 3600.0
+    options: IdentificationOptions = IdentificationOptions()
+    activate: Literal["never", "if_better"] = "never"
+
+    def plan(self) -> Plan:
+        """What a slot does."""
+        return Plan(
+            motion=self.motion,
+            duration_s=self.duration_s,
+            excitations=tuple(self.excitations),
+            deadline_s=self.deadline_s,
+            options=self.options.model_dump(),
+            activate=self.activate,
+        )
+
+
+class ScheduleResource(ScheduleWish):
+    """A schedule; ``next`` is its next slot in UTC, ``last`` the last that had its turn."""
+
+    id: str
+    created: str
+    next: str | None
+    last: str | None
+
+    @classmethod
+    def of(cls, schedule: Schedule, last: Slot | None) -> ScheduleResource:
+        """From the store."""
+        plan: dict[str, Any] = schedule.plan.content()
+        return cls(
+            id=schedule.id,
+            machine=schedule.machine,
+            label=schedule.label,
+            cron=schedule.cron,
+            timezone=schedule.timezone,
+            enabled=schedule.enabled,
+            created=schedule.created,
+            next=next_slot(schedule),
+            last=None if last is None else last.slot,
+            **plan,
+        )
+
+
+class ScheduleList(BaseModel):
+    """A page of schedules."""
+
+    items: list[ScheduleResource]
+    next: int | None
+
+
+class UpcomingSlots(BaseModel):
+    """The next slots of a cron expression, in UTC; fewer where it ends."""
+
+    slots: list[str]
+
+
+class SlotResource(BaseModel):
+    """A slot in UTC; ``coalesced``: it had its turn together with a later one."""
+
+    slot: str
+    job: str | None
+    state: Literal["done", "failed", "missed", "coalesced", "running"]
+    note: str
+    calibration: str | None
+
+
+class SlotList(BaseModel):
+    """The newest slots of a schedule, newest first."""
+
+    items: list[SlotResource]
