@@ -1,11 +1,9 @@
-/** What every view has at hand: the session, resources that stay up to date, commands that are sent once. */
+/** The session, which every view has at hand. */
 import { createContext } from "preact";
 import { useContext } from "preact/hooks";
 import type { Session } from "./net/connection";
 
 export type { MachineSummary, Principal, Scope, Session } from "./net/connection";
-export { useResource, type Resource } from "./resource";
-export { useCommand, CommandNotice, type CommandState } from "./command";
 
 export const SessionContext = createContext<Session | null>(null);
 

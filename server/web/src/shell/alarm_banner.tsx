@@ -1,7 +1,7 @@
 /** On every page: alarms that nobody acknowledged. */
 import type { components } from "../net/api.gen";
 import { useRoute } from "../routes";
-import { useResource } from "../session";
+import { useResource } from "../resource";
 import { Icon } from "../ui/icons";
 
 type Alarm = components["schemas"]["AlarmResource"];

@@ -1,7 +1,8 @@
 /** Acknowledge an alarm, keep it quiet for a while, let it be heard again. */
 import { useEffect, useRef, useState } from "preact/hooks";
 import type { components } from "../../net/api.gen";
-import { CommandNotice, useCommand, useSession } from "../../session";
+import { CommandNotice, useCommand } from "../../command";
+import { useSession } from "../../session";
 import { Button, Field, type InputEvent, type SelectEvent } from "../../ui/controls";
 
 type Alarm = components["schemas"]["AlarmResource"];

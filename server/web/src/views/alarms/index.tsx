@@ -1,7 +1,8 @@
 /** What is wrong, who has seen it, what is kept quiet. */
 import { useState } from "preact/hooks";
 import type { components } from "../../net/api.gen";
-import { useResource, useSession } from "../../session";
+import { useResource } from "../../resource";
+import { useSession } from "../../session";
 import { Mark, Notice } from "../../ui/controls";
 import { Button } from "../../ui/controls";
 import { time } from "../../ui/format";

@@ -1,6 +1,7 @@
 /** One calibration: what it is, what may be done with it, its numbers. */
 import { useState } from "preact/hooks";
-import { CommandNotice, useCommand, useSession } from "../../session";
+import { CommandNotice, useCommand } from "../../command";
+import { useSession } from "../../session";
 import { Button, Field, Mark } from "../../ui/controls";
 import { number, time, withStd } from "../../ui/format";
 import { Confirm, Table } from "../../ui/layout";

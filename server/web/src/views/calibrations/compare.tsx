@@ -1,6 +1,6 @@
 /** Two calibrations of one machine: how far each parameter is apart, and the errors. */
 import type { components } from "../../net/api.gen";
-import { useResource } from "../../session";
+import { useResource } from "../../resource";
 import { Mark, Notice } from "../../ui/controls";
 import { number, time, withStd } from "../../ui/format";
 import { Panel, Table } from "../../ui/layout";

@@ -2,7 +2,9 @@
 import { useState } from "preact/hooks";
 import type { components } from "../../net/api.gen";
 import { useRoute } from "../../routes";
-import { CommandNotice, useCommand, useResource, useSession } from "../../session";
+import { CommandNotice, useCommand } from "../../command";
+import { useResource } from "../../resource";
+import { useSession } from "../../session";
 import { Button, Mark, Notice, Progress } from "../../ui/controls";
 import { DASH, duration, time } from "../../ui/format";
 import { Confirm, Empty, Panel, Table } from "../../ui/layout";

@@ -1,7 +1,8 @@
 /** What the machine does now. */
 import { useMemo } from "preact/hooks";
 import type { components } from "../../net/api.gen";
-import { useResource, useSession } from "../../session";
+import { useResource } from "../../resource";
+import { useSession } from "../../session";
 import { Mark, Notice } from "../../ui/controls";
 import { duration } from "../../ui/format";
 import { Empty, Panel } from "../../ui/layout";

@@ -1,7 +1,7 @@
 /** Whether the arm still is as it was calibrated. */
 import { useEffect } from "preact/hooks";
 import type { components } from "../../net/api.gen";
-import { useResource } from "../../session";
+import { useResource } from "../../resource";
 import { Mark, Notice, Progress } from "../../ui/controls";
 import { number, percent } from "../../ui/format";
 import { Panel, Table } from "../../ui/layout";

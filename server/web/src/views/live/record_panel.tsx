@@ -1,7 +1,9 @@
 /** Start and stop a recording of the machine that is looked at. */
 import { useEffect, useState } from "preact/hooks";
 import type { components } from "../../net/api.gen";
-import { CommandNotice, useCommand, useResource, useSession } from "../../session";
+import { CommandNotice, useCommand } from "../../command";
+import { useResource } from "../../resource";
+import { useSession } from "../../session";
 import { Button, Field, Mark, type InputEvent, type SelectEvent } from "../../ui/controls";
 import { duration } from "../../ui/format";
 import { Panel } from "../../ui/layout";

@@ -1,7 +1,8 @@
 /** The editor of a machine file: what is typed is kept, checked by the service, and never written over another's. */
 import { useEffect, useState } from "preact/hooks";
 import type { components } from "../../net/api.gen";
-import { CommandNotice, useCommand, useSession } from "../../session";
+import { CommandNotice, useCommand } from "../../command";
+import { useSession } from "../../session";
 import { Button, Notice } from "../../ui/controls";
 import { Confirm } from "../../ui/layout";
 import { saveFile } from "../../ui/save";

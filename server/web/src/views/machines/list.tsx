@@ -2,7 +2,9 @@
 import { useState } from "preact/hooks";
 import type { components } from "../../net/api.gen";
 import { go } from "../../routes";
-import { CommandNotice, useCommand, useResource, useSession } from "../../session";
+import { CommandNotice, useCommand } from "../../command";
+import { useResource } from "../../resource";
+import { useSession } from "../../session";
 import { Button, Mark, Notice } from "../../ui/controls";
 import { time } from "../../ui/format";
 import { Confirm, Empty, Panel, Table } from "../../ui/layout";

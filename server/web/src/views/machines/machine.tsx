@@ -1,7 +1,8 @@
 /** One machine: its file in an editor, checked by the service, saved as a new version, never over somebody else's. */
 import { useState } from "preact/hooks";
 import type { components } from "../../net/api.gen";
-import { useResource, useSession } from "../../session";
+import { useResource } from "../../resource";
+import { useSession } from "../../session";
 import { Button, Field, Mark, Notice, type SelectEvent } from "../../ui/controls";
 import { time } from "../../ui/format";
 import { Panel } from "../../ui/layout";

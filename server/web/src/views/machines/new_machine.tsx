@@ -2,7 +2,8 @@
 import { useState } from "preact/hooks";
 import type { components } from "../../net/api.gen";
 import { go } from "../../routes";
-import { CommandNotice, useCommand, useSession } from "../../session";
+import { CommandNotice, useCommand } from "../../command";
+import { useSession } from "../../session";
 import { Button, Field, Notice } from "../../ui/controls";
 import { Panel } from "../../ui/layout";
 import { storeDraft, storedDraft } from "./drafts";

@@ -1,7 +1,9 @@
 /** Sessions of devices and programs: since when, until when, last seen, what they have open; each can be ended. */
 import { useState } from "preact/hooks";
 import type { components } from "../../net/api.gen";
-import { CommandNotice, useCommand, useResource, useSession } from "../../session";
+import { CommandNotice, useCommand } from "../../command";
+import { useResource } from "../../resource";
+import { useSession } from "../../session";
 import { Button } from "../../ui/controls";
 import { time } from "../../ui/format";
 import { Confirm, Panel, Table } from "../../ui/layout";

@@ -2,7 +2,8 @@
 import { useState } from "preact/hooks";
 import type { components } from "../../net/api.gen";
 import { go, pairingCode, pairingFingerprint } from "../../routes";
-import { CommandNotice, useCommand, useSession } from "../../session";
+import { CommandNotice, useCommand } from "../../command";
+import { useSession } from "../../session";
 import { Button, Field, Notice, type InputEvent } from "../../ui/controls";
 import { Confirm, Panel } from "../../ui/layout";
 import { Holders } from "./devices";

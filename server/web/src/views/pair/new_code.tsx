@@ -1,7 +1,8 @@
 /** A code for another device, to be typed or taken by its camera. */
 import { useState } from "preact/hooks";
 import type { components } from "../../net/api.gen";
-import { CommandNotice, useCommand, useSession } from "../../session";
+import { CommandNotice, useCommand } from "../../command";
+import { useSession } from "../../session";
 import { Button, Field, type InputEvent, type SelectEvent } from "../../ui/controls";
 import { time } from "../../ui/format";
 import { Panel } from "../../ui/layout";

@@ -2,7 +2,8 @@
 import { useState } from "preact/hooks";
 import type { components } from "../../net/api.gen";
 import { randomName } from "../../net/random";
-import { useResource, useSession } from "../../session";
+import { useResource } from "../../resource";
+import { useSession } from "../../session";
 import { Button, Mark, Notice } from "../../ui/controls";
 import { Confirm, Empty, Panel } from "../../ui/layout";
 import { time } from "../../ui/format";

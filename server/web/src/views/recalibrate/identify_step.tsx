@@ -1,6 +1,8 @@
 /** The last step: order the identification once, follow its job to the result. */
 import type { components } from "../../net/api.gen";
-import { CommandNotice, useCommand, useResource, useSession } from "../../session";
+import { CommandNotice, useCommand } from "../../command";
+import { useResource } from "../../resource";
+import { useSession } from "../../session";
 import { Button, Notice } from "../../ui/controls";
 import { fixed } from "../../ui/format";
 import { Table } from "../../ui/layout";

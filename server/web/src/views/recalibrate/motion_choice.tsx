@@ -1,6 +1,8 @@
 /** A motion that the service designed: as a file for the arm's controller, or straight to the simulated machine's. */
 import type { components } from "../../net/api.gen";
-import { CommandNotice, useCommand, useResource, useSession } from "../../session";
+import { CommandNotice, useCommand } from "../../command";
+import { useResource } from "../../resource";
+import { useSession } from "../../session";
 import { Button, Field, Progress, type SelectEvent } from "../../ui/controls";
 import { duration } from "../../ui/format";
 import { saveFile } from "../../ui/save";

@@ -1,7 +1,9 @@
 /** One recording of a guide: start, watch, stop. */
 import { useState } from "preact/hooks";
 import type { components } from "../../net/api.gen";
-import { CommandNotice, useCommand, useResource, useSession } from "../../session";
+import { CommandNotice, useCommand } from "../../command";
+import { useResource } from "../../resource";
+import { useSession } from "../../session";
 import { Button, Field, Mark, Notice, type SelectEvent } from "../../ui/controls";
 import type { Role } from "../../words";
 import { Since } from "../live/record_panel";

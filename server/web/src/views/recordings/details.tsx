@@ -1,7 +1,9 @@
 /** One recording: channel statistics, downloads, deletion. */
 import { useState } from "preact/hooks";
 import type { components } from "../../net/api.gen";
-import { CommandNotice, useCommand, useResource, useSession } from "../../session";
+import { CommandNotice, useCommand } from "../../command";
+import { useResource } from "../../resource";
+import { useSession } from "../../session";
 import { Button, Mark, Notice } from "../../ui/controls";
 import { count, duration, number, time } from "../../ui/format";
 import { Confirm, Panel, Table } from "../../ui/layout";

@@ -1,7 +1,8 @@
 /** Recordings of the machine that is looked at: make them, bring them, take them along, identify from them. */
 import { useState } from "preact/hooks";
 import type { components } from "../../net/api.gen";
-import { useResource, useSession } from "../../session";
+import { useResource } from "../../resource";
+import { useSession } from "../../session";
 import { Button, Mark, Notice } from "../../ui/controls";
 import { DASH, duration, number, time } from "../../ui/format";
 import { Empty, Panel, Table } from "../../ui/layout";

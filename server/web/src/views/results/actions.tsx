@@ -1,7 +1,9 @@
 /** What to do with a result: propose it as a calibration, take its files along. */
 import { useState } from "preact/hooks";
 import type { components } from "../../net/api.gen";
-import { CommandNotice, useCommand, useResource, useSession } from "../../session";
+import { CommandNotice, useCommand } from "../../command";
+import { useResource } from "../../resource";
+import { useSession } from "../../session";
 import { Button, Field, type InputEvent } from "../../ui/controls";
 import { Panel } from "../../ui/layout";
 import { Downloads } from "../downloads";

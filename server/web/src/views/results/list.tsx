@@ -1,6 +1,7 @@
 /** All identifications of the machine that is looked at, newest first. */
 import type { components } from "../../net/api.gen";
-import { useResource, useSession } from "../../session";
+import { useResource } from "../../resource";
+import { useSession } from "../../session";
 import { Mark, Notice } from "../../ui/controls";
 import { time } from "../../ui/format";
 import { Empty, Panel, Table } from "../../ui/layout";

@@ -1,7 +1,8 @@
 /** One result, from the verdict down to the recordings. */
 import { useEffect, useMemo } from "preact/hooks";
 import type { components } from "../../net/api.gen";
-import { useResource, useSession } from "../../session";
+import { useResource } from "../../resource";
+import { useSession } from "../../session";
 import { Mark, Notice } from "../../ui/controls";
 import { number, time } from "../../ui/format";
 import { Panel } from "../../ui/layout";

@@ -1,7 +1,9 @@
 /** Make a schedule, or change one. */
 import { useState } from "preact/hooks";
 import type { components } from "../../net/api.gen";
-import { CommandNotice, useCommand, useResource, useSession } from "../../session";
+import { CommandNotice, useCommand } from "../../command";
+import { useResource } from "../../resource";
+import { useSession } from "../../session";
 import { Button, Field, type InputEvent, Notice, type SelectEvent } from "../../ui/controls";
 import { duration } from "../../ui/format";
 import { Panel } from "../../ui/layout";

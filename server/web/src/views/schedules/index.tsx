@@ -1,7 +1,8 @@
 /** Schedules of the machine that is looked at. */
 import { useState } from "preact/hooks";
 import type { components } from "../../net/api.gen";
-import { useResource, useSession } from "../../session";
+import { useResource } from "../../resource";
+import { useSession } from "../../session";
 import { Button, Notice } from "../../ui/controls";
 import { Empty, Panel } from "../../ui/layout";
 import { ScheduleCard } from "./card";

@@ -1,7 +1,7 @@
 /** When a schedule runs: plain presets or a cron expression, the time zone, and what comes out of it. */
 import type { components } from "../../net/api.gen";
 import { query } from "../../net/client";
-import { type Resource, useResource } from "../../session";
+import { type Resource, useResource } from "../../resource";
 import { Field, type InputEvent, Notice, type SelectEvent } from "../../ui/controls";
 import { useSettled } from "../settled";
 import { type Every, type Plan, WEEKDAYS, cronOf, inZone, timeZones, two } from "./cron";
