@@ -16,7 +16,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from types import FrameType
-from typing import Any, cast
+from typing import Any
 
 import structlog
 
@@ -103,7 +103,7 @@ def _kinds(
     parts.put({Settings: settings, DataDirectory: files, Database: database, FETCHED: fetched})
     parts.put(given)
     kinds = (kind for resource in RESOURCES for kind in resource.job_kinds)
-    return tuple(cast(JobKind, parts[kind]) for kind in kinds if getattr(kind, "queue", None) == NUMERICAL)
+    return tuple(parts[kind] for kind in kinds if kind.queue == NUMERICAL)
 
 
 @contextmanager

@@ -1,4 +1,4 @@
-"""What the REST interface takes and gives; the only pydantic models of the service."""
+"""What the routes of identifications take and give."""
 
 from __future__ import annotations
 

@@ -5,13 +5,12 @@ from __future__ import annotations
 import os
 import signal
 from collections.abc import Iterator
-from typing import cast
 
 import structlog
 from prometheus_client.core import GaugeMetricFamily, Metric
 
 from server.jobs.executors import Heartbeat, Silence
-from server.jobs.job_kinds import AT_MACHINES, JobKind
+from server.jobs.job_kinds import AT_MACHINES
 from server.jobs.job_routes import router
 from server.jobs.job_runner import EXECUTOR, QUEUES, JobRunner
 from server.jobs.job_store import Jobs
@@ -28,7 +27,7 @@ _log = structlog.stdlib.get_logger(__name__)
 
 def _runner(parts: Parts) -> JobRunner:
     settings = parts[Settings]
-    kinds = [cast(JobKind, parts[kind]) for resource in parts[Service].resources for kind in resource.job_kinds]
+    kinds = [parts[kind] for resource in parts[Service].resources for kind in resource.job_kinds]
     return JobRunner(
         parts[Database],
         parts[DataDirectory],

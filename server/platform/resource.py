@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import IntEnum
+from typing import Any
 
 import sqlalchemy as sa
 from fastapi import APIRouter
@@ -94,7 +95,8 @@ class Resource:
         values are not here
     provides : what makes its parts
     large_uploads : paths of requests whose bodies may be as large as the setting ``maximum_upload_bytes`` says
-    job_kinds : the parts that are kinds of jobs (:class:`server.jobs.job_kinds.JobKind`)
+    job_kinds : the parts that are kinds of jobs (:class:`server.jobs.job_kinds.JobKind`), each with its ``queue`` as an
+        attribute of the class: workers make only those of numerical work
     running : what of its parts starts and stops with the service
     backed_up : its files
     metrics : what it counts for Prometheus
@@ -108,7 +110,7 @@ class Resource:
     kept: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     provides: Mapping[Key, Provider] = field(default_factory=dict)
     large_uploads: frozenset[str] = frozenset()
-    job_kinds: Sequence[type[object]] = ()
+    job_kinds: Sequence[type[Any]] = ()
     running: Callable[[Parts], Iterable[Running]] = lambda parts: ()
     backed_up: BackedUp | None = None
     metrics: Callable[[Parts], Iterator[Metric]] | None = None

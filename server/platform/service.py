@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from datetime import datetime
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import structlog
@@ -15,14 +14,12 @@ from server.platform.database.engine import Database, utc_now
 from server.platform.errors import UnavailableError
 from server.platform.files import DataDirectory
 from server.platform.http.replays import Replays
-from server.platform.parts import Key, PartName, Parts
+from server.platform.parts import Key, Parts
 from server.platform.processes.heavy_work import Heavy
 from server.platform.resource import Resource, providers_of, tables_of
 from server.platform.settings import Settings
 from server.platform.tls import Certificate, certificate
 
-#: What schedules go by.
-CLOCK: PartName[Callable[[], datetime]] = PartName("clock of the schedules")
 _log = structlog.stdlib.get_logger(__name__)
 
 
@@ -46,7 +43,7 @@ class Service(Parts):
         self.replays = Replays()
         try:
             self._open()
-            self.put({Service: self, CLOCK: utc_now, Settings: settings, Changes: self.changes})
+            self.put({Service: self, Settings: settings, Changes: self.changes})
             self.put({DataDirectory: self.files, Database: self.database})
             self.put(given or {})
             self.make_all()

@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from datetime import datetime
 
 from server.jobs.job_runner import JobRunner
-from server.platform.database.engine import Database
-from server.platform.parts import Parts
+from server.platform.database.engine import Database, utc_now
+from server.platform.parts import PartName, Parts
 from server.platform.resource import Phase, Resource, Running
-from server.platform.service import CLOCK
 from server.recalibrations.recalibration_site import Site
 from server.schedules.recalibration_orders import RecalibrationOrders
 from server.schedules.schedule_clock import ScheduleClock
 from server.schedules.schedule_routes import router
 from server.schedules.schedule_store import Schedules
 from server.schedules.schedule_tables import schedule_slots, schedules
+
+#: What schedules go by.
+CLOCK: PartName[Callable[[], datetime]] = PartName("clock of the schedules")
 
 
 def _clock(parts: Parts) -> ScheduleClock:
@@ -38,6 +41,7 @@ SCHEDULES = Resource(
     kept={"/schedules": ("schedules", "jobs", "recalibrations")},
     provides={
         Schedules: lambda parts: Schedules(parts[Database]),
+        CLOCK: lambda parts: utc_now,
         ScheduleClock: _clock,
         RecalibrationOrders: _orders,
     },

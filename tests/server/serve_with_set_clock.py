@@ -14,8 +14,8 @@ from pathlib import Path
 from server.composition.serve import serve
 from server.platform.database.engine import utc_now
 from server.platform.processes import children
-from server.platform.service import CLOCK
 from server.platform.settings import Settings
+from server.schedules.schedule_resource import CLOCK
 
 #: Machine seconds per second.
 SPEED = 4.0

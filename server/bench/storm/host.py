@@ -19,8 +19,8 @@ from server.composition.worker import work
 from server.identifications.identification_resource import STAGE_PROGRAM
 from server.identifications.stage_request import StageProgram
 from server.platform.parts import Key
-from server.platform.service import CLOCK
 from server.platform.settings import Settings
+from server.schedules.schedule_resource import CLOCK
 
 #: Seconds of the schedules' clock per second: a slot every five minutes comes every five seconds.
 HASTE = 60.0
