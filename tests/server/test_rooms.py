@@ -2,10 +2,18 @@
 
 from __future__ import annotations
 
+import re
 from collections import Counter
+from importlib import import_module
 from pathlib import Path
 
 from server.composition.declarations import RESOURCES
+from server.platform.changes import Changes
+from server.platform.database.engine import Database
+from server.platform.files import DataDirectory
+from server.platform.resource import providers_of
+from server.platform.service import Service
+from server.platform.settings import Settings
 
 SERVER = Path(__file__).parents[2] / "server"
 MODULES = [path for path in SERVER.rglob("*.py") if path.relative_to(SERVER).parts[0] not in ("bench", "web")]
@@ -26,3 +34,16 @@ def test_no_folder_has_more_modules_than_one_looks_over() -> None:
 def test_a_resource_has_the_name_of_its_folder_and_is_declared_there() -> None:
     declared = {path.parent.name for path in SERVER.glob("*/*_resource.py")}
     assert declared == {resource.name for resource in RESOURCES}
+
+
+def test_every_part_that_is_asked_for_is_provided() -> None:
+    """The type checker knows what a part is, not whether a declaration makes it."""
+    known = {*providers_of(RESOURCES), Service, Settings, Changes, DataDirectory, Database}
+    asked = {}
+    for path in MODULES:
+        names = set(re.findall(r"\b(?:service|parts)\[([A-Z]\w*)\]", path.read_text()))
+        if names:
+            module = import_module(".".join(path.relative_to(SERVER.parent).with_suffix("").parts))
+            asked |= {f"{module.__name__}: {name}": getattr(module, name) for name in names if hasattr(module, name)}
+    assert len(asked) > 100, "the pattern finds them no more"
+    assert [place for place, key in asked.items() if key not in known] == []
