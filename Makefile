@@ -55,6 +55,6 @@ $(VENV)/.use: pyproject.toml | $(BIN)/python
 	$(PIP) -e ".[sim]"
 	@touch $@
 
-$(VENV)/.dev: pyproject.toml | $(BIN)/python
-	$(PIP) -e ".[dev]"
+$(VENV)/.dev: pyproject.toml benchmarks/pyproject.toml | $(BIN)/python
+	$(PIP) -e ".[dev]" -e benchmarks
 	@touch $@ $(VENV)/.use
