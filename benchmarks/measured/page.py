@@ -218,7 +218,7 @@ def _ways(results: Sequence[Ways]) -> str:
 
 Relative error of the base model in the identification band, same rows and filter for all; what is handed out is set in
 bold. The last column is the training error of the fit that is weighted by the measured noise over that of least
-squares: above 1.02 least squares is handed out ([decision 38](decisions/0038-weights-on-measured-machines.md)).
+squares: above 1.02 least squares is handed out ([decision 34](decisions/0034-weights-on-measured-machines.md)).
 
 {_table(["machine", "motion", *(_NAMES[way] for way in WAYS), "ratio"], rows)}
 Impossible parameters that the reports name. {". ".join(found)}.
