@@ -203,6 +203,7 @@ def test_text_that_is_no_machine_file(tmp_path: Path) -> None:
         assert finding.under("x").startswith("x") and "arm.yaml" not in finding.text
 
 
+@pytest.mark.slow
 @given(
     st.recursive(
         st.none() | st.booleans() | st.floats() | st.text(max_size=4),
