@@ -3,9 +3,16 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check
-PYTEST := $(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder
+# Versions that were tested; `make demo LOCK=` takes the newest that pyproject.toml allows.
+LOCK ?= requirements.lock
+INSTALL := $(PIP) $(if $(LOCK),--constraint $(LOCK))
+# More than two cores' worth: half of its time the suite waits for processes that it started.
+JOBS ?= 3
+PYTEST := $(BIN)/pytest --dist loadfile --no-loadscope-reorder
+# Tests start hundreds of Python processes; none should compile again what another has compiled.
+unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: help demo test test-quick check client bench page clean
+.PHONY: help demo test test-quick check client bench page lock changelog clean
 
 help: ## this list
 	@sed -n 's/^\([a-z-]*\):[^#]*## \(.*\)/make \1|\2/p' Makefile | while IFS='|' read -r name text; do \
@@ -14,11 +21,11 @@ help: ## this list
 demo: $(VENV)/.use ## the whole job on a simulated machine, about two minutes; everything goes to hilfit-demo/
 	$(BIN)/hilfit demo
 
-test: check ## the checks, then every test
-	$(PYTEST)
+test: check ## the checks, then every test; the slowest twenty are listed at the end
+	$(PYTEST) -n $(JOBS) --durations 20
 
 test-quick: $(VENV)/.dev ## the tests that take no more than a few seconds each
-	$(PYTEST) -m "not slow"
+	$(PYTEST) -n 2 -m "not slow" --durations 5
 
 check: $(VENV)/.dev ## ruff, mypy --strict, import-linter
 	$(BIN)/ruff check .
@@ -36,6 +43,16 @@ bench: $(VENV)/.dev ## the benchmarks that have a target, see benchmarks/README.
 page: ## build the web page (needs Node 20; what it makes is committed, so that nobody else does)
 	cd server/web && npm ci && npm run types && npm run check && npm test && npm run build
 
+lock: $(VENV)/.dev ## requirements.lock, anew, with the newest versions that pyproject.toml allows
+	$(PIP) uv
+	@{ echo '# Versions that hilfit was tested with, for `pip install -c`; made by: make lock'; \
+	  $(BIN)/uv pip compile pyproject.toml --universal --python-version 3.11 --all-extras --upgrade --quiet \
+	    --no-annotate --no-header --no-emit-index-url --no-emit-find-links; } > requirements.lock.new
+	mv requirements.lock.new requirements.lock
+
+changelog: $(VENV)/.dev ## CHANGELOG.md from the fragments in news/, which are deleted: make changelog VERSION=0.1.0
+	$(BIN)/towncrier build --yes --version "$${VERSION:?say which, as in: make changelog VERSION=0.1.0}"
+
 clean: ## remove the environment and everything that was built
 	rm -rf $(VENV) build *.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
@@ -51,10 +68,10 @@ $(BIN)/python:
 	$(PYTHON) -m venv $(VENV) || { rm -rf $(VENV); exit 1; }
 
 # The environment is brought up to date when the dependencies change; the package itself is installed editable.
-$(VENV)/.use: pyproject.toml | $(BIN)/python
-	$(PIP) -e ".[sim]"
+$(VENV)/.use: pyproject.toml $(LOCK) | $(BIN)/python
+	$(INSTALL) -e ".[sim]"
 	@touch $@
 
-$(VENV)/.dev: pyproject.toml | $(BIN)/python
-	$(PIP) -e ".[dev]"
+$(VENV)/.dev: pyproject.toml benchmarks/pyproject.toml $(LOCK) | $(BIN)/python
+	$(INSTALL) -e ".[dev]" -e benchmarks
 	@touch $@ $(VENV)/.use

@@ -1,4 +1,4 @@
-"""What paces the cycle: the wall's clock for a machine, lockstep for a simulation, steps by hand for a test."""
+"""What paces the cycle: the wall's clock for a machine, lockstep for a simulation."""
 
 from __future__ import annotations
 
@@ -133,42 +133,3 @@ def clock_for(machine: Machine) -> Clock:
     if simulation.lockstep:
         return LockstepClock(machine.rate_hz, simulation.speed)
     return RealClock(machine.rate_hz, simulation.speed)
-
-
-class FakeClock:
-    """A clock that a test turns by hand; :meth:`wait` returns at once and jumps to the next tick."""
-
-    def __init__(self, rate_hz: float, origin_ns: int = 1_000 * NS) -> None:
-        self._period = round(NS / rate_hz)
-        self._rate = rate_hz
-        self._now = origin_ns
-        self._cycle = 0
-        self._skip = 0
-
-    def monotonic_ns(self) -> int:
-        """Nanoseconds that the test has let pass."""
-        return self._now
-
-    def utc_ns(self) -> int:
-        """The same, as if the epoch was the origin."""
-        return self._now
-
-    def advance(self, seconds: float) -> None:
-        """Let time pass."""
-        self._now += round(seconds * NS)
-
-    def skip(self, cycles: int) -> None:
-        """Let the next ticks be missed."""
-        self._skip += cycles
-
-    def start(self) -> None:
-        """Count from 0."""
-        self._cycle = 0
-
-    def wait(self) -> Tick:
-        """The next tick, at once."""
-        skipped, self._skip = self._skip, 0
-        cycle = self._cycle + skipped
-        self._cycle = cycle + 1
-        self._now += self._period * (1 + skipped)
-        return Tick(cycle, cycle / self._rate, 0, skipped, self._now + self._period * 9 // 10)

@@ -189,10 +189,6 @@ class Recorder:
         """Whether the thread of :meth:`start` is still recording."""
         return self._thread is not None and not self._ended.is_set()
 
-    def request_stop(self) -> None:
-        """Let :meth:`record` seal what there is and return."""
-        self._stop.set()
-
     def stop(self) -> RecordingSummary:
         """End a recording begun by :meth:`start`; returns its summary or raises what :meth:`record` would have."""
         self._stop.set()

@@ -191,11 +191,6 @@ def stacked(Y: FloatArray) -> FloatArray:
     return Y.transpose(2, 1, 0).reshape(p, n * samples).T
 
 
-def rigid_body_names(machine: Machine | Geometry) -> tuple[str, ...]:
-    """Names of the ``10 n`` inertial parameters: ``m1, mx1, ... Izz1, m2, ...`` (links counted from 1)."""
-    return tuple(f"{name}{i + 1}" for i in range(geometry_of(machine).joints) for name in LINK_PARAMETERS)
-
-
 def standard_names(machine: Machine | Geometry) -> tuple[str, ...]:
     """Names of the ``13 n + 3 c`` standard parameters, per joint ten inertial, ``f_c f_v J``; then motors."""
     geometry = geometry_of(machine)

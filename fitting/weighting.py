@@ -14,7 +14,7 @@ as the larger of two: the error of all efforts together, and each joint's in uni
 :data:`MOST_LOST` least squares is handed out.
 
 Where the number comes from: sound simulated arms have at most 1.006, arms that lack an effect 1.0 to 1.08, measured
-machines 1.04 to 1.8 (``docs/decisions/0038-weights-on-measured-machines.md``).
+machines 1.04 to 1.8 (``docs/decisions/0034-weights-on-measured-machines.md``).
 """
 
 from __future__ import annotations

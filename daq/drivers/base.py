@@ -12,18 +12,16 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from importlib.metadata import entry_points
 from typing import Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
 
-from daq.errors import AcquisitionError, MachineFileError
+from daq.errors import MachineFileError
 from daq.events import EventLog
 from daq.machine_file import Channel
 from daq.quality import Quality
-
-ENTRY_POINT_GROUP = "hilfit.drivers"
+from daq.seams import DRIVERS
 
 
 @dataclass(frozen=True)
@@ -156,24 +154,11 @@ class Driver(Protocol):
         """Leave the devices quiet and close the bus; a second call does nothing."""
 
 
-def driver_classes() -> dict[str, Callable[[Any, Sequence[Channel], DriverContext], Driver]]:
-    """All installed drivers by the bus type that they serve."""
-    found: dict[str, Callable[[Any, Sequence[Channel], DriverContext], Driver]] = {}
-    for entry in entry_points(group=ENTRY_POINT_GROUP):
-        try:
-            found[entry.name] = entry.load()
-        except (ImportError, AttributeError) as error:
-            raise AcquisitionError(
-                f"driver '{entry.name}' ({entry.value}) cannot be loaded: {error}; reinstall the package it is from"
-            ) from error
-    return found
-
-
 def make_driver(bus: Any, channels: Sequence[Channel], context: DriverContext) -> Driver:
-    """The driver for an entry of ``buses:``."""
-    classes = driver_classes()
-    if bus.type not in classes:
+    """The driver for an entry of ``buses:``; its entry point is named after the type of bus."""
+    if bus.type not in (names := DRIVERS.names()):
         raise MachineFileError(
-            f"bus '{bus.name}': no driver for type '{bus.type}' is installed; there are {', '.join(sorted(classes))}"
+            f"bus '{bus.name}': no driver for type '{bus.type}' is installed; there are {', '.join(names)}"
         )
-    return classes[bus.type](bus, channels, context)
+    made: Driver = DRIVERS.load(bus.type)(bus, channels, context)
+    return made

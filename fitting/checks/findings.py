@@ -51,8 +51,3 @@ class Finding:
         """What was seen and what to do, in one line."""
         others = f" (as well: {'; '.join(self.alternatives)})" if self.alternatives else ""
         return f"{self.text}{others}; {self.cure}"
-
-
-def finding_from_json(content: dict[str, Any]) -> Finding:
-    """Inverse of :meth:`Finding.to_json`."""
-    return Finding(**{**content, "alternatives": tuple(content.get("alternatives", ()))})

@@ -7,8 +7,8 @@ effect with one file, one line of TOML and one call of :func:`fitting.effects.co
 from __future__ import annotations
 
 from functools import lru_cache
-from importlib.metadata import entry_points
 
+from daq.seams import EFFECTS
 from fitting.effects.base import DriveView, Effect, Parameter
 
 __all__ = ["DriveView", "Effect", "Parameter", "effect", "effects"]
@@ -17,8 +17,7 @@ __all__ = ["DriveView", "Effect", "Parameter", "effect", "effects"]
 @lru_cache(maxsize=1)
 def effects() -> tuple[Effect, ...]:
     """All registered effects, sorted by id."""
-    found = {point.name: point.load()() for point in entry_points(group="hilfit.effects")}
-    return tuple(found[name] for name in sorted(found))
+    return tuple(EFFECTS.make(name, Effect) for name in EFFECTS.names())
 
 
 def effect(name: str) -> Effect:

@@ -22,7 +22,7 @@ import yaml
 
 from daq.machine_file import Machine, parse_machine
 from fitting.base_parameters import reduce_parameters
-from fitting.effects.base import DriveView, Effect, FloatArray, Shape
+from fitting.effects.base import DriveView, Effect, FloatArray, Parameter, Shape
 from fitting.linkage import lever_arm, piston_motion
 from fitting.preparation import PositionNoise, Segment
 from fitting.regression import build_design
@@ -96,6 +96,12 @@ def _check_texts(effect: Effect) -> None:
         effect,
         effect.variable.removeprefix("other.") in VARIABLES,
         f"there is no variable '{effect.variable}' to draw it against",
+    )
+    parameters = getattr(effect, "parameters", None)
+    _require(
+        effect,
+        isinstance(parameters, tuple) and all(isinstance(p, Parameter) for p in parameters),
+        "its 'parameters' are missing, or are no tuple of fitting.effects.Parameter",
     )
     names = [p.name for p in effect.parameters]
     _require(effect, bool(names) and len(set(names)) == len(names), "its parameters need names, each its own")

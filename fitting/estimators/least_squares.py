@@ -49,11 +49,6 @@ class Solution:
         return int(self.root.shape[1])
 
     @property
-    def inverse_gram(self) -> FloatArray:
-        """``(A'A)^-1`` on the kept columns, (p, p)."""
-        return self.root @ self.root.T
-
-    @property
     def leverage(self) -> FloatArray:
         """Diagonal of the hat matrix, (R,): how far each row pulls its own prediction."""
         return np.asarray(np.einsum("ij,ij->i", self.Q, self.Q))

@@ -1,6 +1,6 @@
 """The rules of the loop: what may be chosen, what is a name and what a law, what counts as one set.
 
-Decisions and where their numbers come from (``docs/decisions/0003-attribution.md``, ``0019``, ``0025``):
+Decisions and where their numbers come from (``docs/decisions/0003-attribution.md``, ``0015``, ``0021``):
 
 
 accuse

@@ -12,7 +12,7 @@ import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib import import_module
-from importlib.metadata import version
+from importlib.metadata import entry_points, version
 from typing import Annotated, Any, NoReturn
 
 import typer
@@ -57,7 +57,6 @@ PARTS = (
         },
     ),
     Part("sim_backends.cli", {"simulate": "Run the simulated buses of a machine."}),
-    Part("server.bench.cli", {"bench": "Benchmarks with targets: how right, how fast."}),
     Part("server.commands.access_commands", {"access": "Pair devices with a service that has access control."}),
     Part(
         "server.commands.operate_commands",
@@ -69,6 +68,8 @@ PARTS = (
     ),
     Part("server.commands.serve_command", {"serve": "Serve machines, recordings and identifications over HTTP."}),
 )
+#: Entry points of other distributions that add a command: its name, and a module with ``register(app)``.
+ENTRY_POINT_GROUP = "hilfit.commands"
 #: Modules that come with an extra of the distribution.
 EXTRAS = {"mujoco": "sim", "fsspec": "s3", "s3fs": "s3", "asammdf": "export", "mcap": "export"}
 
@@ -78,10 +79,23 @@ class _Commands(TyperGroup):
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
         """Find the command in ``args[0]``."""
-        for part in PARTS:
+        for part in all_parts():
             if args and args[0] in part.commands:
                 self.commands[args[0]] = load_commands(part)[args[0]]
         return super().resolve_command(ctx, args)
+
+
+def all_parts() -> tuple[Part, ...]:
+    """The parts of hilfit, then those of other distributions, whose summary is the line in the help.
+
+    A name that hilfit has cannot be taken.
+    """
+    own = {name for part in PARTS for name in part.commands}
+    others = [point for point in entry_points(group=ENTRY_POINT_GROUP) if point.name not in own]
+    return PARTS + tuple(
+        Part(point.value, {point.name: point.dist.metadata["Summary"] if point.dist else ""})
+        for point in sorted(others, key=lambda point: point.name)
+    )
 
 
 def load_commands(part: Part) -> dict[str, Any]:
@@ -106,7 +120,7 @@ def build() -> typer.Typer:
         context_settings={"help_option_names": ["-h", "--help"]},
     )
     app.callback()(_root)
-    for part in PARTS:
+    for part in all_parts():
         for name, text in part.commands.items():
             app.command(name, help=text)(_not_loaded)
     return app

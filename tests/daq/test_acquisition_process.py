@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 from bench_machines import modbus, plain, socketcand
 from canopen_test_node import FakeNode
+from fake_clock import FakeClock
 from modbus_test_server import FakeModbus, float_registers
 from socketcand_test_hub import TestHub
 
@@ -22,7 +23,6 @@ from daq import AcquisitionError, InputError, Machine, MachineFileError, Quality
 from daq.acquisition import AcquisitionProcess
 from daq.acquisition_child import request_fifo
 from daq.channels import channel_table
-from daq.clock import FakeClock
 from daq.cycles import Cycles, run_cycles
 from daq.drivers import DriverStatistics, Samples, nothing
 from daq.frame import frame_from_row

@@ -6,7 +6,7 @@ import struct
 import time
 import uuid
 from collections.abc import Callable, Iterator, Sequence
-from importlib.metadata import EntryPoint, entry_points
+from importlib.metadata import EntryPoint
 
 import numpy as np
 import pytest
@@ -15,11 +15,12 @@ from canopen_test_node import FakeNode
 from modbus_test_serial import FakeSerialModbus
 from modbus_test_server import FakeModbus, float_registers
 
-from daq import AcquisitionError, Channel, MachineFileError, parse_machine
+from daq import Channel, InputError, MachineFileError, parse_machine
 from daq.drivers import Driver, DriverContext, DriverStatistics, Samples, make_driver, nothing
-from daq.drivers.base import ENTRY_POINT_GROUP, DeviceStatus
+from daq.drivers.base import DeviceStatus
 from daq.drivers.conformance import ConformanceError, check_driver
 from daq.machine_file import OtherBus
+from daq.seams import DRIVERS
 
 Bench = tuple[str, dict[str, float], Callable[[], None], Callable[[], None]]
 REGISTERS = {1: float_registers({2: 50.0, 4: 0.0, 6: 0.3}), 2: {4: 215}}
@@ -67,7 +68,7 @@ def benches() -> Iterator[Callable[[str], Bench]]:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", sorted(entry.name for entry in entry_points(group="hilfit.drivers")))
+@pytest.mark.parametrize("name", DRIVERS.names())
 def test_every_installed_driver_conforms(name: str, benches: Callable[[str], Bench]) -> None:
     text, expected, silence, restore = benches(name)
     machine = parse_machine(text)
@@ -123,12 +124,12 @@ def test_a_driver_of_another_package_is_found_by_its_entry_point(monkeypatch: py
     context = DriverContext(0.02, 0.0, time.monotonic_ns)
     with pytest.raises(MachineFileError, match="'field': no driver for type 'ethercat'"):
         make_driver(bus, [channel], context)
-    entry = EntryPoint("ethercat", f"{__name__}:Plugged", ENTRY_POINT_GROUP)
-    monkeypatch.setattr("daq.drivers.base.entry_points", lambda group: [entry])
+    entry = EntryPoint("ethercat", f"{__name__}:Plugged", DRIVERS.group)
+    monkeypatch.setattr("daq.seams.entry_points", lambda group: [entry])
     check_driver(lambda context: make_driver(bus, [channel], context), {"a": 1.0}, period_s=0.0001)
-    broken = EntryPoint("ethercat", f"{__name__}:Nobody", ENTRY_POINT_GROUP)
-    monkeypatch.setattr("daq.drivers.base.entry_points", lambda group: [broken])
-    with pytest.raises(AcquisitionError, match="driver 'ethercat'"):
+    broken = EntryPoint("ethercat", f"{__name__}:Nobody", DRIVERS.group)
+    monkeypatch.setattr("daq.seams.entry_points", lambda group: [broken])
+    with pytest.raises(InputError, match="driver 'ethercat'"):
         make_driver(bus, [channel], context)
 
 

@@ -7,13 +7,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from bench_machines import can, modbus, plain
+from fake_clock import FakeClock
 from hypothesis import given
 from hypothesis import strategies as st
 
 from daq import Machine, MachineFileError, Quality, parse_machine
 from daq.assembly import HOLD_CYCLES, Assembler
 from daq.channels import channel_table, channels_by_bus
-from daq.clock import NS, Clock, FakeClock, LockstepClock, RealClock, Tick, clock_for
+from daq.clock import NS, Clock, LockstepClock, RealClock, Tick, clock_for
 from daq.drivers.base import Samples, nothing
 from daq.frame import Frame, frame_from_row, row_dtype, row_from_frame
 

@@ -72,6 +72,7 @@ def test_the_budget_counts_an_alias_as_what_it_stands_for() -> None:
         safe_yaml.read(text.replace("b: *a", "b: [" + ",".join(["*a"] * rows) + "]"))
 
 
+@pytest.mark.slow
 @given(
     st.recursive(
         st.none() | st.booleans() | st.integers(-(2**60), 2**60) | st.floats(allow_nan=False) | st.text(max_size=20),

@@ -95,7 +95,7 @@ def test_a_sound_file_has_no_findings(tmp_path: Path) -> None:
 
 
 def test_machines_that_are_there_have_no_findings() -> None:
-    files = [*(HERE / "server/bench/measured/machines").glob("*.yaml"), HERE / "sim_backends/machines/folding_arm.yaml"]
+    files = [*(HERE / "benchmarks/measured/machines").glob("*.yaml"), HERE / "sim_backends/machines/folding_arm.yaml"]
     files += [*SHARED.glob("samples/*/machine.yaml"), *SHARED.glob("data/*/machine.yaml")]
     assert len(files) >= 4
     for file in files:
@@ -203,6 +203,7 @@ def test_text_that_is_no_machine_file(tmp_path: Path) -> None:
         assert finding.under("x").startswith("x") and "arm.yaml" not in finding.text
 
 
+@pytest.mark.slow
 @given(
     st.recursive(
         st.none() | st.booleans() | st.floats() | st.text(max_size=4),

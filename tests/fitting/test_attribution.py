@@ -279,6 +279,7 @@ def test_shares_of_a_gain_are_what_each_joints_chi_square_falls_by_in_a_refit() 
     assert own.places == ()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("spoilt", [True, False])
 def test_a_choice_that_makes_a_joint_worse_waits_for_what_that_joint_lacks(
     monkeypatch: pytest.MonkeyPatch, spoilt: bool
@@ -323,6 +324,7 @@ def test_what_keeps_its_gain_beside_a_name_is_no_other_name_for_it() -> None:
     assert without_gain_beside(session.base_model, signals.refit([choice.term]), [same, other]) == [same]
 
 
+@pytest.mark.slow
 def test_a_delay_is_named_with_all_that_moving_the_effort_gains() -> None:
     """Its column is short of friction's jumps, which presliding is made of."""
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -13,7 +14,7 @@ from synthetic_arm import make_recordings, planar_machine, truth
 
 from daq.machine_file import Machine
 from daq.recording import Recording
-from fitting.checks.findings import Finding, finding_from_json
+from fitting.checks.findings import Finding
 from fitting.checks.magnitudes import magnitude_findings
 from fitting.checks.motions import motion_findings
 from fitting.checks.signal_faults import signal_findings
@@ -192,7 +193,8 @@ def test_a_parked_joint_is_a_remark() -> None:
     assert [(own.code, own.joint, own.severity) for own in found] == [("parked", "joint2", "note")]
 
 
-def test_a_finding_is_json_and_back() -> None:
+def test_a_finding_is_json_with_all_that_it_says() -> None:
     own = Finding("unit", "joint1.q: looks like deg", "set its unit to 'deg'", joint="joint1", factor=0.0175)
-    assert finding_from_json(own.to_json()) == own
+    said = json.loads(json.dumps(own.to_json()))
+    assert Finding(**{**said, "alternatives": tuple(said["alternatives"])}) == own
     assert own.line == "joint1.q: looks like deg; set its unit to 'deg'"

@@ -75,6 +75,7 @@ def swap(a: str, b: str) -> Callable[[dict[str, np.ndarray]], dict[str, Any]]:
     return lambda values: {a: values[b], b: values[a]}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("of", "code", "joint"),
     [
@@ -89,6 +90,7 @@ def test_a_mistake_at_one_joint_is_named_there(of: Callable[..., dict[str, Any]]
     assert first(check_recordings(JOINT, changed(SINGLE, of))) == (code, joint)
 
 
+@pytest.mark.slow
 def test_gravity_turned_over() -> None:
     machine = JOINT.model_copy(update={"gravity": (0.0, 9.81, 0.0)})
     found = check_recordings(machine, SINGLE)
@@ -120,12 +122,14 @@ def test_back_pressure_of_a_valve_is_no_wrong_area() -> None:
     assert [own for own in check_recordings(machine, held) if own.severity == "mistake"] == []
 
 
+@pytest.mark.slow
 def test_exchanged_pressures_are_found_however_little_they_leave() -> None:
     """The rod pressures of two joints are alike: with them exchanged nearly all of the efforts is explained."""
     mixed = changed(SINGLE, lambda v: {"joint1.rod": v["joint2.rod"], "joint2.rod": v["joint1.rod"]})
     assert first(check_recordings(JOINT, mixed)) == ("exchanged_channels", "joint1")
 
 
+@pytest.mark.slow
 def test_what_was_wrong_in_one_recording_is_said_of_it() -> None:
     one = SINGLE[1]
     swapped = {"joint1.head": one.values["joint1.rod"], "joint1.rod": one.values["joint1.head"]}

@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from benchmarks.measured import staubli
 from daq.machine_file import Machine, parse_machine
 from daq.recording import Recording
 from fitting.base_parameters import base_gravity_regressor, base_regressor, reduce_parameters
@@ -19,7 +20,6 @@ from fitting.geometry import geometry_of
 from fitting.joint_side import at_joints
 from fitting.rigid_body_stage import identify_one_shot
 from fitting.session import Options, Session
-from server.bench.measured import staubli
 
 RATE = 200.0
 RATIO, PULL = -32.0, 16.0

@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 from synthetic_arm import clean_session, planar_machine, truth
 
-import fitting.estimators.registry as registry
 from daq.errors import InputError
+from daq.seams import ESTIMATORS
 from fitting.base_parameters import reduce_parameters
 from fitting.cylinder_stage import identify_cylinders
 from fitting.estimator_choice import Choice, chosen
@@ -78,8 +78,8 @@ def test_a_missing_extra_is_said_before_any_work(monkeypatch: pytest.MonkeyPatch
 
 
 def plug_in(monkeypatch: pytest.MonkeyPatch, value: str) -> None:
-    point = EntryPoint("mine", value, registry.GROUP)
-    monkeypatch.setattr(registry, "entry_points", lambda group: (point,))
+    point = EntryPoint("mine", value, ESTIMATORS.group)
+    monkeypatch.setattr("daq.seams.entry_points", lambda group: (point,))
 
 
 def test_a_plug_in_is_used_without_asking_anything_of_it(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -102,7 +102,8 @@ def test_a_plug_in_is_used_without_asking_anything_of_it(monkeypatch: pytest.Mon
 
 
 @pytest.mark.parametrize(
-    ("value", "says"), [("no_such_module:X", "cannot be loaded"), ("pathlib:Path", "not an estimator")]
+    ("value", "says"),
+    [("no_such_module:X", "cannot be loaded"), ("pathlib:Path", "is no fitting.estimators.base.Estimator")],
 )
 def test_a_broken_plug_in_is_one_clear_line(monkeypatch: pytest.MonkeyPatch, value: str, says: str) -> None:
     plug_in(monkeypatch, value)

@@ -50,6 +50,28 @@ def test_help_lists_the_commands(run: Run) -> None:
             assert f" {command} " in out
 
 
+def test_another_distribution_adds_a_command_by_its_entry_point(
+    run: Run, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    (tmp_path / "weigh_arm.py").write_text(
+        "def register(app):\n    app.command('weigh')(lambda: print('12 kg'))\n    app.command('demo')(lambda: None)\n"
+    )
+    info = tmp_path / "arm_tools-1.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: arm-tools\nVersion: 1\nSummary: Weighs an arm.\n")
+    (info / "entry_points.txt").write_text("[hilfit.commands]\nweigh = weigh_arm\ndemo = weigh_arm\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    _, out, _ = run("--help")
+    assert "Weighs an arm." in out and out.count(" demo ") == 1 and "The whole job on a simulated machine" in out
+    assert run("weigh") == (0, "12 kg\n", "")
+
+
+def test_the_benchmarks_are_such_a_command_in_a_checkout(run: Run) -> None:
+    _, out, _ = run("--help")
+    assert "Benchmarks with targets: how right, how fast." in out
+    assert {"bench"} == {name for part in cli.all_parts() for name in part.commands if part.module == "benchmarks.cli"}
+
+
 @pytest.mark.parametrize("part", cli.PARTS, ids=lambda part: part.module)
 def test_the_help_knows_the_commands_of_every_part(part: cli.Part) -> None:
     assert set(cli.load_commands(part)) == set(part.commands)

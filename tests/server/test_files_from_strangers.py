@@ -39,6 +39,7 @@ BURNS, EATS = (
 )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("program", [BURNS, EATS])
 def test_the_child_that_reads_has_little_time_and_memory(running: Running, program: str) -> None:
     reader = MachineReader(running.service.files, (sys.executable, "-c", program))

@@ -71,6 +71,7 @@ def threads(count: int, gate: Gate) -> Iterator[ThreadPoolExecutor]:
             gate.open.set()
 
 
+@pytest.mark.slow
 def test_many_uploads_at_once_stall_nobody(tmp_path: Path, csv: bytes, gate: Gate) -> None:
     with running_service(tmp_path, Fakes()) as running, threads(45, gate) as pool:
         assert running.client.post(f"{API}/machines", content=MACHINE).status_code == 201
@@ -97,6 +98,7 @@ def test_many_uploads_at_once_stall_nobody(tmp_path: Path, csv: bytes, gate: Gat
     assert gate.most <= heavy.SLOTS
 
 
+@pytest.mark.slow
 def test_when_all_places_are_taken_everybody_is_told_to_come_again(tmp_path: Path, csv: bytes, gate: Gate) -> None:
     with running_service(tmp_path, Fakes()) as running, threads(2, gate) as pool:
         running.client.post(f"{API}/machines", content=MACHINE)

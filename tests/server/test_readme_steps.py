@@ -57,6 +57,7 @@ def test_the_steps_work_as_printed(demo: Path) -> None:
         assert sorted(row["role"] for row in recordings) == ["repeat", "train", "train", "unloaded", "validate"]
 
 
+@pytest.mark.slow
 def test_the_simulated_machine_keeps_its_file_and_its_recordings_can_be_uploaded(tmp_path: Path) -> None:
     with running_service(tmp_path / "data", Fakes()) as running:
         client, service = running.client, running.service

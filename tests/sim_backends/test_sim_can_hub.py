@@ -14,7 +14,7 @@ pytestmark = pytest.mark.slow
 
 def talk(port: int, *commands: bytes) -> list[bytes]:
     """Raw socketcand: each command, each answer."""
-    with socket.create_connection(("127.0.0.1", port), timeout=5) as connection:
+    with socket.create_connection(("127.0.0.1", port), timeout=60) as connection:
         answers = [connection.recv(256)]
         for command in commands:
             connection.sendall(command)
@@ -38,7 +38,7 @@ def test_a_frame_that_cannot_be_is_refused(simulated, command):
 
 
 def test_a_client_that_speaks_something_else_is_dropped(simulated):
-    with socket.create_connection(("127.0.0.1", simulated.can_port), timeout=5) as connection:
+    with socket.create_connection(("127.0.0.1", simulated.can_port), timeout=60) as connection:
         connection.recv(256)
         connection.sendall(b"GET / HTTP/1.1\r\n" + b"x" * 5000)
         assert connection.recv(256) == b""

@@ -25,7 +25,7 @@ MACHINE, _ = default_machine()
 
 @pytest.fixture
 def client(simulated) -> Iterator[ModbusTcpClient]:
-    opened = ModbusTcpClient("127.0.0.1", port=simulated.modbus_ports["modbus"], timeout=5, retries=0)
+    opened = ModbusTcpClient("127.0.0.1", port=simulated.modbus_ports["modbus"], timeout=60, retries=0)
     assert opened.connect()
     yield opened
     opened.close()
@@ -78,7 +78,9 @@ def test_a_request_after_a_sync_is_answered_with_its_state(simulated, client, bu
 
 
 def test_requests_of_several_clients_at_once_get_the_state_of_the_sync_before(simulated, bus, idle_states):
-    clients = [ModbusTcpClient("127.0.0.1", port=simulated.modbus_ports["modbus"], timeout=5, retries=0) for _ in UNITS]
+    clients = [
+        ModbusTcpClient("127.0.0.1", port=simulated.modbus_ports["modbus"], timeout=60, retries=0) for _ in UNITS
+    ]
     before = simulated.order("hub", "counts")["sync"]
     with ThreadPoolExecutor(len(UNITS)) as pool:
         assert all(c.connect() for c in clients)

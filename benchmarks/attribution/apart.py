@@ -1,0 +1,132 @@
+"""How far the true effect is from nothing and from other names of the catalogue: what this data can tell at all.
+
+The noise is what a fit is left with at the *true* parameters on an undisturbed model: noise of the efforts, and what
+noise of the positions makes of the regressors. Its spectrum is taken from all fitted recordings without the effect.
+``seen`` is lambda in that noise: about lambda in the noise of the efforts alone, and much less where a heavy link's
+acceleration has to be told from a coarse encoder.
+
+A rival that is fitted together with the base takes the part ``gain`` of the true waveform's ``lambda^2``. What is left,
+``sqrt(lambda^2 - gain)``, is how far the data speak against it: the root of the noncentrality of a test between both.
+Below :data:`TELLABLE` a test at one per cent cannot tell them more often than not, so they belong in one set. For an
+effect that stands in no catalogue it says how far the data are from its nearest catalogue name.
+
+The waveform is the plant's own, without noise; the rivals' columns are the fit's, in every shape of their grids.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from benchmarks.attribution.coverage import true_values
+from benchmarks.attribution.judging import recordings_of
+from benchmarks.attribution.making import OF_THE_SIGNAL, BenchCase, opened, undisturbed
+from benchmarks.attribution.recipe import KINEMATIC, Selection
+from benchmarks.attribution.sight import FITTED
+from fitting.effects import effects
+from fitting.regression import NoiseModel, full_residual
+from fitting.residual.scoring import Candidates, catalogue_terms
+from fitting.residual.terms import Model, fit_model
+from fitting.session import Session
+from fitting.spectrum import whitening
+from sim_backends.cases import STEMS
+from sim_backends.undeclared import EffectSpec
+
+FloatArray = npt.NDArray[np.float64]
+Tables = Mapping[str, Mapping[str, FloatArray]]
+
+TELLABLE = 3.0
+
+
+@dataclass(frozen=True)
+class Rival:
+    """An effect of the catalogue beside the true one: ``beyond`` is what of lambda it cannot explain."""
+
+    id: str
+    joint: str | None
+    beyond: float
+
+
+@dataclass(frozen=True)
+class Apart:
+    """What can be told of a case.
+
+    Attributes
+    ----------
+    seen : lambda in the noise that a fit is left with, positions' noise included
+    rivals : catalogue effects on the true effect's joint (and of the whole machine), nearest first
+    """
+
+    seen: float
+    rivals: tuple[Rival, ...]
+
+
+def apart(case: BenchCase, selection: Selection | None = None) -> Apart | None:
+    """How far the true effect is from nothing, and from other names.
+
+    None for cases with no effect, with two, and for those that only bend an encoder.
+    """
+    if len(case.effects) != 1 or case.effects[0].id in KINEMATIC:
+        return None
+    (true,) = case.effects
+    _, plan, quality = opened(case.key, selection or Selection())
+    recorded = {stem: plan.record(stem, (), quality)[0] for stem in STEMS}
+    session = Session(case.machine, recordings_of(case.machine, recorded))
+    quiet = undisturbed(quality) if true.id in OF_THE_SIGNAL else quality
+    spec = EffectSpec(true.id, true.joint, true.size)
+    ideal = [{stem: plan.record(stem, e, quiet)[1] for stem in FITTED} for e in ((spec,), ())]
+    model = _in_true_noise(session, case)
+    model = replace(model, fit=replace(model.fit, residual=_waveform(model, list(recorded), ideal[0], ideal[1])))
+    total = float(sum(part @ part for part in model.fit.residual))
+    names = [joint.name for joint in case.machine.joints]
+    joint = None if true.joint is None else names.index(true.joint)
+    offered = [
+        (term, grid)
+        for term, grid in zip(*catalogue_terms(model, effects()), strict=True)
+        if joint is None or term.joint == joint or term.everywhere
+    ]
+    best: dict[tuple[str, str | None], float] = {}
+    for score in Candidates(model, [t for t, _ in offered], [g for _, g in offered]).scores(model).values():
+        place = score.term.id, None if score.term.joint is None else names[score.term.joint]
+        best[place] = max(best.get(place, 0.0), score.gain)
+    found = [Rival(i, j, float(np.sqrt(max(total - gain, 0.0)))) for (i, j), gain in best.items()]
+    return Apart(float(np.sqrt(total)), tuple(sorted(found, key=lambda rival: rival.beyond)))
+
+
+def _in_true_noise(session: Session, case: BenchCase) -> Model:
+    """The base model, fitted with the noise that is left at the true parameters."""
+    prepared = session.plain
+    design, truth = prepared.design, true_values(case.machine, case.truth)
+    base = dict(zip(design.parameters.base.expressions, design.parameters.base.names, strict=True))
+    theta = np.array([truth[base.get(name, name)] for name in design.parameters.names])
+    whitenings = tuple(
+        whitening([full_residual(design, theta, joint, index) for index in prepared.fitted], design.bank)
+        for joint in range(len(case.machine.joints))
+    )
+    return fit_model(design, NoiseModel(whitenings, True), prepared.fitted, (), session.prior)
+
+
+def _waveform(model: Model, stems: list[str], there: Tables, bare: Tables) -> tuple[FloatArray, ...]:
+    """The true effect in the rows of the fit, whitened, with the base projected out."""
+    design, fit = model.design, model.fit
+    parts = []
+    for number, joint in enumerate(design.machine.joints):
+        cylinder = joint.cylinder
+        assert cylinder is not None
+        rows = []
+        for index in model.fitted:
+            stem = stems[design.segments[index].recording]
+            head, rod = (there[stem][f"{joint.name}.{c}"] - bare[stem][f"{joint.name}.{c}"] for c in _CHAMBERS)
+            force = design.bank.trimmed(head * cylinder.head_area - rod * cylinder.rod_area)
+            kept = model.noise.kept(number, design.blocks[number][index].keep)
+            rows.append(model.noise.whiten(number, design.bank.reduce(force))[kept])
+        white = np.concatenate(rows)
+        parts.append(np.concatenate([white, np.zeros(len(fit.residual[number]) - len(white))]))  # a prior's rows
+    shadow = sum(q.T @ part for q, part in zip(fit.orthonormal, parts, strict=True))
+    return tuple(part - q @ shadow for q, part in zip(fit.orthonormal, parts, strict=True))
+
+
+_CHAMBERS = ("head_pressure", "rod_pressure")

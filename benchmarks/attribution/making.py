@@ -1,0 +1,199 @@
+"""Recordings of a case, with the effect's size scaled until it stands out as far as was drawn."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Literal, cast
+
+import numpy as np
+import numpy.typing as npt
+
+from benchmarks.attribution.recipe import (
+    INSIDE,
+    KINEMATIC,
+    OUTSIDE,
+    SIGNED,
+    TARGETS,
+    CaseKey,
+    Selection,
+    draw_quality,
+    generator,
+    largest,
+)
+from benchmarks.attribution.sight import FITTED, Sight
+from daq.machine_file import Machine
+from sim_backends.cases import STEMS, CasePlan, plan_case
+from sim_backends.plant import Plant
+from sim_backends.truth import SensorQuality, Truth
+from sim_backends.undeclared import UNDECLARED, EffectSpec
+
+FloatArray = npt.NDArray[np.float64]
+Tables = Mapping[str, Mapping[str, FloatArray]]
+
+_DRAWS = 60
+_SCALINGS = 5
+_FIRST = 0.1  # of the largest size
+_CLOSE = 0.12  # relative, to the lambda that was drawn
+#: These also delay or scale the disturbance, which nobody can see: their waveform is taken from an undisturbed run.
+OF_THE_SIGNAL = ("sensor_latency", "pressure_gain")
+
+
+@dataclass(frozen=True)
+class TrueEffect:
+    """An effect of the plant.
+
+    Attributes
+    ----------
+    id, joint, size : as the plant has it
+    seen : lambda (mismatch for what bends an encoder)
+    reported : joint that a report gives it: None for one of the whole machine
+    variables : signals whose law shows it, where it stands in no catalogue
+    """
+
+    id: str
+    joint: str | None
+    size: float
+    seen: float
+    reported: str | None
+    variables: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Redrawn:
+    """A draw that was given up: the effect cannot be seen as large as was drawn on this joint of this arm."""
+
+    id: str
+    joint: str | None
+    why: str
+
+
+@dataclass(frozen=True)
+class BenchCase:
+    """A case: what the fit may see (``machine``, ``recordings``), and what it may not."""
+
+    key: CaseKey
+    machine: Machine
+    recordings: Tables
+    truth: Truth
+    quality: SensorQuality
+    effects: tuple[TrueEffect, ...]
+    redrawn: tuple[Redrawn, ...]
+
+
+def undisturbed(quality: SensorQuality) -> SensorQuality:
+    """The same measurement chain on a machine that nothing shakes."""
+    return replace(quality, disturbance=0.0, knock_rate=0.0)
+
+
+def opened(key: CaseKey, selection: Selection) -> tuple[np.random.Generator, CasePlan, SensorQuality]:
+    """The machine, its motions and its measurement chain, and the generator that draws the rest of the case."""
+    rng = generator(key)
+    arm = str(rng.choice(["folding", "slewing"]))
+    chosen = cast(Literal["folding", "slewing"], selection.arm or arm)
+    plan = plan_case(chosen, int(rng.integers(2**31)), selection.seconds)
+    return rng, plan, draw_quality(rng)
+
+
+def make_case(key: CaseKey, selection: Selection | None = None) -> BenchCase:
+    """Simulate a case; the same key and selection give the same numbers.
+
+    Raises
+    ------
+    RuntimeError
+        If no draw reaches its size (a selection may ask for what this arm cannot show).
+    """
+    selection = selection or Selection()
+    rng, plan, quality = opened(key, selection)
+    stems = STEMS if key.kind == "null" else FITTED
+    bare = {stem: plan.record(stem, (), quality) for stem in stems}
+    if key.kind == "null":
+        measured = {stem: bare[stem][0] for stem in STEMS}
+        return BenchCase(key, plan.machine, measured, plan.truth, quality, (), ())
+    bench = _Workbench(plan, quality, Sight(plan.machine, plan.truth, quality, {s: t[1] for s, t in bare.items()}))
+    redrawn: list[Redrawn] = []
+    specs: list[EffectSpec] = []
+    seen: list[float] = []
+    tables: Tables = {}
+    for _ in range(2 if key.kind == "pairs" else 1):
+        found = None
+        for _ in range(_DRAWS):
+            effect, joint = _draw(rng, key.kind, plan, selection)
+            target = float(np.exp(rng.uniform(*np.log(TARGETS[key.kind]))))
+            sign = float(rng.choice([-1.0, 1.0])) if effect in SIGNED else 1.0
+            if any((effect, joint) == (s.id, s.joint) for s in specs):
+                continue
+            found = bench.scaled([replace(s, size=0.0) for s in specs], EffectSpec(effect, joint, sign), target)
+            if not isinstance(found, str):
+                break
+            redrawn.append(Redrawn(effect, joint, found))
+        if found is None or isinstance(found, str):
+            raise RuntimeError(f"{key.text}: none of {_DRAWS} draws can be seen as large as was drawn")
+        spec, size_seen, tables = found
+        specs.append(spec)
+        seen.append(size_seen)
+    if len(specs) > 1:
+        tables = {stem: plan.record(stem, specs, quality)[0] for stem in STEMS}
+    else:
+        tables = {**tables, "validate": plan.record("validate", specs, quality)[0]}
+    plant = Plant(
+        plan.machine, plan.truth, undeclared=specs, quality=quality,
+        rng=np.random.default_rng([plan.seed, 12, 0]), shapes=np.random.default_rng([plan.seed, 13]),
+    )  # fmt: skip
+    effects = tuple(
+        TrueEffect(s.id, s.joint, s.size, lam, None if UNDECLARED[s.id].base_wide else s.joint, e.variables())
+        for s, lam, e in zip(specs, seen, plant.effects, strict=True)
+    )
+    ordered = {stem: tables[stem] for stem in STEMS}
+    return BenchCase(key, plan.machine, ordered, plan.truth, quality, effects, tuple(redrawn))
+
+
+def _draw(rng: np.random.Generator, kind: str, plan: CasePlan, selection: Selection) -> tuple[str, str | None]:
+    pool = {"kinematic": KINEMATIC, "outside": OUTSIDE}.get(kind, INSIDE)
+    effect = pool[int(rng.integers(len(pool)))]
+    joint = plan.machine.joints[int(rng.integers(len(plan.machine.joints)))].name
+    effect = selection.only or effect
+    return effect, None if UNDECLARED[effect].base_wide else joint
+
+
+@dataclass(frozen=True)
+class _Workbench:
+    plan: CasePlan
+    quality: SensorQuality
+    sight: Sight
+
+    @cached_property
+    def _undisturbed(self) -> tuple[SensorQuality, Tables]:
+        quality = undisturbed(self.quality)
+        return quality, {stem: self.plan.record(stem, (), quality)[1] for stem in FITTED}
+
+    def scaled(
+        self, before: Sequence[EffectSpec], unit: EffectSpec, target: float
+    ) -> tuple[EffectSpec, float, Tables] | str:
+        """The effect at the size that stands out by ``target``, how far it does, and the measured tables; or why not.
+
+        ``before`` are effects of size 0 that stand before it, so that its hidden shape is that of the whole case.
+        """
+        most = largest(unit.id, self.plan, unit.joint)
+        quality, bare = self._undisturbed if unit.id in OF_THE_SIGNAL else (self.quality, None)
+        size = _FIRST * most
+        for _ in range(_SCALINGS):
+            spec = replace(unit, size=unit.size * size)
+            both = {stem: self.plan.record(stem, [*before, spec], quality) for stem in FITTED}
+            seen = self._seen(unit.id, {stem: pair[1] for stem, pair in both.items()}, bare)
+            if abs(seen / target - 1.0) < _CLOSE:
+                if bare is not None:
+                    both = {stem: self.plan.record(stem, [*before, spec], self.quality) for stem in FITTED}
+                return spec, seen, {stem: pair[0] for stem, pair in both.items()}
+            if seen < 1e-3 * target:
+                return "invisible"
+            size *= target / seen
+            if size > most:
+                return f"would have to be {size / most:.1f} times the largest plausible size"
+        return "its size does not converge"
+
+    def _seen(self, effect: str, ideal: Tables, bare: Tables | None) -> float:
+        if effect in KINEMATIC:
+            return self.sight.mismatch(ideal, without_mean=effect == "backlash")
+        return self.sight.broadband(ideal) if effect == "supply_ripple" else self.sight.force(ideal, bare)

@@ -1,0 +1,318 @@
+"""The run as a whole: confusion table, rates against targets, found against lambda, coverage, time."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from scipy.stats import chi2, ncx2
+
+from benchmarks.attribution.apart import TELLABLE
+from benchmarks.attribution.coverage import kind_of
+from benchmarks.attribution.recipe import KINDS, TARGETS
+from benchmarks.attribution.verdicts import RESULTS
+from benchmarks.targets import Check, rate
+
+Line = dict[str, Any]
+
+BINS = (4.0, 5.0, 6.0, 8.0, 10.0, 15.0, 20.0, 30.0, 66.0)
+#: Looks that one per cent of false alarms is shared among: 30 effects on 6 joints, some four shapes each.
+LOOKS = 720
+FALSE_ALARMS = 0.01
+_NAMED = ("right", "in set")
+_QUIET = ("unexplained", "silent")
+
+
+def seen_by_theory(size: float) -> float:
+    """Chance that a test which knows the waveform sees an effect of lambda ``size``.
+
+    One degree of freedom, noncentral chi-square with noncentrality lambda squared, at one per cent of false alarms
+    over :data:`LOOKS` looks (Bonferroni): chi-square above 19.
+    """
+    return float(ncx2.sf(threshold(), 1, size**2))
+
+
+def threshold() -> float:
+    """Chi-square of one degree of freedom at the level of :func:`seen_by_theory`."""
+    return float(chi2.isf(FALSE_ALARMS / LOOKS, 1))
+
+
+def checks(lines: Sequence[Line]) -> list[Check]:
+    """Every rate of the benchmark beside its target."""
+    done = [line for line in lines if line["result"] not in ("made", "not made")]
+
+    def of(*kinds: str) -> list[Line]:
+        return [line for line in done if line["kind"] in kinds]
+
+    def count(among: Iterable[Line], *results: str) -> int:
+        return sum(line["result"] in results for line in among)
+
+    null, strong, medium, small = of("null"), of("large", "kinematic"), of("medium"), of("small")
+    outside, pairs = of("outside"), of("pairs")
+    with_effects = [line for line in done if line["kind"] != "null"]
+    found = [
+        rate("no effect: accused", count(null, "accused", "error"), len(null), "at most", 0.01),
+        rate("a wrong name alone", sum(bool(line.get("wrong_alone")) for line in done), len(done), "at most", 0.01),
+        _number("members of the largest set", max((line.get("widest", 0) for line in done), default=0), "at most", 3),
+        rate("large and kinematic: right or in the set", count(strong, *_NAMED), len(strong), "at least", 0.97),
+        rate("large: right or in the set", count(of("large"), *_NAMED), len(of("large"))),
+        *_visible(of("large")),
+        rate("kinematic: right or in the set", count(of("kinematic"), *_NAMED), len(of("kinematic"))),
+        rate("medium: right or in the set", count(medium, *_NAMED), len(medium), "at least", 0.75),
+        rate("medium: named, but wrong", len(medium) - count(medium, *_NAMED, *_QUIET), len(medium), "at most", 0.0),
+        rate("small: right or in the set", count(small, *_NAMED), len(small)),
+        *_outside(outside),
+        rate("pairs: both right or in sets", count(pairs, *_NAMED), len(pairs), "at least", 0.8),
+        rate(
+            "surplus effects where one was found",
+            sum(line.get("surplus", 0) > 0 for line in with_effects),
+            len(with_effects),
+            "at most",
+            0.02,
+        ),
+        rate("fit failed", count(done, "error"), len(done), "at most", 0.0),
+    ]
+    found += coverage(done)
+    found += [*_seconds(done, bootstrap=False), *_seconds(done, bootstrap=True)]
+    return [check for check in found if check.shown != "no cases"]
+
+
+def _seconds(lines: Sequence[Line], *, bootstrap: bool) -> list[Check]:
+    """Processor time of cases that were run with a bootstrap, or without one: that is what the target is for."""
+    seconds = [line["seconds"] for line in lines if "seconds" in line and bool(line.get("bootstrap", 1)) == bootstrap]
+    if not seconds:
+        return []
+    words = f"CPU seconds a case {'with' if bootstrap else 'without'} bootstrap"
+    median, tail = float(np.median(seconds)), float(np.percentile(seconds, 95))
+    found = [
+        Check(f"{words}, median", median, f"{median:.1f} s"),
+        Check(f"{words}, 95th percentile", tail, f"{tail:.1f} s"),
+    ]
+    return found if bootstrap else [replace(c, bound="at most", target=5.0, target_shown="5 s") for c in found]
+
+
+def _visible(large: Sequence[Line]) -> list[Check]:
+    """Of the large ones, those that are as large in the noise that a fit is left with."""
+    visible = [line for line in large if line.get("apart") and line["apart"]["seen"] >= TARGETS["large"][0]]
+    named = sum(line["result"] in _NAMED for line in visible)
+    return [rate("large in the noise of positions, too: right or in the set", named, len(visible))]
+
+
+def _outside(lines: Sequence[Line]) -> list[Check]:
+    """Effects in no catalogue. Where it is known how near a name comes, the targets are for those that none explains:
+    what a catalogue effect with its parameters reproduces within the noise is not outside the catalogue."""
+    found = []
+    beyond = [line for line in lines if not untellable(line)]
+    for words, own, target in (("outside", beyond, True), ("outside, those within noise of a name", None, False)):
+        among = [line for line in lines if line not in beyond] if own is None else own
+        right = sum(line["result"] == "right" for line in among)
+        wrong = sum(line["result"] == "wrong" for line in among)
+        found.append(
+            rate(f"{words}: law, joint and variable right", right, len(among), *(("at least", 0.95) if target else ()))
+        )
+        found.append(rate(f"{words}: a catalogue name", wrong, len(among), *(("at most", 0.02) if target else ())))
+    return found
+
+
+def untellable(line: Line) -> list[dict[str, Any]]:
+    """Catalogue effects, other than the true one, that a case's data cannot tell from it."""
+    true = {(e["id"], e["reported"]) for e in line["effects"]}
+    known = line.get("apart") or {}
+    near = [r for r in known.get("rivals", ()) if r["beyond"] < TELLABLE]
+    return [r for r in near if (r["id"], r["joint"]) not in true]
+
+
+def inseparable(lines: Sequence[Line]) -> list[str]:
+    """Pairs that the data cannot tell apart: how many cases, how far apart, and how they were said."""
+    table: dict[tuple[str, str], list[tuple[Line, dict[str, Any]]]] = {}
+    for line in lines:
+        if line["kind"] not in ("large", "medium", "small") or "said" not in line:
+            continue
+        for rival in untellable(line):
+            table.setdefault((line["effects"][0]["id"], rival["id"]), []).append((line, rival))
+    rows = []
+    for (true, other), own in sorted(table.items()):
+        said: Counter[str] = Counter()
+        for line, rival in own:
+            pair = [line["effects"][0]["id"], line["effects"][0]["reported"]], [rival["id"], rival["joint"]]
+            sets = [[list(member) for member in members] for members in line["said"]["sets"]]
+            both = any(pair[0] in members and pair[1] in members for members in sets)
+            alone = [pair[n] in [m for members in sets for m in members] for n in (0, 1)]
+            said[
+                "both in a set" if both else "the true one" if alone[0] else "the other" if alone[1] else "neither"
+            ] += 1
+        distance = float(np.median([rival["beyond"] for _, rival in own]))
+        words = ", ".join(f"{what} {n}" for what, n in said.most_common())
+        rows.append(f"{true} | {other}: {len(own)} cases, apart by {distance:.1f} in the median; said: {words}")
+    return rows
+
+
+def _number(name: str, value: float, bound: Any, target: float) -> Check:
+    return Check(name, float(value), f"{value:g}", bound, target, f"{target:g}")
+
+
+def coverage(lines: Sequence[Line]) -> list[Check]:
+    """Share of 95 % intervals that hold the truth, per kind of parameter; all together against the target.
+
+    Parameters of one case share its noise, so the printed interval of the share is a little too narrow.
+    """
+    inside: Counter[str] = Counter()
+    total: Counter[str] = Counter()
+    for line in lines:
+        for name, (value, std, truth) in line.get("parameters", {}).items():
+            kind = kind_of(name)
+            total[kind] += 1
+            inside[kind] += abs(value - truth) <= 1.959964 * std
+    found = [rate(f"95 % intervals that hold the truth: {kind}", inside[kind], total[kind]) for kind in sorted(total)]
+    if total:
+        whole = (sum(inside.values()), sum(total.values()))
+        found.append(rate("95 % intervals that hold the truth: all", *whole, "at least", 0.92))
+        found.append(rate("95 % intervals that hold the truth: all", *whole, "at most", 0.98))
+    return found
+
+
+def confusion(lines: Sequence[Line]) -> list[str]:
+    """Counts of results by class."""
+    kinds = [kind for kind in KINDS if any(line["kind"] == kind for line in lines)]
+    results = [r for r in (*RESULTS, "made", "not made") if any(line["result"] == r for line in lines)]
+    rows = [f"{'':11s}" + "".join(f"{r:>13s}" for r in results) + f"{'surplus':>13s}{'all':>7s}"]
+    for kind in kinds:
+        own = [line for line in lines if line["kind"] == kind]
+        counts = Counter(line["result"] for line in own)
+        surplus = sum(line.get("surplus", 0) > 0 for line in own)
+        cells = "".join(f"{counts[r] or '':>13}" for r in results)
+        rows.append(f"{kind:11s}{cells}{surplus or '':>13}{len(own):7d}")
+    return rows
+
+
+def by_effect(lines: Sequence[Line]) -> list[str]:
+    """Counts of results by true effect (single effects only)."""
+    table: dict[str, Counter[str]] = {}
+    for line in lines:
+        if len(line.get("effects", ())) == 1:
+            table.setdefault(line["effects"][0]["id"], Counter())[line["result"]] += 1
+    return [
+        f"{effect:30s} " + ", ".join(f"{result} {n}" for result, n in sorted(counts.items()))
+        for effect, counts in sorted(table.items())
+    ]
+
+
+def found_against_size(lines: Sequence[Line], measured: bool = False) -> list[dict[str, float]]:
+    """Per bin of lambda: how many effects of the catalogue were named (alone or in a set), how many were at least
+    located (a set or a law at the right joint), and what theory says of the same sizes.
+
+    ``measured``: lambda in the noise that a fit is left with, for the cases where it is known.
+    """
+
+    def size(line: Line) -> float | None:
+        known = line.get("apart")
+        if measured:
+            return float(known["seen"]) if known else None
+        return float(line["effects"][0]["seen"])
+
+    single = [line for line in lines if line["kind"] in ("large", "medium", "small") and "said" in line]
+    sizes = [(line, seen) for line in single if (seen := size(line)) is not None]
+    table = []
+    for low, high in pairwise((0.0, *BINS) if measured else BINS):
+        own = [(line, seen) for line, seen in sizes if low <= seen < high]
+        if own:
+            table.append(
+                {
+                    "low": low,
+                    "high": high,
+                    "cases": len(own),
+                    "named": sum(line["result"] in _NAMED for line, _ in own),
+                    "located": sum(bool(line["located"]) for line, _ in own),
+                    "theory": float(np.mean([seen_by_theory(seen) for _, seen in own])),
+                }
+            )
+    return table
+
+
+def redrawn(lines: Sequence[Line]) -> list[str]:
+    """Draws that were given up, by effect."""
+    counts: Counter[str] = Counter(r["id"] for line in lines for r in line.get("redrawn", ()))
+    return [f"{effect} {n}" for effect, n in counts.most_common()]
+
+
+def truth_text(line: Line) -> str:
+    """The true effects of a case in a few words."""
+    return (
+        " + ".join(f"{e['id']}@{e['reported'] or 'machine'} ({e['seen']:.1f})" for e in line.get("effects", ())) or "-"
+    )
+
+
+def said_text(line: Line) -> str:
+    """What was said, in a few words."""
+    said = line.get("said")
+    if said is None:
+        return str(line.get("error", "-"))
+    sets = ["|".join(f"{effect}@{joint or 'machine'}" for effect, joint in members) for members in said["sets"]]
+    laws = [f"law({variable})@{joint or 'machine'}" for variable, joint in said["laws"]]
+    return "; ".join(sets + laws) or "nothing"
+
+
+def case_text(line: Line) -> str:
+    """A case in one line."""
+    surplus = "+surplus" if line.get("surplus") else ""
+    seconds = line.get("seconds", line.get("make_seconds", 0.0))
+    head = f"{line['kind']}:{line['number']:<4d} {line.get('arm', ''):12s} {line['result'] + surplus:16s}"
+    return f"{head} {seconds:5.1f} s  {truth_text(line)}  ->  {said_text(line)}"
+
+
+def text(lines: Sequence[Line]) -> list[str]:
+    """Everything but the single cases, for people."""
+    rows = ["", *confusion(lines)]
+    wrong = [line for line in lines if line.get("wrong_alone") or line["result"] in ("accused", "wrong set", "error")]
+    if wrong:
+        rows += ["", "wrong names, sets without the truth, accusations and failures:"]
+        rows += [f"  {case_text(line)}" for line in wrong]
+    effects = by_effect(lines)
+    if effects:
+        rows += ["", "by effect:", *(f"  {row}" for row in effects)]
+    for words, measured in (("noise of the efforts", False), ("noise that a fit is left with", True)):
+        bins = found_against_size(lines, measured)
+        if not bins:
+            continue
+        rows += ["", f"found against lambda in the {words} (theory: noncentral chi-square with one degree of freedom,"]
+        rows += [f"threshold {threshold():.1f}: one per cent of false alarms over {LOOKS} looks):"]
+        rows += [
+            f"  {b['low']:3g} to {b['high']:<3g} {b['named']:3.0f} named, {b['located']:3.0f} located "
+            f"of {b['cases']:3.0f}; theory {b['theory'] * b['cases']:.1f}"
+            for b in bins
+        ]
+    pairs = inseparable(lines)
+    if pairs:
+        rows += ["", f"pairs that the data cannot tell apart (less than {TELLABLE:g} between them):"]
+        rows += [f"  {row}" for row in pairs]
+    given_up = redrawn(lines)
+    if given_up:
+        rows += ["", "draws given up because the effect cannot be seen that large there: " + ", ".join(given_up)]
+    return rows
+
+
+def compared(old: Sequence[Line], new: Sequence[Line]) -> list[str]:
+    """Cases of both runs that came out differently."""
+
+    def outcome(line: Line) -> tuple[Any, ...]:
+        return line["result"], line.get("surplus", 0), said_text(line)
+
+    before = {(line["kind"], line["number"], line["seed"]): line for line in old}
+    rows, changes, both = [], Counter[str](), 0
+    for line in new:
+        earlier = before.get((line["kind"], line["number"], line["seed"]))
+        if earlier is None:
+            continue
+        both += 1
+        if outcome(earlier) != outcome(line):
+            rows.append(f"  {line['kind']}:{line['number']} {truth_text(line)}")
+            rows += [f"    {word} {which['result']}{'+surplus' if which.get('surplus') else ''}: {said_text(which)}"
+                     for word, which in (("was", earlier), ("is ", line))]  # fmt: skip
+        if earlier["result"] != line["result"]:
+            changes[f"{line['kind']}: {earlier['result']} -> {line['result']}"] += 1
+    head = [f"compared on {both} cases; {len(rows) // 3} say something else than before"]
+    return head + rows + [f"  {n:3d} {change}" for change, n in changes.most_common()]

@@ -1,0 +1,169 @@
+"""``hilfit bench measured``: identification and loop on measured machines, and the page that shows it.
+
+The data stays where it is (see ``docs/measured-machines.md`` for whose it is); what is absent is skipped and said.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from benchmarks.measured import emps, kuka, seals, staubli
+from benchmarks.measured.emps import Emps
+from benchmarks.measured.seals import Seal
+from benchmarks.measured.staubli import Staubli
+from benchmarks.measured.ways import MOST_WORSE, Ways, cut, named, ways
+from benchmarks.targets import Check, Outcome, fact
+from fitting.session import Options, Session
+
+__all__ = ["DATA", "MACHINES", "run"]
+
+#: Where the data is looked for: beside the repository.
+DATA = Path(__file__).parents[2].parent / "shared" / "data"
+MACHINES = ("emps", "staubli_tx40", "kuka_lwr4", "pneumatic_cylinder")
+
+
+def run(
+    data: Path = DATA,
+    page: Path | None = None,
+    only: str | None = None,
+    show: Callable[[str], None] = lambda line: None,
+) -> Outcome:
+    """Evaluate the measured machines whose data is there.
+
+    Parameters
+    ----------
+    data : folder with one folder for each of :data:`MACHINES`
+    page : write the page here, and its figures into a folder of the same name beside it
+    only : one of :data:`MACHINES`
+    show : called with a line when something begins or is skipped
+    """
+    there = [name for name in MACHINES if only in (None, name) and (data / name).is_dir()]
+    notes = [f"{name}: no data in {data}, skipped" for name in MACHINES if only in (None, name) and name not in there]
+    for note in notes:
+        show(note)
+    first: Emps | None = None
+    second: Staubli | None = None
+    third: list[Seal] = []
+    fourth: Ways | None = None
+    beside: list[Ways] = []
+    with TemporaryDirectory(prefix="hilfit-measured-") as scratch:
+        directory = Path(scratch)
+        if "emps" in there:
+            show("EMPS: base model, loop")
+            first = emps.evaluate(data / "emps", directory)
+            beside.append(ways("EMPS", emps.session_of(data / "emps", directory)))
+        if "staubli_tx40" in there:
+            show("Staubli TX40: base model, loop, five blocks")
+            second = staubli.evaluate(data / "staubli_tx40", directory)
+            whole = staubli.session_of(staubli.recording(data / "staubli_tx40", directory))
+            parts = cut(whole.recordings[0], 0.7)  # its last tenth stands still
+            beside.append(ways("TX40, last 30 %", Session(whole.machine, parts, Options(loop=False))))
+        if "kuka_lwr4" in there:
+            show("KUKA LWR: base model, loop")
+            fourth = kuka.evaluate(data / "kuka_lwr4")
+            beside.append(fourth)
+        for seal in seals.SEALS if "pneumatic_cylinder" in there else ():
+            show(f"pneumatic cylinder: {seal}")
+            third.append(seals.evaluate(data / "pneumatic_cylinder", directory, seal))
+    checks = (
+        *(() if first is None else _emps_checks(first)),
+        *(() if second is None else _staubli_checks(second)),
+        *(() if fourth is None else _kuka_checks(fourth)),
+        *(_beside(own) for own in beside),
+        *_seal_checks(third),
+    )
+    if page is not None:
+        _write(page, first, second, third, beside, checks)
+    return Outcome(checks, tuple(notes))
+
+
+def _write(
+    page: Path,
+    first: Emps | None,
+    second: Staubli | None,
+    third: list[Seal],
+    beside: list[Ways],
+    checks: tuple[Check, ...],
+) -> None:
+    from benchmarks.measured import figures
+    from benchmarks.measured.page import page as text
+
+    folder = page.with_suffix("")
+    folder.mkdir(parents=True, exist_ok=True)
+    if first is not None:
+        drawn = figures.residuals(first.speed, first.residual_before, first.residual_after, "speed [m/s]", "N")
+        (folder / "emps.svg").write_text(drawn, encoding="utf-8")
+    if second is not None:
+        drawn = figures.residuals(
+            second.speed, second.residual_before, second.residual_after, "speed of joint 1 [rad/s]", "N m"
+        )
+        (folder / "staubli.svg").write_text(drawn, encoding="utf-8")
+    if third:
+        (folder / "seals.svg").write_text(figures.friction(third), encoding="utf-8")
+    page.write_text(text(first, second, third, beside, checks), encoding="utf-8")
+
+
+def _percent(name: str, value: float, target: float) -> Check:
+    return Check(name, value, f"{value:.2f} %", "at most", target, f"{target:g} %")
+
+
+def _emps_checks(result: Emps) -> tuple[Check, ...]:
+    apart = max(abs(100 * (result.base[name] / emps.PUBLISHED[name] - 1)) for name in ("M", "Fv", "Fc"))
+    return (
+        _percent("EMPS: largest difference from the published M, Fv, Fc", apart, 0.3),
+        fact(
+            "EMPS: asymmetric friction found unaided",
+            "asymmetric_friction" in result.found.names,
+            ", ".join(result.found.names) or "nothing",
+        ),
+        _percent("EMPS: relative error after the loop, own motion", result.after[0], 3.2),
+        _percent("EMPS: relative error after the loop, predicted on the pulses", result.after[1], 5.4),
+    )
+
+
+def _staubli_checks(result: Staubli) -> tuple[Check, ...]:
+    refused = not set(staubli.REFUSED) & set(result.found.names)
+    return (
+        Check("TX40: parameters told", result.parameters, str(result.parameters), "at least", 61.0, "61"),
+        _percent("TX40: relative error of the base model, every row", result.base.every_row, 8.4),
+        Check(
+            "TX40: five blocks before the loop", result.base.every_row_blocks, f"{result.base.every_row_blocks:.2f} %"
+        ),
+        _percent("TX40: five blocks after the loop", result.after.every_row_blocks, 8.1),
+        fact("TX40: asymmetric and load-dependent friction refused", refused, ", ".join(result.found.names)),
+    )
+
+
+def _kuka_checks(result: Ways) -> tuple[Check, ...]:
+    assert result.after is not None
+    shown = ", ".join(named(v) for v in result.impossible) or "none"
+    return (
+        _percent("KUKA: relative error of the base model on another motion", result.base, kuka.MOST_BASE),
+        _percent("KUKA: the same with what the loop added", result.after, kuka.MOST_AFTER),
+        Check("KUKA: impossible parameters that the report names", None, shown),
+    )
+
+
+def _beside(result: Ways) -> Check:
+    """The base that is handed out against plain least squares on a motion that neither has seen."""
+    shown = (
+        f"{result.base:.2f} % ({result.chosen}) beside {result.held_out['one_shot']:.2f} %, {100 * result.worse:+.1f} %"
+    )
+    name = f"{result.machine}: base model against plain least squares, held-out motion"
+    return Check(name, 100 * result.worse, shown, "at most", 100 * MOST_WORSE, f"{100 * MOST_WORSE:g} % worse")
+
+
+def _seal_checks(results: list[Seal]) -> tuple[Check, ...]:
+    checks = []
+    for seal in results:
+        runs = [trial for trial in seal.trials if trial.kept is not None]
+        named = sum(trial.named for trial in runs)
+        slope = f"{seal.slope:.2f} ± {seal.slope_std:.2f} N/bar"
+        name = f"pneumatic cylinder, {seal.name}: runs that name pressure-dependent friction, alone or in a set"
+        if runs:
+            checks.append(Check(name, float(named), f"{named} of {len(runs)}; {slope}", "at least", 1.0, "1"))
+        else:
+            checks.append(Check(name, None, f"two pressures only; {slope}"))
+    return tuple(checks)

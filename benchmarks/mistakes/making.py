@@ -1,0 +1,615 @@
+"""Mistakes that people make with machine files, wiring and recordings, one function each.
+
+A mistake takes a sound rig and gives what a person would have on disk: a machine file, columns, and what has to be said
+of it. ``None`` where it cannot be made on that rig (no such channel), or where nobody could see it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from benchmarks.mistakes.rigs import Rig
+from daq.errors import MachineFileError
+from daq.machine_file import Machine, machine_to_yaml, parse_machine
+
+FloatArray = npt.NDArray[np.float64]
+Rng = np.random.Generator
+
+
+@dataclass(frozen=True)
+class Made:
+    """What is on disk, and what it should be called.
+
+    Attributes
+    ----------
+    rig : columns
+    machine : the machine file that is given
+    codes : any of these names it rightly
+    words : so does one of these in the line that is said (with what explains the data as well)
+    joints : one of these has to be named too; empty: any
+    roles : role that a stem is given in, where it is another than its own
+    """
+
+    rig: Rig
+    machine: Machine
+    codes: frozenset[str]
+    joints: frozenset[str]
+    words: tuple[str, ...]
+    roles: Mapping[str, str]
+
+
+@dataclass(frozen=True)
+class Mistake:
+    """A mistake, and how it is made."""
+
+    name: str
+    make: Callable[[Rig, Rng], Made | None]
+
+
+#: Share of the arm's largest effort (per head area) below which a wrong size of a cylinder or of its pins changes less
+#: than a wrist's cables and noise do.
+CARRIES = 0.05
+MISTAKES: dict[str, Mistake] = {}
+
+
+def _mistake(name: str) -> Callable[[Callable[[Rig, Rng], Made | None]], Callable[[Rig, Rng], Made | None]]:
+    def add(make: Callable[[Rig, Rng], Made | None]) -> Callable[[Rig, Rng], Made | None]:
+        MISTAKES[name] = Mistake(name, make)
+        return make
+
+    return add
+
+
+def _made(
+    rig: Rig,
+    codes: str,
+    *joints: str,
+    machine: Machine | None = None,
+    roles: Mapping[str, str] | None = None,
+    words: tuple[str, ...] = (),
+) -> Made:
+    return Made(rig, machine or rig.machine, frozenset(codes.split()), frozenset(joints), words, roles or {})
+
+
+def _joint(rig: Rig, rng: Rng) -> str:
+    return rig.names[int(rng.integers(len(rig.names)))]
+
+
+def _heavy_joint(rig: Rig, rng: Rng, *, last: bool = True) -> str:
+    """A joint that carries enough for its sizes to be seen in the efforts: :data:`CARRIES` of the arm's largest."""
+    sizes = {}
+    for joint in rig.machine.joints if last else rig.machine.joints[:-1]:
+        head, rod = (_channel(rig, q, joint.name) for q in PRESSURES)
+        assert head is not None and rod is not None and joint.cylinder is not None
+        table = rig.tables["train-1"]
+        ratio = joint.cylinder.rod_area / joint.cylinder.head_area
+        sizes[joint.name] = float(np.std(np.asarray(table[head]) - ratio * np.asarray(table[rod])))
+    most = max(sizes.values())
+    enough = [name for name, size in sizes.items() if size >= CARRIES * most]
+    return enough[int(rng.integers(len(enough)))]
+
+
+def _channel(rig: Rig, quantity: str, joint: str) -> str | None:
+    found = rig.machine.channel(quantity, joint)
+    return None if found is None else found.name
+
+
+def _position(rig: Rig, joint: str, rng: Rng) -> str:
+    options = [n for q in ("joint_position", "piston_position") if (n := _channel(rig, q, joint))]
+    return options[int(rng.integers(len(options)))]
+
+
+def changed(rig: Rig, channel: str, of: Callable[[FloatArray], FloatArray], stems: tuple[str, ...] = ()) -> Rig:
+    """One column changed in all (or some) recordings."""
+    for stem in stems or tuple(rig.tables):
+        rig = rig.with_column(stem, channel, of(np.asarray(rig.tables[stem][channel])))
+    return rig
+
+
+def _all(rig: Rig, quantities: tuple[str, ...], of: Callable[[FloatArray], FloatArray]) -> Rig:
+    for channel in rig.machine.channels:
+        if channel.quantity in quantities:
+            rig = changed(rig, channel.name, of)
+    return rig
+
+
+def edited(machine: Machine, change: Callable[[dict[str, Any]], None]) -> Machine | None:
+    """The machine file with an edit, if it can be read at all (else the reader names it, and that is another check)."""
+    import yaml
+
+    content = yaml.safe_load(machine_to_yaml(machine))
+    change(content)
+    try:
+        return parse_machine(yaml.safe_dump(content, sort_keys=False))
+    except MachineFileError:
+        return None
+
+
+PRESSURES = ("head_pressure", "rod_pressure")
+
+
+def _scaled_pressures(gain: float) -> Callable[[Rig, Rng], Made | None]:
+    return lambda rig, rng: _made(_all(rig, PRESSURES, lambda v: v * gain), "unit", *rig.names)
+
+
+for _unit, _gain in (("bar", 1e-5), ("kPa", 1e-3), ("psi", 1 / 6894.757), ("MPa", 1e-6)):
+    _mistake(f"all pressures in {_unit}")(_scaled_pressures(_gain))
+
+
+def _one_scaled(
+    quantity: str, gain: float, codes: str = "unit", *, heavy: bool = False, alone: bool = True
+) -> Callable[[Rig, Rng], Made | None]:
+    def make(rig: Rig, rng: Rng) -> Made | None:
+        if rig.kind == "one" and not alone:
+            return None  # its masses and its friction take up nearly all of it
+        joint = _heavy_joint(rig, rng) if heavy else _joint(rig, rng)
+        channel = _channel(rig, quantity, joint)
+        return None if channel is None else _made(changed(rig, channel, lambda v: v * gain), codes, joint)
+
+    return make
+
+
+for _unit, _gain in (("bar", 1e-5), ("psi", 1 / 6894.757), ("kPa", 1e-3)):
+    _mistake(f"one head pressure in {_unit}")(_one_scaled("head_pressure", _gain))
+_mistake("one rod pressure in bar")(_one_scaled("rod_pressure", 1e-5))
+_mistake("one angle in degrees")(_one_scaled("joint_position", 180 / np.pi))
+_mistake("one piston in mm")(_one_scaled("piston_position", 1e3))
+
+
+@_mistake("one angle declared in degrees")
+def _(rig: Rig, rng: Rng) -> Made | None:
+    joint = _joint(rig, rng)
+    channel = _channel(rig, "joint_position", joint)
+    if channel is None:
+        return None
+
+    def change(content: dict[str, Any]) -> None:
+        next(c for c in content["channels"] if c["name"] == channel)["unit"] = "deg"
+
+    machine = edited(rig.machine, change)
+    return None if machine is None else _made(rig, "unit", joint, machine=machine)
+
+
+@_mistake("all angles in degrees")
+def _(rig: Rig, rng: Rng) -> Made | None:
+    if _channel(rig, "joint_position", rig.names[0]) is None:
+        return None
+    return _made(_all(rig, ("joint_position",), np.rad2deg), "unit", *rig.names)
+
+
+@_mistake("all pistons in mm")
+def _(rig: Rig, rng: Rng) -> Made | None:
+    if _channel(rig, "piston_position", rig.names[0]) is None:
+        return None
+    return _made(_all(rig, ("piston_position",), lambda v: 1e3 * v), "unit", *rig.names)
+
+
+@_mistake("sign of an angle")
+def _(rig: Rig, rng: Rng) -> Made | None:
+    joint = _joint(rig, rng)
+    channel = _channel(rig, "joint_position", joint)
+    return None if channel is None else _made(changed(rig, channel, lambda v: -v), "sign", joint)
+
+
+@_mistake("piston counted from the other end")
+def _(rig: Rig, rng: Rng) -> Made | None:
+    joint = _joint(rig, rng)
+    channel, cylinder = _channel(rig, "piston_position", joint), rig.machine.joint(joint).cylinder
+    if channel is None or cylinder is None:
+        return None
+    return _made(changed(rig, channel, lambda v: cylinder.stroke - v), "sign", joint)
+
+
+@_mistake("chambers swapped")
+def _(rig: Rig, rng: Rng) -> Made | None:
+    joint = _joint(rig, rng)
+    head, rod = (_channel(rig, q, joint) for q in PRESSURES)
+    assert head is not None and rod is not None
+    return _made(_swapped(rig, head, rod), "swapped_chambers", joint)
+
+
+@_mistake("all chambers swapped")
+def _(rig: Rig, rng: Rng) -> Made | None:
+    for joint in rig.names:
+        head, rod = (_channel(rig, q, joint) for q in PRESSURES)
+        assert head is not None and rod is not None
+        rig = _swapped(rig, head, rod)
+    return _made(rig, "swapped_chambers", *rig.names)
+
+
+def _swapped(rig: Rig, a: str, b: str) -> Rig:
+    for stem, table in rig.tables.items():
+        rig = rig.with_column(stem, a, table[b]).with_column(stem, b, table[a])
+    return rig
+
+
+def _two(rig: Rig, rng: Rng) -> tuple[str, str] | None:
+    if len(rig.names) < 2:
+        return None
+    first, second = rng.choice(len(rig.names), 2, replace=False)
+    return rig.names[int(first)], rig.names[int(second)]
+
+
+@_mistake("positions of two joints exchanged")
+def _(rig: Rig, rng: Rng) -> Made | None:
+    pair = _two(rig, rng)
+    if pair is None:
+        return None
+    a, b = pair
+    for quantity in ("joint_position", "piston_position"):
+        first, second = _channel(rig, quantity, a), _channel(rig, quantity, b)
+        if first is not None and second is not None:
+            return _made(_swapped(rig, first, second), "exchanged_channels", a, b)
+    return None
+
+
+@_mistake("pressures of two joints exchanged")
+def _(rig: Rig, rng: Rng) -> Made | None:
+    pair = _two(rig, rng)
+    if pair is None:
+        return None
+    for quantity in PRESSURES:
+        first, second = _channel(rig, quantity, pair[0]), _channel(rig, quantity, pair[1])
+        assert first is not None and second is not None
+        rig = _swapped(rig, first, second)
+    return _made(rig, "exchanged_channels", *pair)
+
+
+@_mistake("one chamber of two joints exchanged")
+def _(rig: Rig, rng: Rng) -> Made | None:
+    pair = _two(rig, rng)
+    if pair is None:
+        return None
+    quantity = PRESSURES[int(rng.integers(2))]
+    first, second = _channel(rig, quantity, pair[0]), _channel(rig, quantity, pair[1])
+    assert first is not None and second is not None
+    return _made(_swapped(rig, first, second), "exchanged_channels", *pair)
+
+
+@_mistake("a channel recorded twice")
+def _(rig: Rig, rng: Rng) -> Made | None:
+    joint = _joint(rig, rng)
+    head, rod = (_channel(rig, q, joint) for q in PRESSURES)
+    assert head is not None and rod is not None
+    for stem, table in rig.tables.items():
+        rig = rig.with_column(stem, rod, table[head])
+    return _made(rig, "same_channel", joint)
+
+
+def _edit_joint(
+    key: str,
+    of: Callable[[float], float],
+    code: str,
+    linkage: bool = False,
+    *,
+    last: bool = True,
+    words: tuple[str, ...] = (),
+) -> Callable[[Rig, Rng], Made | None]:
+    def make(rig: Rig, rng: Rng) -> Made | None:
+        if linkage and rig.kind == "one":
+            return None  # one joint with one sensor: its masses take up any lever arm
+        # A last link that is mirrored moves like one whose masses are.
+        joint = _heavy_joint(rig, rng, last=last or len(rig.names) == 1)
+        number = rig.names.index(joint)
+
+        def change(content: dict[str, Any]) -> None:
+            cylinder = content["joints"][number]["cylinder"]
+            place = cylinder["linkage"] if linkage else cylinder
+            place[key] = of(float(place[key]))
+
+        machine = edited(rig.machine, change)
+        said = (f"{joint}: linkage.{key} ", *words) if linkage else words
+        return None if machine is None else _made(rig, code, joint, machine=machine, words=said)
+
+    return make
+
+
+_mistake("wrong bore")(_edit_joint("bore", lambda v: 1.6 * v, "bore rod cylinder_areas"))
+_mistake("wrong rod")(_edit_joint("rod", lambda v: 1.5 * v, "rod bore cylinder_areas"))
+_mistake("bore with a decimal slip")(_edit_joint("bore", lambda v: 10 * v, "bore rod cylinder_areas"))
+_mistake("wrong pin offset")(_edit_joint("offset", lambda v: v - 0.5, "linkage effort_scale", True))
+_mistake("wrong pin distance")(_edit_joint("b", lambda v: 1.35 * v, "linkage effort_scale", True))
+
+
+@_mistake("link with a decimal slip")
+def _(rig: Rig, rng: Rng) -> Made | None:
+    inner = [k for k, joint in enumerate(rig.machine.joints[:-1]) if abs(joint.dh.a) > 0.3]
+    if not inner:
+        return None  # the length of the last link, or of the only one, enters nothing
+    number = inner[int(rng.integers(len(inner)))]
+
+    def change(content: dict[str, Any]) -> None:
+        content["joints"][number]["dh"]["a"] *= 10
+
+    machine = edited(rig.machine, change)
+    return None if machine is None else _made(rig, "length", rig.names[number], machine=machine)
+
+
+@_mistake("base upside down")
+def _(rig: Rig, rng: Rng) -> Made | None:
+    if rig.kind == "one":
+        return None  # one link that hangs is one that stands with its mass on the other side
+    machine = edited(rig.machine, lambda c: c.update(gravity=[-g for g in rig.machine.gravity]))
+    return None if machine is None else _made(rig, "gravity", machine=machine)
+
+
+@_mistake("gravity along another axis")
+def _(rig: Rig, rng: Rng) -> Made | None:
+    if rig.kind == "one":
+        return None
+    g = rig.machine.gravity
+    machine = edited(rig.machine, lambda c: c.update(gravity=[g[1], g[2], g[0]]))
+    return None if machine is None else _made(rig, "gravity", machine=machine)
+
+
+@_mistake("pressures 0.6 s late")
+def _(rig: Rig, rng: Rng) -> Made | None:
+    if rig.kind == "one":
+        return None  # at one joint a delay is a friction that grows with speed
+    late = 30
+    tables = {}
+    for stem, table in rig.tables.items():
+        pressures = {c.name for c in rig.machine.channels if c.quantity in PRESSURES}
+        tables[stem] = {
+            k: np.asarray(v)[: len(v) - late] if k in pressures else np.asarray(v)[late:] for k, v in table.items()
+        }
+    return _made(replace(rig, tables=tables), "clock_offset late_channels")
+
+
+@_mistake("clock of the pressures 1 % fast")
+def _(rig: Rig, rng: Rng) -> Made | None:
+    if rig.kind == "one":
+        return None
+
+    def stretch(values: FloatArray) -> FloatArray:
+        rows = np.arange(len(values))
+        return np.asarray(np.interp(0.99 * rows, rows, values))
+
+    return _made(_all(rig, PRESSURES, stretch), "clock_rate clock_offset")
+
+
+def _times(rig: Rig, of: Callable[[FloatArray], FloatArray], codes: str) -> Made:
+    for stem, table in rig.tables.items():
+        rig = rig.with_column(stem, "time", of(np.asarray(table["time"])))
+    return _made(rig, codes)
+
+
+_mistake("time in ms")(lambda rig, rng: _times(rig, lambda t: 1e3 * t, "time_unit"))
+_mistake("time at another rate")(lambda rig, rng: _times(rig, lambda t: 0.5 * t, "wrong_rate"))
+_mistake("a jump of the clock")(lambda rig, rng: _times(rig, lambda t: t + 30.0 * (t > 15.0), "time_jump"))
+
+
+@_mistake("rows lost")
+def _(rig: Rig, rng: Rng) -> Made | None:
+    kept = {}
+    for stem, table in rig.tables.items():
+        rows = np.ones(len(table["time"]), dtype=bool)
+        for start in rng.integers(100, len(rows) - 100, 20):
+            rows[start : start + 12] = False
+        kept[stem] = {name: np.asarray(column)[rows] for name, column in table.items()}
+    return _made(replace(rig, tables=kept), "lost_rows")
+
+
+@_mistake("pressure clipped inside its range")
+def _(rig: Rig, rng: Rng) -> Made | None:
+    joint = _joint(rig, rng)
+    channel = _channel(rig, "head_pressure", joint)
+    assert channel is not None
+    level = float(np.percentile(np.concatenate([table[channel] for table in rig.tables.values()]), 85))
+    return _made(changed(rig, channel, lambda v: np.minimum(v, level)), "clipped saturated", joint)
+
+
+@_mistake("a sensor freezes")
+def _(rig: Rig, rng: Rng) -> Made | None:
+    joint = _joint(rig, rng)
+    options = [c.name for c in rig.machine.channels if c.joint == joint]
+    channel = options[int(rng.integers(len(options)))]
+
+    def freeze(values: FloatArray) -> FloatArray:
+        values = values.copy()
+        values[600:900] = values[600]
+        return values
+
+    return _made(changed(rig, channel, freeze, ("train-1",)), "frozen", joint)
+
+
+@_mistake("a sensor repeats its values")
+def _(rig: Rig, rng: Rng) -> Made | None:
+    joint = _joint(rig, rng)
+    channel = _channel(rig, PRESSURES[int(rng.integers(2))], joint)
+    assert channel is not None
+    return _made(changed(rig, channel, lambda v: v[(np.arange(len(v)) // 10) * 10]), "held", joint)
+
+
+@_mistake("an encoder wraps")
+def _(rig: Rig, rng: Rng) -> Made | None:
+    joint = _joint(rig, rng)
+    channel = _position(rig, joint, rng)
+    turn = 2 * np.pi if channel.endswith("angle") else 0.131072
+
+    def wrap(values: FloatArray) -> FloatArray:
+        middle = float(np.median(values))
+        return np.where(values > middle, values - turn, values)
+
+    return _made(changed(rig, channel, wrap), "wrap", joint)
+
+
+@_mistake("outliers")
+def _(rig: Rig, rng: Rng) -> Made | None:
+    joint = _joint(rig, rng)
+    options = [c.name for c in rig.machine.channels if c.joint == joint]
+    channel = options[int(rng.integers(len(options)))]
+
+    def spoil(values: FloatArray) -> FloatArray:
+        values = values.copy()
+        places = rng.choice(len(values), 12, replace=False)
+        values[places] += rng.choice([-1, 1], 12) * 0.5 * np.ptp(values)
+        return values
+
+    return _made(changed(rig, channel, spoil), "outliers", joint)
+
+
+@_mistake("a step in a sensor's zero")
+def _(rig: Rig, rng: Rng) -> Made | None:
+    joint = _joint(rig, rng)
+    channel = _position(rig, joint, rng)
+
+    def step(values: FloatArray) -> FloatArray:
+        return values + np.where(np.arange(len(values)) > 1100, 0.3 * np.ptp(values), 0.0)
+
+    return _made(changed(rig, channel, step, ("train-1",)), "jump", joint)
+
+
+@_mistake("unloaded given as train")
+def _(rig: Rig, rng: Rng) -> Made | None:
+    if "unloaded" not in rig.tables:
+        return None
+    return _made(rig, "wrong_role", roles={"unloaded": "train"})
+
+
+@_mistake("train given as unloaded")
+def _(rig: Rig, rng: Rng) -> Made | None:
+    return _made(rig, "wrong_role", roles={"train-2": "unloaded"})
+
+
+@_mistake("repeat of another motion")
+def _(rig: Rig, rng: Rng) -> Made | None:
+    tables = {stem: table for stem, table in rig.tables.items() if stem not in ("train-2", "repeat")}
+    return _made(replace(rig, tables={**tables, "repeat": rig.tables["train-2"]}), "no_repeat")
+
+
+@_mistake("validated on the training motion")
+def _(rig: Rig, rng: Rng) -> Made | None:
+    tables = {stem: table for stem, table in rig.tables.items() if stem != "repeat"}
+    return _made(replace(rig, tables={**tables, "validate": rig.tables["repeat"]}), "same_motion")
+
+
+@_mistake("a recording of another machine")
+def _(rig: Rig, rng: Rng) -> Made | None:
+    from benchmarks.mistakes.rigs import make_rig
+
+    other = make_rig(rig.kind, int(rng.integers(10_000, 2**30)))
+    for stem in rig.tables:
+        if stem == "train-2" and stem in other.tables:
+            columns = {k: v for k, v in other.tables[stem].items() if k in rig.tables[stem]}
+            if set(columns) != set(rig.tables[stem]):
+                return None
+            rig = replace(rig, tables={**rig.tables, stem: columns})
+    return _made(rig, "other_machine")
+
+
+_mistake("range of a transducer")(
+    _one_scaled("head_pressure", 1.6, "unit cylinder_areas effort_scale bore rod", heavy=True)
+)
+_mistake("angle counted twice")(_one_scaled("joint_position", 2.0, "scale unit out_of_range", heavy=True, alone=False))
+_mistake("bore in place of its radius")(_edit_joint("bore", lambda v: 2 * v, "bore cylinder_areas effort_scale"))
+_mistake("rod with a decimal slip")(_edit_joint("rod", lambda v: v / 10, "rod bore cylinder_areas"))
+_mistake("sign of a pin offset")(
+    _edit_joint("offset", lambda v: -v, "linkage effort_scale", True, last=False, words=("linkage offset", "offset"))
+)
+
+
+def _edit_dh(key: str, of: Callable[[float], float], codes: str) -> Callable[[Rig, Rng], Made | None]:
+    def make(rig: Rig, rng: Rng) -> Made | None:
+        # The last two carry too little to tell.
+        inner = [k for k, joint in enumerate(rig.machine.joints[:-2]) if abs(getattr(joint.dh, key)) > 0.3]
+        if not inner:
+            return None
+        number = inner[int(rng.integers(len(inner)))]
+
+        def change(content: dict[str, Any]) -> None:
+            content["joints"][number]["dh"][key] = of(float(content["joints"][number]["dh"][key]))
+
+        machine = edited(rig.machine, change)
+        words = (f"{rig.names[number]}: dh.{key} ",)
+        return None if machine is None else _made(rig, codes, machine=machine, words=words)
+
+    return make
+
+
+_mistake("sign of a twist")(_edit_dh("alpha", lambda v: -v, "axis gravity sign"))
+_mistake("twist in degrees")(_edit_dh("alpha", lambda v: float(np.rad2deg(v)), "axis unit dh_angle"))
+_mistake("length in mm")(_edit_dh("a", lambda v: 1e3 * v, "length"))
+
+
+@_mistake("gravity in g")
+def _(rig: Rig, rng: Rng) -> Made | None:
+    machine = edited(rig.machine, lambda c: c.update(gravity=[g / 9.81 for g in rig.machine.gravity]))
+    return None if machine is None else _made(rig, "gravity", machine=machine)
+
+
+@_mistake("all pressures in bar in one recording")
+def _(rig: Rig, rng: Rng) -> Made | None:
+    for channel in rig.machine.channels:
+        if channel.quantity in PRESSURES:
+            rig = changed(rig, channel.name, lambda v: 1e-5 * v, ("validate",))
+    return _made(rig, "unit other_machine", *rig.names)
+
+
+@_mistake("chambers swapped in one recording")
+def _(rig: Rig, rng: Rng) -> Made | None:
+    joint = _joint(rig, rng)
+    head, rod = (_channel(rig, q, joint) for q in PRESSURES)
+    assert head is not None and rod is not None
+    table = rig.tables["train-2"]
+    swapped = rig.with_column("train-2", head, table[rod]).with_column("train-2", rod, table[head])
+    return _made(swapped, "swapped_chambers other_machine")
+
+
+@_mistake("a loose cable")
+def _(rig: Rig, rng: Rng) -> Made | None:
+    joint = _joint(rig, rng)
+    options = [c.name for c in rig.machine.channels if c.joint == joint]
+    channel = options[int(rng.integers(len(options)))]
+
+    def drop(values: FloatArray) -> FloatArray:
+        values = values.copy()
+        for start in rng.integers(100, len(values) - 100, 6):
+            values[start : start + int(rng.integers(5, 40))] = 0.0
+        return values
+
+    return _made(changed(rig, channel, drop), "dropouts outliers jump", joint)
+
+
+@_mistake("rounded to whole units")
+def _(rig: Rig, rng: Rng) -> Made | None:
+    joint = _joint(rig, rng)
+    channel = _position(rig, joint, rng)
+    step = np.deg2rad(1.0) if channel.endswith("angle") else 0.01
+    return _made(changed(rig, channel, lambda v: step * np.round(v / step)), "coarse held", joint)
+
+
+@_mistake("zero of a piston a third of its stroke off")
+def _(rig: Rig, rng: Rng) -> Made | None:
+    if rig.kind == "one":
+        return None
+    joint = _joint(rig, rng)
+    channel, cylinder = _channel(rig, "piston_position", joint), rig.machine.joint(joint).cylinder
+    if channel is None or cylinder is None:
+        return None
+    return _made(
+        changed(rig, channel, lambda v: v + cylinder.stroke / 3),
+        "offset linkage out_of_range positions_disagree",
+        joint,
+    )
+
+
+@_mistake("two recordings in one file")
+def _(rig: Rig, rng: Rng) -> Made | None:
+    first, second = rig.tables["train-1"], rig.tables["train-2"]
+    both = {k: np.concatenate([np.asarray(v), np.asarray(second[k])]) for k, v in first.items()}
+    tables = {stem: table for stem, table in rig.tables.items() if stem != "train-2"}
+    return _made(replace(rig, tables={**tables, "train-1": both}), "time_jump")
+
+
+@_mistake("rows in the wrong order")
+def _(rig: Rig, rng: Rng) -> Made | None:
+    order = np.arange(len(rig.tables["train-1"]["time"]))
+    order[500:520] = order[500:520][::-1]
+    table = {k: np.asarray(v)[order] for k, v in rig.tables["train-1"].items()}
+    return _made(replace(rig, tables={**rig.tables, "train-1": table}), "time_jump")

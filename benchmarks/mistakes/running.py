@@ -1,0 +1,162 @@
+"""All mistakes on all machines, through files as a person has them, and sound machines beside them."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+
+from benchmarks.mistakes.making import MISTAKES, Made
+from benchmarks.mistakes.rigs import KINDS, Rig, make_rig
+from benchmarks.targets import Check, Outcome, rate
+from daq.errors import InputError
+from daq.machine_file import load_machine
+from daq.recording import read_recording
+from fitting.checks import Finding, check_files
+
+#: Seeds of sound machines begin here, so that none of them has a mistake made on it as well.
+_SOUND = 5000
+
+
+@dataclass(frozen=True)
+class Line:
+    """What the checks said of one case.
+
+    Attributes
+    ----------
+    rig : kind and number of the machine
+    mistake : what was made; None: nothing
+    effect : effect of the catalogue in the machine, or None
+    result : ``right``, ``note`` (named, but as one of two explanations), ``wrong`` (something else was named first),
+        ``silent``; of a sound one ``sound``, ``accused`` or
+        ``refused``
+    said : first finding, in one line
+    seconds : that the checks took
+    """
+
+    rig: str
+    mistake: str | None
+    effect: str | None
+    result: str
+    said: str
+    seconds: float
+
+
+def rightly(found: Sequence[Finding], made: Made) -> str:
+    """``right`` where the first mistake that is said is the one that was made, at its joint; else what it was.
+
+    ``note`` where nothing is accused, and a note says what was made: an effect of the catalogue explains as much.
+    """
+    mistakes = [own for own in found if own.severity == "mistake"]
+    if not mistakes:
+        noted = any(own.code in made.codes and own.joint in made.joints for own in found)
+        return "note" if noted else "silent"
+    first = mistakes[0]
+    there = not made.joints or first.joint in made.joints or (first.joint is None and len(made.joints) > 1)
+    named = first.code in made.codes or any(word in first.line for word in made.words)
+    return "right" if named and there else "wrong"
+
+
+def judge(rig: Rig, number: int, name: str | None, seed: int, folder: Path) -> Line | None:
+    """Make one mistake (or none) on a rig and check its files; None where it cannot be made there."""
+    label = f"{rig.kind}-{number}"
+    if name is None:
+        file, files = rig.write(folder)
+        made = None
+    else:
+        made = MISTAKES[name].make(rig, np.random.default_rng([seed, number, list(MISTAKES).index(name)]))
+        if made is None:
+            return None
+        file, files = made.rig.write(folder, made.machine)
+        files = [(made.roles.get(path.stem, role), path) for role, path in files]
+    machine = load_machine(file)
+    began = time.perf_counter()
+    found = check_files(machine, files, file)
+    seconds = time.perf_counter() - began
+    mistakes = [own for own in found if own.severity == "mistake"]
+    said = mistakes[0].line.replace(f"{folder}/", "") if mistakes else ""
+    if made is not None:
+        return Line(label, name, rig.effect, rightly(found, made), said, seconds)
+    result = "accused" if mistakes else "sound"
+    try:
+        for role, path in files:
+            read_recording(path, machine, role)
+    except InputError as error:
+        result, said = "refused", str(error).replace(f"{folder}/", "")
+    return Line(label, None, rig.effect, result, said, seconds)
+
+
+def run(
+    machines: int = 10,
+    sound: int = 200,
+    seed: int = 0,
+    only: str | None = None,
+    show: Callable[[str], None] = lambda line: None,
+) -> tuple[Outcome, list[Line]]:
+    """Make every mistake on every machine.
+
+    Parameters
+    ----------
+    machines : how many, a third of each kind
+    sound : how many machines without a mistake, half of them with an effect of the catalogue
+    seed : another one gives other machines
+    only : part of the name of the mistakes to make; None: all
+    show : called with a line for every case that is not as it should be
+    """
+    lines: list[Line] = []
+    names = [name for name in MISTAKES if only is None or only in name]
+    with TemporaryDirectory(prefix="hilfit-mistakes-") as scratch:
+        cases = [(k, name) for k in range(machines) for name in names] + [(_SOUND + k, None) for k in range(sound)]
+        rig: Rig | None = None
+        last = -1
+        for count, (number, name) in enumerate(cases):
+            if number != last or rig is None:
+                rig = make_rig(KINDS[number % len(KINDS)], 100_000 * seed + number, effect=number >= _SOUND)
+                last = number
+            line = judge(rig, number, name, seed, Path(scratch) / str(count))
+            if line is None:
+                continue
+            lines.append(line)
+            if line.result not in ("right", "sound"):
+                show(f"{line.result:8s} {line.rig:12s} {line.mistake or line.effect or '-'}: {line.said}")
+    return Outcome(checks_of(lines)), lines
+
+
+def checks_of(lines: Sequence[Line]) -> tuple[Check, ...]:
+    """The numbers beside their targets."""
+    made = [line for line in lines if line.mistake is not None]
+    sound = [line for line in lines if line.mistake is None]
+
+    def count(of: Sequence[Line], *results: str) -> int:
+        return sum(line.result in results for line in of)
+
+    kinds = len({line.mistake for line in made})
+    seconds = sorted(line.seconds for line in sound if not line.rig.startswith("one"))
+    return (
+        Check("kinds of mistakes", kinds, str(kinds), "at least", 30.0, "30"),
+        rate("mistakes: silent", count(made, "silent"), len(made), "at most", 0.0),
+        rate("mistakes: named rightly", count(made, "right", "note"), len(made), "at least", 0.95),
+        rate("mistakes: of these in a note", count(made, "note"), len(made)),
+        rate("sound ones: accused", count(sound, "accused"), len(sound), "at most", 0.0),
+        rate("sound ones: refused", count(sound, "refused"), len(sound), "at most", 0.0),
+        *(
+            (
+                Check(
+                    "median time of the checks, six joints",
+                    seconds[len(seconds) // 2],
+                    f"{seconds[len(seconds) // 2]:.2f} s",
+                ),
+            )
+            if seconds
+            else ()
+        ),
+    )
+
+
+def as_json(lines: Sequence[Line]) -> list[dict[str, object]]:
+    """All cases, for programs."""
+    return [asdict(line) for line in lines]

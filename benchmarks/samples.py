@@ -1,0 +1,129 @@
+"""The sample recordings: what the identification says of each, beside what the plant really was.
+
+A directory holds one folder per case (machine file, five recordings, ``truth.yaml``); by default ``../shared/samples``
+beside the repository. The plant behind them shares no code with this project. Targets:
+
+- ``nothing-missing``: verdict ``nothing_missing``; validate error over noise floor at most 1.15 (root mean square over
+  the joints); f_c within 5 % and K within 3 % of the truth on every cylinder
+- an effect of the catalogue: named at its joint, alone or in a set of at most three; ``position-friction-joint2``
+  and ``latency-joint3`` alone; the joint's validate error at most 1.2 noise floors afterwards
+- ``bent-guide-joint1``, in no catalogue: no name, a law of the piston position on that joint
+"""
+
+from __future__ import annotations
+
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+
+from benchmarks.targets import Check, Outcome, fact
+
+SAMPLES = Path(__file__).resolve().parents[1].parent / "shared" / "samples"
+ROLES = {"unloaded": "unloaded", "train-1": "train", "train-2": "train", "repeat": "repeat", "validate": "validate"}
+CASES = (
+    "nothing-missing",
+    "position-friction-joint2",
+    "load-friction-joint2",
+    "latency-joint3",
+    "bent-guide-joint1",
+    "tilted-base",
+)
+ALONE = ("position-friction-joint2", "latency-joint3")
+#: Effects that the whole machine has: the report gives them no joint.
+MACHINE_WIDE = ("base_tilt", "payload")
+
+Report = dict[str, Any]
+
+
+def samples(
+    directory: Path = SAMPLES, only: str | None = None, show: Callable[[str], None] = lambda line: None
+) -> Outcome:
+    """Identify every case of a directory; nothing to check where there is none."""
+    found: list[Check] = []
+    for case in [only] if only else CASES:
+        place = directory / case
+        if not place.is_dir():
+            show(f"{case}: skipped, it is not in {directory}")
+            continue
+        started = time.process_time()
+        report = identify_case(place)
+        seconds = time.process_time() - started
+        truth = yaml.safe_load((place / "truth.yaml").read_text(encoding="utf-8"))
+        show(f"{case}: {said(report)}  ({seconds:.1f} s of CPU, bandwidth {report['bandwidth_hz']:.2f} Hz)")
+        found += checks(case, report, truth)
+    return Outcome(tuple(found))
+
+
+def identify_case(directory: Path) -> Report:
+    """The report of one case."""
+    from fitting.session import Request
+    from fitting.stages import identify
+
+    files = tuple((role, directory / f"{name}.parquet") for name, role in ROLES.items())
+    with tempfile.TemporaryDirectory(prefix="hilfit-samples-") as output:
+        return identify(Request(directory / "machine.yaml", files, Path(output)))
+
+
+def over_floor(report: Report, when: str, joint: str | None = None) -> float:
+    """Validate error over noise floor: of one joint, or the root mean square over all."""
+    chosen = [report["errors"][joint]] if joint else list(report["errors"].values())
+    return float(np.sqrt(np.mean([(e[when]["validate"] / e["noise_floor"]) ** 2 for e in chosen])))
+
+
+def said(report: Report) -> str:
+    """Verdict, effects with their sets, and laws."""
+    loop = report["loop"]
+    parts = [loop["verdict"]]
+    for effect in loop["effects"]:
+        rivals = "".join(f" | {r['id']}@{r['joint'] or 'machine'}" for r in effect["indistinguishable_from"])
+        parts.append(f"{effect['id']}@{effect['joint'] or 'machine'}{rivals}")
+    parts += [f"law of {law['variable']}@{law['joint']}" for law in loop["unexplained"]]
+    return "; ".join(parts)
+
+
+def true_effects(truth: dict[str, Any]) -> list[tuple[str | None, str | None]]:
+    """What the plant had, as (id, joint); the id is None for what stands in no catalogue."""
+    return [(e["name"], None if e["name"] in MACHINE_WIDE else e["joint"]) for e in truth["effects"]]
+
+
+def checks(case: str, report: Report, truth: dict[str, Any]) -> Iterator[Check]:
+    """What has to be so of one case."""
+    loop, true = report["loop"], true_effects(truth)
+    before, after = (over_floor(report, when) for when in ("before", "after"))
+    yield Check(f"{case}: validate over noise floor", after, f"{before:.2f} before, {after:.2f} after")
+    sets = [
+        {(e["id"], e["joint"]), *((r["id"], r["joint"]) for r in e["indistinguishable_from"])} for e in loop["effects"]
+    ]
+    if not true:
+        yield fact(f"{case}: verdict nothing_missing", loop["verdict"] == "nothing_missing", loop["verdict"])
+        yield Check(f"{case}: error over noise floor", after, f"{after:.3f}", "at most", 1.15, "1.15")
+        for name, allowed in (("f_c", 5.0), ("K", 3.0)):
+            off = {
+                joint: 100 * (report["cylinders"][joint]["parameters"][name]["value"] / values[name] - 1)
+                for joint, values in truth["cylinders"].items()
+            }
+            joint, worst = max(off.items(), key=lambda item: abs(item[1]))
+            shown = f"{worst:+.2f} % at {joint}"
+            yield Check(f"{case}: {name}, worst cylinder", abs(worst), shown, "at most", allowed, f"{allowed:g} %")
+        return
+    if true[0][0] is None:
+        joint = str(truth["effects"][0]["joint"])
+        laws = {(law["joint"], law["variable"]) for law in loop["unexplained"]}
+        fits = not sets and bool(laws) and all(j == joint for j, _ in laws) and (joint, "piston_position") in laws
+        yield fact(f"{case}: a law of the piston position on {joint}, no name", fits, said(report))
+        return
+    right = len(sets) == 1 and true[0] in sets[0] and len(sets[0]) <= (1 if case in ALONE else 3)
+    yield fact(
+        f"{case}: named, {'alone' if case in ALONE else 'alone or in a set of three'}",
+        right and not loop["unexplained"],
+        said(report),
+    )
+    if true[0][1] is not None:
+        before, after = (over_floor(report, when, true[0][1]) for when in ("before", "after"))
+        shown = f"{before:.2f} before, {after:.2f} after"
+        yield Check(f"{case}: {true[0][1]} over its noise floor", after, shown, "at most", 1.2, "1.2")

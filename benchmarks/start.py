@@ -1,0 +1,46 @@
+"""Processor time between ``hilfit serve --simulate`` and the first live frame, one after the other.
+
+On idle cores the time is the processor time of the longest chain: the service (or, beside it, the simulation and its
+slowest device), then the acquisition. Measured so, it does not depend on who else uses the computer.
+"""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+from benchmarks.targets import Check
+
+#: Seconds that may lie there.
+MOST_CPU_S = 10.0
+
+
+def children(pid: int) -> list[int]:
+    """Processes that a process started (proc(5))."""
+    found = []
+    for task in Path(f"/proc/{pid}/task").iterdir():
+        found += [int(child) for child in (task / "children").read_text().split()]
+    return found
+
+
+def cpu_s(pid: int) -> float:
+    """Processor time of a process itself in s (proc(5): fields 14 and 15 of stat)."""
+    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
+
+def before_the_first_frame(service: int) -> Check:
+    """The check, to be called when the first frame was seen.
+
+    Parameters
+    ----------
+    service : process of ``hilfit serve --simulate``
+    """
+    started = {Path(f"/proc/{pid}/cmdline").read_text().replace("\0", " "): pid for pid in children(service)}
+    simulation = next(pid for name, pid in started.items() if "simulation_child" in name)
+    acquisition = next(pid for name, pid in started.items() if "acquisition_child" in name)
+    devices = max((cpu_s(pid) for pid in children(simulation)), default=0.0)
+    seconds = max(cpu_s(service), cpu_s(simulation) + devices) + cpu_s(acquisition)
+    return Check(
+        "processor time before the first frame", seconds, f"{seconds:.1f} s", "at most", MOST_CPU_S, f"{MOST_CPU_S:g} s"
+    )

@@ -1,0 +1,8 @@
+"""A storm of kill -9 on a running service, and what has to be whole afterwards.
+
+- :mod:`benchmarks.storm.run`: the storm
+- :mod:`~benchmarks.storm.processes`: hosts and their children, found and killed by process id
+- :mod:`~benchmarks.storm.host`, :mod:`~benchmarks.storm.stages`: what is killed
+- :mod:`~benchmarks.storm.traffic`: clients that note what they were told
+- :mod:`~benchmarks.storm.checks`: what has to be so
+"""

@@ -1,0 +1,254 @@
+"""What has to be so after a storm, read from the database, the files and the engine, not from the service."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import subprocess
+from collections import Counter
+from collections.abc import Iterator
+from datetime import UTC, datetime, timedelta
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import pyarrow.parquet
+import sqlalchemy as sa
+from dbos import DBOSClient
+
+from benchmarks.postgresql import OWNER
+from benchmarks.storm.traffic import Told
+from benchmarks.targets import Check, fact
+from server.audit.audit_log import Audit
+from server.identifications import identification_tables
+from server.identifications.identification_results import IdentificationResults
+from server.identifications.identification_store import Identifications
+from server.jobs import job_tables
+from server.jobs.job_store import FINAL
+from server.platform.database.engine import Database
+from server.platform.files import DataDirectory
+from server.recalibrations import recalibration_tables
+from server.recordings import recording_tables
+from server.schedules import schedule_tables
+
+#: Counts every time that a result is stored, by a trigger that is none of the service's.
+COUNTED = "storm_results"
+_SQLITE = (
+    f"CREATE TABLE {COUNTED} (subject VARCHAR)",
+    f"CREATE TRIGGER storm_counts AFTER UPDATE OF verdict ON identifications BEGIN "
+    f"INSERT INTO {COUNTED} VALUES (NEW.id); END",
+)
+_POSTGRESQL = (
+    f"CREATE TABLE {COUNTED} (subject VARCHAR)",
+    f"CREATE FUNCTION storm_counts() RETURNS trigger LANGUAGE plpgsql AS "
+    f"$$ BEGIN INSERT INTO {COUNTED} VALUES (NEW.id); RETURN NEW; END $$",
+    "CREATE TRIGGER storm_counts AFTER UPDATE OF verdict ON identifications "
+    "FOR EACH ROW EXECUTE FUNCTION storm_counts()",
+)
+
+
+def count_results(database: Database) -> None:
+    """Put the trigger there, before the storm."""
+    with database.write() as connection:
+        for statement in _SQLITE if database.is_sqlite else _POSTGRESQL:
+            connection.exec_driver_sql(statement)
+
+
+def _rows(database: Database, query: sa.Select[Any]) -> list[Any]:
+    with database.read() as connection:
+        return list(connection.execute(query).all())
+
+
+def _none(name: str, what: list[str], of: int) -> Check:
+    """None of so many may be wrong; the first that are, by name."""
+    return fact(name, not what, f"{of}" if not what else f"{len(what)} of {of} wrong: {'; '.join(what[:5])}")
+
+
+def all_checks(database: Database, files: DataDirectory, told: Told) -> Iterator[Check]:
+    """Every check."""
+    yield from jobs(database)
+    yield from results(database, told)
+    yield from steps(database, files)
+    if told.undisturbed:
+        yield undisturbed(database, files, told)
+    yield from recordings(database, files, told)
+    yield from schedules(database)
+    yield from integrity(database, told)
+
+
+def jobs(database: Database) -> Iterator[Check]:
+    """Every job ended, and once; its events are numbered without a hole."""
+    rows = _rows(database, sa.select(job_tables.jobs))
+    events = _rows(
+        database, sa.select(job_tables.job_events).order_by(job_tables.job_events.c.job, job_tables.job_events.c.number)
+    )
+    by_job: dict[str, list[Any]] = {row.id: [] for row in rows}
+    for event in events:
+        by_job[event.job].append(event)
+    wrong = []
+    for row in rows:
+        numbers = [event.number for event in by_job[row.id]]
+        ends = [event.state for event in by_job[row.id] if event.state in FINAL]
+        if row.state not in FINAL or ends != [row.state] or by_job[row.id][-1].state != row.state:
+            wrong.append(f"{row.kind} {row.id} is {row.state}, ended {len(ends)} times")
+        elif numbers != list(range(1, len(numbers) + 1)):
+            wrong.append(f"{row.id}: events {numbers}")
+    yield _none("jobs that ended once", wrong, len(rows))
+    states = Counter((row.kind, row.state) for row in rows)
+    yield Check(
+        "jobs by end", len(rows), ", ".join(f"{n} {kind} {state}" for (kind, state), n in sorted(states.items()))
+    )
+    # A stage that was killed three times is the only reason that the storm gives.
+    odd = [f"{row.id}: {row.error}" for row in rows if row.state != "done" and "SIGKILL" not in (row.error or "")]
+    yield _none("jobs that failed for no reason of the storm", odd, len(rows))
+
+
+def results(database: Database, told: Told) -> Iterator[Check]:
+    """Every acknowledged order made one identification, and its result was stored once."""
+    rows = _rows(database, sa.select(identification_tables.identifications, job_tables.jobs.c.state).join(
+        job_tables.jobs, job_tables.jobs.c.id == identification_tables.identifications.c.job))  # fmt: skip
+    labels = Counter(row.label for row in rows if row.label.startswith("storm-"))
+    by_id = {row.id: row for row in rows}
+    wrong = [key for key, id in told.orders.items() if id not in by_id or by_id[id].label != key]
+    wrong += [label for label, count in labels.items() if count != 1]
+    yield _none("acknowledged orders that made one job", wrong, len(told.orders))
+    with database.read() as connection:
+        stored = Counter(connection.execute(sa.text(f"SELECT subject FROM {COUNTED}")).scalars())
+    wrong = []
+    for row in rows:
+        done = row.state == "done"
+        if stored[row.id] != done or (row.verdict is not None) != done:
+            wrong.append(f"{row.id} {row.state}, stored {stored[row.id]} times")
+    yield _none("results stored once", wrong, sum(row.state == "done" for row in rows))
+
+
+def undisturbed(database: Database, files: DataDirectory, told: Told) -> Check:
+    """Every real identification was done, with the verdict, the numbers and the report of one before the storm."""
+    results, rows = IdentificationResults(database, files), Identifications(database)
+
+    def found(id: str) -> dict[str, Any]:
+        report: dict[str, Any] = json.loads((results.directory(id) / "report.json").read_bytes())
+        row = rows.get(id)
+        return report | {"verdict": row.verdict, "overall_stored": row.overall, "created": None}
+
+    expected, wrong = found(told.undisturbed), []
+    for key in told.real:
+        try:
+            report = found(told.orders[key])
+            different = [part for part in expected if report.get(part) != expected[part]]
+            wrong += [f"{key}: {', '.join(different)} differ"] if different else []
+        except (OSError, ValueError) as error:
+            wrong.append(f"{key}: no report ({error})")
+    said = f"{len(told.real)}, each {expected['verdict']}" if not wrong else "; ".join(wrong)
+    return fact("real identifications as undisturbed", bool(told.real) and not wrong, said)
+
+
+def steps(database: Database, files: DataDirectory) -> Iterator[Check]:
+    """No stage began again after the engine had recorded it as done."""
+    client = DBOSClient(system_database_url=database.url)
+    wrong, begun, recorded = [], 0, 0
+    try:
+        for row in _rows(
+            database, sa.select(identification_tables.identifications.c.id, identification_tables.identifications.c.job)
+        ):
+            found = {step["function_name"]: step for step in client.list_workflow_steps(row.job)}
+            path = files.identifications / row.id / "runs.txt"
+            runs = [line.split() for line in path.read_text().splitlines()] if path.is_file() else []
+            begun += len(runs)
+            recorded += len(found)
+            for stage, began, _ in runs:
+                done = found.get(stage, {}).get("completed_at_epoch_ms")
+                if done is not None and int(began) > int(done):
+                    wrong.append(f"{row.id}: {stage} began {int(began) - int(done)} ms after it was done")
+    finally:
+        client.destroy()
+    yield _none("finished steps done again", wrong, recorded)
+    yield Check("stages begun", begun, f"{begun}, for {recorded} finished steps")
+
+
+def recordings(database: Database, files: DataDirectory, told: Told) -> Iterator[Check]:
+    """Every row that the server said was safe is in a sealed file whose hash is the one in the store."""
+    rows = {row.id: row for row in _rows(database, sa.select(recording_tables.recordings))}
+    wrong, safe = [], 0
+    for id, said in told.rows.items():
+        row, path = rows.get(id), files.recordings / f"{id}.parquet"
+        safe += said
+        if row is None or row.state == "recording":
+            wrong.append(f"{id} is {'gone' if row is None else row.state}")
+        elif row.state == "sealed":
+            kept = pyarrow.parquet.read_metadata(path).num_rows
+            if kept < said:
+                wrong.append(f"{id}: {kept} rows of {said}")
+            elif row.statistics.get("rows") != kept:
+                wrong.append(f"{id}: {kept} rows, the store says {row.statistics}")
+        elif said:
+            wrong.append(f"{id} {row.state}, {said} rows lost: {row.error}")
+    yield _none("recordings with every acknowledged row", wrong, len(told.rows))
+    yield Check("acknowledged rows", safe, f"{safe} in {len(told.rows)} recordings")
+    sealed = [row for row in rows.values() if row.state == "sealed"]
+    wrong = [row.id for row in sealed if _sha256(files.recordings / f"{row.id}.{row.format}") != row.sha256]
+    wrong += [path.name for path in files.recordings.iterdir() if path.suffix == ".journal"]
+    yield _none("sealed recordings that are what the store says", wrong, len(sealed))
+
+
+def _sha256(path: Path) -> str:
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def schedules(database: Database) -> Iterator[Check]:
+    """Every slot of ``*/5 * * * *`` had its turn once; never two recalibrations of a machine at a time."""
+    slots = _rows(database, sa.select(schedule_tables.schedule_slots).order_by(schedule_tables.schedule_slots.c.slot))
+    schedule = _rows(database, sa.select(schedule_tables.schedules))[0]
+    first = datetime.fromisoformat(schedule.created).replace(second=0, microsecond=0)
+    found = [slot.slot for slot in slots]
+    expected: list[str] = []
+    moment = first
+    while found and (not expected or expected[-1] < found[-1]):
+        moment += timedelta(minutes=1)
+        if moment.minute % 5 == 0:
+            expected.append(moment.astimezone(UTC).isoformat(timespec="milliseconds").replace("+00:00", "Z"))
+    wrong = sorted(set(expected) ^ set(found)) + [slot for slot, count in Counter(found).items() if count != 1]
+    ordered = [slot.job for slot in slots if slot.state == "ordered"]
+    made = _rows(
+        database,
+        sa.select(recalibration_tables.recalibrations.c.job).where(
+            recalibration_tables.recalibrations.c.schedule.is_not(None)
+        ),
+    )
+    if sorted(row.job for row in made) != sorted(ordered):
+        wrong.append(f"{len(made)} recalibrations for {len(ordered)} slots")
+    yield _none("slots that had their turn once", wrong, len(slots))
+    states = Counter(slot.state for slot in slots)
+    yield Check("slots by state", len(slots), ", ".join(f"{count} {state}" for state, count in sorted(states.items())))
+    spans = _rows(database, sa.select(job_tables.jobs.c.created, job_tables.jobs.c.ended).where(
+        job_tables.jobs.c.kind == "recalibration").order_by(job_tables.jobs.c.number))  # fmt: skip
+    wrong = [
+        f"{later.created} before {one.ended}"
+        for one, later in pairwise(spans)
+        if not one.ended or later.created < one.ended
+    ]
+    yield _none("recalibrations one at a time", wrong, len(spans))
+
+
+def integrity(database: Database, told: Told) -> Iterator[Check]:
+    """The audit log's chain, and the database itself."""
+    found = Audit(database).verify()
+    acknowledged = len(told.orders) + len(told.rows)
+    whole = found.intact and found.entries >= acknowledged
+    yield fact("audit chain intact", whole, f"{found.entries} entries, {acknowledged} acknowledged actions")
+    if database.is_sqlite:
+        with database.read() as connection:
+            said = [str(row[0]) for row in connection.exec_driver_sql("PRAGMA integrity_check")]
+            foreign = connection.exec_driver_sql("PRAGMA foreign_key_check").all()
+        yield fact("database integrity", said == ["ok"] and not foreign, f"{said[0]}, {len(foreign)} dangling keys")
+
+
+def amcheck(url: str, programs: Path) -> Check:
+    """PostgreSQL's own look at its tables and indexes (pg_amcheck)."""
+    done = subprocess.run(
+        [str(programs / "pg_amcheck"), "--install-missing", "--heapallindexed", "-U", OWNER, url],
+        capture_output=True, text=True, timeout=120, check=False,
+    )  # fmt: skip
+    said = " ".join((done.stdout + done.stderr).split())
+    return fact("database integrity", done.returncode == 0, said[:200] or "pg_amcheck finds nothing")

@@ -1,0 +1,65 @@
+"""``python -m benchmarks.storm.host ORDER.json [WORKER]``: a server, or a worker, as installed but for two things.
+
+Its identifications run the light stages of :mod:`benchmarks.storm.stages`, and its schedules go by a quick clock, so
+that a slot comes every few seconds. Acquisition, recorder, store, jobs and HTTP are those of ``hilfit serve``.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from benchmarks.storm import stages
+from server.composition.serve import serve
+from server.composition.worker import work
+from server.identifications.identification_resource import STAGE_PROGRAM
+from server.identifications.stage_request import StageProgram
+from server.platform.parts import Key
+from server.platform.settings import Settings
+from server.schedules.schedule_resource import CLOCK
+
+#: Seconds of the schedules' clock per second: a slot every five minutes comes every five seconds.
+HASTE = 60.0
+
+
+@dataclass(frozen=True)
+class HostOrder:
+    """What a host is told; ``began`` is when the schedules' clock began to run quickly (ISO 8601)."""
+
+    data_dir: str
+    database_url: str | None
+    began: str
+
+
+def quick(began: datetime, now: datetime) -> datetime:
+    """The schedules' clock."""
+    return began + HASTE * (now - began) if now > began else now
+
+
+def main(order: Path, worker: str | None) -> None:
+    """Run until told to stop."""
+    content = HostOrder(**json.loads(order.read_text(encoding="utf-8")))
+    began = datetime.fromisoformat(content.began)
+    settings = Settings(data_dir=Path(content.data_dir), database_url=content.database_url, port=0)
+
+    command = (sys.executable, "-I", "-S", str(Path(stages.__file__)))
+    parts: dict[Key, Any] = {
+        STAGE_PROGRAM: lambda: StageProgram(stages.STAGES, command),
+        CLOCK: lambda: quick(began, datetime.now(UTC)),
+    }
+
+    def say(text: str) -> None:
+        print(text, flush=True)
+
+    if worker is None:
+        serve(settings, say, parts)
+    else:
+        work(settings, worker, lambda: say("ready"), parts)
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]), sys.argv[2] if len(sys.argv) > 2 else None)

@@ -1,0 +1,237 @@
+"""The processes of a storm: hosts that are started again whenever they die, and their children, found and killed.
+
+Nothing is killed but what these hosts started: a process is looked up among the descendants of a host that is ours,
+held by a file descriptor (pidfd), looked up once more, and only then killed. A number that was given to another
+process meanwhile cannot be hit.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from benchmarks.storm import stages
+
+#: Kind of a process by what stands in its command line.
+CHILDREN: Mapping[str, str] = {
+    "daq.acquisition_child": "acquisition",
+    "storm/stages.py": "stage",
+    "fitting.stage_program": "real stage",
+}
+START_S = 90.0
+
+
+@dataclass
+class Host:
+    """A server or a worker that is started again whenever it was killed."""
+
+    name: str
+    command: list[str]
+    log: Path
+    process: subprocess.Popen[str] | None = None
+    said: str | None = None
+    starts: int = 0
+    up: threading.Event = field(default_factory=threading.Event)
+    began: float = 0.0
+    since: float = 0.0
+    took: float = 0.0
+    doom_s: float | None = None
+    life_s: float = 0.0
+
+    def start(self) -> None:
+        """Start it; ``up`` is set once it says that it works."""
+        self.up.clear()
+        self.began = time.monotonic()
+        with self.log.open("ab") as errors:
+            process = subprocess.Popen(
+                self.command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=errors, text=True
+            )
+        self.process, self.starts = process, self.starts + 1
+        threading.Thread(target=self._hear, args=(process,), daemon=True).start()
+
+    def _hear(self, process: subprocess.Popen[str]) -> None:
+        assert process.stdout is not None
+        line = process.stdout.readline().strip()
+        if line and process is self.process:
+            self.said, self.since = line, time.monotonic()
+            self.took = self.since - self.began
+            self.up.set()
+
+    @property
+    def due(self) -> bool:
+        """Whether its time has come: it has worked for its life, or was doomed from the start."""
+        now = time.monotonic()
+        if self.doom_s is not None and now - self.began > self.doom_s:
+            return True
+        return self.up.is_set() and now - self.since > self.life_s
+
+    def stop(self) -> int:
+        """Ask it to stop, and wait; its exit code."""
+        assert self.process is not None
+        self.process.terminate()
+        try:
+            return self.process.wait(START_S)
+        except subprocess.TimeoutExpired:
+            self.process.kill()
+            return self.process.wait()
+        finally:
+            if self.process.stdout is not None:
+                self.process.stdout.close()
+
+
+class Herd:
+    """All hosts of a storm.
+
+    Parameters
+    ----------
+    order : file that every host is told by (:class:`benchmarks.storm.host.HostOrder`)
+    workers : how many workers beside the server
+    """
+
+    def __init__(self, order: Path, workers: int, logs: Path) -> None:
+        command = [sys.executable, "-m", "benchmarks.storm.host", str(order)]
+        self.server = Host("server", command, logs / "server.log")
+        names = [f"worker-{number + 1}" for number in range(workers)]
+        self.workers = [Host("worker", [*command, name], logs / f"{name}.log") for name in names]
+        self.starting = 0
+        self.spared: dict[int, bool] = {}
+        self.hits: Counter[str] = Counter()
+        self._seen: dict[int, float] = {}
+        self.killed: dict[str, int] = dict.fromkeys(("server", "worker", *CHILDREN.values()), 0)
+
+    @property
+    def hosts(self) -> list[Host]:
+        """Server and workers."""
+        return [self.server, *self.workers]
+
+    @property
+    def total(self) -> int:
+        """How many were killed."""
+        return sum(self.killed.values())
+
+    def revive(self) -> list[Host]:
+        """Start every host that is not there; these."""
+        started = []
+        for host in self.hosts:
+            if host.process is None or host.process.poll() is not None:
+                if host.process is not None and host.process.stdout is not None:
+                    host.process.stdout.close()
+                host.start()
+                started.append(host)
+        return started
+
+    def children(self) -> dict[str, list[int]]:
+        """Descendants of the hosts by kind; those that are no target are left out."""
+        found: dict[str, list[int]] = {kind: [] for kind in CHILDREN.values()}
+        for host in self.hosts:
+            if host.process is not None and host.process.poll() is None:
+                for pid in descendants(host.process.pid):
+                    kind = _kind(pid)
+                    if kind is not None:
+                        found[kind].append(pid)
+        return found
+
+    def ages(self, pids: list[int]) -> dict[int, float]:
+        """Seconds since each of these processes was first seen here."""
+        now = time.monotonic()
+        self._seen = {pid: self._seen.get(pid, now) for pid in pids}
+        return {pid: now - seen for pid, seen in self._seen.items()}
+
+    def kill_child(self, kind: str, pid: int) -> bool:
+        """Kill -9 a descendant of ours; False if it was gone."""
+        try:
+            held = os.pidfd_open(pid)
+        except ProcessLookupError:
+            return False
+        try:
+            if pid not in self.children()[kind]:
+                return False
+            subject = real_identification(pid)
+            signal.pidfd_send_signal(held, signal.SIGKILL)
+        except ProcessLookupError:
+            return False
+        finally:
+            os.close(held)
+        self.killed[kind] += 1
+        self.hits[subject] += subject != ""
+        return True
+
+    def kill_host(self, host: Host) -> bool:
+        """Kill -9 a host; False if it was gone."""
+        if host.process is None or host.process.poll() is not None:
+            return False
+        self.starting += not host.up.is_set()
+        host.up.clear()
+        host.process.kill()
+        host.process.wait()
+        self.killed[host.name] += 1
+        return True
+
+    def wait_up(self, seconds: float = START_S) -> bool:
+        """Start what is missing until every host works."""
+        deadline = time.monotonic() + seconds
+        while time.monotonic() < deadline:
+            self.revive()
+            if all(host.up.wait(0.2) for host in self.hosts):
+                return True
+        return False
+
+    def stop(self) -> list[int]:
+        """Stop every host that runs; exit codes."""
+        return [host.stop() for host in reversed(self.hosts) if host.process is not None]
+
+    def log_events(self) -> dict[str, int]:
+        """How often each event of level error stands in the hosts' logs, and tracebacks outside of them."""
+        counts: dict[str, int] = {}
+        for host in self.hosts:
+            for line in host.log.read_text(errors="replace").splitlines() if host.log.is_file() else ():
+                with contextlib.suppress(ValueError, AttributeError):
+                    content = json.loads(line)
+                    if content.get("level") in ("error", "critical"):
+                        event = " ".join(str(content.get("event")).split())[:80]
+                        counts[event] = counts.get(event, 0) + 1
+                    continue
+                if line.startswith("Traceback"):
+                    counts["traceback"] = counts.get("traceback", 0) + 1
+        return counts
+
+
+def descendants(pid: int) -> Iterator[int]:
+    """Every process below one (proc(5))."""
+    with contextlib.suppress(OSError):
+        for task in Path(f"/proc/{pid}/task").iterdir():
+            for child in (task / "children").read_text().split():
+                yield int(child)
+                yield from descendants(int(child))
+
+
+def real_identification(pid: int) -> str:
+    """Id of the real identification that a stage works on; empty if it is a light one, or gone."""
+    for text in _command(pid).split("\0"):
+        if text.endswith("/request.json"):
+            with contextlib.suppress(OSError, ValueError):
+                content = json.loads(Path(text).read_text(encoding="utf-8"))
+                return Path(text).parents[1].name if stages.is_real(content) else ""
+    return ""
+
+
+def _kind(pid: int) -> str | None:
+    command = _command(pid)
+    return next((kind for text, kind in CHILDREN.items() if text in command), None)
+
+
+def _command(pid: int) -> str:
+    try:
+        return Path(f"/proc/{pid}/cmdline").read_bytes().decode(errors="replace")
+    except OSError:
+        return ""

@@ -1,0 +1,76 @@
+"""Where other packages add to hilfit: bus drivers, effects, estimators, each a group of entry points with unique names.
+
+What one has to be is said by :class:`daq.drivers.base.Driver`, `fitting.effects.base.Effect` and
+`fitting.estimators.base.Estimator`, and tried by the ``conformance`` module beside each.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass
+from importlib.metadata import EntryPoint, entry_points
+from typing import Any
+
+from daq.errors import InputError
+
+
+@dataclass(frozen=True)
+class Seam:
+    """One kind of plug-in.
+
+    Attributes
+    ----------
+    group : of entry points, as it stands in a ``pyproject.toml``
+    kind : what one of them is called in an error
+    """
+
+    group: str
+    kind: str
+
+    def names(self) -> tuple[str, ...]:
+        """Names of all that are installed, sorted."""
+        return tuple(sorted(point.name for point in self._points()))
+
+    def load(self, name: str) -> Any:
+        """What the entry point names.
+
+        Raises
+        ------
+        InputError
+            One line, if there is none of that name, or it cannot be imported.
+        """
+        found = {point.name: point for point in self._points()}
+        if name not in found:
+            raise InputError(f"there is no {self.kind} '{name}'; use one of {', '.join(sorted(found))}")
+        try:
+            return found[name].load()
+        except (ImportError, AttributeError) as error:
+            raise InputError(
+                f"{self.kind} '{name}' ({found[name].value}) cannot be loaded: {error}; "
+                "install what it needs, or reinstall the package it is from"
+            ) from error
+
+    def make(self, name: str, wanted: Any) -> Any:
+        """What the named class gives without arguments: an object of the type ``wanted`` (``InputError`` if not)."""
+        loaded = self.load(name)
+        try:
+            made = loaded()
+        except TypeError as error:  # of an abstract class that lacks a method
+            raise InputError(f"{self.kind} '{name}' cannot be made: {error}") from error
+        if not isinstance(made, wanted):
+            type_name = f"{wanted.__module__}.{wanted.__qualname__}"
+            raise InputError(f"{self.kind} '{name}' is no {type_name}; its package has to be mended, or uninstalled")
+        return made
+
+    def _points(self) -> list[EntryPoint]:
+        points = list(entry_points(group=self.group))
+        name, count = max(Counter(point.name for point in points).items(), key=lambda item: item[1], default=("", 0))
+        if count > 1:
+            values = " and ".join(point.value for point in points if point.name == name)
+            raise InputError(f"there are {count} of the name '{name}' among the {self.kind}s: {values}; uninstall one")
+        return points
+
+
+DRIVERS = Seam("hilfit.drivers", "driver")
+EFFECTS = Seam("hilfit.effects", "effect")
+ESTIMATORS = Seam("hilfit.estimators", "estimator")

@@ -1,0 +1,161 @@
+"""Runs that are interrupted, continued, refused; and one small case from end to end."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from benchmarks.attribution import case_files, runs
+from benchmarks.attribution.making import BenchCase, make_case
+from benchmarks.attribution.recipe import KINDS, OUTSIDE, CaseKey, Selection, draw_quality, generator, largest
+from daq.errors import InputError
+from sim_backends.cases import plan_case
+from sim_backends.undeclared import UNDECLARED
+
+SHORT = Selection(seconds=20.0)
+
+
+@pytest.fixture
+def counted(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """Cases that were really done; doing one takes no time."""
+    done: list[str] = []
+
+    def fake(order: runs.Order) -> dict[str, Any]:
+        done.append(order.key.text)
+        key = order.key
+        selection = {"only": order.selection.only, "arm": order.selection.arm, "seconds": order.selection.seconds}
+        return {"kind": key.kind, "number": key.number, "seed": key.seed, "selection": selection, "result": "right"}
+
+    monkeypatch.setattr(runs, "run_case", fake)
+    return done
+
+
+def orders(*keys: CaseKey, selection: Selection | None = None) -> list[runs.Order]:
+    return [runs.Order(key, selection or Selection(), None) for key in keys]
+
+
+KEYS = (CaseKey("null", 0), CaseKey("null", 1), CaseKey("large", 0))
+
+
+def test_a_run_goes_on_where_it_stopped(counted: list[str], tmp_path: Path) -> None:
+    output = tmp_path / "results.jsonl"
+    runs.run(orders(*KEYS[:2]), 1, output)
+    with output.open("a") as file:
+        file.write('{"kind": "large", "number": 0, "se')  # cut off by an interruption
+    counted.clear()
+    lines = runs.run(orders(*KEYS), 1, output)
+    assert counted == ["large:0"]
+    assert [runs.key_of(line) for line in lines] == list(KEYS)
+    assert [runs.key_of(line) for line in runs.read_lines(output)] == list(KEYS)
+
+
+def test_other_restrictions_do_not_continue_a_run(counted: list[str], tmp_path: Path) -> None:
+    output = tmp_path / "results.jsonl"
+    runs.run(orders(KEYS[0]), 1, output)
+    with pytest.raises(InputError, match="null:0 from a run with other restrictions"):
+        runs.run(orders(KEYS[0], selection=SHORT), 1, output)
+    without = [replace(order, bootstrap=0) for order in orders(KEYS[0])]
+    with pytest.raises(InputError, match="null:0 from a run with other restrictions"):
+        runs.run(without, 1, output)
+
+
+def test_a_file_of_something_else_is_refused(tmp_path: Path) -> None:
+    output = tmp_path / "notes.txt"
+    output.write_text("hello\nworld\n")
+    with pytest.raises(InputError, match="line 1 is no result"):
+        runs.read_lines(output)
+
+
+def test_classes_are_interleaved() -> None:
+    plan = runs.plan_of({"null": 4, "large": 2}, 9)
+    assert [key.text for key in plan] == ["null:0", "large:0", "null:1", "null:2", "large:1", "null:3"]
+    assert {key.seed for key in plan} == {9}
+
+
+def test_a_case_does_not_depend_on_what_else_is_run() -> None:
+    first, again, other = (generator(CaseKey("large", n)).uniform() for n in (3, 3, 4))
+    assert first == again != other
+    assert len({generator(CaseKey(kind, 0)).uniform() for kind in KINDS}) == len(KINDS)
+
+
+def test_qualities_differ_and_are_plausible() -> None:
+    qualities = [draw_quality(np.random.default_rng(seed)) for seed in range(50)]
+    assert 0.03 <= min(q.disturbance for q in qualities) < 0.05 < 0.2 < max(q.disturbance for q in qualities) <= 0.3
+    assert len({q.piston_resolution for q in qualities}) == 4
+
+
+@pytest.mark.parametrize("arm", ["folding", "slewing"])
+def test_every_effect_has_a_largest_size_on_every_joint(arm: Any) -> None:
+    plan = plan_case(arm, 3, seconds=20.0)
+    for effect, kind in UNDECLARED.items():
+        for joint in [None] if kind.base_wide else [j.name for j in plan.machine.joints]:
+            assert largest(effect, plan, joint) > 0
+
+
+@pytest.mark.slow
+def test_effects_outside_the_catalogue_say_what_shows_them() -> None:
+    assert set(OUTSIDE) >= {"bent_guide", "threshold_spring"}
+    case = make_case(CaseKey("outside", 0), Selection(only="bent_guide", seconds=20.0))
+    assert case.effects[0].variables == ("piston_position",)
+
+
+def same(first: BenchCase, second: BenchCase) -> None:
+    assert first.effects == second.effects and first.quality == second.quality and first.truth == second.truth
+    assert list(first.recordings) == list(second.recordings)
+    for stem, table in first.recordings.items():
+        assert list(table) == list(second.recordings[stem])
+        for name, column in table.items():
+            np.testing.assert_array_equal(column, second.recordings[stem][name])
+
+
+@pytest.mark.slow
+def test_a_cached_case_is_the_case(tmp_path: Path) -> None:
+    key = CaseKey("medium", 1, seed=4)
+    made = case_files.stored_case(tmp_path, key, SHORT)
+    same(made, case_files.stored_case(tmp_path, key, SHORT))
+    same(made, make_case(key, SHORT))
+    assert 5.2 < made.effects[0].seen < 11.3
+
+
+@pytest.mark.slow
+def test_an_unfinished_folder_of_the_cache_is_made_again(tmp_path: Path) -> None:
+    key = CaseKey("null", 0)
+    made = case_files.stored_case(tmp_path, key, SHORT)
+    (place,) = tmp_path.iterdir()
+    (place / "case.json").unlink()
+    (place / "train-1.parquet").write_bytes(b"half")
+    same(made, case_files.stored_case(tmp_path, key, SHORT))
+
+
+@pytest.mark.slow
+def test_both_effects_of_a_pair_have_the_shapes_and_sizes_that_were_asked_for() -> None:
+    case = make_case(CaseKey("pairs", 0), SHORT)
+    assert len(case.effects) == 2
+    assert all(8.8 < effect.seen < 68 for effect in case.effects)
+    assert len({(e.id, e.joint) for e in case.effects}) == 2
+
+
+@pytest.mark.slow
+def test_one_case_from_end_to_end_twice_alike(tmp_path: Path) -> None:
+    order = runs.Order(CaseKey("null", 3), Selection(seconds=40.0), tmp_path)
+    line = runs.run_case(order)
+    assert line["result"] == "right", line
+    assert json.loads(json.dumps(line)) == line
+    assert len(line["parameters"]) > 40
+    again = runs.run_case(order)
+    assert again["said"] == line["said"] and again["parameters"] == line["parameters"]
+
+
+@pytest.mark.slow
+def test_what_the_fit_throws_is_a_result(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    def broken(*_: Any) -> None:
+        raise ZeroDivisionError("nothing to divide")
+
+    monkeypatch.setattr(runs, "judge", broken)
+    line = runs.run_case(runs.Order(CaseKey("null", 0), SHORT, tmp_path))
+    assert (line["result"], line["error"]) == ("error", "ZeroDivisionError: nothing to divide")

@@ -1,0 +1,138 @@
+"""Lambda: noise as the plant makes it, blindness to what the base model can take, and linearity in size."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from benchmarks.attribution.sight import FITTED, Sight, noise_covariance
+from sim_backends.cases import CasePlan, plan_case
+from sim_backends.plant import Plant
+from sim_backends.truth import SensorQuality
+from sim_backends.undeclared import EffectSpec
+
+pytestmark = pytest.mark.slow
+
+QUALITY = SensorQuality(knock_rate=0.05)
+
+
+def ideal(plan: CasePlan, *effects: EffectSpec):
+    return {stem: plan.record(stem, effects, QUALITY)[1] for stem in FITTED}
+
+
+@pytest.fixture(scope="module")
+def plan():
+    return plan_case("slewing", 5, seconds=20.0)
+
+
+@pytest.fixture(scope="module")
+def bare(plan):
+    return ideal(plan)
+
+
+@pytest.fixture(scope="module")
+def sight(plan, bare):
+    return Sight(plan.machine, plan.truth, QUALITY, bare)
+
+
+@pytest.fixture(scope="module")
+def standing(plan):
+    """Noise in the hydraulic force of joint 1, 600 s: nothing moves, so what is there is noise."""
+    still = replace(QUALITY, tracking=0.0)
+    plant = Plant(plan.machine, plan.truth, quality=still, rng=np.random.default_rng(0))
+    values = plant.advance(round(600 * plan.machine.rate_hz))
+    names = [channel.name for channel in plan.machine.channels]
+    cylinder = plan.machine.joints[0].cylinder
+    force = (
+        values[:, names.index("joint1.head_pressure")] * cylinder.head_area
+        - values[:, names.index("joint1.rod_pressure")] * cylinder.rod_area
+    )
+    return force - force.mean()
+
+
+@pytest.mark.slow
+def test_the_noise_has_the_covariance_of_the_formula(plan, standing) -> None:
+    expected = noise_covariance(plan.machine, plan.truth, QUALITY, 0, 50)
+    for lag in (0, 1, 2, 5):
+        found = float(np.mean(standing[: len(standing) - lag] * standing[lag:]))
+        assert found == pytest.approx(expected[lag], rel=0.12)
+
+
+def test_whitened_noise_is_white_inside_the_band_and_not_above_one(sight, standing) -> None:
+    pieces = np.array_split(standing, 30)
+    white = np.concatenate([sight._white(0, piece[: min(map(len, pieces))]) for piece in pieces])
+    # The floor under the filter's stop band takes about a tenth of the variance, and nothing else does.
+    assert 0.8 < white.var() < 1.0
+
+
+@pytest.mark.parametrize("what", ["link", "cylinder"])
+def test_what_the_base_model_can_take_is_invisible(plan, bare, sight, what: str) -> None:
+    links, cylinders = list(plan.truth.links), dict(plan.truth.cylinders)
+    if what == "link":
+        scaled = [1.1 * value for value in links[2].as_list()]
+        links[2] = type(links[2]).from_list(scaled)
+    else:
+        law = cylinders["joint2"]
+        cylinders["joint2"] = replace(law, m=1.3 * law.m, K=1.2 * law.K, f_v=1.3 * law.f_v, f_s=1.2 * law.f_s)
+    other = replace(plan, truth=replace(plan.truth, links=tuple(links), cylinders=cylinders))
+    changed = ideal(other)
+    moved = max(float(np.ptp(changed[s][n] - bare[s][n])) for s in FITTED for n in bare[s] if "pressure" in n)
+    assert moved > 1e4  # Pa: it does show in the pressures
+    assert sight.force(changed) < 0.5
+
+
+@pytest.mark.slow
+def test_lambda_grows_with_the_size_and_sits_at_the_joint(plan, sight) -> None:
+    one, two = (
+        sight.force(ideal(plan, EffectSpec("position_dependent_friction", "joint2", size))) for size in (20.0, 40.0)
+    )
+    assert one > 4
+    assert two == pytest.approx(2 * one, rel=0.02)
+    assert sight.force(ideal(plan, EffectSpec("position_dependent_friction", "joint2", 0.0))) == 0.0
+
+
+@pytest.mark.slow
+def test_lambda_falls_with_the_noise(plan, bare) -> None:
+    effect = ideal(plan, EffectSpec("gas_spring", "joint3", 200.0))
+    quiet, loud = (
+        Sight(plan.machine, plan.truth, replace(QUALITY, disturbance=d, pressure_std=p), bare).force(effect)
+        for d, p in ((0.05, 500.0), (0.5, 5000.0))
+    )
+    assert quiet > 5 * loud > 0
+
+
+def test_a_line_above_the_band_is_seen_without_the_filter_only(plan, bare) -> None:
+    sight = Sight(plan.machine, plan.truth, QUALITY, bare)
+    amplitude, frequency = 2.0e4, 7.0
+    tables = {
+        stem: {
+            **table,
+            "joint1.head_pressure": table["joint1.head_pressure"]
+            + amplitude * np.sin(2 * np.pi * frequency * table["time"]),
+        }
+        for stem, table in bare.items()
+    }
+    covariance = noise_covariance(plan.machine, plan.truth, QUALITY, 0, 400)
+    lags = np.arange(1, 400)
+    density = covariance[0] + 2 * np.cos(2 * np.pi * frequency / 50 * lags) @ covariance[1:]
+    samples = sum(len(table["time"]) for table in bare.values())
+    force = amplitude * plan.machine.joints[0].cylinder.head_area
+    assert sight.broadband(tables) == pytest.approx(np.sqrt(samples * force**2 / 2 / density), rel=0.02)
+    assert sight.force(tables) < 0.1 * sight.broadband(tables)
+
+
+def test_mismatch_is_counted_in_noise_widths_of_the_gap(plan, sight) -> None:
+    offset = 2.0e-4
+    changed = ideal(plan, EffectSpec("encoder_offset", "joint4", offset))
+    linkage = plan.machine.joints[3].cylinder.linkage
+    q = np.concatenate([changed[stem]["joint4.angle"] for stem in FITTED if stem != "unloaded"])
+    gap = linkage.piston_position(q) - linkage.piston_position(q - offset)
+    limits = plan.machine.joints[3].limits.position
+    grid = np.linspace(*limits, 1001)
+    lever = np.gradient(linkage.piston_position(grid), grid)
+    angle = QUALITY.encoder_std**2 + QUALITY.encoder_resolution**2 / 12
+    width = np.sqrt(QUALITY.piston_std**2 + QUALITY.piston_resolution**2 / 12 + angle * np.mean(lever**2))
+    assert sight.mismatch(changed) == pytest.approx(np.sqrt(np.mean(gap**2)) / width, rel=0.01)
+    assert sight.force(changed) == 0.0

@@ -1,0 +1,72 @@
+"""What counts as right, in the set, wrong: by example."""
+
+from __future__ import annotations
+
+import pytest
+
+from benchmarks.attribution.judging import Said
+from benchmarks.attribution.making import TrueEffect
+from benchmarks.attribution.verdicts import verdict
+
+STRIBECK = TrueEffect("stribeck", "joint2", 50.0, 12.0, "joint2")
+TILT = TrueEffect("base_tilt", None, 0.02, 12.0, None)
+GUIDE = TrueEffect("bent_guide", "joint1", 50.0, 12.0, "joint1", ("piston_position",))
+
+
+def said(*sets: str, laws: tuple[tuple[str, str | None], ...] = ()) -> Said:
+    """``"stribeck@joint2|quadratic_loss@joint2"`` is a set of two; no joint after ``@``: the machine."""
+    places = [[member.partition("@") for member in text.split("|")] for text in sets]
+    return Said(tuple(tuple((e, j or None) for e, _, j in members) for members in places), laws, {})
+
+
+@pytest.mark.parametrize(
+    ("kind", "effects", "what", "result"),
+    [
+        ("null", (), said(), "right"),
+        ("null", (), said("stribeck@joint1"), "accused"),
+        ("null", (), said(laws=(("time", "joint1"),)), "accused"),
+        ("large", (STRIBECK,), said("stribeck@joint2"), "right"),
+        ("large", (STRIBECK,), said("stribeck@joint2|quadratic_loss@joint2"), "in set"),
+        ("large", (STRIBECK,), said("quadratic_loss@joint2|stribeck@joint2"), "in set"),
+        ("large", (STRIBECK,), said("stribeck@joint3"), "wrong"),
+        ("large", (STRIBECK,), said("quadratic_loss@joint2|gas_spring@joint2"), "wrong set"),
+        ("large", (STRIBECK,), said(laws=(("piston_speed", "joint2"),)), "unexplained"),
+        ("large", (STRIBECK,), said(), "silent"),
+        ("large", (TILT,), said("base_tilt@"), "right"),
+        ("large", (TILT,), said("base_tilt@joint1"), "wrong"),
+        ("outside", (GUIDE,), said(laws=(("piston_position", "joint1"),)), "right"),
+        ("outside", (GUIDE,), said(laws=(("piston_speed", "joint1"),)), "elsewhere"),
+        ("outside", (GUIDE,), said(laws=(("piston_position", "joint2"),)), "elsewhere"),
+        ("outside", (GUIDE,), said("position_harmonic@joint1"), "wrong"),
+        ("outside", (GUIDE,), said("position_harmonic@joint1", laws=(("piston_position", "joint1"),)), "wrong"),
+        ("outside", (GUIDE,), said(), "silent"),
+        ("pairs", (STRIBECK, TILT), said("stribeck@joint2", "base_tilt@"), "right"),
+        ("pairs", (STRIBECK, TILT), said("stribeck@joint2", "base_tilt@|payload@"), "in set"),
+        ("pairs", (STRIBECK, TILT), said("stribeck@joint2"), "partly"),
+        ("pairs", (STRIBECK, TILT), said(), "silent"),
+    ],
+)
+def test_results(kind: str, effects: tuple[TrueEffect, ...], what: Said, result: str) -> None:
+    assert verdict(kind, effects, what).result == result
+
+
+def test_a_second_finding_beside_the_right_one_is_surplus() -> None:
+    alone = verdict("large", (STRIBECK,), said("stribeck@joint2", "gas_spring@joint4"))
+    assert (alone.result, alone.surplus, alone.wrong_alone) == ("right", 1, (("gas_spring", "joint4"),))
+    with_law = verdict("large", (STRIBECK,), said("stribeck@joint2", laws=(("time", "joint2"),)))
+    assert (with_law.result, with_law.surplus, with_law.wrong_alone) == ("right", 1, ())
+
+
+def test_a_set_without_the_truth_is_no_wrong_name_alone() -> None:
+    outcome = verdict("large", (STRIBECK,), said("quadratic_loss@joint2|gas_spring@joint2"))
+    assert outcome.wrong_alone == () and outcome.widest == 2
+
+
+def test_one_effect_named_twice_is_surplus() -> None:
+    assert verdict("large", (STRIBECK,), said("stribeck@joint2", "stribeck@joint2|gas_spring@joint2")).surplus == 1
+
+
+def test_a_law_at_the_right_joint_locates_the_effect() -> None:
+    assert verdict("large", (STRIBECK,), said(laws=(("time", "joint2"),))).located
+    assert not verdict("large", (STRIBECK,), said(laws=(("time", "joint3"),))).located
+    assert not verdict("large", (STRIBECK,), said()).located

@@ -1,0 +1,87 @@
+"""Seams: what pyproject.toml names is installed; plug-ins that cannot be used are one clear line."""
+
+from __future__ import annotations
+
+import tomllib
+from abc import ABC, abstractmethod
+from importlib.metadata import EntryPoint, distribution
+from pathlib import Path
+
+import pytest
+
+from daq import InputError
+from daq.seams import DRIVERS, EFFECTS, ESTIMATORS, Seam
+
+NAMED = tomllib.loads((Path(__file__).parents[2] / "pyproject.toml").read_text())["project"]["entry-points"]
+WIDGETS = Seam("test.widgets", "widget")
+
+
+class Widget(ABC):
+    """What the tests plug in."""
+
+    @abstractmethod
+    def turn(self) -> None:
+        """What :class:`Half` lacks."""
+
+
+class Whole(Widget):
+    def turn(self) -> None:
+        pass
+
+
+class Half(Widget):
+    pass
+
+
+def plug_in(monkeypatch: pytest.MonkeyPatch, **values: str) -> None:
+    points = [EntryPoint(name, value, WIDGETS.group) for name, value in values.items()]
+    monkeypatch.setattr("daq.seams.entry_points", lambda group: points)
+
+
+@pytest.mark.parametrize("seam", [DRIVERS, EFFECTS, ESTIMATORS], ids=lambda seam: seam.kind)
+def test_what_pyproject_names_is_installed(seam: Seam) -> None:
+    points = distribution("hilfit").entry_points.select(group=seam.group)
+    installed = {point.name: point.value for point in points}
+    assert installed == NAMED[seam.group], "pyproject.toml changed since it was installed; run: make .venv/.dev"
+
+
+@pytest.mark.parametrize("seam", [DRIVERS, EFFECTS, ESTIMATORS], ids=lambda seam: seam.kind)
+def test_every_plug_in_that_is_installed_can_be_loaded(seam: Seam) -> None:
+    assert set(NAMED[seam.group]) <= set(seam.names())
+    for name in seam.names():
+        assert callable(seam.load(name))
+
+
+def test_a_plug_in_of_another_package_is_made(monkeypatch: pytest.MonkeyPatch) -> None:
+    plug_in(monkeypatch, whole=f"{__name__}:Whole")
+    assert WIDGETS.names() == ("whole",)
+    assert isinstance(WIDGETS.make("whole", Widget), Whole)
+
+
+@pytest.mark.parametrize(
+    ("value", "says"),
+    [
+        (f"{__name__}:Nobody", "widget 'mine' .*Nobody.* cannot be loaded: .*reinstall the package"),
+        ("no_such_module:X", "cannot be loaded: No module named 'no_such_module'"),
+        (f"{__name__}:Half", "widget 'mine' cannot be made: .*turn"),
+        ("pathlib:Path", rf"widget 'mine' is no {__name__}.Widget; its package"),
+    ],
+)
+def test_what_cannot_be_used_is_one_line(monkeypatch: pytest.MonkeyPatch, value: str, says: str) -> None:
+    plug_in(monkeypatch, mine=value)
+    with pytest.raises(InputError, match=says) as caught:
+        WIDGETS.make("mine", Widget)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_name_that_is_not_there_is_told_with_those_that_are(monkeypatch: pytest.MonkeyPatch) -> None:
+    plug_in(monkeypatch, wheel="a:B", axle="a:C")
+    with pytest.raises(InputError, match="there is no widget 'gear'; use one of axle, wheel"):
+        WIDGETS.load("gear")
+
+
+def test_two_of_one_name_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    points = [EntryPoint("wheel", value, WIDGETS.group) for value in ("one:Wheel", "other:Wheel")]
+    monkeypatch.setattr("daq.seams.entry_points", lambda group: points)
+    with pytest.raises(InputError, match="2 of the name 'wheel' among the widgets: one:Wheel and other:Wheel"):
+        WIDGETS.names()
