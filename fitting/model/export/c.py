@@ -60,8 +60,8 @@ static {T} {n}_curve{s}({T} x, const {T} *breaks, const {T} (*pieces)[4], int co
     d = x - breaks[k];
     return ((pieces[k][0] * d + pieces[k][1]) * d + pieces[k][2]) * d + pieces[k][3];
 }}""",
-    "smooth": """/* Expectation of |v|^p sgn v of a speed that was measured with normal noise: near zero by Kummer's function, a sum
- * of positive terms; beyond six noise widths by its asymptotic series. far is |v|^p sgn v. */
+    "smooth": """/* Expectation of far = |v|^p sgn v of a speed that was measured with normal noise: near zero by
+ * Kummer's function, a sum of positive terms; beyond six noise widths by its asymptotic series. */
 static {T} {n}_smooth{s}({T} v, {T} noise, {T} p, {T} factor, {T} far)
 {{
     {T} u, z, term = 1, total = 1, k = 0;
