@@ -15,6 +15,8 @@ __all__ = ["FORMATS", "Written", "export_model"]
 FORMATS = {
     "python": "fitting.model.export.python:write_python",
     "c": "fitting.model.export.c:write_c",
+    "urdf": "fitting.model.export.simulators:write_urdf",
+    "mjcf": "fitting.model.export.simulators:write_mjcf",
 }
 
 
