@@ -153,11 +153,11 @@ def _summary(found: Predicted) -> dict[str, Any]:
     """A prediction in numbers, for programs; errors are filtered as a report's are."""
     joints = {}
     for number, (name, unit) in enumerate(zip(found.joints, found.units, strict=True)):
-        sizes = {"error": "validate", **{key: f"validate_{key}" for key in ("rms", "mean", "relative")}}
         coverage = float(found.coverage[number])
         joints[name] = {
             "unit": unit,
-            **{key: found.filtered[own][number] for key, own in sizes.items()},
+            "error": found.filtered["std"][number],
+            **{key: found.filtered[key][number] for key in ("rms", "mean", "relative")},
             "coverage": coverage if coverage == coverage else None,  # not a number where nothing moves
         }
     return {"joints": joints, "left_out": list(found.left_out)}

@@ -53,11 +53,14 @@ class Evaluated:
 
     def parameter_std(self, index: int) -> FloatArray:
         """Standard deviation of the drives' efforts (N, n) that the parameters' covariance makes."""
-        root, result = _root(self.model.covariance), []
+        known = np.isfinite(np.diag(self.model.covariance))
+        root, result = _root(self.model.covariance[np.ix_(known, known)]), []
         for joint, blocks in enumerate(self.design.blocks):
             columns, own = blocks[index].columns, self.extra.columns[joint][index]
             more = np.zeros((len(columns), len(self.extra.names))) if own is None else own
-            result.append(np.linalg.norm(np.hstack([columns, more]) @ root, axis=1))
+            both = np.hstack([columns, more])
+            spread = np.linalg.norm(both[:, known] @ root, axis=1)
+            result.append(np.where(np.any(both[:, ~known] != 0, axis=1), np.inf, spread))
         return np.stack(result, axis=1)
 
     def views(self, index: int) -> tuple[DriveView, ...]:

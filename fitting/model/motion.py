@@ -18,6 +18,8 @@ from fitting.linkage import lever_arm, piston_motion
 from fitting.model.arm_model import FOREIGN, ArmModel, over_time, phase_unknown
 from fitting.model.evaluation import Evaluated, evaluate, without
 from fitting.preparation import Segment
+from fitting.residual.laws import Law
+from fitting.residual.terms import Term
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -91,7 +93,7 @@ def on_motion(
     regular = t is not None and _regular(time, model.machine.rate_hz)
     heat = None if temperature is None else np.broadcast_to(np.asarray(temperature, dtype=float), (count,))
     kept = without(model, left_out(model, regular))
-    if heat is None and any("oil_temperature" in _signals(term) for term in kept.terms):
+    if heat is None and any(_warm(term) for term in kept.terms):
         raise InputError("a law of the oil's temperature is part of this model; give temperature= in K")
     outside = None if external is None else np.broadcast_to(np.asarray(external, dtype=float), (count, n))
     return evaluate(kept, [_segment(model, motion, time, heat, outside)], {FOREIGN: 0.0})
@@ -222,9 +224,9 @@ def levers(model: ArmModel, q: FloatArray) -> FloatArray:
     return np.stack(columns, axis=1)
 
 
-def _signals(term: object) -> tuple[str, ...]:
-    content = getattr(term, "content", None)
-    return tuple(signal for signal, _ in getattr(content, "signals", ()))
+def _warm(term: Term) -> bool:
+    """Whether a term is a law of the oil's temperature."""
+    return isinstance(term.content, Law) and any(signal == "oil_temperature" for signal, _ in term.content.signals)
 
 
 def _regular(t: FloatArray, rate_hz: float) -> bool:

@@ -42,7 +42,7 @@ class Predicted:
     std : standard deviation of the difference: parameters, and what the fit left of its own recordings
     moving : False where a joint's drive rests: what holds it there is static friction, which no model predicts
     errors : per joint (M_j,) the residual of its moving rows through the identification filter
-    filtered : per size (``validate``, ``validate_rms``, ...) of these errors a value per joint, as a report has
+    filtered : ``std``, ``rms``, ``mean`` and ``relative`` of these errors, a value per joint, as a report has them
     left_out : a line for each term of the model that this recording cannot have
     """
 
@@ -127,6 +127,7 @@ def predict(model: ArmModel, recording: Recording) -> Predicted:
     found, lines = on_recording(model, recording)
     design, indices = found.design, range(len(found.design.segments))
     errors = effort_errors(design, found.model.theta, indices, found.extra)
+    of = sizes("std", errors, measured_efforts(design, indices))
     levers = [np.abs(segment.r) for segment in design.segments]
 
     def joined(parts: Sequence[FloatArray]) -> FloatArray:
@@ -141,7 +142,7 @@ def predict(model: ArmModel, recording: Recording) -> Predicted:
         std=joined([levers[i] * np.hypot(found.parameter_std(i), model.residual_std) for i in indices]),
         moving=np.concatenate([~segment.rest for segment in design.segments]),
         errors=errors,
-        filtered=sizes("validate", errors, measured_efforts(design, indices)),
+        filtered={key.removeprefix("std_"): values for key, values in of.items()},
         left_out=lines,
     )
 

@@ -48,8 +48,8 @@ def run(arguments: list[str]) -> int:
 def test_prediction_has_the_errors_of_the_report(arm: Path, result: hilfit.Result) -> None:
     found = result.model.predict(arm / "validate.parquet")
     for number, errors in enumerate(result.report["errors"].values()):
-        for size in ("validate", "validate_rms", "validate_mean", "validate_relative"):
-            assert found.filtered[size][number] == pytest.approx(errors["after"][size], rel=1e-9)
+        for size, key in (("std", ""), ("rms", "_rms"), ("mean", "_mean"), ("relative", "_relative")):
+            assert found.filtered[size][number] == pytest.approx(errors["after"][f"validate{key}"], rel=1e-9)
     # Some 900 samples of nearly white noise: the share inside a right 95 % band has a deviation of 1 %.
     assert np.all(np.abs(found.coverage - 0.95) < 0.04)
 

@@ -26,6 +26,7 @@ _FAR = 6.0
 
 DIALECT = Dialect(
     functions={
+        "abs": "np.abs",
         "max": "maximum",
         "min": "minimum",
         "above": "above",
@@ -145,7 +146,7 @@ def python_source(tracer: Tracer) -> str:
     )
     constants = f"\nJOINTS = {list(tracer.model.joints)!r}\nCURVES = {{\n" + "\n".join([*tables, "}"]) + "\n"
     body = "\n\n\n".join(functions)
-    return f"{head}{imports}{constants}\n{_HELPERS}\n\n{body}\n".replace("abs(", "np.abs(").replace("np.np.", "np.")
+    return f"{head}{imports}{constants}\n{_HELPERS}\n\n{body}\n"
 
 
 @dataclass(frozen=True)
@@ -175,6 +176,7 @@ def compiled(tracer: Tracer) -> Compiled:
     curves = tracer.graph.curves
     namespace: dict[str, Any] = {
         **{name: getattr(math, name) for name in ("cos", "exp", "expm1", "hypot", "sin", "sqrt", "tanh", "erf")},
+        "np": np,
         "maximum": max,
         "minimum": min,
         "above": lambda a, b: float(a > b),
