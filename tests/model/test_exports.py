@@ -6,6 +6,7 @@ import ctypes
 import shutil
 import subprocess
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,7 @@ from model_examples import applies, law_of, model_with, session_of, term_of
 from synthetic_arm import make_motion
 
 from daq.errors import InputError
+from fitting.base_parameters import reduce_parameters
 from fitting.effects import effects
 from fitting.model import motion
 from fitting.model.arm_model import ArmModel
@@ -107,6 +109,34 @@ def test_prismatic_and_direct_joints_and_twists(kinds: str, tmp_path: Path) -> N
     found = python_answers(tmp_path / "arm.py")
     assert_same(found["inverse_dynamics"](q, qd, qdd, t), motion.on_motion(model, q, qd, qdd, t).joint_effort(0))
     assert_same(found["gravity"](q), motion.gravity(model, q))
+
+
+def test_a_modified_table_is_traced_as_a_distal_one(tmp_path: Path) -> None:
+    """Twisted axes and a slide in Craig's convention, against the regressor."""
+    session = session_of(3, "RPR")
+    machine = session.machine
+    joints = [
+        joint.model_copy(update={"dh": joint.dh.model_copy(update={"alpha": alpha, "d": 0.2, "theta": 0.3})})
+        for joint, alpha in zip(machine.joints, (0.4, -1.2, 0.9), strict=True)
+    ]
+    modified = machine.model_copy(update={"convention": "modified", "joints": tuple(joints)})
+    base = reduce_parameters(modified)
+    model = model_with((), session)
+    drive = model.theta[: model.parameters.drive_count]
+    theta = np.concatenate([drive, np.random.default_rng(2).normal(size=len(base)) * 5.0])
+    count = len(theta)
+    model = replace(
+        model,
+        machine=modified,
+        base=base,
+        passes=(replace(model.passes[-1], theta=theta),),
+        covariance=np.eye(count),
+        told=np.ones(count, dtype=bool),
+    )
+    export_model(model, "python", tmp_path / "arm.py")
+    q, qd, qdd, t = held_out(model)
+    found = python_answers(tmp_path / "arm.py")["inverse_dynamics"](q, qd, qdd, t)
+    assert_same(found, motion.on_motion(model, q, qd, qdd, t).joint_effort(0))
 
 
 def compile_c(folder: Path, *more: str) -> None:

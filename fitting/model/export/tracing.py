@@ -485,39 +485,48 @@ def newton_euler(
     w: Vector = (zero, zero, zero)
     wd: Vector = w
     a: Vector = (graph.number(-gravity[0]), graph.number(-gravity[1]), graph.number(-gravity[2]))
-    steps: list[tuple[Callable[[Vector], Vector], Vector, Vector, Vector]] = []
+    steps: list[tuple[_Row, Vector, Vector]] = []
     for i in range(geometry.joints):
-        back, arm, first = _step(graph, geometry, i, state.q[i])
+        row = _row(graph, geometry, i, state.q[i])
         qd, qdd = graph.of(state.qd[i]), graph.of(state.qdd[i])
-        turn, forward_arm = first
         if geometry.modified:  # link i - 1 reaches to joint i before that moves
-            a = _plus(a, _plus(_cross(wd, arm), _cross(w, _cross(w, arm))))
-            w, wd, a = (turn[0](vector) for vector in (w, wd, a))
+            a = _plus(a, _plus(_cross(wd, row.arm), _cross(w, _cross(w, row.arm))))
+            w, wd, a = (row.about_x(vector) for vector in (w, wd, a))
         if geometry.revolute[i]:
             wd = (wd[0] + qd * w[1], wd[1] - qd * w[0], wd[2] + qdd)
             w = (w[0], w[1], w[2] + qd)
         else:
             a = (a[0] + 2.0 * qd * w[1], a[1] - 2.0 * qd * w[0], a[2] + qdd)
-        w, wd, a = (turn[1](vector) for vector in (w, wd, a))
+        w, wd, a = (row.about_z(vector) for vector in (w, wd, a))
         if not geometry.modified:
-            w, wd, a = (turn[0](vector) for vector in (w, wd, a))
-            a = _plus(a, _plus(_cross(wd, forward_arm), _cross(w, _cross(w, forward_arm))))
-        m, h, inertia = pi[i, 0], tuple(pi[i, 1:4].tolist()), _matrix(pi[i, 4:])
-        f = _plus(tuple(m * c for c in a), _plus(_cross(wd, h), _cross(w, _cross(w, h))))
+            w, wd, a = (row.about_x(vector) for vector in (w, wd, a))
+            a = _plus(a, _plus(_cross(wd, row.arm), _cross(w, _cross(w, row.arm))))
+        m, inertia = float(pi[i, 0]), _matrix(pi[i, 4:])
+        h: Vector = (float(pi[i, 1]), float(pi[i, 2]), float(pi[i, 3]))
+        f = _plus((m * a[0], m * a[1], m * a[2]), _plus(_cross(wd, h), _cross(w, _cross(w, h))))
         n = _plus(_cross(h, a), _plus(_times(inertia, wd), _cross(w, _times(inertia, w))))
-        steps.append((back, forward_arm if not geometry.modified else arm, f, n))
+        steps.append((row, f, n))
     return _backward(graph, geometry, steps)
 
 
-def _step(graph: Graph, geometry: Geometry, i: int, q: Value) -> tuple[Any, Vector, Any]:
-    """Turns and the arm of one row of the table.
+@dataclass(frozen=True)
+class _Row:
+    """One row of the Denavit-Hartenberg table.
 
-    Returns
-    -------
+    Attributes
+    ----------
+    about_x, about_z : turn a vector into the frame that is turned about that axis
     back : a vector of the frame after the row, in the frame before it
-    arm : of a modified table, from the frame before to this joint, in the frame before
-    first : ``(about x, about z)`` into the frame after, and the arm of a distal table in the frame after
+    arm : from one frame's origin to the other's; in the frame before of a modified table, after of a distal one
     """
+
+    about_x: Callable[[Vector], Vector]
+    about_z: Callable[[Vector], Vector]
+    back: Callable[[Vector], Vector]
+    arm: Vector
+
+
+def _row(graph: Graph, geometry: Geometry, i: int, q: Value) -> _Row:
     sa, ca = float(geometry.sin_alpha[i]), float(geometry.cos_alpha[i])
     revolute = bool(geometry.revolute[i])
     angle = graph.of(geometry.theta[i] + q) if revolute else graph.number(geometry.theta[i])
@@ -538,11 +547,11 @@ def _step(graph: Graph, geometry: Geometry, i: int, q: Value) -> tuple[Any, Vect
         return ct * v[0] - st * v[1], st * v[0] + ct * v[1], v[2]
 
     if geometry.modified:
-        return lambda v: back_x(back_z(v)), (along, -sa * d, ca * d), ((about_x, about_z), (0.0, 0.0, 0.0))
-    return lambda v: back_z(back_x(v)), (0.0, 0.0, 0.0), ((about_x, about_z), (along, sa * d, ca * d))
+        return _Row(about_x, about_z, lambda v: back_x(back_z(v)), (along, -sa * d, ca * d))
+    return _Row(about_x, about_z, lambda v: back_z(back_x(v)), (along, sa * d, ca * d))
 
 
-def _backward(graph: Graph, geometry: Geometry, steps: Sequence[Any]) -> tuple[Node, ...]:
+def _backward(graph: Graph, geometry: Geometry, steps: Sequence[tuple[_Row, Vector, Vector]]) -> tuple[Node, ...]:
     """Joint efforts from every link's force and moment about its own origin, tip to base."""
     n = len(steps)
     tau: list[Node] = [graph.number(0.0)] * n
@@ -550,16 +559,16 @@ def _backward(graph: Graph, geometry: Geometry, steps: Sequence[Any]) -> tuple[N
     force: Vector = (zero, zero, zero)
     moment: Vector = force
     for i in reversed(range(n)):
-        back, arm, f, own = steps[i]
+        row, f, own = steps[i]
         force, moment = _plus(force, f), _plus(moment, own)  # of link i and all behind it, about its origin, its frame
         if not geometry.modified:  # joint i is at the frame before: its axis is that one's z
-            moment = _plus(moment, _cross(arm, force))
-            force, moment = back(force), back(moment)
+            moment = _plus(moment, _cross(row.arm, force))
+            force, moment = row.back(force), row.back(moment)
             tau[i] = graph.of(moment[2] if geometry.revolute[i] else force[2])
         else:  # joint i is at this frame's origin, along its z
             tau[i] = graph.of(moment[2] if geometry.revolute[i] else force[2])
-            force, moment = back(force), back(moment)
-            moment = _plus(moment, _cross(arm, force))
+            force, moment = row.back(force), row.back(moment)
+            moment = _plus(moment, _cross(row.arm, force))
     return tuple(tau)
 
 
