@@ -23,6 +23,8 @@ from fitting.model.arm_model import ArmModel
 from fitting.model.export import FORMATS, export_model
 from fitting.model.export.c import identifier
 from fitting.model.export.tracing import Tracer
+from fitting.residual.surfaces import Surface
+from fitting.residual.terms import Term
 
 #: Effects of one moment whose formula asks for numbers, so that no expression can be made of it.
 UNTRACED = {"linkage_geometry"}
@@ -109,6 +111,21 @@ def test_prismatic_and_direct_joints_and_twists(kinds: str, tmp_path: Path) -> N
     found = python_answers(tmp_path / "arm.py")
     assert_same(found["inverse_dynamics"](q, qd, qdd, t), motion.on_motion(model, q, qd, qdd, t).joint_effort(0))
     assert_same(found["gravity"](q), motion.gravity(model, q))
+
+
+@pytest.mark.parametrize("twist", [False, True])
+def test_laws_of_two_signals_are_carried(twist: bool, tmp_path: Path) -> None:
+    session = session_of(2)
+    ranges = (0.05, 0.25), (-0.1, 0.1)  # narrower than the motion: constant beyond
+    law = Surface("piston_position", None, not twist, False, ranges[0], "piston_speed", 1, ranges[1], twist)
+    model = model_with([Term(law, 0)], session)
+    done = export_model(model, "python", tmp_path / "arm.py")
+    assert not done.left_out
+    q, qd, qdd, t = held_out(model)
+    found = python_answers(tmp_path / "arm.py")["inverse_dynamics"](q, qd, qdd, t)
+    assert_same(found, motion.on_motion(model, q, qd, qdd, t).joint_effort(0))
+    without = motion.on_motion(model_with((), session), q, qd, qdd, t).joint_effort(0)
+    assert np.max(np.abs(found - without)) > 1e-6 * np.max(np.abs(found))
 
 
 def test_a_modified_table_is_traced_as_a_distal_one(tmp_path: Path) -> None:
