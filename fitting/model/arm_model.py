@@ -103,7 +103,6 @@ class ArmModel:
     told : (p,) False for a parameter that the recordings could not tell (its value is 0)
     residual_std : (n,) standard deviation of measured minus predicted drive effort on the recordings of the fit, at
         the full rate, N at a piston
-    filtered_std : (n,) the same through the identification filter
     provenance : where it comes from
     """
 
@@ -117,7 +116,6 @@ class ArmModel:
     covariance: FloatArray = field(repr=False)
     told: npt.NDArray[np.bool_] = field(repr=False)
     residual_std: FloatArray
-    filtered_std: FloatArray
     provenance: Provenance
 
     @property

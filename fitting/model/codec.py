@@ -106,7 +106,6 @@ class _File(_Part):
     covariance: list[list[float | None]]
     told: list[bool]
     residual_std: list[float]
-    filtered_std: list[float]
     provenance: _Provenance
 
 
@@ -140,7 +139,6 @@ def model_to_json(model: ArmModel) -> dict[str, Any]:
         "covariance": [[v if np.isfinite(v) else None for v in row] for row in model.covariance.tolist()],
         "told": model.told.tolist(),
         "residual_std": model.residual_std.tolist(),
-        "filtered_std": model.filtered_std.tolist(),
     }
 
 
@@ -209,7 +207,6 @@ def model_from_json(content: Any, name: str = "model") -> ArmModel:
         covariance=np.array([[np.inf if v is None else v for v in row] for row in file.covariance]),
         told=np.array(file.told, dtype=bool),
         residual_std=np.array(file.residual_std),
-        filtered_std=np.array(file.filtered_std),
         provenance=Provenance(
             created=file.provenance.created,
             software=file.provenance.software,
@@ -236,7 +233,6 @@ def _require_shapes(model: ArmModel, name: str) -> None:
         "told": (model.told.shape, (count,)),
         "position_noise": ((len(model.noise),), (joints,)),
         "residual_std": (model.residual_std.shape, (joints,)),
-        "filtered_std": (model.filtered_std.shape, (joints,)),
     }
     for number, own in enumerate(model.passes):
         first = len(model.passes) > 1 and number == 0

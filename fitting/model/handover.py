@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from fitting.model.arm_model import ArmModel, Pass, Provenance, Source
-from fitting.regression import Design, Extra, full_residual, reduced_residual
+from fitting.regression import Design, Extra, full_residual
 from fitting.residual.stored_views import StoredViews, learning_step
 from fitting.residual.terms import Model, extra_columns
 from fitting.residual.views import RodLaw, Views, build_views, rod_laws
@@ -42,8 +42,7 @@ def hand_over(
         passes=_passes(final),
         covariance=final.fit.covariance,
         told=final.fit.told,
-        residual_std=np.array([_spread(final, joint, loaded, reduced=False) for joint in range(len(design.blocks))]),
-        filtered_std=np.array([_spread(final, joint, loaded, reduced=True) for joint in range(len(design.blocks))]),
+        residual_std=np.array([_spread(final, joint, loaded) for joint in range(len(design.blocks))]),
         provenance=Provenance(
             created=report["created"],
             software=dict(report["software"]),
@@ -75,15 +74,11 @@ def _rods(design: Design, fitted: Sequence[int], views: Views) -> tuple[RodLaw |
     return rod_laws(design, fitted, lambda index: views[index][0].forces, thin)
 
 
-def _spread(final: Model, joint: int, indices: Sequence[int], *, reduced: bool) -> float:
+def _spread(final: Model, joint: int, indices: Sequence[int]) -> float:
     """Root mean square of what the model leaves of a joint's drive effort while it moves."""
-    design, theta, parts = final.design, final.fit.theta, []
+    parts = []
     for index in indices:
-        if reduced:
-            error = reduced_residual(design, theta, joint, index, final.extra)
-            parts.append(error[design.blocks[joint][index].keep])
-        else:
-            error = full_residual(design, theta, joint, index, final.extra)
-            parts.append(error[~design.segments[index].rest[:, joint]])
+        error = full_residual(final.design, final.fit.theta, joint, index, final.extra)
+        parts.append(error[~final.design.segments[index].rest[:, joint]])
     errors = np.concatenate(parts)
     return float(np.sqrt(np.mean(errors**2))) if len(errors) else 0.0

@@ -133,7 +133,6 @@ def made_up(twists: Sequence[float] | None) -> ArmModel:
         covariance=np.diag((0.01 * theta) ** 2),
         told=np.ones(len(theta), dtype=bool),
         residual_std=np.ones(n),
-        filtered_std=np.ones(n),
         provenance=Provenance(datetime.now(UTC).isoformat(timespec="seconds"), {}, (), "not_examined"),
     )
 
