@@ -4,6 +4,7 @@ WORKDIR /source
 COPY pyproject.toml requirements.lock README.md LICENSE ./
 COPY daq daq
 COPY fitting fitting
+COPY hilfit hilfit
 COPY server server
 COPY sim_backends sim_backends
 RUN python -m venv /opt/hilfit \

@@ -30,6 +30,7 @@ BENCHMARKS = {
     "excitation": "Time of a motion design with every limit, and its condition number beside long searches.",
     "measured": "Identification and loop on measured machines, beside published numbers.",
     "mistakes": "People's mistakes on random machines: what the checks call them, and whom they accuse.",
+    "model": "Exports against the model, C beside Pinocchio, and what the 95 % band is worth.",
     "service": "Tablets and readers at the service while numerical work runs: latency, cycles lost.",
     "storm": "kill -9 of servers, workers, stages and acquisitions: nothing lost, nothing twice.",
 }
@@ -40,7 +41,8 @@ def register(app: typer.Typer) -> None:
     bench = typer.Typer(help="Benchmarks with targets; exit code 1 if a target is missed.", invoke_without_command=True)
     bench.callback()(_list)
     commands: tuple[Callable[..., None], ...] = (
-        attribution, samples, demo, stages, speed, long, regressor, excitation, measured, mistakes, service, storm,
+        attribution, samples, demo, stages, speed, long, regressor, excitation, measured, mistakes, model, service,
+        storm,
     )  # fmt: skip
     for name, command in zip(BENCHMARKS, commands, strict=True):
         bench.command(name, help=BENCHMARKS[name])(reported(command))
@@ -283,6 +285,19 @@ def measured(
     if data is not None and not data.is_dir():
         raise InputError(f"{data}: no such directory; give the one with the measured data to --data")
     _finish("measured", run(data or DATA, page, only, _shown(json)), json)
+
+
+def model(
+    samples: Annotated[Path | None, typer.Option(help="Directory of the sample cases.")] = None,
+    data: Annotated[Path | None, typer.Option(help="Directory of the measured data.")] = None,
+    json: Annotated[bool, typer.Option("--json", help="Print the checks as JSON.")] = False,
+) -> None:
+    """Exports against the model, C beside Pinocchio, and what the 95 % band is worth."""
+    from benchmarks.measured import DATA
+    from benchmarks.model import run
+    from benchmarks.samples import SAMPLES
+
+    _finish("model", run(samples or SAMPLES, data or DATA, _shown(json)), json)
 
 
 def mistakes(

@@ -13,6 +13,7 @@
 ``stored streamed long_rows``                   recordings of hours: from a file, segment by segment
 ``search_pieces everything sharper``            the loop on those: on which pieces, and held against everything
 ``session stages results report``               one identification, stage by stage, and its report
+``model``                                       what it hands over: evaluated, stored, exported
 =====================  =====================================================================================
 
 Everything here is small matrices: one BLAS thread is fastest, and two processes with two threads each on two cores

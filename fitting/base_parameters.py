@@ -119,6 +119,15 @@ class BaseParameters:
         """Base parameters of an arm with the standard parameters ``pi``, (p,) or (n, p / n)."""
         return np.asarray(self.regrouping @ np.asarray(pi, dtype=float).ravel())
 
+    def standard_example(self, base: npt.ArrayLike) -> FloatArray:
+        """One ``pi`` (p,) with these base parameters: each on its kept column, the rest zero.
+
+        Enough to compute efforts; the numbers themselves are no link's mass or inertia.
+        """
+        pi = np.zeros(self.regrouping.shape[1])
+        pi[self.independent] = np.asarray(base, dtype=float)
+        return pi
+
 
 def base_regressor(
     machine: Machine | Geometry,

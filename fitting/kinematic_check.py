@@ -26,7 +26,7 @@ from fitting.residual.kinematics import (
 )
 from fitting.residual.rules import ACCUSE, MISFIT_SHARE, MOST_RIVALS, SET_SHARE, SET_WIDTH
 from fitting.residual.terms import Model, fit_model
-from fitting.session import Prepared, Session
+from fitting.session import Described, Prepared, Session
 
 Progress = Callable[[float, str], None]
 
@@ -209,7 +209,7 @@ def _placed(session: Session, corrections: Corrections, best: GapScore) -> tuple
     return (step,), state
 
 
-def corrections_from_json(session: Session, steps: Sequence[Mapping[str, Any]]) -> Corrections:
+def corrections_from_json(session: Described, steps: Sequence[Mapping[str, Any]]) -> Corrections:
     """Corrections from the ``steps`` of stored kinematic findings, in order."""
     corrections = Corrections(session.machine)
     for step in steps:

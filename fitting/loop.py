@@ -30,7 +30,7 @@ from fitting.residual.scoring import Candidates, Score, score_terms
 from fitting.residual.surfaces import Surface
 from fitting.residual.terms import Model, Term, fit_model
 from fitting.residual.uncertainty import with_doubts
-from fitting.session import Options, Prepared, Session
+from fitting.session import Described, Options, Prepared, Session
 from fitting.weighting import Weighed, weighed
 
 FloatArray = npt.NDArray[np.float64]
@@ -144,7 +144,7 @@ class SessionSignals:
         return model
 
 
-def delays(session: Session, terms: Sequence[Term]) -> tuple[dict[str, float], frozenset[str]]:
+def delays(session: Described, terms: Sequence[Term]) -> tuple[dict[str, float], frozenset[str]]:
     """Joint name to seconds by which accepted terms say its effort is late, and whose samples were handed on late."""
     joints = session.machine.joints
     late = [(joints[t.joint].name, t) for t in terms if t.id == "sensor_latency" and t.rebuilt and t.joint is not None]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import platform
 from collections.abc import Mapping
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from importlib.metadata import version
 from typing import Any
@@ -52,12 +53,35 @@ _CHANGED = {
 }
 
 
-def build_report(session: Session, results: Results) -> tuple[dict[str, Any], Figures]:
-    """Content of report.json (DESIGN 6) and the data of the page's figures."""
+@dataclass(frozen=True)
+class Final:
+    """The final fit with everything that was found.
+
+    Attributes
+    ----------
+    steps : of the kinematic corrections, as JSON
+    terms : effects and laws
+    prepared, model : design and fit
+    """
+
+    steps: tuple[Mapping[str, Any], ...]
+    terms: list[Term]
+    prepared: Prepared
+    model: Model
+
+
+def final_fit(session: Session, results: Results) -> Final:
+    """The final fit again, from what the stages left."""
     terms = [term_from_json(a["term"]) for a in results["attribution"]["accepted"]]
-    steps = [step for f in results["residual"]["kinematics"] for step in f["steps"]]
+    steps = tuple(step for f in results["residual"]["kinematics"] for step in f["steps"])
     prepared, final = final_model(session, corrections_from_json(session, steps), terms)
-    model = final.model
+    return Final(steps, terms, prepared, final.model)
+
+
+def build_report(session: Session, results: Results, final: Final | None = None) -> tuple[dict[str, Any], Figures]:
+    """Content of report.json (DESIGN 6) and the data of the page's figures; the ``final`` fit is made if not given."""
+    final = final or final_fit(session, results)
+    terms, prepared, model = final.terms, final.prepared, final.model
     content = {
         "schema": "hilfit/report/1",
         "machine": session.machine.name,

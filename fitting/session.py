@@ -10,6 +10,7 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
+from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -137,11 +138,21 @@ class Search:
         return self.seconds >= self.of_seconds
 
 
+class Described(Protocol):
+    """What has a machine: a session, or a model that one handed over."""
+
+    @property
+    def machine(self) -> Machine:
+        """The machine."""
+        ...
+
+
 class Session:
     """Data of one identification; attributes are computed when first asked for.
 
     Attributes
     ----------
+    machine, described : with channels at the joints, and as the machine file has it
     left_out : a line for each recording of which rows are left out
     file : the machine file, if it came from one
     """
@@ -154,6 +165,7 @@ class Session:
         file: Path | None = None,
     ) -> None:
         options = options or Options()
+        self.described = machine
         if not any(r.role in ("train", "operation") for r in recordings):
             raise InputError("no training recording; give at least one with --train (or --operation)")
         self.machine, measured = at_joints(machine, recordings)

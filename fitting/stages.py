@@ -36,6 +36,8 @@ from fitting.loop import (
     term_from_json,
     term_to_json,
 )
+from fitting.model.codec import MODEL_FILE, save_model
+from fitting.model.handover import hand_over
 from fitting.motion import Motion, write_motion
 from fitting.noise import effort_floor
 from fitting.plausibility import physics
@@ -51,7 +53,7 @@ from fitting.residual.next_experiment import design_next
 from fitting.residual.rules import ACCUSE
 from fitting.residual.surfaces import second_variable
 from fitting.residual.terms import Model
-from fitting.results import build_report
+from fitting.results import build_report, final_fit
 from fitting.session import Request, Session
 from fitting.stage_names import NEXT_MOTION, STAGES, WORDS
 from fitting.stage_two import choice, chosen_refit, comparison, rigid_body_stage, std
@@ -401,10 +403,12 @@ def _computed(stage: str, request: Request, session: Session, results: Results, 
 
 
 def _write_results(session: Session, results: Results, output: Path) -> tuple[dict[str, Any], Path, Path]:
-    """The report, its page, and the next experiment's motion if one was designed."""
-    content, figures = build_report(session, results)
+    """The report, its page, the model, and the next experiment's motion if one was designed."""
+    final = final_fit(session, results)
+    content, figures = build_report(session, results, final)
     content = presented(content, figures)
     paths = write_report(content, figures, output)
+    save_model(output / MODEL_FILE, hand_over(session, final.steps, final.model, content))
     experiment = results["attribution"]["next_experiment"]
     if experiment is not None and "program" in experiment:
         program = experiment["program"]

@@ -15,6 +15,7 @@ class Backlash(Effect):
     title = "play between piston and joint"
     level = "joint"
     variable = "cylinder_force"
+    over_time = True
     equation = "x = x(q) + g/2 sgn F_l"
     parity = "follows the sign of the load; where it never changes this is an offset"
     parameters = (Parameter("g", "m", low=0.0, high=0.02),)

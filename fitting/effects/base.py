@@ -224,6 +224,8 @@ class Effect(ABC):
     machine_wide: ClassVar[bool] = False
     #: True where an effect of one joint changes the efforts of all (``columns`` gives all joints at once).
     spreads: ClassVar[bool] = False
+    #: True where a column at one moment depends on samples before or after it: a history, a derivative, a filter.
+    over_time: ClassVar[bool] = False
     #: True where the formula is a short series for any smooth law of its variables, not a law of physics: nature may
     #: then differ from it by more.
     series: ClassVar[bool] = False

@@ -18,6 +18,7 @@ class CarriedLiquid(Effect):
     level = "joint"
     variable = "piston_acceleration"
     uses_model = False
+    over_time = True
     equation = "(J_s H(s) q'' + J_f q'') / r, H(s) = w^2 / (s^2 + 2 zeta w s + w^2)"
     parity = "ring-down at 0.5 to 1.5 Hz"
     # J_f is what the rigid body holds of the liquid as if it were frozen: it is taken out again at this joint.

@@ -17,6 +17,7 @@ class EncoderEccentricity(Effect):
     title = "a joint encoder that runs eccentrically"
     level = "measurement"
     variable = "joint_position"
+    over_time = True
     equation = "q = q_measured - (e_s sin n q + e_c cos n q + e_0), e_0 from where it was zeroed"
     parity = "harmonic of the joint angle"
     parameters = tuple(Parameter(name, "rad", low=-0.1, high=0.1) for name in ("e_s", "e_c", "e_0"))

@@ -15,6 +15,7 @@ class EncoderOffset(Effect):
     title = "a joint encoder whose zero is off"
     level = "measurement"
     variable = "joint_position"
+    over_time = True
     equation = "q = q_measured - q_0"
     parity = "independent of speed; gravity curve shifted along q"
     parameters = (Parameter("q_0", "rad", low=-0.3, high=0.3),)

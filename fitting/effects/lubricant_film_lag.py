@@ -18,6 +18,7 @@ class LubricantFilmLag(Effect):
     level = "cylinder"
     variable = "piston_speed"
     uses_model = False
+    over_time = True
     equation = "b sgn v (h_ss - h), h_ss = |v|^n, tau dh/dt = h_ss - h"
     parity = "odd in v; the loop opens with frequency"
     parameters = (Parameter("b", "N (s/m)^n", low=0.0),)

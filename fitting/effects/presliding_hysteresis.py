@@ -17,6 +17,7 @@ class PreslidingHysteresis(Effect):
     level = "cylinder"
     variable = "piston_position"
     uses_model = False
+    over_time = True
     equation = "f_c (z - sgn v), dz/dx = (1 - z sgn v) / x_s"
     parity = "hysteresis in x, within three x_s of a reversal"
     parameters = (Parameter("f_c", "N", low=0.0),)

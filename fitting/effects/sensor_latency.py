@@ -12,6 +12,7 @@ class SensorLatency(Effect):
     title = "delayed effort signals"
     level = "measurement"
     variable = "force_rate"
+    over_time = True
     equation = "-tau dF^/dt"
     parity = "follows the rate of the force"
     parameters = (Parameter("tau", "s", low=0.0, high=0.25),)

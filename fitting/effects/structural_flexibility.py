@@ -14,6 +14,7 @@ class StructuralFlexibility(Effect):
     title = "a structure that bends behind the joint"
     level = "joint"
     variable = "cylinder_force"
+    over_time = True
     equation = "q_link = q - c tau: c (dY/dq) (-tau) pi / r for all joints"
     parity = "follows the load and its derivatives; resonance at 2 to 15 Hz"
     parameters = (Parameter("c", "rad/(N m)", low=0.0),)

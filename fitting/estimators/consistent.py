@@ -114,7 +114,9 @@ class ConsistentFit:
         if self.base is not None and self.geometry is not None:
             if len(self.base) != len(free):
                 raise ValueError(f"there are {len(self.base)} base parameters, the regressor has {len(free)} columns")
-            theta, standard = _constrained(data, self.base, scale_bodies(self.geometry, self.base, free, self.prior))
+            bodies = scale_bodies(self.geometry, self.base, free, self.prior)
+            standard = standard_parameters(data.rows, data.target, self.base, bodies)
+            theta = self.base.regrouping @ standard
             details = _details(data, self.base, theta, standard)
             details["error_rise_percent"] = (100.0 * (spread(theta) / spread(free) - 1.0)).tolist()
         return Estimate(
@@ -173,8 +175,21 @@ def scale_bodies(geometry: Geometry, base: BaseParameters, theta: FloatArray, pr
     return np.array(bodies)
 
 
-def _constrained(data: Information, base: BaseParameters, bodies: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Base parameters (nb,), and the standard parameters (p,) that they are regrouped from."""
+def standard_parameters(
+    rows: FloatArray, target: FloatArray, base: BaseParameters, bodies: FloatArray, *, exactly: bool = False
+) -> FloatArray:
+    """Standard parameters (p,) of links that can exist, near to ``rows base = target`` of unit noise.
+
+    Parameters
+    ----------
+    bodies : (n, 4, 4) pseudo-inertias that are the scale, and the choice among equals (:func:`scale_bodies`)
+    exactly : True asks for those that keep the rows to the digit
+
+    Raises
+    ------
+    HilfitError
+        If the solver finds none; with ``exactly`` there may be none.
+    """
     import cvxpy as cp
 
     variables = [cp.Variable((4, 4), PSD=True) for _ in bodies]
@@ -186,13 +201,14 @@ def _constrained(data: Information, base: BaseParameters, bodies: FloatArray) ->
         parts.append(cp.Variable(motors, nonneg=True))
     pi = cp.hstack(parts)
     # Columns at unit norm: base parameters differ by the fifth power of a link's length.
-    size = np.linalg.norm(data.rows, axis=0)
+    size = np.linalg.norm(rows, axis=0)
     size[size == 0] = 1.0
-    distance = cp.sum_squares((data.rows / size) @ ((base.regrouping * size[:, None]) @ pi) - data.target)
+    missing = (rows / size) @ ((base.regrouping * size[:, None]) @ pi) - target
     divergence = sum(cp.trace(X) - cp.log_det(X) for X in variables)
     said = "none"
-    for gamma in GAMMA:
-        problem = cp.Problem(cp.Minimize(distance / gamma + divergence))
+    for gamma in GAMMA[:1] if exactly else GAMMA:
+        goal = divergence if exactly else cp.sum_squares(missing) / gamma + divergence
+        problem = cp.Problem(cp.Minimize(goal), [missing == 0] if exactly else [])
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")  # an inaccurate solution is said by the status, which is looked at
@@ -202,8 +218,7 @@ def _constrained(data: Information, base: BaseParameters, bodies: FloatArray) ->
             continue
         said = problem.status
         if said == "optimal":
-            standard = np.asarray(pi.value)
-            return base.regrouping @ standard, standard
+            return np.asarray(pi.value)
     raise HilfitError(f"estimator 'consistent': the solver gave up ({said}); use 'wls'")
 
 

@@ -16,7 +16,7 @@ import numpy.typing as npt
 from daq.scratch import Place, Scratch
 from fitting.effects.base import DriveView, Ranges
 from fitting.regression import Design, Extra
-from fitting.residual.views import recording_starts, rod_laws, views_of_segment
+from fitting.residual.views import RodLaw, recording_starts, rod_laws, rod_pressures, views_of_segment
 from fitting.stored import in_memory
 
 FloatArray = npt.NDArray[np.float64]
@@ -96,13 +96,17 @@ class StoredViews(Sequence[tuple[DriveView, ...]]):
         return x.min(axis=0), x.max(axis=0), v.max(axis=0), np.abs(forces).max(axis=0), clock[[0, -1]]
 
     @cached_property
-    def _rods(self) -> list[Callable[[int, FloatArray], FloatArray] | None]:
-        samples = sum(len(self._design.segments[index]) for index in self._fitted)
-        return rod_laws(self._design, self._fitted, self._force, max(1, samples // _LEARNT))
+    def _rods(self) -> tuple[RodLaw | None, ...]:
+        return rod_laws(self._design, self._fitted, self._force, learning_step(self._design, self._fitted))
 
     def _rod_pressures(self, index: int, forces: FloatArray) -> FloatArray:
-        unknown = np.full(len(forces), np.nan)
-        return np.column_stack([unknown if law is None else law(index, forces) for law in self._rods])
+        segment = self._design.segments[index]
+        return rod_pressures(self._rods, segment, forces, segment.t - self._starts[segment.recording])
+
+
+def learning_step(design: Design, fitted: Sequence[int]) -> int:
+    """Every so many-th sample of a stored design is enough to learn rod pressures from."""
+    return max(1, sum(len(design.segments[index]) for index in fitted) // _LEARNT)
 
 
 #: Least and largest position, largest speed and force (n,), and first and last time (2,) of a segment.

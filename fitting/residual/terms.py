@@ -110,7 +110,11 @@ def extra_columns(design: Design, views: Views, terms: Sequence[Term]) -> Extra:
 
 @dataclass(frozen=True)
 class Model:
-    """A fitted model: design, noise, terms, and the joint refit of everything."""
+    """A fitted model: design, noise, terms, and the joint refit of everything.
+
+    ``earlier`` has the parameters of the fits whose forces the columns of the next one were made of, the base model's
+    first; it is empty where there are no terms.
+    """
 
     design: Design
     noise: NoiseModel
@@ -119,6 +123,7 @@ class Model:
     extra: Extra
     fit: Fit
     views: Views
+    earlier: tuple[FloatArray, ...] = ()
 
     def term_slice(self, number: int) -> slice:
         """Where term ``number`` has its parameters in ``fit.theta``."""
@@ -169,8 +174,10 @@ def fit_model(
     else:
         fit, extra = start.fit, start.extra
     views = views_of(fit, extra)
+    earlier: list[FloatArray] = []
     for _ in range(passes if terms else 0):
+        earlier.append(fit.theta)
         extra = extra_columns(design, views, terms)
         fit = fit_with(extra)
         views = views_of(fit, extra)
-    return Model(design, noise, fitted, tuple(terms), extra, fit, views)
+    return Model(design, noise, fitted, tuple(terms), extra, fit, views, tuple(earlier))

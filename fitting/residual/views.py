@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from functools import cached_property, partial
 from typing import overload
 
@@ -77,18 +78,19 @@ def build_views(design: Design, theta: FloatArray, fitted: Sequence[int], extra:
         for index in count
     ]
     ranges = signal_ranges(design, fitted, forces)
-    rods: list[list[FloatArray]] = []
-
-    def rod_pressures(index: int) -> FloatArray:
-        if not rods:  # most fits never ask for pressures
-            rods.append(_rod_pressures(design, fitted, forces))
-        return rods[0][index]
-
+    laws: list[tuple[RodLaw | None, ...]] = []
     starts = recording_starts(design)
+
+    def pressures(index: int) -> FloatArray:
+        if not laws:  # most fits never ask for pressures
+            laws.append(rod_laws(design, fitted, lambda number: forces[number]))
+        segment = design.segments[index]
+        return rod_pressures(laws[0], segment, forces[index], segment.t - starts[segment.recording])
+
     loaded = tuple(sorted({design.segments[i].recording for i in fitted if design.segments[i].loaded}))
     return tuple(
         views_of_segment(
-            design, theta, design.segments[i], forces[i], loads[i], partial(rod_pressures, i), ranges, starts, loaded
+            design, theta, design.segments[i], forces[i], loads[i], partial(pressures, i), ranges, starts, loaded
         )
         for i in count
     )
@@ -136,18 +138,41 @@ def recording_starts(design: Design) -> dict[int, float]:
     return starts
 
 
-def _rod_pressures(design: Design, fitted: Sequence[int], forces: Sequence[FloatArray]) -> list[FloatArray]:
-    """Rod pressures of :func:`rod_laws` in all segments, (N, n) each."""
-    laws = rod_laws(design, fitted, lambda index: forces[index])
-    return [
-        np.column_stack([np.full(len(force), np.nan) if law is None else law(index, force) for law in laws])
-        for index, force in enumerate(forces)
-    ]
+@dataclass(frozen=True)
+class RodLaw:
+    """Expected rod pressure of one cylinder: splines of five signals, the sign of speed, and that times the force.
+
+    Attributes
+    ----------
+    knots : of the splines in speed, model force, position, acceleration and clock
+    coefficients : of all their functions in this order, then of the sign and of the sign times the force, Pa
+    speed_noise : of the sign's expectation, m/s
+    """
+
+    knots: tuple[FloatArray, ...]
+    coefficients: FloatArray
+    speed_noise: float
+
+    def __call__(self, signals: FloatArray) -> FloatArray:
+        """Pressures (N,) in Pa from signals (N, 5)."""
+        return np.asarray(self.basis(self.knots, signals, self.speed_noise) @ self.coefficients)
+
+    @staticmethod
+    def basis(knots: Sequence[FloatArray], signals: FloatArray, speed_noise: float) -> FloatArray:
+        """All functions at signals (N, 5)."""
+        parts = [evaluate(k, column) for k, column in zip(knots, signals.T, strict=True)]
+        sign = expected_sign(signals[:, 0], speed_noise)
+        return np.hstack([*parts, sign[:, None], sign[:, None] * signals[:, 1:2]])
+
+
+def rod_signals(segment: Segment, joint: int, force: FloatArray, clock: FloatArray) -> FloatArray:
+    """What a :class:`RodLaw` is of, (N, 5), from the model's forces (N, n) and the clock (N,)."""
+    return np.column_stack([segment.v[:, joint], force[:, joint], segment.x[:, joint], segment.a[:, joint], clock])
 
 
 def rod_laws(
     design: Design, fitted: Sequence[int], forces: Callable[[int], FloatArray], thin: int = 1
-) -> list[Callable[[int, FloatArray], FloatArray] | None]:
+) -> tuple[RodLaw | None, ...]:
     """Rod pressures as a smooth function of motion, model force and time: per joint a law, None without a sensor.
 
     A measured pressure holds the very disturbance that a regressor must not know (which chamber takes it up depends on
@@ -157,48 +182,33 @@ def rod_laws(
     ----------
     forces : gives the model's forces (N, n) in a segment
     thin : every so many-th sample is enough (of long recordings)
-
-    Returns
-    -------
-    list
-        Functions of a segment's number and its forces (N, n) that give pressures (N,).
     """
     starts = recording_starts(design)
-    laws: list[Callable[[int, FloatArray], FloatArray] | None] = []
+    laws: list[RodLaw | None] = []
     for joint in range(len(design.machine.joints)):
         if any(np.isnan(design.segments[i].p2[0, joint]) for i in fitted):
             laws.append(None)
             continue
-
-        def signals(index: int, force: FloatArray, joint: int = joint) -> FloatArray:
-            segment = design.segments[index]
-            v = segment.v[:, joint]
-            clock = segment.t - starts[segment.recording]
-            return np.column_stack([v, force[:, joint], segment.x[:, joint], segment.a[:, joint], clock])
-
-        together = np.concatenate([signals(i, forces(i))[::thin] for i in fitted])
-        knots = [spline_knots(column, 6) for column in together.T]
-        noise = design.noise[joint].speed
-
-        def basis(values: FloatArray, knots: list[FloatArray] = knots, noise: float = noise) -> FloatArray:
-            parts = [evaluate(k, column) for k, column in zip(knots, values.T, strict=True)]
-            sign = expected_sign(values[:, 0], noise)
-            return np.hstack([*parts, sign[:, None], sign[:, None] * values[:, 1:2]])
-
+        parts = []
+        for i in fitted:
+            segment = design.segments[i]
+            parts.append(rod_signals(segment, joint, forces(i), segment.t - starts[segment.recording])[::thin])
+        together = np.concatenate(parts)
+        knots = tuple(spline_knots(column, 6) for column in together.T)
         step = max(1, len(together) // 4000)  # a few thousand samples fix thirty coefficients
         measured = np.concatenate([design.segments[i].p2[::thin, joint] for i in fitted])
-        table = basis(together[::step])
+        noise = design.noise[joint].speed
+        table = RodLaw.basis(knots, together[::step], noise)
         scale = np.maximum(np.abs(table).max(axis=0), 1e-12)
         coefficients = np.linalg.lstsq(table / scale, measured[::step], rcond=1e-8)[0] / scale
+        laws.append(RodLaw(knots, coefficients, noise))
+    return tuple(laws)
 
-        def law(
-            index: int,
-            force: FloatArray,
-            signals: Callable[[int, FloatArray], FloatArray] = signals,
-            basis: Callable[[FloatArray], FloatArray] = basis,
-            coefficients: FloatArray = coefficients,
-        ) -> FloatArray:
-            return np.asarray(basis(signals(index, force)) @ coefficients)
 
-        laws.append(law)
-    return laws
+def rod_pressures(laws: Sequence[RodLaw | None], segment: Segment, forces: FloatArray, clock: FloatArray) -> FloatArray:
+    """Expected rod pressures (N, n) in a segment, NaN where there is no law."""
+    unknown = np.full(len(segment), np.nan)
+    columns = [
+        unknown if law is None else law(rod_signals(segment, joint, forces, clock)) for joint, law in enumerate(laws)
+    ]
+    return np.column_stack(columns)

@@ -44,6 +44,14 @@ PARTS = (
             "effects": "The catalogue of physical effects.",
         },
     ),
+    Part(
+        "fitting.model.cli",
+        {
+            "predict": "Predict the efforts in a recording by a model.",
+            "compare": "Two models on one recording: which predicts it better.",
+            "model": "Look at a model, and export it.",
+        },
+    ),
     Part("fitting.cli_check", {"check": "Say what may be wrong with recordings and a machine file."}),
     Part("fitting.cli_excite", {"excite": "Design a motion that tells the parameters."}),
     Part(

@@ -94,7 +94,7 @@ def test_the_report_is_that_of_the_contract(at_once: tuple[dict[str, Any], Path,
         errors = report["errors"][joint]
         # Nothing was missing: the validation error is the noise.
         assert errors["after"]["validate"] == pytest.approx(errors["noise_floor"], rel=0.35)
-    assert sorted(p.name for p in output.iterdir()) == ["report.html", "report.json"]
+    assert sorted(p.name for p in output.iterdir()) == ["model.json", "report.html", "report.json"]
 
 
 def test_progress_rises_from_nothing_to_done(at_once: tuple[dict[str, Any], Path, list[float]]) -> None:

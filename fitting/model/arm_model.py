@@ -1,0 +1,203 @@
+"""What an identification hands over: everything that its prediction is made of, and nothing else."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from daq.machine_file import Machine
+from fitting.base_parameters import BaseParameters
+from fitting.drive import UNITS, direct_units, drive_names
+from fitting.effects.base import Effect, Ranges
+from fitting.joint_side import at_joints
+from fitting.kinematic_check import corrections_from_json
+from fitting.loop import delays
+from fitting.preparation import PositionNoise
+from fitting.regression import Parameters
+from fitting.residual.kinematics import Corrections
+from fitting.residual.laws import Law
+from fitting.residual.terms import Term
+from fitting.residual.views import RodLaw
+from fitting.signals import FilterBank, filter_bank
+
+FloatArray = npt.NDArray[np.float64]
+
+#: The number of a recording that the identification has not seen.
+FOREIGN = -2
+#: Signal of a law that remembers.
+_MEMORY = "time_since_reversal"
+
+
+@dataclass(frozen=True)
+class _Described:
+    """A machine, for what asks for something that has one."""
+
+    machine: Machine
+
+
+@dataclass(frozen=True)
+class Source:
+    """One recording that the model was identified from."""
+
+    role: str
+    file: str
+    sha256: str
+    samples: int
+
+
+@dataclass(frozen=True)
+class Provenance:
+    """Where a model comes from.
+
+    Attributes
+    ----------
+    created : UTC, ISO 8601
+    software : versions by name
+    data : the recordings, in the order in which effects count them
+    verdict : the report's
+    calibration : id of the service's calibration, None outside a service
+    """
+
+    created: str
+    software: Mapping[str, str]
+    data: tuple[Source, ...]
+    verdict: str
+    calibration: str | None = None
+
+
+@dataclass(frozen=True)
+class Pass:
+    """One of the fits that follow each other: columns of effects hold the force that the fit before predicts.
+
+    Attributes
+    ----------
+    theta : (p,) parameters: drive, base, effects (none in the first of several)
+    ranges : per joint the ranges of its signals that effects count from
+    rods : per joint its expected rod pressure, None where no pressure is measured
+    """
+
+    theta: FloatArray
+    ranges: tuple[Ranges, ...]
+    rods: tuple[RodLaw | None, ...]
+
+
+@dataclass(frozen=True)
+class ArmModel:
+    """A corrected model of an arm.
+
+    Attributes
+    ----------
+    machine : as the machine file has it
+    steps : what was learnt about positions and linkages, step by step (:func:`fitting.kinematic_check.step_to_json`)
+    base : the base parameters
+    bandwidth_hz : of the identification filter
+    noise : per joint the noise of its position; the speed's makes friction smooth at zero speed
+    terms : effects and laws that were added
+    passes : the fits, the last one being the model
+    covariance : (p, p) of the last one's parameters
+    told : (p,) False for a parameter that the recordings could not tell (its value is 0)
+    residual_std : (n,) standard deviation of measured minus predicted drive effort on the recordings of the fit, at
+        the full rate, N at a piston
+    provenance : where it comes from
+    """
+
+    machine: Machine
+    steps: tuple[Mapping[str, Any], ...]
+    base: BaseParameters
+    bandwidth_hz: float
+    noise: tuple[PositionNoise, ...]
+    terms: tuple[Term, ...]
+    passes: tuple[Pass, ...]
+    covariance: FloatArray = field(repr=False)
+    told: npt.NDArray[np.bool_] = field(repr=False)
+    residual_std: FloatArray
+    provenance: Provenance
+
+    @property
+    def theta(self) -> FloatArray:
+        """The parameters (p,): drive, base, effects."""
+        return self.passes[-1].theta
+
+    @property
+    def std(self) -> FloatArray:
+        """Their standard deviations (p,)."""
+        return np.sqrt(np.diag(self.covariance))
+
+    @cached_property
+    def bank(self) -> FilterBank:
+        """The filters of the identification."""
+        return filter_bank(self.machine.rate_hz, self.bandwidth_hz)
+
+    @cached_property
+    def corrections(self) -> Corrections:
+        """Corrected linkages and positions, of the machine with channels at its joints."""
+        return corrections_from_json(_Described(at_joints(self.machine, ())[0]), self.steps)
+
+    @property
+    def arm(self) -> Machine:
+        """The machine with channels at its joints and corrected linkages."""
+        return self.corrections.machine
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """Names of the joints, base to tip."""
+        return tuple(joint.name for joint in self.machine.joints)
+
+    @cached_property
+    def parameters(self) -> Parameters:
+        """Names and places of drive and base parameters in :attr:`theta`."""
+        return Parameters(self.joints, drive_names(self.arm), self.base)
+
+    @cached_property
+    def parameter_units(self) -> tuple[str, ...]:
+        """Units of all parameters (p,)."""
+        units = [
+            (UNITS if joint.cylinder is not None else direct_units(joint.effort_unit))[name]
+            for joint, names in zip(self.arm.joints, self.parameters.drive, strict=True)
+            for name in names
+        ]
+        units += self.base.units
+        for term in self.terms:
+            if isinstance(term.content, Effect):
+                units += [parameter.unit for parameter in term.content.parameters]
+            else:
+                unit = self.effort_units[term.joint or 0]
+                units += [unit] * term.content.functions
+        return tuple(units)
+
+    @property
+    def effort_units(self) -> tuple[str, ...]:
+        """Units of the drives' efforts: N of a piston, the joint's own where there is none."""
+        return tuple("N" if joint.cylinder is not None else joint.effort_unit for joint in self.arm.joints)
+
+    @cached_property
+    def parameter_names(self) -> tuple[str, ...]:
+        """Names of all parameters (p,): ``joint1.f_c``, a base parameter's expression, ``joint2.stribeck.f``."""
+        return (*self.parameters.names, *(name for term in self.terms for name in term.names(self.joints)))
+
+    @cached_property
+    def delays(self) -> tuple[dict[str, float], frozenset[str]]:
+        """Joint name to s by which its effort is late, and whose samples were handed on late."""
+        return delays(self, self.terms)
+
+    def recording_number(self, sha256: str) -> int:
+        """Which recording of the identification has this hash; :data:`FOREIGN` for another."""
+        return next((n for n, source in enumerate(self.provenance.data) if source.sha256 == sha256), FOREIGN)
+
+
+def over_time(term: Term) -> bool:
+    """Whether a term at one moment depends on the motion before it (or on its sampling): a history, a derivative."""
+    if isinstance(term.content, Law):
+        return any(signal == _MEMORY for signal, _ in term.content.signals)
+    return term.content.over_time
+
+
+def phase_unknown(term: Term, number: int) -> bool:
+    """Whether a term has a phase that belongs to single recordings, and this is none of them."""
+    phases = [key for key in term.shape if key.startswith("phase_")]
+    return bool(phases) and f"phase_{number}" not in phases

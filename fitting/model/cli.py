@@ -1,0 +1,177 @@
+"""Command line of a handed-over model: ``predict``, ``compare`` and ``model``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from daq.console import print_json, reported
+from daq.errors import InputError
+
+if TYPE_CHECKING:
+    from fitting.model.prediction import Predicted
+
+ModelPath = Annotated[Path, typer.Argument(help="model.json, or the folder of a report that holds it.")]
+RecordingPath = Annotated[Path, typer.Argument(help="Recording of the arm.")]
+Columns = Annotated[
+    Path | None,
+    typer.Option("--map", help="YAML file: which column of the recording is which channel (channel: column)."),
+]
+Resample = Annotated[bool, typer.Option("--resample", help="Bring a recording of another rate to the machine's.")]
+Json = Annotated[bool, typer.Option("--json", help="For programs.")]
+
+
+def register(app: typer.Typer) -> None:
+    """Mount the commands."""
+    app.command("predict")(reported(predict))
+    app.command("compare")(reported(compare))
+    group = typer.Typer(help="Look at a handed-over model, and export it.", no_args_is_help=True)
+    group.command("show")(reported(show))
+    group.command("export")(reported(export))
+    app.add_typer(group, name="model")
+
+
+def predict(
+    model: ModelPath,
+    recording: RecordingPath,
+    output: Annotated[Path | None, typer.Option("--output", "-o", help="Table to write: .csv or .parquet.")] = None,
+    columns: Columns = None,
+    resample: Resample = False,
+    json: Json = False,
+) -> None:
+    """Predict the efforts in a recording; residual and 95 % band."""
+    from fitting.model.codec import load_model
+    from fitting.model.prediction import load_recording, predict, write_predicted
+
+    loaded = load_model(model)
+    found = predict(loaded, load_recording(loaded, recording, columns=columns, resample=resample))
+    if output is not None:
+        write_predicted(output, found)
+    if json:
+        print_json(_summary(found))
+        return
+    _print_table(
+        ("joint", "unit", "error", "RMS", "relative", "in the 95 % band"),
+        [
+            (name, own["unit"], *(_short(own[key]) for key in ("error", "rms", "relative", "coverage")))
+            for name, own in _summary(found)["joints"].items()
+        ],
+    )
+    for line in found.left_out:
+        print(f"note: {line}")
+
+
+def compare(
+    first: Annotated[Path, typer.Argument(help="model.json or folder of the first model.")],
+    second: Annotated[Path, typer.Argument(help="model.json or folder of the second model.")],
+    recording: RecordingPath,
+    columns: Columns = None,
+    resample: Resample = False,
+    json: Json = False,
+) -> None:
+    """Predict a recording by two models of one machine: which is better, and which parameters differ."""
+    from dataclasses import asdict
+
+    from fitting.model.codec import load_model
+    from fitting.model.comparison import compare
+    from fitting.model.prediction import load_recording
+
+    one, other = load_model(first), load_model(second)
+    found = compare(one, other, load_recording(one, recording, columns=columns, resample=resample))
+    summaries = [_summary(own) for own in (found.first, found.second)]
+    if json:
+        shifts = [asdict(shift) for shift in found.shifts]
+        print_json({"first": summaries[0], "second": summaries[1], "overall": found.overall, "shifts": shifts})
+        return
+    keys = ("error", "rms", "relative", "coverage")
+    _print_table(
+        ("joint", "unit", *(f"{word} {which}" for word in ("error", "RMS", "relative", "in band") for which in "AB")),
+        [
+            (name, own["unit"], *(_short(s["joints"][name][key]) for key in keys for s in summaries))
+            for name, own in summaries[0]["joints"].items()
+        ],
+    )
+    if found.overall["change_percent"] is not None:
+        low, high = found.overall["ci95_percent"]
+        change = found.overall["change_percent"]
+        print(f"error of all joints from A to B: {change:+.1f} % (95 % interval {low:+.1f} % to {high:+.1f} %)")
+    if found.shifts:
+        _print_table(
+            ("parameter", "unit", "A", "B", "difference / std"),
+            [(s.name, s.unit, f"{s.first:.5g}", f"{s.second:.5g}", f"{s.sigmas:+.1f}") for s in found.shifts],
+        )
+
+
+def show(model: ModelPath, json: Json = False) -> None:
+    """What a model holds: where it comes from, its parameters with standard deviations, its effects."""
+    from fitting.model.codec import load_model, model_to_json
+
+    loaded = load_model(model)
+    content = model_to_json(loaded)
+    if json:
+        keys = ("schema", "provenance", "parameters", "terms", "corrections")
+        print_json({"machine": loaded.machine.name} | {key: content[key] for key in keys})
+        return
+    made = loaded.provenance
+    print(f"{loaded.machine.name}: {made.verdict}, identified {made.created} from {len(made.data)} recordings")
+    for source in made.data:
+        print(f"  {source.role:10s} {source.file}  sha256 {source.sha256[:12]}")
+    _print_table(
+        ("parameter", "value", "std", "unit"),
+        [
+            (own["name"], f"{own['value']:.5g}", "-" if own["std"] is None else f"{own['std']:.2g}", own["unit"])
+            for own in content["parameters"]
+        ],
+    )
+
+
+def export(
+    model: ModelPath,
+    to: Annotated[str, typer.Option("--to", help="Format: python, c, urdf, mjcf.")],
+    output: Annotated[Path, typer.Option("--output", "-o", help="File or folder to write.")],
+    json: Json = False,
+) -> None:
+    """Write a model for another program; what the format does not carry is said."""
+    from fitting.model.codec import load_model
+    from fitting.model.export import FORMATS, export_model
+
+    if to not in FORMATS:
+        raise InputError(f"export: there is no format '{to}'; use one of {', '.join(FORMATS)}")
+    done = export_model(load_model(model), to, output)
+    if json:
+        print_json({"format": to, "files": [str(path) for path in done.files], "left_out": list(done.left_out)})
+        return
+    for path in done.files:
+        print(path)
+    for line in done.left_out:
+        print(f"note: not in this format: {line}")
+
+
+def _summary(found: Predicted) -> dict[str, Any]:
+    """A prediction in numbers, for programs; errors are filtered as a report's are."""
+    joints = {}
+    for number, (name, unit) in enumerate(zip(found.joints, found.units, strict=True)):
+        coverage = float(found.coverage[number])
+        joints[name] = {
+            "unit": unit,
+            "error": found.filtered["std"][number],
+            **{key: found.filtered[key][number] for key in ("rms", "mean", "relative")},
+            "coverage": coverage if coverage == coverage else None,  # not a number where nothing moves
+        }
+    return {"joints": joints, "left_out": list(found.left_out)}
+
+
+def _short(value: float | None) -> str:
+    return "-" if value is None else f"{value:.4g}"
+
+
+def _print_table(header: tuple[str, ...], rows: list[tuple[str, ...]]) -> None:
+    from rich.console import Console
+    from rich.table import Table
+
+    table = Table(*header, box=None)
+    for row in rows:
+        table.add_row(*row)
+    Console(soft_wrap=True).print(table)

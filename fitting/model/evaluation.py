@@ -1,0 +1,127 @@
+"""The one path from a handed-over model and a motion to efforts and their standard deviations.
+
+It is the pipeline's own: designs, columns and sums are made by the functions that the fit used, of parameters that the
+model brought along. So on a recording of the identification it gives the pipeline's prediction.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+import numpy.typing as npt
+
+from fitting.effects.base import DriveView
+from fitting.model.arm_model import ArmModel, Pass
+from fitting.preparation import Segment
+from fitting.regression import Design, Extra, build_design, predicted_effort
+from fitting.residual.terms import extra_columns
+from fitting.residual.views import recording_starts, rod_pressures, views_of_segment
+
+FloatArray = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Evaluated:
+    """A model on some segments; what :mod:`fitting.regression` needs to predict any of its efforts.
+
+    Attributes
+    ----------
+    model : the model, with the terms that were evaluated
+    design : its columns
+    extra : columns of its effects
+    starts : by recording the time at which its clock begins, s
+    """
+
+    model: ArmModel
+    design: Design
+    extra: Extra
+    starts: Mapping[int, float]
+
+    def drive_effort(self, index: int) -> FloatArray:
+        """The drives' efforts (N, n) in a segment, N at a piston."""
+        return np.stack([self._predicted(joint, index) for joint in range(len(self.design.blocks))], axis=1)
+
+    def joint_effort(self, index: int) -> FloatArray:
+        """The joints' efforts (N, n) in a segment, N m or N."""
+        return np.asarray(self.design.segments[index].r * self.drive_effort(index))
+
+    def _predicted(self, joint: int, index: int) -> FloatArray:
+        return predicted_effort(self.design, self.model.theta, joint, index, self.extra)
+
+    def parameter_std(self, index: int) -> FloatArray:
+        """Standard deviation of the drives' efforts (N, n) that the parameters' covariance makes."""
+        known = np.isfinite(np.diag(self.model.covariance))
+        root, result = _root(self.model.covariance[np.ix_(known, known)]), []
+        for joint, blocks in enumerate(self.design.blocks):
+            columns, own = blocks[index].columns, self.extra.columns[joint][index]
+            more = np.zeros((len(columns), len(self.extra.names))) if own is None else own
+            both = np.hstack([columns, more])
+            spread = np.linalg.norm(both[:, known] @ root, axis=1)
+            result.append(np.where(np.any(both[:, ~known] != 0, axis=1), np.inf, spread))
+        return np.stack(result, axis=1)
+
+    def views(self, index: int) -> tuple[DriveView, ...]:
+        """What effects and expected pressures see of the whole model in a segment, per joint."""
+        return _views(self.design, self.model.passes[-1], self.extra, index, self.starts)
+
+
+def _root(covariance: FloatArray) -> FloatArray:
+    """``L`` with ``L L' = covariance``, which may lack rank."""
+    values, vectors = np.linalg.eigh(covariance)
+    return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)))
+
+
+def evaluate(model: ArmModel, segments: Sequence[Segment], starts: Mapping[int, float] | None = None) -> Evaluated:
+    """Evaluate a model with all of its terms on prepared segments.
+
+    Parameters
+    ----------
+    starts : by recording the time at which its clock begins, s; that of its first sample if None
+    """
+    design = build_design(model.arm, model.base, model.bank, model.noise, segments)
+    starts = recording_starts(design) if starts is None else starts
+    extra = extra_columns(design, (), ())
+    count = len(model.parameters)
+    # Where no column holds a force there is one pass, and the forces that views have do not matter.
+    for own in model.passes[:-1] or (replace(model.passes[-1], theta=model.theta[:count]),) if model.terms else ():
+        views = tuple(_views(design, own, extra, index, starts) for index in range(len(design.segments)))
+        extra = extra_columns(design, views, model.terms)
+    return Evaluated(model, design, extra, starts)
+
+
+def _views(design: Design, own: Pass, extra: Extra, index: int, starts: Mapping[int, float]) -> tuple[DriveView, ...]:
+    joints, segment = range(len(design.blocks)), design.segments[index]
+    base = design.parameters.base_slice
+    forces = np.stack([predicted_effort(design, own.theta, joint, index, extra) for joint in joints], axis=1)
+    loads = np.stack([design.blocks[j][index].columns[:, base] @ own.theta[base] for j in joints], axis=1)
+    clock = segment.t - starts[segment.recording]
+    pressures = partial(rod_pressures, own.rods, segment, forces, clock)
+    return views_of_segment(design, own.theta, segment, forces, loads, pressures, own.ranges, starts, ())
+
+
+def without(model: ArmModel, numbers: Collection[int]) -> ArmModel:
+    """The model without some of its terms; the parameters of the others are not fitted again."""
+    if not numbers:
+        return model
+    first = len(model.parameters)
+    kept, place = list(range(first)), first
+    for number, term in enumerate(model.terms):
+        width = len(term.names(model.joints))
+        if number not in numbers:
+            kept += range(place, place + width)
+        place += width
+    return replace(
+        model,
+        terms=tuple(term for number, term in enumerate(model.terms) if number not in numbers),
+        passes=tuple(replace(own, theta=_of(own.theta, kept)) for own in model.passes),
+        covariance=model.covariance[np.ix_(kept, kept)],
+        told=model.told[kept],
+    )
+
+
+def _of(theta: FloatArray, kept: Sequence[int]) -> FloatArray:
+    """The kept parameters, of a fit that may have had no terms yet."""
+    return theta[[place for place in kept if place < len(theta)]]

@@ -1,0 +1,99 @@
+"""Graphs as statements of a language: one temporary per value that is used twice, the rest in place."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+from scipy.special import gamma
+
+from fitting.model.export.graph import Node, needed, uses
+
+#: Operations nested in one statement at most: long lines are hard on compilers and readers alike.
+_DEEPEST = 6
+_INFIX = {"add": "+", "sub": "-", "mul": "*", "div": "/"}
+
+
+@dataclass(frozen=True)
+class Dialect:
+    """Words of a language.
+
+    Attributes
+    ----------
+    declare : what stands before a temporary's name
+    end : what ends a statement
+    functions : names of functions and, with ``{0}``, patterns of operations
+    suffix : of numbers
+    """
+
+    declare: str = ""
+    end: str = ""
+    functions: Mapping[str, str] = field(default_factory=dict)
+    suffix: str = ""
+
+    def number(self, value: float) -> str:
+        """A number with all of its digits."""
+        text = repr(float(value))
+        if text in ("nan", "inf", "-inf"):
+            raise ValueError("a model's numbers are finite")
+        text = text if any(c in text for c in ".e") else f"{text}.0"
+        return f"{text}{self.suffix}" if value >= 0 else f"({text}{self.suffix})"
+
+
+def statements(
+    outputs: Mapping[str, Node], dialect: Dialect, variables: Mapping[str, str], indent: str = "    "
+) -> tuple[list[str], dict[str, str]]:
+    """Lines that compute some outputs, and the expression of each.
+
+    Parameters
+    ----------
+    variables : what stands for each variable of the graph
+    """
+    nodes = needed(outputs.values())
+    counts = uses(nodes, list(outputs.values()))
+    words: dict[int, tuple[str, int]] = {}
+    lines = list[str]()
+    for node in nodes:
+        text, depth = _word(node, words, dialect, variables)
+        if node.operation not in ("number", "variable") and (counts[node.number] > 1 or depth >= _DEEPEST):
+            name = f"u{len(lines)}"
+            lines.append(f"{indent}{dialect.declare}{name} = {text}{dialect.end}")
+            text, depth = name, 0
+        words[node.number] = text, depth
+    return lines, {name: words[node.number][0] for name, node in outputs.items()}
+
+
+def _word(
+    node: Node, words: Mapping[int, tuple[str, int]], dialect: Dialect, variables: Mapping[str, str]
+) -> tuple[str, int]:
+    """A node as text, and how deep it is nested."""
+    if node.operation == "number":
+        return dialect.number(float(node)), 0
+    if node.operation == "variable":
+        return variables[str(node.value)], 0
+    arguments = [words[argument.number][0] for argument in node.arguments]
+    depth = 1 + max(words[argument.number][1] for argument in node.arguments)
+    if node.operation in _INFIX:
+        return f"({arguments[0]} {_INFIX[node.operation]} {arguments[1]})", depth
+    if node.operation == "neg":
+        return f"(-{arguments[0]})", depth
+    if node.operation == "curve":
+        return dialect.functions["curve"].format(arguments[0], node.value), depth
+    if node.operation == "signed_power":
+        return _signed_power(node, arguments[0], dialect), depth
+    pattern = dialect.functions.get(node.operation, node.operation)
+    return (pattern.format(*arguments) if "{" in pattern else f"{pattern}({', '.join(arguments)})"), depth
+
+
+def _signed_power(node: Node, speed: str, dialect: Dialect) -> str:
+    """A call with the constants of :func:`fitting.expected.expected_power` worked out."""
+    noise, p = (float(argument) for argument in node.arguments[1:])
+    factor = noise**p * 2 ** ((p + 1) / 2) * float(gamma(1 + p / 2)) / 3.141592653589793**0.5
+    numbers = ", ".join(dialect.number(value) for value in (noise, p, factor))
+    power = dialect.functions["signed_power"]
+    return f"{dialect.functions.get('signed_root', power) if p == 1 / 3 else power}({speed}, {numbers})"
+
+
+def curves_of(outputs: Sequence[Node]) -> list[int]:
+    """Numbers of the curves that some outputs use."""
+    return sorted({int(str(node.value)) for node in needed(outputs) if node.operation == "curve"})

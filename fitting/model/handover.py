@@ -1,0 +1,84 @@
+"""From a finished identification to the model that it hands over."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from fitting.model.arm_model import ArmModel, Pass, Provenance, Source
+from fitting.regression import Design, Extra, full_residual
+from fitting.residual.stored_views import StoredViews, learning_step
+from fitting.residual.terms import Model, extra_columns
+from fitting.residual.views import RodLaw, Views, build_views, rod_laws
+from fitting.session import Session
+
+FloatArray = npt.NDArray[np.float64]
+
+
+def hand_over(
+    session: Session, steps: Sequence[Mapping[str, Any]], final: Model, report: Mapping[str, Any]
+) -> ArmModel:
+    """The model of a session.
+
+    Parameters
+    ----------
+    session : the identification's data
+    steps : the kinematic corrections that the final fit is on, as JSON
+    final : the final fit
+    report : content of ``report.json``: when, by which software, on what data, with which verdict
+    """
+    design, bank = final.design, session.bank
+    loaded = [i for i in final.fitted if design.segments[i].loaded] or list(final.fitted)
+    return ArmModel(
+        machine=session.described,
+        steps=tuple(dict(step) for step in steps),
+        base=session.base,
+        bandwidth_hz=bank.bandwidth_hz,
+        noise=session.position_noise,
+        terms=final.terms,
+        passes=_passes(final),
+        covariance=final.fit.covariance,
+        told=final.fit.told,
+        residual_std=np.array([_spread(final, joint, loaded) for joint in range(len(design.blocks))]),
+        provenance=Provenance(
+            created=report["created"],
+            software=dict(report["software"]),
+            data=tuple(Source(d["role"], d["file"], d["sha256"], d["samples"]) for d in report["data"]),
+            verdict=report["loop"]["verdict"],
+        ),
+    )
+
+
+def _passes(final: Model) -> tuple[Pass, ...]:
+    """The fits that led to the final one; where no column holds a force, the last alone."""
+    design = final.design
+    chain = final.earlier if any(term.uses_model for term in final.terms) else ()
+    extra, passes = extra_columns(design, (), ()), list[Pass]()
+    for theta in chain:
+        views = _views(design, theta, final.fitted, extra)
+        passes.append(Pass(theta, views[0][0].ranges, _rods(design, final.fitted, views)))
+        extra = extra_columns(design, views, final.terms)
+    views = _views(design, final.fit.theta, final.fitted, final.extra)
+    return (*passes, Pass(final.fit.theta, views[0][0].ranges, _rods(design, final.fitted, views)))
+
+
+def _views(design: Design, theta: FloatArray, fitted: Sequence[int], extra: Extra) -> Views:
+    return (StoredViews if design.stored else build_views)(design, theta, fitted, extra)
+
+
+def _rods(design: Design, fitted: Sequence[int], views: Views) -> tuple[RodLaw | None, ...]:
+    thin = learning_step(design, fitted) if design.stored else 1
+    return rod_laws(design, fitted, lambda index: views[index][0].forces, thin)
+
+
+def _spread(final: Model, joint: int, indices: Sequence[int]) -> float:
+    """Root mean square of what the model leaves of a joint's drive effort while it moves."""
+    parts = []
+    for index in indices:
+        error = full_residual(final.design, final.fit.theta, joint, index, final.extra)
+        parts.append(error[~final.design.segments[index].rest[:, joint]])
+    errors = np.concatenate(parts)
+    return float(np.sqrt(np.mean(errors**2))) if len(errors) else 0.0

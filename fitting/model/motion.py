@@ -1,0 +1,280 @@
+"""A model evaluated on any motion: efforts, pressures, friction, gravity, inertia, accelerations.
+
+Motions are (N, n), one row per sample; rows are independent of each other, except for terms over time (a history, a
+derivative: :func:`fitting.model.arm_model.over_time`), which are evaluated only where times are given that rise in
+steps of the model's rate. A delay of the efforts belongs to the sensors, not to the arm, and is never in.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from daq.errors import InputError
+from fitting.base_parameters import base_regressor
+from fitting.linkage import lever_arm, piston_motion
+from fitting.model.arm_model import FOREIGN, ArmModel, over_time, phase_unknown
+from fitting.model.evaluation import Evaluated, evaluate, without
+from fitting.preparation import Segment
+from fitting.residual.laws import Law
+from fitting.residual.terms import Term
+
+FloatArray = npt.NDArray[np.float64]
+
+#: Most steps of the search for accelerations, and the share of the largest at which it ends.
+_STEPS, _CLOSE = 60, 1e-12
+
+
+@dataclass(frozen=True)
+class Moving:
+    """A motion that a model was evaluated on: arrays (N, n).
+
+    Attributes
+    ----------
+    effort : joint efforts, N m or N
+    parameter_std : their standard deviation that the parameters' makes
+    std : that of a measured effort: parameters, and what the fit left of the recordings
+    """
+
+    effort: FloatArray
+    parameter_std: FloatArray
+    std: FloatArray
+
+
+def moving(
+    model: ArmModel,
+    q: npt.ArrayLike,
+    qd: npt.ArrayLike,
+    qdd: npt.ArrayLike,
+    t: npt.ArrayLike | None = None,
+    *,
+    temperature: npt.ArrayLike | None = None,
+    external: npt.ArrayLike | None = None,
+) -> Moving:
+    """Joint efforts of a motion with their standard deviations; arguments as :func:`on_motion` has them."""
+    found = on_motion(model, q, qd, qdd, t, temperature=temperature, external=external)
+    lever = np.abs(found.design.segments[0].r)
+    own = lever * found.parameter_std(0)
+    return Moving(found.joint_effort(0), own, np.hypot(own, lever * model.residual_std))
+
+
+def on_motion(
+    model: ArmModel,
+    q: npt.ArrayLike,
+    qd: npt.ArrayLike,
+    qdd: npt.ArrayLike,
+    t: npt.ArrayLike | None = None,
+    *,
+    temperature: npt.ArrayLike | None = None,
+    external: npt.ArrayLike | None = None,
+) -> Evaluated:
+    """Evaluate a model on a motion.
+
+    Parameters
+    ----------
+    q, qd, qdd : (N, n) or (n,) joint positions, speeds, accelerations; rad or m, per second, per second squared
+    t : (N,) s since the motion began, for terms of time and terms over time; None: all rows are at its beginning
+    temperature : (N,) or one, K, of the oil, for terms of it
+    external : (N, n) N, measured forces from outside at the pistons, positive against extension; None: none
+
+    Raises
+    ------
+    InputError
+        If shapes do not fit, or a term needs what is not given.
+    """
+    n = len(model.joints)
+    motion = [_rows(values, n, name) for values, name in ((q, "q"), (qd, "qd"), (qdd, "qdd"))]
+    count = len(motion[0])
+    if any(len(values) != count for values in motion):
+        raise InputError(f"q, qd and qdd have {', '.join(str(len(m)) for m in motion)} rows; they must be as many")
+    time = np.zeros(count) if t is None else np.broadcast_to(np.asarray(t, dtype=float), (count,))
+    regular = t is not None and _regular(time, model.machine.rate_hz)
+    heat = None if temperature is None else np.broadcast_to(np.asarray(temperature, dtype=float), (count,))
+    kept = without(model, left_out(model, regular))
+    if heat is None and any(_warm(term) for term in kept.terms):
+        raise InputError("a law of the oil's temperature is part of this model; give temperature= in K")
+    outside = None if external is None else np.broadcast_to(np.asarray(external, dtype=float), (count, n))
+    return evaluate(kept, [_segment(model, motion, time, heat, outside)], {FOREIGN: 0.0})
+
+
+def left_out(model: ArmModel, regular: bool) -> frozenset[int]:
+    """Numbers of the terms that a motion of which no recording is known does not have.
+
+    Parameters
+    ----------
+    regular : whether it is sampled at the model's rate, so that terms over time can be evaluated
+    """
+    return frozenset(
+        number
+        for number, term in enumerate(model.terms)
+        if term.id == "sensor_latency" or phase_unknown(term, FOREIGN) or (over_time(term) and not regular)
+    )
+
+
+def gravity(model: ArmModel, q: npt.ArrayLike) -> FloatArray:
+    """Joint efforts (N, n) that hold the links still, N m or N."""
+    position = _rows(q, len(model.joints), "q")
+    still = np.zeros_like(position)
+    regressor = base_regressor(model.arm, model.base, position, still, still)
+    return np.asarray(regressor @ model.theta[model.parameters.base_slice])
+
+
+def friction(model: ArmModel, q: npt.ArrayLike, qd: npt.ArrayLike) -> FloatArray:
+    """Joint efforts (N, n) that change their sign with the speed's: friction and damping of drives and effects.
+
+    ``(effort(q, qd, 0) - effort(q, -qd, 0)) / 2``; forces of inertia and gravity are even in speed.
+    """
+    n = len(model.joints)
+    position, speed = _rows(q, n, "q"), _rows(qd, n, "qd")
+    both = on_motion(
+        model, np.vstack([position, position]), np.vstack([speed, -speed]), np.zeros((2 * len(position), n))
+    ).joint_effort(0)
+    return np.asarray((both[: len(position)] - both[len(position) :]) / 2)
+
+
+def inertia_matrix(model: ArmModel, q: npt.ArrayLike) -> FloatArray:
+    """Joint efforts per joint acceleration (N, n, n), at rest: links, pistons and drives; kg m^2 (kg m, kg)."""
+    n = len(model.joints)
+    position = _rows(q, n, "q")
+    count = len(position)
+    units = np.repeat(np.vstack([np.zeros(n), np.eye(n)]), count, axis=0)
+    rows = np.tile(position, (n + 1, 1))
+    efforts = on_motion(model, rows, np.zeros_like(rows), units).joint_effort(0).reshape(n + 1, count, n)
+    return np.asarray((efforts[1:] - efforts[0]).transpose(1, 2, 0))
+
+
+def pressures(
+    model: ArmModel,
+    q: npt.ArrayLike,
+    qd: npt.ArrayLike,
+    qdd: npt.ArrayLike,
+    t: npt.ArrayLike | None = None,
+    *,
+    rod: npt.ArrayLike | None = None,
+    temperature: npt.ArrayLike | None = None,
+) -> tuple[FloatArray, FloatArray]:
+    """Head and rod pressures (N, n) that a motion takes, Pa; NaN of a joint without a cylinder.
+
+    The force says one thing of two pressures. The other is the rod pressure: as given, or as the recordings show it at
+    such a motion and force (NaN where it was not measured).
+
+    Parameters
+    ----------
+    rod : (N, n), (n,) or one; Pa
+    """
+    found = on_motion(model, q, qd, qdd, t, temperature=temperature)
+    forces = found.drive_effort(0)
+    expected = found.views(0)[0].rod_pressures() if rod is None else np.broadcast_to(rod, forces.shape)
+    head, second = np.full_like(forces, np.nan), np.full_like(forces, np.nan)
+    for joint, own in enumerate(model.arm.joints):
+        if own.cylinder is not None:
+            second[:, joint] = expected[:, joint]
+            head[:, joint] = (forces[:, joint] + second[:, joint] * own.cylinder.rod_area) / own.cylinder.head_area
+    return head, second
+
+
+def forward(
+    model: ArmModel,
+    q: npt.ArrayLike,
+    qd: npt.ArrayLike,
+    *,
+    effort: npt.ArrayLike | None = None,
+    head: npt.ArrayLike | None = None,
+    rod: npt.ArrayLike | None = None,
+) -> FloatArray:
+    """Joint accelerations (N, n) from joint efforts, or from chamber pressures in Pa.
+
+    Raises
+    ------
+    InputError
+        If neither efforts nor both pressures are given, a joint has no cylinder to have pressures, or accelerations do
+        not settle.
+    """
+    n = len(model.joints)
+    position, speed = _rows(q, n, "q"), _rows(qd, n, "qd")
+    if (effort is None) == (head is None or rod is None):
+        raise InputError("forward: give joint efforts (effort=), or both pressures (head= and rod=)")
+    if effort is None:
+        if any(joint.cylinder is None for joint in model.arm.joints):
+            raise InputError("forward: not every joint has a cylinder; give joint efforts (effort=)")
+        areas = np.array([(j.cylinder.head_area, j.cylinder.rod_area) for j in model.arm.joints if j.cylinder])
+        force = np.asarray(head, dtype=float) * areas[:, 0] - np.asarray(rod, dtype=float) * areas[:, 1]
+        effort = levers(model, position) * force
+    wanted = np.broadcast_to(np.asarray(effort, dtype=float), position.shape)
+    inertia, found = inertia_matrix(model, position), np.zeros_like(position)
+    for _ in range(_STEPS):  # one step where no effect holds a force; else each leaves a share of the one before
+        missing = wanted - on_motion(model, position, speed, found).joint_effort(0)
+        step = np.linalg.solve(inertia, missing[:, :, None])[:, :, 0]
+        found = found + step
+        if np.max(np.abs(step)) <= _CLOSE * max(float(np.max(np.abs(found))), 1e-9):
+            return found
+    raise InputError(
+        "forward: accelerations do not settle: an effect that grows with the force is larger than the inertia's effort"
+    )
+
+
+def levers(model: ArmModel, q: FloatArray) -> FloatArray:
+    """Lever arms (N, n) of all joints, 1 of a joint without a cylinder."""
+    columns = [
+        np.ones(len(q)) if joint.cylinder is None else lever_arm(joint.cylinder.linkage, q[:, number])
+        for number, joint in enumerate(model.arm.joints)
+    ]
+    return np.stack(columns, axis=1)
+
+
+def _warm(term: Term) -> bool:
+    """Whether a term is a law of the oil's temperature."""
+    return isinstance(term.content, Law) and any(signal == "oil_temperature" for signal, _ in term.content.signals)
+
+
+def _regular(t: FloatArray, rate_hz: float) -> bool:
+    """Whether times rise in steps of the rate (to a thousandth of one)."""
+    return len(t) > 1 and bool(np.all(np.abs(np.diff(t) * rate_hz - 1.0) < 1e-3))
+
+
+def _rows(values: npt.ArrayLike, joints: int, name: str) -> FloatArray:
+    array = np.atleast_2d(np.asarray(values, dtype=float))
+    if array.ndim != 2 or array.shape[1] != joints:
+        raise InputError(f"{name} has shape {np.shape(values)}; it must be (samples, {joints})")
+    if not np.isfinite(array).all():
+        raise InputError(f"{name} holds a value that is not finite")
+    return array
+
+
+def _segment(
+    model: ArmModel,
+    motion: list[FloatArray],
+    t: FloatArray,
+    temperature: FloatArray | None,
+    external: FloatArray | None,
+) -> Segment:
+    q, qd, qdd = motion
+    x, v, a = q.copy(), qd.copy(), qdd.copy()
+    for number, joint in enumerate(model.arm.joints):
+        if joint.cylinder is not None:
+            moved = piston_motion(joint.cylinder.linkage, q[:, number], qd[:, number], qdd[:, number])
+            x[:, number], v[:, number], a[:, number] = moved
+    unknown = np.full_like(q, np.nan)
+    return Segment(
+        recording=FOREIGN,
+        role="operation",
+        start=0,
+        t=t,
+        q=q,
+        qd=qd,
+        qdd=qdd,
+        x=x,
+        v=v,
+        a=a,
+        r=levers(model, q),
+        effort=np.zeros_like(q),
+        p1=unknown,
+        p2=unknown,
+        rest=np.zeros(q.shape, dtype=bool),
+        loaded=True,
+        temperature=temperature,
+        gap=unknown,
+        external=external,
+    )

@@ -1,0 +1,174 @@
+"""A model on a recording: predicted efforts beside measured ones, with the band that measured ones should lie in."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+import pyarrow as pa
+
+from daq.column_map import load_map
+from daq.errors import RecordingError
+from daq.recording import Recording, read_recording
+from daq.recording_files import write_table
+from fitting.error_sizes import measured_efforts, sizes
+from fitting.joint_side import at_joints
+from fitting.model.arm_model import ArmModel, phase_unknown
+from fitting.model.evaluation import Evaluated, evaluate, without
+from fitting.preparation import segments_of
+from fitting.regression import effort_errors
+from fitting.rods import with_rods_as_said
+
+FloatArray = npt.NDArray[np.float64]
+BoolArray = npt.NDArray[np.bool_]
+
+#: Standard deviations on each side of a normal variable's 95 % band.
+BAND = 1.959963984540054
+
+
+@dataclass(frozen=True)
+class Predicted:
+    """Efforts of all joints in one recording, the stretches between gaps in a row: arrays (N, n), N m or N.
+
+    Attributes
+    ----------
+    joints, units : names, and units of the efforts
+    t : (N,) s, the recording's
+    measured : as sensors gave it, moved by what the model says of delays
+    predicted : by the model
+    std : standard deviation of the difference: parameters, and what the fit left of its own recordings
+    moving : False where a joint's drive rests: what holds it there is static friction, which no model predicts
+    errors : per joint (M_j,) the residual of its moving rows through the identification filter
+    filtered : ``std``, ``rms``, ``mean`` and ``relative`` of these errors, a value per joint, as a report has them
+    left_out : a line for each term of the model that this recording cannot have
+    """
+
+    joints: tuple[str, ...]
+    units: tuple[str, ...]
+    t: FloatArray
+    measured: FloatArray
+    predicted: FloatArray
+    std: FloatArray
+    moving: BoolArray
+    errors: tuple[FloatArray, ...]
+    filtered: dict[str, list[float | None]]
+    left_out: tuple[str, ...]
+
+    @property
+    def residual(self) -> FloatArray:
+        """Measured minus predicted."""
+        return self.measured - self.predicted
+
+    @property
+    def coverage(self) -> FloatArray:
+        """Share (n,) of the moving samples whose measured effort lies in the 95 % band; NaN where nothing moves."""
+        inside = (np.abs(self.residual) <= BAND * self.std) & self.moving
+        count = self.moving.sum(axis=0)
+        return np.asarray(np.where(count > 0, inside.sum(axis=0) / np.maximum(count, 1), np.nan))
+
+
+def load_recording(model: ArmModel, path: Path, *, columns: Path | None = None, resample: bool = False) -> Recording:
+    """A recording of the model's arm; ``columns`` is a file with a map of its columns.
+
+    Raises
+    ------
+    RecordingError
+        One line that names file or channel.
+    """
+    named = None if columns is None else load_map(columns, model.machine)
+    return read_recording(path, model.machine, "validate", columns=named, resample=resample)
+
+
+def on_recording(model: ArmModel, recording: Recording) -> tuple[Evaluated, tuple[str, ...]]:
+    """A model evaluated on a recording, and a line for each term that this recording cannot have.
+
+    Raises
+    ------
+    RecordingError
+        If it has no stretch that is long enough.
+    """
+    number = model.recording_number(recording.sha256)
+    lost = [n for n, term in enumerate(model.terms) if phase_unknown(term, number)]
+    lines = [
+        f"{model.terms[n].id}: its phase is known only in the recordings that the model was identified from"
+        for n in lost
+    ]
+    machine, measured = at_joints(model.machine, [recording])
+    measured, said = with_rods_as_said(machine, measured)
+    latency, resampled = model.delays
+    corrections = model.corrections
+    segments = segments_of(
+        corrections.machine,
+        measured,
+        model.bank,
+        noise=model.noise,
+        latency=latency,
+        resampled=resampled,
+        position_error=corrections.position_error,
+        play=corrections.play,
+    )
+    kept = without(model, lost)
+    return evaluate(kept, [replace(segment, recording=number) for segment in segments]), (*lines, *said)
+
+
+def predict(model: ArmModel, recording: Recording) -> Predicted:
+    """Efforts in a recording.
+
+    Raises
+    ------
+    RecordingError
+        If it has no stretch that is long enough, or its drives carry no arm.
+    """
+    if recording.role == "unloaded":
+        raise RecordingError(f"{recording.file}: free drives carry no joint effort; give a recording of the arm")
+    found, lines = on_recording(model, recording)
+    design, indices = found.design, range(len(found.design.segments))
+    errors = effort_errors(design, found.model.theta, indices, found.extra)
+    of = sizes("std", errors, measured_efforts(design, indices))
+    levers = [np.abs(segment.r) for segment in design.segments]
+
+    def joined(parts: Sequence[FloatArray]) -> FloatArray:
+        return np.concatenate(list(parts))
+
+    return Predicted(
+        joints=model.joints,
+        units=tuple(joint.effort_unit for joint in design.machine.joints),
+        t=joined([segment.t for segment in design.segments]),
+        measured=joined([segment.r * segment.effort for segment in design.segments]),
+        predicted=joined([found.joint_effort(i) for i in indices]),
+        std=joined([levers[i] * np.hypot(found.parameter_std(i), model.residual_std) for i in indices]),
+        moving=np.concatenate([~segment.rest for segment in design.segments]),
+        errors=errors,
+        filtered={key.removeprefix("std_"): values for key, values in of.items()},
+        left_out=lines,
+    )
+
+
+def write_predicted(path: Path, found: Predicted) -> None:
+    """Write a prediction as a table, ``.csv`` or ``.parquet``, whole or not at all.
+
+    Columns: ``time`` (s), and of each joint ``measured``, ``predicted``, ``residual``, ``std``, ``low`` and ``high``
+    (both ends of the 95 % band, N m or N), and ``moving`` (0 or 1).
+
+    Raises
+    ------
+    RecordingError
+        If the suffix is another one or the place cannot be written.
+    """
+    columns: dict[str, FloatArray] = {"time": found.t}
+    low, high = found.predicted - BAND * found.std, found.predicted + BAND * found.std
+    for number, name in enumerate(found.joints):
+        for key, values in (
+            ("measured", found.measured),
+            ("predicted", found.predicted),
+            ("residual", found.residual),
+            ("std", found.std),
+            ("low", low),
+            ("high", high),
+            ("moving", found.moving.astype(float)),
+        ):
+            columns[f"{name}.{key}"] = values[:, number]
+    write_table(path, pa.table(columns))

@@ -1,0 +1,44 @@
+"""Machine files."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from daq.machine_file import Machine as MachineFile
+from daq.machine_file import load_machine
+
+
+@dataclass(frozen=True)
+class Machine:
+    """A machine as its file describes it.
+
+    Attributes
+    ----------
+    path : the file
+    content : what it says, validated
+    """
+
+    path: Path
+    content: MachineFile
+
+    @classmethod
+    def load(cls, path: str | Path) -> Machine:
+        """Read a machine file.
+
+        Raises
+        ------
+        InputError
+            With one line: file, line, key, what is wrong and what to do.
+        """
+        return cls(Path(path), load_machine(path))
+
+    @property
+    def name(self) -> str:
+        """Its name."""
+        return self.content.name
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """Names of its joints, base to tip."""
+        return tuple(joint.name for joint in self.content.joints)

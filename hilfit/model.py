@@ -1,0 +1,189 @@
+"""The corrected model of an arm, to calculate with."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal, overload
+
+import numpy as np
+import numpy.typing as npt
+
+from fitting.model import motion, simulation
+from fitting.model.arm_model import ArmModel, over_time
+from fitting.model.codec import load_model, save_model
+from fitting.model.export import export_model
+from fitting.model.prediction import Predicted, load_recording, predict
+from hilfit.recording import Recording
+
+FloatArray = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Model:
+    """A corrected model: rigid body, drives, effects and laws, with the uncertainty of all parameters.
+
+    Motions are (N, n), rows being samples, or (n,) for one; rad or m, N m or N, s. Effects that remember (play, films,
+    a swinging liquid) are evaluated where times are given that rise in steps of the model's rate, and left out
+    otherwise; :attr:`over_time` names them. Delays belong to sensors and are never in an effort.
+
+    Attributes
+    ----------
+    content : all that it holds
+    """
+
+    content: ArmModel
+
+    @classmethod
+    def load(cls, path: str | Path) -> Model:
+        """Read ``model.json``, or that in a report's folder.
+
+        Raises
+        ------
+        InputError
+            One line: file, key, what is wrong and what to do.
+        """
+        return cls(load_model(path))
+
+    def save(self, path: str | Path) -> Path:
+        """Write ``model.json``, whole or not at all."""
+        return save_model(path, self.content)
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """Names of the joints, base to tip."""
+        return self.content.joints
+
+    @property
+    def parameters(self) -> Mapping[str, tuple[float, float, str]]:
+        """Value, standard deviation and unit of every parameter, by name."""
+        own = self.content
+        return {
+            name: (float(value), float(std), unit)
+            for name, value, std, unit in zip(own.parameter_names, own.theta, own.std, own.parameter_units, strict=True)
+        }
+
+    @property
+    def over_time(self) -> tuple[str, ...]:
+        """Ids of the effects that need the motion before a moment."""
+        return tuple(term.id for term in self.content.terms if over_time(term))
+
+    @overload
+    def effort(
+        self,
+        q: npt.ArrayLike,
+        qd: npt.ArrayLike,
+        qdd: npt.ArrayLike,
+        t: npt.ArrayLike | None = ...,
+        *,
+        temperature: npt.ArrayLike | None = ...,
+        external: npt.ArrayLike | None = ...,
+        return_std: Literal[False] = ...,
+    ) -> FloatArray: ...
+
+    @overload
+    def effort(
+        self,
+        q: npt.ArrayLike,
+        qd: npt.ArrayLike,
+        qdd: npt.ArrayLike,
+        t: npt.ArrayLike | None = ...,
+        *,
+        temperature: npt.ArrayLike | None = ...,
+        external: npt.ArrayLike | None = ...,
+        return_std: Literal[True],
+    ) -> tuple[FloatArray, FloatArray]: ...
+
+    def effort(
+        self,
+        q: npt.ArrayLike,
+        qd: npt.ArrayLike,
+        qdd: npt.ArrayLike,
+        t: npt.ArrayLike | None = None,
+        *,
+        temperature: npt.ArrayLike | None = None,
+        external: npt.ArrayLike | None = None,
+        return_std: bool = False,
+    ) -> FloatArray | tuple[FloatArray, FloatArray]:
+        """Joint efforts (N, n) that a motion takes.
+
+        Parameters
+        ----------
+        q, qd, qdd : positions, speeds, accelerations
+        t : (N,) s since the motion began; None: every row is at its beginning
+        temperature : (N,) or one, K, of the oil
+        external : (N, n) N, forces from outside at the pistons, positive against extension
+        return_std : True gives the standard deviation of a measured effort as well: what parameters and what the fit
+            left of its recordings make together
+        """
+        found = motion.moving(self.content, q, qd, qdd, t, temperature=temperature, external=external)
+        return (found.effort, found.std) if return_std else found.effort
+
+    def pressures(
+        self,
+        q: npt.ArrayLike,
+        qd: npt.ArrayLike,
+        qdd: npt.ArrayLike,
+        t: npt.ArrayLike | None = None,
+        *,
+        rod: npt.ArrayLike | None = None,
+        temperature: npt.ArrayLike | None = None,
+    ) -> tuple[FloatArray, FloatArray]:
+        """Head and rod pressures (N, n) in Pa; see :func:`fitting.model.motion.pressures`."""
+        return motion.pressures(self.content, q, qd, qdd, t, rod=rod, temperature=temperature)
+
+    def gravity(self, q: npt.ArrayLike) -> FloatArray:
+        """Joint efforts (N, n) that hold the links still."""
+        return motion.gravity(self.content, q)
+
+    def friction(self, q: npt.ArrayLike, qd: npt.ArrayLike) -> FloatArray:
+        """Joint efforts (N, n) that change their sign with the speed's."""
+        return motion.friction(self.content, q, qd)
+
+    def inertia_matrix(self, q: npt.ArrayLike) -> FloatArray:
+        """Inertia (N, n, n) of links, pistons and drives: joint efforts per joint acceleration, at rest."""
+        return motion.inertia_matrix(self.content, q)
+
+    def forward(
+        self,
+        q: npt.ArrayLike,
+        qd: npt.ArrayLike,
+        *,
+        effort: npt.ArrayLike | None = None,
+        head: npt.ArrayLike | None = None,
+        rod: npt.ArrayLike | None = None,
+    ) -> FloatArray:
+        """Joint accelerations (N, n) from joint efforts, or from chamber pressures ``head`` and ``rod`` in Pa."""
+        return motion.forward(self.content, q, qd, effort=effort, head=head, rod=rod)
+
+    def predict(self, recording: Recording | str | Path) -> Predicted:
+        """Efforts in a recording beside the measured ones, with their 95 % band."""
+        own = recording.content if isinstance(recording, Recording) else load_recording(self.content, Path(recording))
+        return predict(self.content, own)
+
+    def export(self, to: str, path: str | Path) -> tuple[str, ...]:
+        """Write the model for another program (``hilfit model export``); a line for each part that is not in it."""
+        return export_model(self.content, to, Path(path)).left_out
+
+
+def simulate(
+    model: Model,
+    effort: simulation.Efforts,
+    q: npt.ArrayLike,
+    qd: npt.ArrayLike | None = None,
+    *,
+    seconds: float,
+    rate_hz: float | None = None,
+    friction_speed: float | None = None,
+    method: simulation.Method = "LSODA",
+) -> simulation.Simulated:
+    """Motion from a state under efforts or a controller; see :func:`fitting.model.simulation.simulate`."""
+    return simulation.simulate(
+        model.content, effort, q, qd, seconds=seconds, rate_hz=rate_hz, friction_speed=friction_speed, method=method
+    )
+
+
+def tracking(model: Model, t: npt.ArrayLike, q: npt.ArrayLike, *, bandwidth_hz: float = 2.0) -> simulation.Efforts:
+    """A controller for :func:`simulate` that follows positions ``q`` (N, n) at times ``t`` (N,), s from 0."""
+    return simulation.tracking(model.content, t, q, bandwidth_hz=bandwidth_hz)

@@ -1,0 +1,237 @@
+"""Exported models against the model itself, on motions and states that no table of theirs holds."""
+
+from __future__ import annotations
+
+import ctypes
+import shutil
+import subprocess
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from model_examples import applies, law_of, model_with, session_of, term_of
+from synthetic_arm import make_motion
+
+from daq.errors import InputError
+from fitting.base_parameters import reduce_parameters
+from fitting.effects import effects
+from fitting.model import motion
+from fitting.model.arm_model import ArmModel
+from fitting.model.export import FORMATS, export_model
+from fitting.model.export.c import identifier
+from fitting.model.export.tracing import Tracer
+from fitting.residual.surfaces import Surface
+from fitting.residual.terms import Term
+
+#: Effects of one moment whose formula asks for numbers, so that no expression can be made of it.
+UNTRACED = {"linkage_geometry"}
+COMPILER = shutil.which("cc")
+needs_compiler = pytest.mark.skipif(COMPILER is None, reason="there is no C compiler")
+
+
+@pytest.fixture(scope="module")
+def model() -> ArmModel:
+    """Two joints with effects of every kind that an export carries, and two that it does not."""
+    session = session_of(2)
+    names = ("stribeck", "pressure_dependent_friction", "counterbalance_valve", "base_tilt", "velocity_root_friction")
+    terms = [term_of(session, name, number % 2) for number, name in enumerate(names)]
+    laws = [law_of(session, "piston_position", 1, signed=True), law_of(session, "cylinder_force", 0, signed=True)]
+    return model_with([*terms, *laws, term_of(session, "presliding_hysteresis", 1)], session)
+
+
+def held_out(model: ArmModel) -> tuple[np.ndarray, ...]:
+    moved = make_motion(model.machine, "validate", 77, 6.0)
+    moved.qd[:5] = 0.0  # a moment at rest as well
+    return moved.q, moved.qd, moved.qdd, moved.t + 3.0
+
+
+def assert_same(found: np.ndarray, expected: np.ndarray, share: float = 1e-9) -> None:
+    assert np.max(np.abs(found - expected)) <= share * np.max(np.abs(expected))
+
+
+def assert_answers(answers: dict[str, Callable[..., Any]], model: ArmModel, share: float = 1e-9) -> None:
+    """Whether everything that an export can be asked is what the carried part of the model says."""
+    q, qd, qdd, t = held_out(model)
+    carried = Tracer(model).carried
+    with_time = motion.on_motion(carried, q, qd, qdd, t)
+    assert_same(answers["inverse_dynamics"](q, qd, qdd, t), with_time.joint_effort(0), share)
+    assert_same(answers["drive_efforts"](q, qd, qdd, t), with_time.drive_effort(0), share)
+    assert_same(answers["gravity"](q), motion.gravity(carried, q), share)
+    assert_same(answers["friction"](q, qd, np.zeros(len(t))), motion.friction(carried, q, qd), share)
+    head, rod = motion.pressures(carried, q, qd, qdd, t)
+    assert_same(answers["head_pressures"](q, qd, qdd, t), head, share)
+    assert_same(answers["rod_pressures"](q, qd, qdd, t), rod, share)
+
+
+def python_answers(path: Path) -> dict[str, Any]:
+    names: dict[str, Any] = {}
+    exec(path.read_text(encoding="utf-8"), names)
+    return names
+
+
+def test_python_says_what_the_model_says(model: ArmModel, tmp_path: Path) -> None:
+    done = export_model(model, "python", tmp_path / "arm.py")
+    assert_answers(python_answers(tmp_path / "arm.py"), model)
+    assert len(done.left_out) == 1 and "reversal" in done.left_out[0]
+    text = (tmp_path / "arm.py").read_text(encoding="utf-8")
+    assert done.left_out[0] in text and "validate-3" in text
+    assert {line.split()[1] for line in text.splitlines() if line.startswith(("import", "from"))} == {"numpy"}
+
+
+@pytest.mark.parametrize("name", [e.id for e in effects() if not e.over_time])
+def test_every_effect_of_one_moment_is_carried(name: str, tmp_path: Path) -> None:
+    session = session_of(2)
+    joint = applies(next(e for e in effects() if e.id == name), session.machine)
+    assert joint is not None
+    # The last shape of a valve is one that lowers the other way: these loads never pull that way.
+    term = term_of(session, name, joint, choice=0 if name == "counterbalance_valve" else -1)
+    if name == "payload":
+        term.shape["recording"] = -1.0  # type: ignore[index]
+    model = model_with([term], session)
+    done = export_model(model, "python", tmp_path / "arm.py")
+    expected = {name} & (UNTRACED | {"supply_ripple"})
+    assert bool(done.left_out) == bool(expected)
+    q, qd, qdd, t = held_out(model)
+    found = python_answers(tmp_path / "arm.py")["inverse_dynamics"](q, qd, qdd, t)
+    assert_same(found, motion.on_motion(Tracer(model).carried, q, qd, qdd, t).joint_effort(0))
+    without = motion.on_motion(Tracer(model_with((), session)).carried, q, qd, qdd, t).joint_effort(0)
+    # What was carried is in the numbers, a thousand times the tolerance or more.
+    assert expected or np.max(np.abs(found - without)) > 1e-6 * np.max(np.abs(found))
+
+
+@pytest.mark.parametrize("kinds", ["RPR", "rR", "RRRR"])
+def test_prismatic_and_direct_joints_and_twists(kinds: str, tmp_path: Path) -> None:
+    session = session_of(len(kinds), kinds)
+    model = model_with((), session)
+    export_model(model, "python", tmp_path / "arm.py")
+    q, qd, qdd, t = held_out(model)
+    found = python_answers(tmp_path / "arm.py")
+    assert_same(found["inverse_dynamics"](q, qd, qdd, t), motion.on_motion(model, q, qd, qdd, t).joint_effort(0))
+    assert_same(found["gravity"](q), motion.gravity(model, q))
+
+
+@pytest.mark.parametrize("twist", [False, True])
+def test_laws_of_two_signals_are_carried(twist: bool, tmp_path: Path) -> None:
+    session = session_of(2)
+    ranges = (0.05, 0.25), (-0.1, 0.1)  # narrower than the motion: constant beyond
+    law = Surface("piston_position", None, not twist, False, ranges[0], "piston_speed", 1, ranges[1], twist)
+    model = model_with([Term(law, 0)], session)
+    done = export_model(model, "python", tmp_path / "arm.py")
+    assert not done.left_out
+    q, qd, qdd, t = held_out(model)
+    found = python_answers(tmp_path / "arm.py")["inverse_dynamics"](q, qd, qdd, t)
+    assert_same(found, motion.on_motion(model, q, qd, qdd, t).joint_effort(0))
+    without = motion.on_motion(model_with((), session), q, qd, qdd, t).joint_effort(0)
+    assert np.max(np.abs(found - without)) > 1e-6 * np.max(np.abs(found))
+
+
+def test_a_modified_table_is_traced_as_a_distal_one(tmp_path: Path) -> None:
+    """Twisted axes and a slide in Craig's convention, against the regressor."""
+    session = session_of(3, "RPR")
+    machine = session.machine
+    joints = [
+        joint.model_copy(update={"dh": joint.dh.model_copy(update={"alpha": alpha, "d": 0.2, "theta": 0.3})})
+        for joint, alpha in zip(machine.joints, (0.4, -1.2, 0.9), strict=True)
+    ]
+    modified = machine.model_copy(update={"convention": "modified", "joints": tuple(joints)})
+    base = reduce_parameters(modified)
+    model = model_with((), session)
+    drive = model.theta[: model.parameters.drive_count]
+    theta = np.concatenate([drive, np.random.default_rng(2).normal(size=len(base)) * 5.0])
+    count = len(theta)
+    model = replace(
+        model,
+        machine=modified,
+        base=base,
+        passes=(replace(model.passes[-1], theta=theta),),
+        covariance=np.eye(count),
+        told=np.ones(count, dtype=bool),
+    )
+    export_model(model, "python", tmp_path / "arm.py")
+    q, qd, qdd, t = held_out(model)
+    found = python_answers(tmp_path / "arm.py")["inverse_dynamics"](q, qd, qdd, t)
+    assert_same(found, motion.on_motion(model, q, qd, qdd, t).joint_effort(0))
+
+
+def compile_c(folder: Path, *more: str) -> None:
+    assert COMPILER is not None
+    strict = ["-std=c99", "-pedantic", "-Wall", "-Wextra", "-Wconversion", "-Wdouble-promotion", "-Werror", "-O1"]
+    done = subprocess.run([COMPILER, *strict, *more, "-lm"], capture_output=True, text=True, cwd=folder, timeout=120)
+    assert done.returncode == 0, done.stderr
+
+
+def c_answers(library: Path, name: str, joints: int) -> dict[str, Any]:
+    loaded = ctypes.CDLL(str(library))
+    array = ctypes.c_double * joints
+
+    def asked(function: str, arrays: int, timed: bool, outputs: int = 1, pick: int = 0) -> Callable[..., np.ndarray]:
+        def answer(*given: np.ndarray) -> np.ndarray:
+            rows = []
+            for row in zip(*given, strict=True):
+                results = [array() for _ in range(outputs)]
+                inputs = [array(*values) for values in row[:arrays]]
+                clock = [ctypes.c_double(row[arrays])] if timed else []
+                getattr(loaded, f"{name}_{function}")(*inputs, *clock, *results)
+                rows.append(list(results[pick]))
+            return np.array(rows)
+
+        return answer
+
+    return {
+        "inverse_dynamics": asked("inverse_dynamics", 3, True),
+        "drive_efforts": asked("drive_efforts", 3, True),
+        "gravity": asked("gravity", 1, False),
+        "friction": asked("friction", 2, True),
+        "head_pressures": asked("pressures", 3, True, 2, 0),
+        "rod_pressures": asked("pressures", 3, True, 2, 1),
+    }
+
+
+@needs_compiler
+def test_c_compiles_without_a_warning_passes_its_self_test_and_says_what_the_model_says(
+    model: ArmModel, tmp_path: Path
+) -> None:
+    done = export_model(model, "c", tmp_path)
+    name = identifier(model.machine.name)
+    assert [path.name for path in done.files] == [f"{name}.h", f"{name}.c", f"{name}_selftest.c"]
+    compile_c(tmp_path, "-o", "selftest", f"{name}.c", f"{name}_selftest.c")
+    checked = subprocess.run([tmp_path / "selftest"], capture_output=True, text=True, timeout=30)
+    assert checked.returncode == 0, checked.stdout
+    compile_c(tmp_path, "-shared", "-fPIC", "-o", "arm.so", f"{name}.c")
+    assert_answers(c_answers(tmp_path / "arm.so", name, 2), model)
+
+
+@needs_compiler
+def test_the_self_test_fails_where_the_code_is_wrong(model: ArmModel, tmp_path: Path) -> None:
+    export_model(model, "c", tmp_path)
+    name = identifier(model.machine.name)
+    source = tmp_path / f"{name}.c"
+    text = source.read_text(encoding="utf-8")
+    assert "    tau[0] = " in text
+    source.write_text(text.replace("    tau[0] = ", "    tau[0] = 1.0001 * "), encoding="utf-8")
+    assert COMPILER is not None
+    subprocess.run([COMPILER, "-o", "selftest", source.name, f"{name}_selftest.c", "-lm"], cwd=tmp_path, check=True)
+    assert subprocess.run([tmp_path / "selftest"], capture_output=True, timeout=30).returncode == 1
+
+
+@pytest.mark.parametrize(
+    ("name", "word"), [("Folding arm 2", "folding_arm_2"), ("7-axis", "arm_7_axis"), ("int", "arm_int")]
+)
+def test_names_are_those_of_the_language(name: str, word: str) -> None:
+    assert identifier(name) == word
+
+
+def test_a_folder_that_is_a_file_is_refused(model: ArmModel, tmp_path: Path) -> None:
+    (tmp_path / "x").write_text("", encoding="utf-8")
+    with pytest.raises(InputError, match="is a file"):
+        export_model(model, "c", tmp_path / "x")
+
+
+def test_every_format_is_listed_in_the_help() -> None:
+    from fitting.model.cli import export
+
+    help_text = str(export.__annotations__["to"])
+    assert all(name in help_text for name in FORMATS)

@@ -1,0 +1,119 @@
+"""Efforts, gravity, friction, inertia, pressures and accelerations of any motion, against formulas written out."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from model_examples import model_with, session_of, term_of, true_model
+from synthetic_arm import force, make_motion, truth
+
+from daq.errors import InputError
+from fitting.dynamics import inverse_dynamics
+from fitting.linkage import lever_arm
+from fitting.model import motion
+from fitting.model.arm_model import ArmModel
+
+
+@pytest.fixture(scope="module")
+def exact() -> ArmModel:
+    """Two joints with the true parameters."""
+    session = session_of(2)
+    return true_model(session.machine, truth(2), session)
+
+
+def test_effort_is_that_of_the_arm_it_was_made_of(exact: ArmModel) -> None:
+    moved = make_motion(exact.machine, "validate", 11, 5.0)
+    expected = moved.r * force(exact.machine, truth(2), moved)
+    found = motion.moving(exact, moved.q, moved.qd, moved.qdd)
+    np.testing.assert_allclose(found.effort, expected, rtol=1e-9, atol=1e-8)
+    assert np.all(found.std > found.parameter_std) and np.all(found.parameter_std > 0)
+
+
+def test_gravity_and_inertia_are_the_links_and_the_pistons(exact: ArmModel) -> None:
+    machine, arm = exact.machine, truth(2)
+    q = np.array([[0.2, -0.3], [-0.5, 0.1]])
+    still = np.zeros_like(q)
+    np.testing.assert_allclose(motion.gravity(exact, q), inverse_dynamics(machine, arm.pi, q, still, still), rtol=1e-9)
+    inertia = motion.inertia_matrix(exact, q)
+    r = np.stack([lever_arm(j.cylinder.linkage, q[:, k]) for k, j in enumerate(machine.joints) if j.cylinder], axis=1)
+    for joint in range(2):
+        unit = np.tile(np.eye(2)[joint], (2, 1))
+        links = inverse_dynamics(machine, arm.pi, q, still, unit) - inverse_dynamics(machine, arm.pi, q, still, still)
+        links[:, joint] += arm.drive[joint, 0] * r[:, joint] ** 2
+        np.testing.assert_allclose(inertia[:, :, joint], links, rtol=1e-8, atol=1e-8)
+
+
+def test_friction_is_what_turns_with_the_speed(exact: ArmModel) -> None:
+    moved = make_motion(exact.machine, "validate", 5, 4.0)
+    _, _, f_c, f_v, f_s = truth(2).drive.T
+    damping = np.array([j.cylinder.damping for j in exact.machine.joints if j.cylinder])
+    expected = moved.r * (f_c * np.sign(moved.v) + (f_v + damping) * moved.v + f_s * np.cbrt(moved.v))
+    np.testing.assert_allclose(motion.friction(exact, moved.q, moved.qd), expected, rtol=1e-9, atol=1e-9)
+
+
+@given(st.lists(st.floats(-0.5, 0.5), min_size=6, max_size=6))
+@settings(max_examples=15)
+def test_forward_undoes_effort(values: list[float]) -> None:
+    model = MODELS["force"]
+    q, qd, qdd = (np.array([values[k : k + 2]]) for k in (0, 2, 4))
+    effort = motion.moving(model, q, qd, qdd).effort
+    np.testing.assert_allclose(motion.forward(model, q, qd, effort=effort), qdd, rtol=1e-7, atol=1e-7)
+
+
+@given(st.lists(st.floats(-0.5, 0.5), min_size=6, max_size=6), st.floats(1e5, 5e6))
+@settings(max_examples=10)
+def test_pressures_make_the_force_and_forward_takes_them_back(values: list[float], rod: float) -> None:
+    model = MODELS["force"]
+    q, qd, qdd = (np.array([values[k : k + 2]]) for k in (0, 2, 4))
+    head, second = motion.pressures(model, q, qd, qdd, rod=rod)
+    assert np.all(second == rod)
+    np.testing.assert_allclose(motion.forward(model, q, qd, head=head, rod=second), qdd, rtol=1e-7, atol=1e-7)
+
+
+def test_expected_rod_pressure_is_that_of_the_recordings(exact: ArmModel) -> None:
+    session = session_of(2)
+    segment = session.plain.design.segments[session.plain.design.indices("train")[0]]
+    model = model_with((), session)
+    _, rod = motion.pressures(model, segment.q, segment.qd, segment.qdd, segment.t - segment.t[0])
+    # The return line is 2 MPa s/m of speed, and half of that swings with time: a product, which no sum of laws holds.
+    assert np.std(rod - segment.p2) < 0.4 * np.std(segment.p2)
+
+
+def test_terms_over_time_take_part_only_where_time_is_told() -> None:
+    session = session_of(2)
+    model = model_with([term_of(session, "presliding_hysteresis", 1)], session)
+    moved = make_motion(session.machine, "validate", 4, 3.0)
+    with_time = motion.moving(model, moved.q, moved.qd, moved.qdd, moved.t).effort
+    without = motion.moving(model, moved.q, moved.qd, moved.qdd).effort
+    assert np.max(np.abs(with_time[:, 1] - without[:, 1])) > 1.0
+    np.testing.assert_array_equal(with_time[:, 0], without[:, 0])
+
+
+@pytest.mark.parametrize(
+    ("call", "words"),
+    [
+        (lambda m: motion.moving(m, [[0.0]], [[0.0]], [[0.0]]), "must be (samples, 2)"),
+        (lambda m: motion.moving(m, [[0.0, 0.0]], [[0.0, 0.0]] * 2, [[0.0, 0.0]]), "must be as many"),
+        (lambda m: motion.moving(m, [[np.nan, 0.0]], [[0.0, 0.0]], [[0.0, 0.0]]), "not finite"),
+        (lambda m: motion.forward(m, [[0.0, 0.0]], [[0.0, 0.0]]), "give joint efforts"),
+    ],
+)
+def test_bad_motions_are_refused_in_one_line(call: object, words: str, exact: ArmModel) -> None:
+    with pytest.raises(InputError) as caught:
+        call(exact)  # type: ignore[operator]
+    assert words in str(caught.value) and "\n" not in str(caught.value)
+
+
+class _Models(dict[str, ArmModel]):
+    """Made when first asked for."""
+
+    def __missing__(self, key: str) -> ArmModel:
+        session = session_of(2)
+        names = {"force": ("load_dependent_friction", "stribeck", "pressure_dependent_friction")}[key]
+        self[key] = model_with([term_of(session, name, n % 2) for n, name in enumerate(names)], session, 3.0)
+        return self[key]
+
+
+MODELS = _Models()

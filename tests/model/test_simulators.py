@@ -1,0 +1,122 @@
+"""URDF and MJCF: other engines calculate the efforts of the links that the model has."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from model_examples import model_with, session_of, term_of, true_model
+from synthetic_arm import truth
+
+from fitting.base_parameters import base_regressor
+from fitting.body_prior import pseudo_inertia
+from fitting.dynamics import inverse_dynamics
+from fitting.model.arm_model import ArmModel
+from fitting.model.export import export_model
+from fitting.model.export.bodies import bodies_of
+from fitting.model.export.c import states
+
+mujoco = pytest.importorskip("mujoco")
+pytest.importorskip("cvxpy")
+
+
+def links_alone(model: ArmModel, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray) -> np.ndarray:
+    """What the links of the model take."""
+    regressor = base_regressor(model.arm, model.base, q, qd, qdd)
+    return np.asarray(regressor @ model.theta[model.parameters.base_slice])
+
+
+def mujoco_efforts(path: Path, gravity: Any, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray) -> np.ndarray:
+    plant = mujoco.MjModel.from_xml_path(str(path))
+    plant.opt.gravity[:] = gravity
+    plant.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONSTRAINT  # dry friction is one there
+    plant.dof_damping[:] = 0.0
+    plant.dof_armature[:] = 0.0
+    data = mujoco.MjData(plant)
+    rows = []
+    for data.qpos[:], data.qvel[:], data.qacc[:] in zip(q, qd, qdd, strict=True):
+        mujoco.mj_inverse(plant, data)
+        rows.append(data.qfrc_inverse.copy())
+    return np.array(rows)
+
+
+def pinocchio_efforts(path: Path, gravity: Any, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray) -> np.ndarray:
+    pinocchio = pytest.importorskip("pinocchio")
+    plant = pinocchio.buildModelFromUrdf(str(path))
+    plant.gravity.linear = np.array(gravity)
+    data = plant.createData()
+    return np.array([pinocchio.rnea(plant, data, *row) for row in zip(q, qd, qdd, strict=True)])
+
+
+@pytest.fixture(scope="module", params=["RR", "RPR", "rR"])
+def possible(request: pytest.FixtureRequest) -> ArmModel:
+    """Arms whose links are bodies: their parameters are the true ones."""
+    kinds = request.param
+    session = session_of(len(kinds), kinds)
+    arm = truth(len(kinds))
+    model = model_with((), session)
+    theta = model.theta.copy()
+    theta[model.parameters.base_slice] = model.base.from_standard(arm.pi)
+    return replace(model, passes=(replace(model.passes[-1], theta=theta),))
+
+
+ENGINES = [("urdf", mujoco_efforts), ("mjcf", mujoco_efforts), ("urdf", pinocchio_efforts)]
+
+
+@pytest.mark.parametrize(("to", "efforts"), ENGINES)
+def test_engines_agree_with_the_links(possible: ArmModel, to: str, efforts: Any, tmp_path: Path) -> None:
+    path = tmp_path / f"arm.{to}"
+    done = export_model(possible, to, path)
+    q, qd, qdd, _ = states(possible, 20)
+    found = efforts(path, possible.arm.gravity, q, qd, qdd)
+    expected = links_alone(possible, q, qd, qdd)
+    assert np.max(np.abs(found - expected)) <= 1e-6 * np.max(np.abs(expected))
+    cylinders = sum(joint.cylinder is not None for joint in possible.arm.joints)
+    assert sum("cylinder of" in line for line in done.left_out) == cylinders
+    text = path.read_text(encoding="utf-8")
+    assert all(line in text for line in done.left_out)
+
+
+def test_links_can_exist_and_have_the_base_parameters(possible: ArmModel) -> None:
+    bodies = bodies_of(possible)
+    assert bodies.moved == 0.0
+    assert all(np.linalg.eigvalsh(pseudo_inertia(row)).min() > 0 for row in bodies.standard)
+    q, qd, qdd, _ = states(possible, 10)
+    expected = links_alone(possible, q, qd, qdd)
+    np.testing.assert_allclose(
+        inverse_dynamics(possible.arm, bodies.standard, q, qd, qdd), expected, rtol=1e-7, atol=1e-7
+    )
+
+
+def test_impossible_links_are_replaced_and_it_is_said(tmp_path: Path) -> None:
+    session = session_of(2)
+    model = true_model(session.machine, truth(2), session)
+    theta = model.theta.copy()
+    place = model.parameters.base_slice.start + model.base.names.index("ZZ2")
+    # With MX2 + 0.65 m2 = 5.73 kg m, ZZ2 - 0.4225 m2 of a body is above -1.3 times that: ZZ2 > (MX2^2) / m2.
+    theta[place] = -20.0
+    model = replace(model, passes=(replace(model.passes[-1], theta=theta),))
+    done = export_model(model, "urdf", tmp_path / "arm.urdf")
+    bodies = bodies_of(model)
+    assert bodies.moved > 0 and any("no bodies have them" in line for line in done.left_out)
+    assert all(np.linalg.eigvalsh(pseudo_inertia(row)).min() > 0 for row in bodies.standard)
+    q, qd, qdd, _ = states(model, 10)
+    found = mujoco_efforts(tmp_path / "arm.urdf", model.arm.gravity, q, qd, qdd)
+    own = inverse_dynamics(model.arm, bodies.standard, q, qd, qdd)
+    assert np.max(np.abs(found - own)) <= 1e-6 * np.max(np.abs(own))
+
+
+def test_drives_that_act_directly_bring_their_friction(tmp_path: Path) -> None:
+    session = session_of(2, "rR")
+    model = model_with([term_of(session, "stribeck", 0)], session)
+    done = export_model(model, "mjcf", tmp_path / "arm.xml")
+    plant = mujoco.MjModel.from_xml_path(str(tmp_path / "arm.xml"))
+    values = dict(zip(model.parameters.drive[0], model.theta, strict=False))
+    assert plant.dof_damping[0] == pytest.approx(max(values["f_v"], 0.0))
+    assert plant.dof_frictionloss[0] == pytest.approx(max(values["f_c"], 0.0))
+    assert plant.dof_damping[1] == 0.0
+    assert not any("drive of joint1" in line for line in done.left_out)
+    assert any("Stribeck" in line or "joint1" in line for line in done.left_out)
