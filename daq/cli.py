@@ -100,9 +100,9 @@ def _told(event: dict[str, Any]) -> str:
     return f"{at} UTC {event['device']}: {event['what']}{f' ({more})' if more else ''}: {event['text']}"
 
 
-def _writable(output: Path, force: bool) -> None:
-    if output.suffix.lower() not in SUFFIXES:
-        raise InputError(f"{output}: unknown kind of file '{output.suffix}'; use {' or '.join(SUFFIXES)}")
+def _writable(output: Path, force: bool, suffixes: tuple[str, ...] = SUFFIXES) -> None:
+    if output.suffix.lower() not in suffixes:
+        raise InputError(f"{output}: unknown kind of file '{output.suffix}'; use {' or '.join(suffixes)}")
     if output.exists() and not force:
         raise InputError(f"{output}: is there already; choose another name, or add --force")
 
@@ -132,16 +132,19 @@ def recover(
 
 def export(
     file: Annotated[Path, typer.Argument(help="A recording.")],
-    output: Annotated[Path, typer.Option("-o", "--output", help="File to write: .parquet or .csv.")],
+    output: Annotated[
+        Path, typer.Option("-o", "--output", help="File to write: .parquet, .csv, .mf4 (MDF4), .mcap or .mat.")
+    ],
     force: Annotated[bool, typer.Option("--force", help="Replace the file if it is there.")] = False,
     json: Json = False,
 ) -> None:
     """Write a recording in another format."""
-    from daq.recording_files import read_table, write_columns
+    from daq import formats
+    from daq.recording_files import read_table
 
-    _writable(output, force)
+    _writable(output, force, formats.SUFFIXES)
     table = read_table(file)
-    write_columns(output, table)
+    formats.export(table, output, formats.units_in(table))
     if json:
         print_json({"file": str(output), "rows": table.rows, "columns": list(table.columns)})
     else:
