@@ -15,9 +15,10 @@ from concurrent.futures import ThreadPoolExecutor
 from multiprocessing.connection import Connection
 
 from daq.channels import channel_table, channels_by_bus
-from daq.clock import PATIENCE_S, clock_for
+from daq.clock import PATIENCE_S, Clock, SyncClock, clock_for
 from daq.cycles import Cycles, run_cycles
 from daq.drivers.base import Driver, DriverContext, Problem, make_driver
+from daq.drivers.canopen_listening import ListeningDriver
 from daq.errors import AcquisitionError, HilfitError
 from daq.events import EventLog
 from daq.machine_file import Machine
@@ -49,7 +50,7 @@ def main(control: Connection) -> None:
                     raise AcquisitionError(fatal[0] + more)
                 warnings = [*problems, *([refusal] if refusal else [])]
                 cycles = Cycles(
-                    machine, channel_table(machine), drivers.drivers, clock_for(machine), events=drivers.events
+                    machine, channel_table(machine), drivers.drivers, drivers.clock(), events=drivers.events
                 )
                 threading.Thread(target=_listen, args=(control, stopping), daemon=True).start()
                 _say(control, "running")
@@ -89,8 +90,10 @@ class Drivers:
         clock = clock_for(machine)
         self.events = EventLog(clock.utc_ns, clock.monotonic_ns)
         self._required = required
+        self._machine = machine
+        self._period_s = 1.0 / (machine.rate_hz * (simulation.speed if simulation else 1.0))
         context = DriverContext(
-            period_s=1.0 / (machine.rate_hz * (simulation.speed if simulation else 1.0)),
+            period_s=self._period_s,
             patience_s=PATIENCE_S if simulation is not None and simulation.lockstep else 0.0,
             monotonic_ns=clock.monotonic_ns,
             start_s=None if required is None or required else START_S,
@@ -107,6 +110,13 @@ class Drivers:
         with ThreadPoolExecutor(max(1, len(self.drivers)), "start") as pool:
             started = list(pool.map(_start, self.drivers))
         return [problem for problems in started for problem in problems]
+
+    def clock(self) -> Clock:
+        """What paces the cycle: another master's SYNC where a bus says so, else the machine's own clock."""
+        for driver in self.drivers:
+            if isinstance(driver, ListeningDriver) and driver.external_sync:
+                return SyncClock(self._machine.rate_hz, self._period_s, driver.next_sync)
+        return clock_for(self._machine)
 
     def is_fatal(self, problem: str) -> bool:
         """Whether a channel that is required is lost by it; a driver that does not say which loses all of its own."""

@@ -73,7 +73,7 @@ PARTS = (
     Part("server.cli", {"serve": "Serve machines, recordings and identifications over HTTP."}),
 )
 #: Modules that come with an extra of the distribution.
-EXTRAS = {"mujoco": "sim", "fsspec": "s3", "s3fs": "s3", "asammdf": "export", "mcap": "export"}
+EXTRAS = {"mujoco": "sim", "fsspec": "s3", "s3fs": "s3", "asammdf": "export", "mcap": "export", "cantools": "dbc"}
 
 
 class _Commands(TyperGroup):

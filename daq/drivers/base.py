@@ -13,7 +13,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib.metadata import entry_points
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -22,6 +22,9 @@ from daq.errors import AcquisitionError, MachineFileError
 from daq.events import EventLog
 from daq.machine_file import Channel
 from daq.quality import Quality
+
+if TYPE_CHECKING:
+    from daq.drivers.can_port import CanAccess
 
 ENTRY_POINT_GROUP = "hilfit.drivers"
 
@@ -40,6 +43,7 @@ class DriverContext:
         while the cycle runs. None: as long as they may take to boot.
     events : where drivers say what happened to their devices
     rate_hz : cycles per second of machine time, 1 / period_s unless a simulation runs faster (None: that)
+    can : how CAN buses are opened; None: by their interfaces. A trace and a replay bring their own.
     """
 
     period_s: float
@@ -48,6 +52,7 @@ class DriverContext:
     start_s: float | None = None
     events: EventLog = field(default_factory=EventLog)
     rate_hz: float | None = None
+    can: CanAccess | None = None
 
 
 class Problem(str):

@@ -155,7 +155,7 @@ class CanopenDriver:
             self._synced.notify_all()
 
     def _open(self) -> CanLink:
-        link = CanLink(self._config, self._context.monotonic_ns, self._health)
+        link = CanLink(self._config, self._context, self._health)
         for node in self._nodes.values():
             link.handlers.update(node.handlers())
         return link
