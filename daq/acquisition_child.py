@@ -13,6 +13,7 @@ import sys
 import threading
 from concurrent.futures import ThreadPoolExecutor
 from multiprocessing.connection import Connection
+from pathlib import Path
 
 from daq.channels import channel_table, channels_by_bus
 from daq.clock import PATIENCE_S, Clock, SyncClock, clock_for
@@ -21,6 +22,7 @@ from daq.drivers.base import Driver, DriverContext, Problem, make_driver
 from daq.drivers.canopen_listening import ListeningDriver
 from daq.errors import AcquisitionError, HilfitError
 from daq.events import EventLog
+from daq.found_setups import FoundSetups
 from daq.machine_file import Machine
 from daq.ring import RingWriter
 
@@ -30,17 +32,18 @@ START_S = 1.0
 
 
 def main(control: Connection) -> None:
-    """Acquire what the parent orders: a machine, the name of its ring, and the channels that have to be there.
+    """Acquire what the parent orders: a machine, the name of its ring, the channels that have to be there, and where to
+    keep what nodes were like.
 
     Says ``("running", "")`` or ``("failed", line)`` through ``control``; stops when anything comes back.
     """
-    machine, name, required = control.recv()
+    machine, name, required, data_directory = control.recv()
     stopping = threading.Event()
     signal.signal(signal.SIGTERM, lambda *_: stopping.set())
     for library in ("can", "canopen", "pymodbus"):
         logging.getLogger(library).setLevel(logging.CRITICAL)  # what they report is in the devices' states
     try:
-        with RingWriter(name) as ring, contextlib.closing(Drivers(machine, required)) as drivers:
+        with RingWriter(name) as ring, contextlib.closing(Drivers(machine, required, data_directory)) as drivers:
             try:
                 fifo, refusal = request_fifo()  # before the drivers' threads, which inherit it
                 problems = drivers.start()
@@ -83,9 +86,12 @@ class Drivers:
     Parameters
     ----------
     required : channels without which there is no point in starting; None: all of them
+    data_directory : where it is kept what nodes were like before they were changed; None: it is not
     """
 
-    def __init__(self, machine: Machine, required: frozenset[str] | None = None) -> None:
+    def __init__(
+        self, machine: Machine, required: frozenset[str] | None = None, data_directory: Path | None = None
+    ) -> None:
         simulation = machine.simulation
         clock = clock_for(machine)
         self.events = EventLog(clock.utc_ns, clock.monotonic_ns)
@@ -99,6 +105,7 @@ class Drivers:
             start_s=None if required is None or required else START_S,
             events=self.events,
             rate_hz=machine.rate_hz,
+            found=None if data_directory is None else FoundSetups(data_directory, machine.name),
         )
         grouped = channels_by_bus(machine, f"machine '{machine.name}'")
         self.drivers: list[Driver] = [

@@ -139,6 +139,9 @@ class CanNode(FileModel):
     device_type: int | None = None  # 0x1000
     vendor_id: int | None = None  # 0x1018:1
     product_code: int | None = None  # 0x1018:2
+    revision_number: int | None = None  # 0x1018:3
+    serial_number: int | None = None  # 0x1018:4
+    firmware: str | None = None  # 0x100A
     heartbeat_ms: Annotated[int, Field(ge=20, le=5000)] = 100
     boot_up_s: Annotated[float, Field(ge=0, le=60)] = 3.0  # from power to its first answer
     settings: dict[str, float] = Field(default_factory=dict)  # "0x6131:1 uint32": value, written before operation

@@ -10,10 +10,10 @@ from typing import Annotated, Any
 
 import typer
 
-from daq import cli_machine
+from daq import cli_bus, cli_machine
 from daq.console import print_json, progress_bar, reported
 from daq.errors import InputError
-from daq.machine_file import load_machine
+from daq.machine_file import Machine, load_machine
 from daq.recording_files import SUFFIXES
 
 Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]
@@ -39,6 +39,7 @@ def register(app: typer.Typer) -> None:
     app.command()(reported(export))
     app.command("import")(reported(import_recording))
     cli_machine.register(app)
+    cli_bus.register(app)
 
 
 def record(
@@ -53,6 +54,10 @@ def record(
     allow_missing: Annotated[
         bool, typer.Option("--allow-missing", help="Begin with what is there; the rest is taken in when it comes.")
     ] = False,
+    data_dir: cli_bus.DataDirectory = cli_bus.DATA_DIRECTORY,
+    restore: Annotated[
+        bool, typer.Option("--restore", help="At the end put CANopen nodes back to what they were.")
+    ] = False,
     force: Annotated[bool, typer.Option("--force", help="Replace the file if it is there.")] = False,
     json: Json = False,
 ) -> None:
@@ -63,7 +68,9 @@ def record(
     _writable(output, force)
     described = load_machine(machine)
     with (
-        AcquisitionProcess(described, strict=not (allow_missing or require), required=require or ()) as acquisition,
+        AcquisitionProcess(
+            described, strict=not (allow_missing or require), required=require or (), data_directory=data_dir
+        ) as acquisition,
         progress_bar(f"recording {output.name}", show=not json) as bar,
     ):
         recorder = Recorder(acquisition.ring_name, described, role.value, output, overwrite=force)
@@ -74,8 +81,9 @@ def record(
         except KeyboardInterrupt:  # what has come until now is worth keeping
             summary, interrupted = recorder.stop(), True
         statistics = acquisition.statistics()
+    restored = _restored(described, data_dir) if restore else []
     if json:
-        print_json({"recording": asdict(summary), "acquisition": asdict(statistics)})
+        print_json({"recording": asdict(summary), "acquisition": asdict(statistics), "restored": restored})
         raise typer.Exit(INTERRUPTED if interrupted else 0)
     bad = sum(count for counts in summary.quality.values() for name, count in counts.items() if name != "held")
     print(
@@ -84,11 +92,18 @@ def record(
     )
     for event in summary.events:
         print(_told(event))
-    for warning in (*statistics.warnings, *summary.warnings):
+    failures = [result["failure"] for result in restored if result["failure"]]
+    for warning in (*statistics.warnings, *summary.warnings, *failures):
         print(f"warning: {warning}")
     if interrupted:
         print(f"interrupted before {seconds:g} s were over")
         raise typer.Exit(INTERRUPTED)
+
+
+def _restored(machine: Machine, data_directory: Path) -> list[dict[str, Any]]:
+    from daq.drivers.canopen_restore import restore_nodes
+
+    return [asdict(result) for result in restore_nodes(machine, data_directory)]
 
 
 def _told(event: dict[str, Any]) -> str:

@@ -57,6 +57,7 @@ PARTS = (
             "export": "Write a recording in another format.",
             "import": "Make a recording of another tool's file.",
             "machine": "Look at machine files.",
+            "bus": "Look after the devices of a machine's buses.",
         },
     ),
     Part("sim_backends.cli", {"simulate": "Run the simulated buses of a machine."}),
@@ -207,7 +208,7 @@ def serve(
         from server.serve import serve as run
 
         def parts() -> Any:
-            found = installed_parts()
+            found = installed_parts(settings.data_dir)
             return found if simulation is None else replace(found, simulation=simulation.machine)
 
         run(settings, ready, parts)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -21,9 +22,9 @@ LOOK_S = 0.2
 
 
 @contextmanager
-def acquire(machine: Machine) -> Iterator[AcquisitionProcess]:
+def acquire(machine: Machine, data_directory: Path | None = None) -> Iterator[AcquisitionProcess]:
     """Start acquiring a machine; a device that is not there stays missing and costs only itself."""
-    process = AcquisitionProcess(machine, strict=False)
+    process = AcquisitionProcess(machine, strict=False, data_directory=data_directory)
     process.start()
     try:
         yield process
@@ -63,6 +64,7 @@ class RingRecorder:
         return {found.file: found.rows for found in recover(directory) if found.file is not None}
 
 
-def installed_parts() -> Parts:
-    """What a service runs with unless a test says otherwise."""
-    return Parts(program=fitting_program, launch=acquire, recorder=RingRecorder())
+def installed_parts(data_directory: Path | None = None) -> Parts:
+    """What a service runs with unless a test says otherwise; what CANopen nodes were like is kept in its directory."""
+    launch = partial(acquire, data_directory=data_directory)
+    return Parts(program=fitting_program, launch=launch, recorder=RingRecorder())

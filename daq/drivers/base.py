@@ -20,6 +20,7 @@ import numpy.typing as npt
 
 from daq.errors import AcquisitionError, MachineFileError
 from daq.events import EventLog
+from daq.found_setups import FoundSetups
 from daq.machine_file import Channel
 from daq.quality import Quality
 
@@ -43,6 +44,7 @@ class DriverContext:
         while the cycle runs. None: as long as they may take to boot.
     events : where drivers say what happened to their devices
     rate_hz : cycles per second of machine time, 1 / period_s unless a simulation runs faster (None: that)
+    found : where it is kept what nodes were like before they were changed; None: it is not kept
     can : how CAN buses are opened; None: by their interfaces. A trace and a replay bring their own.
     """
 
@@ -52,6 +54,7 @@ class DriverContext:
     start_s: float | None = None
     events: EventLog = field(default_factory=EventLog)
     rate_hz: float | None = None
+    found: FoundSetups | None = None
     can: CanAccess | None = None
 
 
