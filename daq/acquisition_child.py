@@ -25,6 +25,7 @@ from daq.events import EventLog
 from daq.found_setups import FoundSetups
 from daq.machine_file import Machine
 from daq.ring import RingWriter
+from daq.trace import TraceAccess
 
 FIFO_PRIORITY = 20
 #: What is there has to be acquired within two seconds, whatever else is missing; libraries take some of them to load.
@@ -32,18 +33,18 @@ START_S = 1.0
 
 
 def main(control: Connection) -> None:
-    """Acquire what the parent orders: a machine, the name of its ring, the channels that have to be there, and where to
-    keep what nodes were like.
+    """Acquire what the parent orders: a machine, the name of its ring, the channels that have to be there, where to
+    keep what nodes were like, and the raw trace to write.
 
     Says ``("running", "")`` or ``("failed", line)`` through ``control``; stops when anything comes back.
     """
-    machine, name, required, data_directory = control.recv()
+    machine, name, required, data_directory, trace = control.recv()
     stopping = threading.Event()
     signal.signal(signal.SIGTERM, lambda *_: stopping.set())
     for library in ("can", "canopen", "pymodbus"):
         logging.getLogger(library).setLevel(logging.CRITICAL)  # what they report is in the devices' states
     try:
-        with RingWriter(name) as ring, contextlib.closing(Drivers(machine, required, data_directory)) as drivers:
+        with RingWriter(name) as ring, contextlib.closing(Drivers(machine, required, data_directory, trace)) as drivers:
             try:
                 fifo, refusal = request_fifo()  # before the drivers' threads, which inherit it
                 problems = drivers.start()
@@ -87,10 +88,15 @@ class Drivers:
     ----------
     required : channels without which there is no point in starting; None: all of them
     data_directory : where it is kept what nodes were like before they were changed; None: it is not
+    trace : raw trace of the CAN buses to write (:mod:`daq.trace`)
     """
 
     def __init__(
-        self, machine: Machine, required: frozenset[str] | None = None, data_directory: Path | None = None
+        self,
+        machine: Machine,
+        required: frozenset[str] | None = None,
+        data_directory: Path | None = None,
+        trace: Path | None = None,
     ) -> None:
         simulation = machine.simulation
         clock = clock_for(machine)
@@ -98,6 +104,7 @@ class Drivers:
         self._required = required
         self._machine = machine
         self._period_s = 1.0 / (machine.rate_hz * (simulation.speed if simulation else 1.0))
+        self._trace = None if trace is None else TraceAccess(trace, self.events)
         context = DriverContext(
             period_s=self._period_s,
             patience_s=PATIENCE_S if simulation is not None and simulation.lockstep else 0.0,
@@ -106,6 +113,7 @@ class Drivers:
             events=self.events,
             rate_hz=machine.rate_hz,
             found=None if data_directory is None else FoundSetups(data_directory, machine.name),
+            can=self._trace,
         )
         grouped = channels_by_bus(machine, f"machine '{machine.name}'")
         self.drivers: list[Driver] = [
@@ -136,6 +144,8 @@ class Drivers:
         """Stop every driver."""
         for driver in self.drivers:
             driver.stop()
+        if self._trace is not None:
+            self._trace.close()
 
 
 def _start(driver: Driver) -> tuple[str, ...]:

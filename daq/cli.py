@@ -35,6 +35,7 @@ class Role(StrEnum):
 def register(app: typer.Typer) -> None:
     """Add the acquisition commands to ``app``."""
     app.command()(reported(record))
+    app.command()(reported(replay))
     app.command()(reported(recover))
     app.command()(reported(export))
     app.command("import")(reported(import_recording))
@@ -54,6 +55,9 @@ def record(
     allow_missing: Annotated[
         bool, typer.Option("--allow-missing", help="Begin with what is there; the rest is taken in when it comes.")
     ] = False,
+    trace: Annotated[
+        Path | None, typer.Option("--trace", help="Also write every CAN frame: .blf, .asc or .log, a file per bus.")
+    ] = None,
     data_dir: cli_bus.DataDirectory = cli_bus.DATA_DIRECTORY,
     restore: Annotated[
         bool, typer.Option("--restore", help="At the end put CANopen nodes back to what they were.")
@@ -67,9 +71,17 @@ def record(
 
     _writable(output, force)
     described = load_machine(machine)
+    if trace is not None:
+        from daq.trace import check_trace
+
+        check_trace(trace)
     with (
         AcquisitionProcess(
-            described, strict=not (allow_missing or require), required=require or (), data_directory=data_dir
+            described,
+            strict=not (allow_missing or require),
+            required=require or (),
+            data_directory=data_dir,
+            trace=trace,
         ) as acquisition,
         progress_bar(f"recording {output.name}", show=not json) as bar,
     ):
@@ -120,6 +132,34 @@ def _writable(output: Path, force: bool, suffixes: tuple[str, ...] = SUFFIXES) -
         raise InputError(f"{output}: unknown kind of file '{output.suffix}'; use {' or '.join(suffixes)}")
     if output.exists() and not force:
         raise InputError(f"{output}: is there already; choose another name, or add --force")
+
+
+def replay(
+    trace: Annotated[Path, typer.Argument(help="A raw trace, by the name that was given to record --trace.")],
+    machine: Annotated[Path, typer.Option("--machine", help="The machine file.")],
+    output: Annotated[Path, typer.Option("-o", "--output", help="File to write: .parquet or .csv.")],
+    role: Annotated[Role, typer.Option(help="What the recording is for.")] = Role.operation,
+    force: Annotated[bool, typer.Option("--force", help="Replace the file if it is there.")] = False,
+    json: Json = False,
+) -> None:
+    """Make a recording from a raw trace, by the same drivers, without the machine."""
+    from daq.recording import write_recording
+    from daq.replay import as_columns
+    from daq.replay import replay as run
+
+    _writable(output, force)
+    described = load_machine(machine)
+    result = run(described, trace)
+    if not result.frames:
+        raise InputError(f"{trace}: holds no cycle of '{described.name}'; is it this machine's trace?")
+    columns = as_columns(result.frames, tuple(channel.name for channel in described.channels))
+    write_recording(output, described, role.value, columns.pop("time"), columns.pop("values"), **columns)
+    if json:
+        print_json({"file": str(output), "rows": len(result.frames), "buses": result.buses, "events": result.events})
+        return
+    print(f"{output}: {len(result.frames)} rows from {trace}")
+    for event in result.events:
+        print(_told(event))
 
 
 def recover(

@@ -53,6 +53,7 @@ PARTS = (
         "daq.cli",
         {
             "record": "Acquire from a machine's buses and record.",
+            "replay": "Make a recording from a raw trace of CAN buses.",
             "recover": "Seal recordings that a killed recorder left behind.",
             "export": "Write a recording in another format.",
             "import": "Make a recording of another tool's file.",

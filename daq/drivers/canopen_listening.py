@@ -32,7 +32,7 @@ _RECENT_PERIODS = 4  # a PDO that has not come for so long is not waited for
 
 
 @dataclass(frozen=True)
-class _Member:
+class Member:
     """A channel of a PDO: its position in the driver's order, source and place."""
 
     position: int
@@ -43,7 +43,7 @@ class _Member:
 class _Pdo:
     """One PDO that is listened to."""
 
-    def __init__(self, cob_id: int, members: Sequence[_Member]) -> None:
+    def __init__(self, cob_id: int, members: Sequence[Member]) -> None:
         node = members[0].source.node
         event_ms = max(member.place.event_ms for member in members)
         self.stream = Stream(
@@ -63,13 +63,24 @@ class _Pdo:
 
 
 class ListeningDriver(Listener):
-    """CANopen PDOs of a bus that is not ours (see :class:`daq.drivers.base.Driver`)."""
+    """CANopen PDOs of a bus that is not ours (see :class:`daq.drivers.base.Driver`).
 
-    def __init__(self, bus: CanopenBus, channels: Sequence[Channel], context: DriverContext) -> None:
+    Parameters
+    ----------
+    members : where each channel is; None: as sources and EDS files say
+    """
+
+    def __init__(
+        self,
+        bus: CanopenBus,
+        channels: Sequence[Channel],
+        context: DriverContext,
+        members: Sequence[Member] | None = None,
+    ) -> None:
         super().__init__(bus, [channel.name for channel in channels], context)
         self._bus = bus
-        grouped: dict[int, list[_Member]] = {}
-        for member in pdo_members(bus, channels):
+        grouped: dict[int, list[Member]] = {}
+        for member in pdo_members(bus, channels) if members is None else members:
             grouped.setdefault(member.place.cob_id, []).append(member)
         self._pdos = {cob_id: _Pdo(cob_id, members) for cob_id, members in grouped.items()}
         self.streams = [pdo.stream for pdo in self._pdos.values()]
@@ -85,8 +96,13 @@ class ListeningDriver(Listener):
     # The other master's SYNC
 
     @property
+    def follows_sync(self) -> bool:
+        """Whether the machine file wants the cycle to be led by this bus's SYNC."""
+        return self._external
+
+    @property
     def external_sync(self) -> bool:
-        """Whether the cycle is to be led by :meth:`next_sync`."""
+        """Whether the cycle is to be led by :meth:`next_sync`: it is wanted, and SYNC comes at a rate that fits."""
         return self._external and not self._wrong_rate
 
     def next_sync(self, deadline_ns: int) -> int | None:
@@ -196,7 +212,7 @@ class ListeningDriver(Listener):
             samples.after_sync_s[position] = 0.0
         return Quality.LATE if ago or behind_ns > period_ns / 2 else Quality.FRESH
 
-    def _member(self, pdo: _Pdo, data: bytes, member: _Member, quality: Quality, samples: Samples) -> None:
+    def _member(self, pdo: _Pdo, data: bytes, member: Member, quality: Quality, samples: Samples) -> None:
         try:
             value = wire.from_bits(member.source.data_type, data, member.place.bit, member.place.bits)
         except ValueError:
@@ -215,7 +231,7 @@ class ListeningDriver(Listener):
         return self._wrong_rate if code is None else f"emergency 0x{code:04X}"
 
 
-def pdo_members(bus: CanopenBus, channels: Sequence[Channel]) -> list[_Member]:
+def pdo_members(bus: CanopenBus, channels: Sequence[Channel]) -> list[Member]:
     """Where each channel is: as its source says, else as the EDS of its node.
 
     Raises
@@ -241,7 +257,7 @@ def pdo_members(bus: CanopenBus, channels: Sequence[Channel]) -> list[_Member]:
             places = known.setdefault(source.node, {}) or pdo_places(eds, source.node, bus.name)
             known[source.node] = places
             place = _fits(bus, channel, source, places, eds)
-        found.append(_Member(position, source, place))
+        found.append(Member(position, source, place))
     return found
 
 
