@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from daq.buses import CanSignalsBus, SignalSource
+from daq.device_files import check_device_file
 from daq.errors import MachineFileError
 from daq.machine_file_errors import did_you_mean
 from daq.units import conversion
@@ -25,7 +26,6 @@ if TYPE_CHECKING:
     from daq.machine_file import Channel, Machine
 
 SUFFIXES = (".dbc", ".kcd", ".sym", ".arxml")
-LARGEST = 64_000_000  # bytes of a file; the largest ones in use have a few
 _PDU2 = 240  # PDU formats from here on are for everybody: PS belongs to the PGN
 _CAN_BYTES = 8
 
@@ -156,16 +156,11 @@ def read_database(path: str, bus: str) -> Database:
     except ModuleNotFoundError as error:
         raise MachineFileError(f"bus '{bus}': needs {error.name}; run: pip install 'hilfit[dbc]'") from None
     place = f"bus '{bus}': {path}"
-    if Path(path).suffix.lower() not in SUFFIXES:
-        raise MachineFileError(f"{place}: unknown kind of file; give {', '.join(SUFFIXES)}")
+    check_device_file(path, SUFFIXES, place)
     try:
-        if Path(path).stat().st_size > LARGEST:
-            raise MachineFileError(f"{place}: is larger than {LARGEST // 1_000_000} MB; is it the right file?")
         made = load_file(path, strict=False)  # overlapping signals are common, and read well
     except OSError as error:
-        raise MachineFileError(
-            f"{place}: cannot be read ({error.strerror}); a path begins at the machine file's folder"
-        ) from None
+        raise MachineFileError(f"{place}: cannot be read ({error.strerror})") from None
     except (Error, TextError, ValueError, KeyError, IndexError, TypeError, AttributeError, SyntaxError):
         raise MachineFileError(f"{place}: is no {Path(path).suffix[1:].upper()} file; export it again") from None
     if not isinstance(made, CanDatabase):

@@ -19,12 +19,14 @@ from typing import Any
 from canopen.objectdictionary import ODVariable
 from canopen.objectdictionary.eds import import_eds
 
+from daq.device_files import check_device_file
 from daq.errors import MachineFileError
 
 SUFFIXES = (".eds", ".dcf")
 SYNCHRONOUS = 240  # transmission types up to here are sampled at SYNC; 252 to 255 are not
 _NOT_USED = 0x8000_0000
 _PDOS = 512
+_ENTRIES = 64  # a PDO has 64 bits
 
 
 @dataclass(frozen=True)
@@ -63,7 +65,7 @@ def pdo_places(path: str, node: int, bus: str) -> dict[tuple[int, int], Place]:
         transmission = _value(dictionary, 0x1800 + number, 2)
         event_ms = _value(dictionary, 0x1800 + number, 5) or 0
         bit = 0
-        for entry in range(1, (_value(dictionary, 0x1A00 + number, 0) or 0) + 1):
+        for entry in range(1, min(_value(dictionary, 0x1A00 + number, 0) or 0, _ENTRIES) + 1):
             mapped = _value(dictionary, 0x1A00 + number, entry) or 0
             bits = mapped & 0xFF
             synchronous = transmission is not None and transmission <= SYNCHRONOUS
@@ -74,8 +76,7 @@ def pdo_places(path: str, node: int, bus: str) -> dict[tuple[int, int], Place]:
 
 
 def _read(path: str, node: int, place: str) -> Any:
-    if Path(path).suffix.lower() not in SUFFIXES:
-        raise MachineFileError(f"{place}: unknown kind of file; give {' or '.join(SUFFIXES)}")
+    check_device_file(path, SUFFIXES, place)
     try:
         data = Path(path).read_bytes()
         try:
@@ -86,9 +87,7 @@ def _read(path: str, node: int, place: str) -> Any:
             raise ValueError("a section that each has is not there")
         return import_eds(io.StringIO(text), node)
     except OSError as error:
-        raise MachineFileError(
-            f"{place}: cannot be read ({error.strerror}); a path begins at the machine file's folder"
-        ) from None
+        raise MachineFileError(f"{place}: cannot be read ({error.strerror})") from None
     except (configparser.Error, ValueError, KeyError, IndexError, TypeError, AttributeError):
         raise MachineFileError(f"{place}: is no EDS or DCF (CiA 306); get it from the device's manufacturer") from None
 

@@ -279,7 +279,7 @@ def test_a_signal_of_two_messages_needs_its_message(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("content", "words"),
     [
-        (None, "cannot be read (No such file"),
+        (None, "no such file"),
         (b"\xff\xfe\x00 secret:x:0", "is no DBC file"),
         (b"BO_ 1", "is no DBC file"),
     ],

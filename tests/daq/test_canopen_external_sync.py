@@ -169,7 +169,7 @@ def test_an_event_driven_pdo_keeps_its_own_time(bench: HandFed) -> None:
 @pytest.mark.parametrize(
     ("before", "after", "words"),
     [
-        ("eds: encoder.eds", "eds: encoder.dcf", "cannot be read (No such file"),
+        ("eds: encoder.eds", "eds: encoder.dcf", "no such file"),
         ("eds: encoder.eds", "eds: machine.yaml", "unknown kind of file"),
         (", eds: encoder.eds", "", "add cob_id and byte to its source, or eds to node 5"),
         ("object: 0x6004", "object: 0x6005", "0x6005:0 is in no PDO of"),
@@ -184,6 +184,15 @@ def test_files_and_sources_that_do_not_fit(tmp_path: Path, before: str, after: s
     assert words in str(caught.value) and "\n" not in str(caught.value)
     (finding,) = check_machine(path).errors
     assert words in finding.text and finding.key == "buses[0]"
+
+
+@pytest.mark.timeout(20)
+def test_a_file_that_never_ends_is_not_read(tmp_path: Path) -> None:
+    path = written(tmp_path)
+    (tmp_path / "encoder.eds").unlink()
+    (tmp_path / "encoder.eds").symlink_to("/dev/zero")
+    (finding,) = check_machine(path).errors
+    assert "encoder.eds: no such file" in finding.text
 
 
 @pytest.mark.parametrize("content", [b"", b"[DeviceInfo]\n[1800]\n", b"[DeviceInfo]\n[MandatoryObjects]\nx"])
