@@ -41,6 +41,9 @@ class AcquisitionProcess:
     strict : every device has to be there at the start; else those that are not stay missing and are tried again
     required : with ``strict=False``, channels whose devices have to be there all the same
     ring_seconds : how much machine time the ring holds
+    data_directory : where it is kept what CANopen nodes were like before commissioning changed them, so that
+        ``hilfit bus restore`` can put it back; None: it is not kept
+    trace : raw trace of the CAN buses to write, a file per bus (:mod:`daq.trace`)
 
     Raises
     ------
@@ -60,11 +63,15 @@ class AcquisitionProcess:
         strict: bool = True,
         required: Iterable[str] = (),
         ring_seconds: float = RING_SECONDS,
+        data_directory: Path | None = None,
+        trace: Path | None = None,
     ) -> None:
         self.machine = machine if isinstance(machine, Machine) else load_machine(machine)
         channels_by_bus(self.machine, str(machine) if not isinstance(machine, Machine) else machine.name)
         self._requested_name = ring_name
         self._required = None if strict else self._known(required)
+        self._data_directory = None if data_directory is None else data_directory.absolute()
+        self._trace = None if trace is None else trace.absolute()
         self._slots = max(16, int(ring_seconds * self.machine.rate_hz))
         self._resources = contextlib.ExitStack()
         self._process: subprocess.Popen[bytes] | None = None
@@ -96,7 +103,7 @@ class AcquisitionProcess:
                 process_group=0,  # Ctrl-C in a terminal is for the parent, which then stops us in order
             )
         with contextlib.suppress(OSError):  # it died at once: wait_running says so
-            self._control.send((self.machine, self.ring_name, self._required))
+            self._control.send((self.machine, self.ring_name, self._required, self._data_directory, self._trace))
 
     def wait_running(self, timeout: float = START_TIMEOUT_S) -> None:
         """Wait until cycles are running.

@@ -13,15 +13,19 @@ import sys
 import threading
 from concurrent.futures import ThreadPoolExecutor
 from multiprocessing.connection import Connection
+from pathlib import Path
 
 from daq.channels import channel_table, channels_by_bus
-from daq.clock import PATIENCE_S, clock_for
+from daq.clock import PATIENCE_S, Clock, SyncClock, clock_for
 from daq.cycles import Cycles, run_cycles
 from daq.drivers.base import Driver, DriverContext, Problem, make_driver
+from daq.drivers.canopen_listening import ListeningDriver
 from daq.errors import AcquisitionError, HilfitError
 from daq.events import EventLog
+from daq.found_setups import FoundSetups
 from daq.machine_file import Machine
 from daq.ring import RingWriter
+from daq.trace import TraceAccess
 
 FIFO_PRIORITY = 20
 #: What is there has to be acquired within two seconds, whatever else is missing; libraries take some of them to load.
@@ -29,17 +33,18 @@ START_S = 1.0
 
 
 def main(control: Connection) -> None:
-    """Acquire what the parent orders: a machine, the name of its ring, and the channels that have to be there.
+    """Acquire what the parent orders: a machine, the name of its ring, the channels that have to be there, where to
+    keep what nodes were like, and the raw trace to write.
 
     Says ``("running", "")`` or ``("failed", line)`` through ``control``; stops when anything comes back.
     """
-    machine, name, required = control.recv()
+    machine, name, required, data_directory, trace = control.recv()
     stopping = threading.Event()
     signal.signal(signal.SIGTERM, lambda *_: stopping.set())
     for library in ("can", "canopen", "pymodbus"):
         logging.getLogger(library).setLevel(logging.CRITICAL)  # what they report is in the devices' states
     try:
-        with RingWriter(name) as ring, contextlib.closing(Drivers(machine, required)) as drivers:
+        with RingWriter(name) as ring, contextlib.closing(Drivers(machine, required, data_directory, trace)) as drivers:
             try:
                 fifo, refusal = request_fifo()  # before the drivers' threads, which inherit it
                 problems = drivers.start()
@@ -49,7 +54,7 @@ def main(control: Connection) -> None:
                     raise AcquisitionError(fatal[0] + more)
                 warnings = [*problems, *([refusal] if refusal else [])]
                 cycles = Cycles(
-                    machine, channel_table(machine), drivers.drivers, clock_for(machine), events=drivers.events
+                    machine, channel_table(machine), drivers.drivers, drivers.clock(), events=drivers.events
                 )
                 threading.Thread(target=_listen, args=(control, stopping), daemon=True).start()
                 _say(control, "running")
@@ -82,20 +87,33 @@ class Drivers:
     Parameters
     ----------
     required : channels without which there is no point in starting; None: all of them
+    data_directory : where it is kept what nodes were like before they were changed; None: it is not
+    trace : raw trace of the CAN buses to write (:mod:`daq.trace`)
     """
 
-    def __init__(self, machine: Machine, required: frozenset[str] | None = None) -> None:
+    def __init__(
+        self,
+        machine: Machine,
+        required: frozenset[str] | None = None,
+        data_directory: Path | None = None,
+        trace: Path | None = None,
+    ) -> None:
         simulation = machine.simulation
         clock = clock_for(machine)
         self.events = EventLog(clock.utc_ns, clock.monotonic_ns)
         self._required = required
+        self._machine = machine
+        self._period_s = 1.0 / (machine.rate_hz * (simulation.speed if simulation else 1.0))
+        self._trace = None if trace is None else TraceAccess(trace, self.events)
         context = DriverContext(
-            period_s=1.0 / (machine.rate_hz * (simulation.speed if simulation else 1.0)),
+            period_s=self._period_s,
             patience_s=PATIENCE_S if simulation is not None and simulation.lockstep else 0.0,
             monotonic_ns=clock.monotonic_ns,
             start_s=None if required is None or required else START_S,
             events=self.events,
             rate_hz=machine.rate_hz,
+            found=None if data_directory is None else FoundSetups(data_directory, machine.name),
+            can=self._trace,
         )
         grouped = channels_by_bus(machine, f"machine '{machine.name}'")
         self.drivers: list[Driver] = [
@@ -108,6 +126,13 @@ class Drivers:
             started = list(pool.map(_start, self.drivers))
         return [problem for problems in started for problem in problems]
 
+    def clock(self) -> Clock:
+        """What paces the cycle: another master's SYNC where a bus says so, else the machine's own clock."""
+        for driver in self.drivers:
+            if isinstance(driver, ListeningDriver) and driver.external_sync:
+                return SyncClock(self._machine.rate_hz, self._period_s, driver.next_sync)
+        return clock_for(self._machine)
+
     def is_fatal(self, problem: str) -> bool:
         """Whether a channel that is required is lost by it; a driver that does not say which loses all of its own."""
         if self._required is None:
@@ -119,6 +144,8 @@ class Drivers:
         """Stop every driver."""
         for driver in self.drivers:
             driver.stop()
+        if self._trace is not None:
+            self._trace.close()
 
 
 def _start(driver: Driver) -> tuple[str, ...]:

@@ -2,18 +2,40 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Annotated, Any, Literal, get_args
 
-from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag, field_validator, model_validator
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    ConfigDict,
+    Discriminator,
+    Field,
+    Tag,
+    ValidationInfo,
+    field_validator,
+    model_validator,
+)
 
 from daq.machine_file_errors import NAME_PATTERN, did_you_mean
 
 Name = Annotated[str, Field(pattern=NAME_PATTERN, max_length=80)]
-DataType = Literal["int8", "uint8", "int16", "uint16", "int32", "uint32", "int64", "uint64", "float32", "float64"]
+DataType = Literal[
+    "int8", "uint8", "int16", "uint16", "int24", "uint24", "int32", "uint32", "int64", "uint64", "float32", "float64"
+]  # fmt: skip
 
 
 #: Registers between two channels that are read along to save a request; 0 for a unit that refuses what it lacks.
 MaximumGap = Annotated[int, Field(ge=0, le=125)]
+
+
+def _beside_the_machine_file(value: str, info: ValidationInfo) -> str:
+    folder = info.context.get("folder") if isinstance(info.context, dict) else None
+    return value if folder is None else str(Path(folder, value))
+
+
+#: A file that describes devices; a relative path begins at the machine file's folder.
+DeviceFile = Annotated[str, Field(min_length=1, max_length=1000), AfterValidator(_beside_the_machine_file)]
 
 
 class FileModel(BaseModel):
@@ -35,6 +57,7 @@ class CanSource(FileModel):
     sentinels: tuple[float, ...] = ()  # raw values that mean "no valid measurement"
     cob_id: Annotated[int, Field(ge=0x001, le=0x7FF)] | None = None  # listen_only: the PDO that carries it, as it is
     byte: Annotated[int, Field(ge=0, le=7)] = 0  # listen_only: where in that PDO
+    synchronous: bool = False  # listen_only: that PDO is sampled at SYNC; an EDS says so itself
 
     @field_validator("object", mode="before")
     @classmethod
@@ -63,6 +86,25 @@ class ModbusSource(FileModel):
     sentinels: tuple[float, ...] = ()
 
 
+class SignalSource(FileModel):
+    """Where a channel comes from on a bus of plain CAN or J1939: a signal of a message that a DBC file describes."""
+
+    bus: Name
+    signal: Annotated[str, Field(min_length=1)]
+    message: str | None = None  # its name; None: the only one that has the signal
+    pgn: Annotated[int, Field(ge=0, le=0x3FFFF)] | None = None  # J1939: instead of the message's name
+    source_address: Annotated[int, Field(ge=0, le=253)] | None = None  # J1939: of the device; None: there is only one
+    scale: float = 1.0  # value in the channel's unit = scale * (value in the DBC file's unit) + offset
+    offset: float = 0.0
+    sentinels: tuple[float, ...] = ()  # values in the DBC file's unit that mean "no valid measurement"
+
+    @model_validator(mode="after")
+    def _one_name(self) -> SignalSource:
+        if self.message is not None and self.pgn is not None:
+            raise ValueError(f"message and pgn both say which message has signal '{self.signal}'; keep one")
+        return self
+
+
 class OtherSource(FileModel):
     """Where a channel comes from on a bus that another package's driver serves; only that driver knows addresses."""
 
@@ -73,15 +115,19 @@ class OtherSource(FileModel):
     sentinels: tuple[float, ...] = ()
 
 
-Source = CanSource | ModbusSource | OtherSource
+Source = CanSource | ModbusSource | SignalSource | OtherSource
 
 
 def source_of(value: Any) -> Any:
-    """A source as its keys say: ``unit`` or ``register``: Modbus; ``address``: another package's; else CANopen."""
+    """A source as its keys say: ``unit`` or ``register``: Modbus; ``signal``: DBC; ``address``: another package's;
+    else CANopen.
+    """
     if not isinstance(value, dict):
         return value
     if "address" in value:
         return OtherSource.model_validate(value)
+    if "signal" in value:
+        return SignalSource.model_validate(value)
     return (ModbusSource if "unit" in value or "register" in value else CanSource).model_validate(value)
 
 
@@ -89,9 +135,13 @@ class CanNode(FileModel):
     """What a CANopen node must be, and how it is set up at commissioning."""
 
     node: Annotated[int, Field(ge=1, le=127)]
+    eds: DeviceFile | None = None  # EDS or DCF; listen_only: its PDOs as they are
     device_type: int | None = None  # 0x1000
     vendor_id: int | None = None  # 0x1018:1
     product_code: int | None = None  # 0x1018:2
+    revision_number: int | None = None  # 0x1018:3
+    serial_number: int | None = None  # 0x1018:4
+    firmware: str | None = None  # 0x100A
     heartbeat_ms: Annotated[int, Field(ge=20, le=5000)] = 100
     boot_up_s: Annotated[float, Field(ge=0, le=60)] = 3.0  # from power to its first answer
     settings: dict[str, float] = Field(default_factory=dict)  # "0x6131:1 uint32": value, written before operation
@@ -123,6 +173,30 @@ class CanopenBus(FileModel):
     nodes: tuple[CanNode, ...] = ()
     listen_only: bool = False  # nothing is ever sent: another master leads, and its PDOs are taken as they come
     listen_s: Annotated[float, Field(ge=0, le=60)] = 2.0  # before leading: whether another master is there
+    sync: Literal["own", "external"] = "own"  # listen_only: external: the cycle is that of the other master's SYNC
+
+    @model_validator(mode="after")
+    def _led_by_one(self) -> CanopenBus:
+        if self.sync == "external" and not self.listen_only:
+            raise ValueError("sync: external means that another master leads; add listen_only: true")
+        return self
+
+
+class CanSignalsBus(FileModel):
+    """A bus of plain CAN or J1939 that is only listened to; its messages are those of DBC files."""
+
+    name: Name
+    type: Literal["can_signals"]
+    interface: str  # python-can's name: socketcan, socketcand, pcan, ...
+    channel: str
+    bitrate: int | None = None
+    options: dict[str, str | int | float | bool] = Field(default_factory=dict)  # passed to python-can
+    dbc: Annotated[tuple[DeviceFile, ...], Field(min_length=1)]
+
+    @property
+    def listen_only(self) -> bool:
+        """It sends nothing, ever."""
+        return True
 
 
 class ModbusTcpBus(FileModel):
@@ -168,7 +242,7 @@ class OtherBus(FileModel):
         return value
 
 
-BUS_TYPES = ("canopen", "modbus_tcp", "modbus_rtu")
+BUS_TYPES = ("canopen", "can_signals", "modbus_tcp", "modbus_rtu")
 
 
 def _bus_type(value: Any) -> str:
@@ -178,6 +252,7 @@ def _bus_type(value: Any) -> str:
 
 Bus = Annotated[
     Annotated[CanopenBus, Tag("canopen")]
+    | Annotated[CanSignalsBus, Tag("can_signals")]
     | Annotated[ModbusTcpBus, Tag("modbus_tcp")]
     | Annotated[ModbusRtuBus, Tag("modbus_rtu")]
     | Annotated[OtherBus, Tag("other")],

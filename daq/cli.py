@@ -10,10 +10,10 @@ from typing import Annotated, Any
 
 import typer
 
-from daq import cli_machine
+from daq import cli_bus, cli_machine
 from daq.console import print_json, progress_bar, reported
 from daq.errors import InputError
-from daq.machine_file import load_machine
+from daq.machine_file import Machine, load_machine
 from daq.recording_files import SUFFIXES
 
 Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]
@@ -35,10 +35,12 @@ class Role(StrEnum):
 def register(app: typer.Typer) -> None:
     """Add the acquisition commands to ``app``."""
     app.command()(reported(record))
+    app.command()(reported(replay))
     app.command()(reported(recover))
     app.command()(reported(export))
     app.command("import")(reported(import_recording))
     cli_machine.register(app)
+    cli_bus.register(app)
 
 
 def record(
@@ -53,6 +55,13 @@ def record(
     allow_missing: Annotated[
         bool, typer.Option("--allow-missing", help="Begin with what is there; the rest is taken in when it comes.")
     ] = False,
+    trace: Annotated[
+        Path | None, typer.Option("--trace", help="Also write every CAN frame: .blf, .asc or .log, a file per bus.")
+    ] = None,
+    data_dir: cli_bus.DataDirectory = cli_bus.DATA_DIRECTORY,
+    restore: Annotated[
+        bool, typer.Option("--restore", help="At the end put CANopen nodes back to what they were.")
+    ] = False,
     force: Annotated[bool, typer.Option("--force", help="Replace the file if it is there.")] = False,
     json: Json = False,
 ) -> None:
@@ -62,8 +71,18 @@ def record(
 
     _writable(output, force)
     described = load_machine(machine)
+    if trace is not None:
+        from daq.trace import check_trace
+
+        check_trace(trace)
     with (
-        AcquisitionProcess(described, strict=not (allow_missing or require), required=require or ()) as acquisition,
+        AcquisitionProcess(
+            described,
+            strict=not (allow_missing or require),
+            required=require or (),
+            data_directory=data_dir,
+            trace=trace,
+        ) as acquisition,
         progress_bar(f"recording {output.name}", show=not json) as bar,
     ):
         recorder = Recorder(acquisition.ring_name, described, role.value, output, overwrite=force)
@@ -74,8 +93,9 @@ def record(
         except KeyboardInterrupt:  # what has come until now is worth keeping
             summary, interrupted = recorder.stop(), True
         statistics = acquisition.statistics()
+    restored = _restored(described, data_dir) if restore else []
     if json:
-        print_json({"recording": asdict(summary), "acquisition": asdict(statistics)})
+        print_json({"recording": asdict(summary), "acquisition": asdict(statistics), "restored": restored})
         raise typer.Exit(INTERRUPTED if interrupted else 0)
     bad = sum(count for counts in summary.quality.values() for name, count in counts.items() if name != "held")
     print(
@@ -84,11 +104,18 @@ def record(
     )
     for event in summary.events:
         print(_told(event))
-    for warning in (*statistics.warnings, *summary.warnings):
+    failures = [result["failure"] for result in restored if result["failure"]]
+    for warning in (*statistics.warnings, *summary.warnings, *failures):
         print(f"warning: {warning}")
     if interrupted:
         print(f"interrupted before {seconds:g} s were over")
         raise typer.Exit(INTERRUPTED)
+
+
+def _restored(machine: Machine, data_directory: Path) -> list[dict[str, Any]]:
+    from daq.drivers.canopen_restore import restore_nodes
+
+    return [asdict(result) for result in restore_nodes(machine, data_directory)]
 
 
 def _told(event: dict[str, Any]) -> str:
@@ -100,11 +127,39 @@ def _told(event: dict[str, Any]) -> str:
     return f"{at} UTC {event['device']}: {event['what']}{f' ({more})' if more else ''}: {event['text']}"
 
 
-def _writable(output: Path, force: bool) -> None:
-    if output.suffix.lower() not in SUFFIXES:
-        raise InputError(f"{output}: unknown kind of file '{output.suffix}'; use {' or '.join(SUFFIXES)}")
+def _writable(output: Path, force: bool, suffixes: tuple[str, ...] = SUFFIXES) -> None:
+    if output.suffix.lower() not in suffixes:
+        raise InputError(f"{output}: unknown kind of file '{output.suffix}'; use {' or '.join(suffixes)}")
     if output.exists() and not force:
         raise InputError(f"{output}: is there already; choose another name, or add --force")
+
+
+def replay(
+    trace: Annotated[Path, typer.Argument(help="A raw trace, by the name that was given to record --trace.")],
+    machine: Annotated[Path, typer.Option("--machine", help="The machine file.")],
+    output: Annotated[Path, typer.Option("-o", "--output", help="File to write: .parquet or .csv.")],
+    role: Annotated[Role, typer.Option(help="What the recording is for.")] = Role.operation,
+    force: Annotated[bool, typer.Option("--force", help="Replace the file if it is there.")] = False,
+    json: Json = False,
+) -> None:
+    """Make a recording from a raw trace, by the same drivers, without the machine."""
+    from daq.recording import write_recording
+    from daq.replay import as_columns
+    from daq.replay import replay as run
+
+    _writable(output, force)
+    described = load_machine(machine)
+    result = run(described, trace)
+    if not result.frames:
+        raise InputError(f"{trace}: holds no cycle of '{described.name}'; is it this machine's trace?")
+    columns = as_columns(result.frames, tuple(channel.name for channel in described.channels))
+    write_recording(output, described, role.value, columns.pop("time"), columns.pop("values"), **columns)
+    if json:
+        print_json({"file": str(output), "rows": len(result.frames), "buses": result.buses, "events": result.events})
+        return
+    print(f"{output}: {len(result.frames)} rows from {trace}")
+    for event in result.events:
+        print(_told(event))
 
 
 def recover(
@@ -132,16 +187,19 @@ def recover(
 
 def export(
     file: Annotated[Path, typer.Argument(help="A recording.")],
-    output: Annotated[Path, typer.Option("-o", "--output", help="File to write: .parquet or .csv.")],
+    output: Annotated[
+        Path, typer.Option("-o", "--output", help="File to write: .parquet, .csv, .mf4 (MDF4), .mcap or .mat.")
+    ],
     force: Annotated[bool, typer.Option("--force", help="Replace the file if it is there.")] = False,
     json: Json = False,
 ) -> None:
     """Write a recording in another format."""
-    from daq.recording_files import read_table, write_columns
+    from daq import formats
+    from daq.recording_files import read_table
 
-    _writable(output, force)
+    _writable(output, force, formats.SUFFIXES)
     table = read_table(file)
-    write_columns(output, table)
+    formats.export(table, output, formats.units_in(table))
     if json:
         print_json({"file": str(output), "rows": table.rows, "columns": list(table.columns)})
     else:

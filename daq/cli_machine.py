@@ -42,12 +42,20 @@ def check(
     if json:
         facts = {} if machine is None else facts_of(machine)
         findings = [asdict(finding) for finding in checked.findings]
-        print_json({**facts, "valid": machine is not None, "findings": findings, "drawn": [str(p) for p in drawn]})
-        raise typer.Exit(0 if machine is not None else 2)
+        print_json(
+            {
+                **facts,
+                "valid": machine is not None and not checked.errors,
+                "findings": findings,
+                "drawn": [str(p) for p in drawn],
+            }
+        )
+        raise typer.Exit(2 if checked.errors else 0)
     for finding in checked.errors:
         print(f"hilfit: {finding.under(str(file))}", file=sys.stderr)
     if machine is not None:
-        print(f"{file}: a valid machine file ({machine.schema_})")
+        said = "for fitting a valid" if checked.errors else "a valid"
+        print(f"{file}: {said} machine file ({machine.schema_})")
         for key, value in facts_of(machine).items():
             if key != "travel":
                 print(f"  {key}: {value}")
@@ -58,7 +66,7 @@ def check(
             print(finding.under(str(file)))
     for path in drawn:
         print(f"drawn: {path}")
-    if machine is None:
+    if checked.errors:
         raise typer.Exit(2)
 
 

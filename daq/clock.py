@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -123,6 +124,72 @@ class LockstepClock:
         # Within one period of lateness the pace is kept (waking up late is no slip); beyond, all later ticks slip.
         self._at = self._at + self._period if late < self._period else now + self._period
         return Tick(cycle, cycle / self._rate, late, 0, now + max(self._period, round(PATIENCE_S * NS)))
+
+
+class SyncClock:
+    """Led by a SYNC that is not ours: a tick whenever it comes, by our own clock where it does not.
+
+    Cycles are numbered by the SYNCs, so that machine time is the other master's. A SYNC that comes more often than the
+    cycle leads only where a period is over; one that comes at other moments leads nothing (the driver says so).
+    When it comes again after it was lost, the ticks follow it from the next one on.
+
+    Parameters
+    ----------
+    period_s : wall seconds per cycle
+    next_sync : when the next SYNC came (monotonic ns); None if it has not by the deadline (ns) that it is given
+    monotonic_ns : the clock of these moments
+    """
+
+    TOLERANCE = 0.2  # of a period that a SYNC may come too early or too late
+
+    def __init__(
+        self,
+        rate_hz: float,
+        period_s: float,
+        next_sync: Callable[[int], int | None],
+        monotonic_ns: Callable[[], int] = time.monotonic_ns,
+    ) -> None:
+        self._rate = rate_hz
+        self._period = round(period_s * NS)
+        self._next_sync = next_sync
+        self._now = monotonic_ns
+        self._last = 0
+        self._cycle = -1
+        self._free = True  # whether the last tick was by our own clock
+
+    def monotonic_ns(self) -> int:
+        """Nanoseconds of the monotonic clock."""
+        return self._now()
+
+    def utc_ns(self) -> int:
+        """Nanoseconds since 1970 by the system's clock."""
+        return time.time_ns()
+
+    def start(self) -> None:
+        """The first tick is the next SYNC, or one period from now."""
+        self._last, self._cycle, self._free = self._now(), -1, True
+
+    def wait(self) -> Tick:
+        """Wait for the SYNC that is due; half a period more than that, then go on without."""
+        while True:
+            at = self._next_sync(self._last + (self._period if self._free else self._period * 3 // 2))
+            if at is None:
+                self._free = True
+                steps = max(1, (self._now() - self._last) // self._period)
+                return self._tick(self._last + steps * self._period, steps)
+            elapsed = (at - self._last) / self._period
+            if round(elapsed) >= 1 and abs(elapsed - round(elapsed)) <= self.TOLERANCE:
+                self._free = False
+                return self._tick(at, round(elapsed))
+            if self._free:  # it is here again, at another moment: periods count from it
+                self._free, self._last = False, at
+
+    def _tick(self, at: int, steps: int) -> Tick:
+        steps = steps if self._cycle >= 0 else 1
+        self._cycle += steps
+        self._last = at
+        late_ns, until_ns = self._now() - at, at + self._period * 9 // 10
+        return Tick(self._cycle, self._cycle / self._rate, late_ns, steps - 1, until_ns)
 
 
 def clock_for(machine: Machine) -> Clock:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from daq.buses import CanSource, ModbusSource, OtherSource
+from daq.buses import CanopenBus, CanSource, ModbusSource, OtherSource, SignalSource
 from daq.joints import Joint, unique
 from daq.machine_file_errors import did_you_mean
 from daq.quantities import CYLINDER_QUANTITIES, JOINT_QUANTITIES, MOTOR_QUANTITIES
@@ -15,7 +15,7 @@ from daq.quantities import CYLINDER_QUANTITIES, JOINT_QUANTITIES, MOTOR_QUANTITI
 if TYPE_CHECKING:
     from daq.machine_file import Channel, Machine
 
-_SOURCES = {"canopen": CanSource, "modbus_tcp": ModbusSource, "modbus_rtu": ModbusSource}
+_SOURCES = {"canopen": CanSource, "can_signals": SignalSource, "modbus_tcp": ModbusSource, "modbus_rtu": ModbusSource}
 
 
 class IncoherenceError(ValueError):
@@ -41,12 +41,19 @@ def incoherences(machine: Machine) -> list[str]:
     )
     if problems:
         return problems
-    problems = _of(*((_channel, machine, index, channel) for index, channel in enumerate(channels)))
+    problems = _of((_one_sync, machine))
+    problems += _of(*((_channel, machine, index, channel) for index, channel in enumerate(channels)))
     problems += _of(*((_couplings, machine, joint) for joint in joints))
     if problems:  # a channel that is nobody's makes its joint look unmeasured
         return problems
     problems = _of(*((_measured, machine, joint.name) for joint in joints))
     return problems or _of((_velocities_are_told, machine), (_motors_tell, machine))
+
+
+def _one_sync(machine: Machine) -> None:
+    led = [bus.name for bus in machine.buses if isinstance(bus, CanopenBus) and bus.sync == "external"]
+    if len(led) > 1:
+        raise ValueError(f"buses: {' and '.join(led)} both say sync: external; one of them leads the cycle")
 
 
 def _of(*checks: tuple[Callable[..., None] | Any, ...]) -> list[str]:

@@ -6,9 +6,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
+import yaml
 from pydantic import ValidationError
 
 from daq import safe_yaml
+from daq.buses import CanopenBus, CanSignalsBus
 from daq.coherence import incoherences
 from daq.errors import MachineFileError
 from daq.joints import Cylinder, Drive, Joint
@@ -69,7 +71,7 @@ def check_machine(path: str | Path) -> Checked:
     """
     text = read_machine_text(Path(path))
     try:
-        machine, problems = machine_problems(text, str(path))
+        machine, problems = machine_problems(text, str(path), Path(path).absolute().parent)
     except MachineFileError as error:  # no YAML, or of another kind: there is nothing else to say of it
         return Checked(None, (_alone(str(error), str(path)),))
     tree, content = safe_yaml.read(text)
@@ -82,6 +84,8 @@ def check_machine(path: str | Path) -> Checked:
         if key not in said:  # of several doubts about one key the first says most
             said.add(key)
             findings.append(Finding("warning", line_of(tree, list(doubt.place)), key, doubt.text, doubt.cure))
+    if machine is not None:
+        findings += _of_the_files(machine, tree)
     return Checked(machine, tuple(findings))
 
 
@@ -101,6 +105,38 @@ def _of_the_parts(content: dict[str, Any]) -> list[str]:
     if len(known) < len(channels):  # numbers of the channels, and what joints lack, are not known then
         return []
     return texts
+
+
+def _of_the_files(machine: Machine, tree: yaml.Node | None) -> list[Finding]:
+    """What does not belong together in a machine file and the files that it names: DBC, EDS, DCF."""
+    findings = []
+    for number, bus in enumerate(machine.buses):
+        own = [
+            (index, c) for index, c in enumerate(machine.channels) if c.source is not None and c.source.bus == bus.name
+        ]
+        channels = [channel for _, channel in own]
+        place: list[str | int] = ["buses", number]
+        try:
+            if isinstance(bus, CanSignalsBus):
+                from daq.can_database import listed_messages, unit_doubts
+
+                listed, problems = listed_messages(bus, channels)
+                levels: tuple[tuple[Literal["error", "warning"], list[tuple[int, str]]], ...] = (
+                    ("error", problems),
+                    ("warning", unit_doubts(machine, listed, channels)),
+                )
+                for level, found in levels:
+                    for position, text in found:
+                        index = own[position][0]
+                        line = line_of(tree, ["channels", index, "source"])
+                        findings.append(Finding(level, line, f"channels[{index}].source", text))
+            elif isinstance(bus, CanopenBus) and bus.listen_only:
+                from daq.drivers.canopen_listening import pdo_members
+
+                pdo_members(bus, channels)
+        except MachineFileError as error:
+            findings.append(Finding("error", line_of(tree, place), f"buses[{number}]", str(error)))
+    return findings
 
 
 def _joint(raw: object) -> Joint | None:

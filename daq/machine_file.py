@@ -19,6 +19,7 @@ from daq.buses import (
     Bus,
     CanNode,
     CanopenBus,
+    CanSignalsBus,
     CanSource,
     FileModel,
     ModbusRtuBus,
@@ -27,6 +28,7 @@ from daq.buses import (
     Name,
     OtherBus,
     OtherSource,
+    SignalSource,
     Source,
     source_of,
 )
@@ -53,6 +55,7 @@ __all__ = [
     "SCHEMA",
     "Bus",
     "CanNode",
+    "CanSignalsBus",
     "CanSource",
     "CanopenBus",
     "Channel",
@@ -70,6 +73,7 @@ __all__ = [
     "OtherBus",
     "OtherSource",
     "Quantity",
+    "SignalSource",
     "Simulation",
     "Source",
     "load_machine",
@@ -211,7 +215,7 @@ def load_machine(path: str | Path) -> Machine:
     MachineFileError
         With one line: file, line, key, what is wrong and what to do.
     """
-    return parse_machine(read_machine_text(Path(path)), name=str(path))
+    return parse_machine(read_machine_text(Path(path)), name=str(path), folder=Path(path).absolute().parent)
 
 
 def read_machine_text(path: Path) -> str:
@@ -231,16 +235,18 @@ def read_machine_text(path: Path) -> str:
     return text
 
 
-def parse_machine(text: str, name: str = "machine file") -> Machine:
-    """Validate the text of a machine file; ``name`` is what errors call it."""
-    machine, problems = machine_problems(text, name)
+def parse_machine(text: str, name: str = "machine file", folder: Path | None = None) -> Machine:
+    """Validate the text of a machine file; ``name`` is what errors call it, ``folder`` where files it names begin."""
+    machine, problems = machine_problems(text, name, folder)
     if machine is None:
         more = f" (and {len(problems) - 1} more)" if len(problems) > 1 else ""
         raise MachineFileError(problems[0].under(name) + more)
     return machine
 
 
-def machine_problems(text: str, name: str = "machine file") -> tuple[Machine | None, list[Problem]]:
+def machine_problems(
+    text: str, name: str = "machine file", folder: Path | None = None
+) -> tuple[Machine | None, list[Problem]]:
     """The machine of a file's text, or None and what is wrong with it, the most telling problem first.
 
     Raises
@@ -263,7 +269,7 @@ def machine_problems(text: str, name: str = "machine file") -> tuple[Machine | N
         found = content.get("schema")
         raise MachineFileError(f"{name}: schema is {short(repr(found))}; this version reads '{SCHEMA}'")
     try:
-        return Machine.model_validate(content), []
+        return Machine.model_validate(content, context={"folder": folder}), []
     except ValidationError as error:
         return None, all_problems(tree, error, _ALL_KEYS)
 

@@ -12,7 +12,19 @@ from pydantic import ValidationError
 from pydantic_core import ErrorDetails
 
 _UNION_TAGS = frozenset(
-    ("three_pin", "pins", "four_bar", "rack", "direct", "polynomial", "canopen", "modbus_tcp", "modbus_rtu", "other")
+    (
+        "three_pin",
+        "pins",
+        "four_bar",
+        "rack",
+        "direct",
+        "polynomial",
+        "canopen",
+        "can_signals",
+        "modbus_tcp",
+        "modbus_rtu",
+        "other",
+    )
 )
 
 #: What machines, joints, channels and buses may be called.

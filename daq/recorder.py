@@ -31,7 +31,7 @@ from daq.ring import RingReader
 
 SYNC_SECONDS = 1.0
 SILENCE_SECONDS = 10.0  # without a frame: acquisition hangs
-_UNMEASURED = (Quality.STALE, Quality.MISSING, Quality.BUS_ERROR, Quality.INVALID, Quality.HELD)
+UNMEASURED = (Quality.STALE, Quality.MISSING, Quality.BUS_ERROR, Quality.INVALID, Quality.HELD)
 
 #: Called with rows that are safe on disk, and how many there will be (None: until it is stopped).
 Progress = Callable[[int, int | None], None]
@@ -277,7 +277,7 @@ class _Writer:
 
     def _table(self, rows: npt.NDArray[np.void]) -> pa.Table:
         quality = rows["quality"]
-        values = np.where(np.isin(quality, _UNMEASURED), np.nan, rows["values"])
+        values = np.where(np.isin(quality, UNMEASURED), np.nan, rows["values"])
         time_s: FloatArray = (rows["cycle"] - (self._first_cycle or 0)) / self._machine.rate_hz
         columns = range(len(self._names))
         return recording_table(

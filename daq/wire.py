@@ -10,6 +10,8 @@ _FORMATS: dict[str, str] = {
     "uint8": "B",
     "int16": "h",
     "uint16": "H",
+    "int24": "3s",
+    "uint24": "3s",
     "int32": "i",
     "uint32": "I",
     "int64": "q",
@@ -31,7 +33,7 @@ def size(data_type: str) -> int:
 
 def registers(data_type: str) -> int:
     """16-bit Modbus registers that one value of ``data_type`` takes."""
-    return max(1, size(data_type) // 2)
+    return (size(data_type) + 1) // 2
 
 
 def encode(data_type: str, value: float) -> bytes:
@@ -41,12 +43,31 @@ def encode(data_type: str, value: float) -> bytes:
     bits = 8 * size(data_type)
     low, high = (0, 2**bits - 1) if data_type.startswith("u") else (-(2 ** (bits - 1)), 2 ** (bits - 1) - 1)
     raw = low if math.isnan(value) else int(min(max(round(value), low), high))
-    return struct.pack("<" + _FORMATS[data_type], raw)
+    return raw.to_bytes(size(data_type), "little", signed=low < 0)
 
 
 def decode(data_type: str, data: bytes) -> float:
     """The number in ``data`` (little endian); the length has to be exact (struct.error otherwise)."""
-    return float(struct.unpack("<" + _FORMATS[data_type], data)[0])
+    return number(data_type, struct.unpack("<" + _FORMATS[data_type], data)[0])
+
+
+def number(data_type: str, unpacked: float | bytes) -> float:
+    """The number that :mod:`struct` made by :func:`struct_code`; it knows no integers of 24 bits."""
+    if isinstance(unpacked, bytes):
+        return float(int.from_bytes(unpacked, "little", signed=not data_type.startswith("u")))
+    return float(unpacked)
+
+
+def from_bits(data_type: str, data: bytes, bit: int, bits: int) -> float:
+    """The number in ``bits`` bits of ``data`` from ``bit`` on (CANopen's order); ValueError if ``data`` ends before."""
+    if 8 * len(data) < bit + bits:
+        raise ValueError("too few bytes")
+    field = int.from_bytes(data, "little") >> bit & (1 << bits) - 1
+    if not data_type.startswith("u") and not data_type.startswith("float") and field >> bits - 1:
+        field -= 1 << bits
+    if data_type.startswith("float"):
+        return decode(data_type, field.to_bytes(bits // 8, "little"))
+    return float(field)
 
 
 def swapped(word: int) -> int:
@@ -57,8 +78,8 @@ def swapped(word: int) -> int:
 def to_registers(data_type: str, value: float, word_order: str = "big") -> list[int]:
     """Modbus registers of a value; bytes inside a register are big endian, words as ``word_order`` says."""
     data = encode(data_type, value)
-    if len(data) == 1:
-        data += b"\xff" if data_type == "int8" and data[0] > 127 else b"\x00"
+    if len(data) % 2:
+        data += b"\xff" if not data_type.startswith("u") and data[-1] > 127 else b"\x00"
     words = [int.from_bytes(data[i : i + 2], "little") for i in range(0, len(data), 2)]
     return words if word_order == "little" else words[::-1]
 

@@ -12,16 +12,20 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
 
 from daq.errors import MachineFileError
 from daq.events import EventLog
+from daq.found_setups import FoundSetups
 from daq.machine_file import Channel
 from daq.quality import Quality
 from daq.seams import DRIVERS
+
+if TYPE_CHECKING:
+    from daq.drivers.can_port import CanAccess
 
 
 @dataclass(frozen=True)
@@ -38,6 +42,8 @@ class DriverContext:
         while the cycle runs. None: as long as they may take to boot.
     events : where drivers say what happened to their devices
     rate_hz : cycles per second of machine time, 1 / period_s unless a simulation runs faster (None: that)
+    found : where it is kept what nodes were like before they were changed; None: it is not kept
+    can : how CAN buses are opened; None: by their interfaces. A trace and a replay bring their own.
     """
 
     period_s: float
@@ -46,6 +52,8 @@ class DriverContext:
     start_s: float | None = None
     events: EventLog = field(default_factory=EventLog)
     rate_hz: float | None = None
+    found: FoundSetups | None = None
+    can: CanAccess | None = None
 
 
 class Problem(str):

@@ -9,18 +9,20 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from daq.drivers.base import DeviceStatus, Driver, DriverContext, DriverStatistics, Problem, Samples, nothing
 from daq.drivers.can_health import BusHealth, advice, told
-from daq.drivers.canopen_commissioning import OPERATIONAL, PRE_OPERATIONAL, commission
+from daq.drivers.canopen_commissioning import LEFT, OPERATIONAL, PRE_OPERATIONAL, commission
 from daq.drivers.canopen_link import CanLink
 from daq.drivers.canopen_listening import ListeningDriver
 from daq.drivers.canopen_node import MISSES_TOLERATED, SURPLUS_TOLERATED, UNANSWERED, Cycle, Node, make_nodes
 from daq.drivers.canopen_watch import NodeWatch
 from daq.drivers.keeper import Keeper
 from daq.errors import AcquisitionError, BusError
+from daq.found_setups import FoundSetup
 from daq.machine_file import CanopenBus, Channel
 from daq.quality import Quality
 
@@ -155,7 +157,7 @@ class CanopenDriver:
             self._synced.notify_all()
 
     def _open(self) -> CanLink:
-        link = CanLink(self._config, self._context.monotonic_ns, self._health)
+        link = CanLink(self._config, self._context, self._health)
         for node in self._nodes.values():
             link.handlers.update(node.handlers())
         return link
@@ -182,6 +184,8 @@ class CanopenDriver:
     def _commission(self, link: CanLink, node: Node) -> bool:
         node.state = "commissioning"
         node.starting_anew = False
+        if node.found_state is None:
+            node.found_state = node.heartbeat_state
         node.forget()
         sdo = link.sdo(node.config.node)
         try:
@@ -194,6 +198,7 @@ class CanopenDriver:
                 monotonic_ns=self._context.monotonic_ns,
                 answered=node.accept_boot_ups,
                 boot_up_s=node.config.boot_up_s if self._starting else 0.0,
+                keep=lambda found, wrote, identity: self._keep(node, FoundSetup(found, wrote, identity)),
             )
         except AcquisitionError as error:
             self._failed(node, str(error))
@@ -201,6 +206,12 @@ class CanopenDriver:
         finally:
             sdo.close()
         return True
+
+    def _keep(self, node: Node, setup: FoundSetup) -> None:
+        """Before a node is changed: keep what it was like."""
+        if self._context.found is not None:
+            state = -1 if node.found_state is None else node.found_state
+            self._context.found.keep(self._config.name, node.config.node, replace(setup, state=state))
 
     def _command(self, link: CanLink, node: Node, command: int) -> None:
         """An NMT command; a node is made operational right behind a SYNC, so that it is ready at the next one."""
@@ -403,14 +414,14 @@ class CanopenDriver:
         )
 
     def stop(self) -> None:
-        """Leave the nodes pre-operational, so that they stop sending, and close the bus."""
+        """Leave each node in the state in which its heartbeat found it, else pre-operational; close the bus."""
         self._stopped.set()
         for keeper in (self._bus_keeper, *self._keepers.values()):
             keeper.stop()
         link, self._link = self._link, None
         if link is not None:
-            for number in self._nodes if self._leading else ():
-                link.send_nmt(PRE_OPERATIONAL, number)
+            for number, node in self._nodes.items() if self._leading else ():
+                link.send_nmt(LEFT.get(node.found_state, PRE_OPERATIONAL), number)
             link.close()
 
 

@@ -7,19 +7,25 @@ written is read back before it goes operational.
 
 from __future__ import annotations
 
+import contextlib
 import struct
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import Protocol
 
 from daq import wire
 from daq.drivers.canopen_link import NoAnswerError, SdoRefusedError
 from daq.drivers.canopen_mapping import TPDO_COUNT, Mapping
 from daq.errors import CommissioningError
+from daq.found_setups import Objects
 from daq.machine_file import CanNode
 
 OPERATIONAL = 0x01  # NMT commands (CiA 301, 7.3.2.2.1)
 PRE_OPERATIONAL = 0x80
+STOPPED = 0x02
+#: NMT command that brings a node back to the state that its heartbeat told; pre-operational where it told none.
+LEFT: dict[int | None, int] = {0x05: OPERATIONAL, 0x04: STOPPED}
 PDO_NOT_VALID = 0x8000_0000
+_NO_REMOTE = 0x4000_0000
 SYNCHRONOUS_EVERY = 1  # transmission type: at every SYNC
 
 
@@ -50,8 +56,11 @@ def commission(
     monotonic_ns: Callable[[], int],
     answered: Callable[[], None],
     boot_up_s: float,
+    keep: Callable[[Objects, Objects, Objects], None] = lambda found, wrote, identity: None,
 ) -> None:
     """Commission one node; it is operational afterwards and sends every mapped TPDO at every SYNC.
+
+    What already is as it has to be is not written.
 
     Parameters
     ----------
@@ -62,6 +71,7 @@ def commission(
     place : how errors call the node
     answered : called when it has answered for the first time: a boot-up after that means that all is to do again
     boot_up_s : how long it may take to answer at first
+    keep : called before the first object is written, with objects as they are, as they will be, and its identity
 
     Raises
     ------
@@ -73,15 +83,14 @@ def commission(
     answered()
     _alone(sdo, place)
     _identify(sdo, node, place, device_type)
-    _pdos_off(sdo, mappings)
-    for mapping in mappings:
-        _map(sdo, mapping)
-    for mapping in mappings:
-        _read_back(sdo, mapping, place)
-    _write_checked(sdo, 0x1017, 0, struct.pack("<H", node.heartbeat_ms), place)
-    for key, value in node.settings.items():
-        index, subindex, data_type = _object(key)
-        _write_checked(sdo, index, subindex, _encode(sdo, index, subindex, data_type, value), place)
+    found = _present(sdo, node, mappings)
+    wanted = _wanted(sdo, node, mappings, found)
+    changed = {key for key, value in wanted.items() if found.get(key) != value}
+    pdos = {_pdo(key) for key in changed} - {None}
+    if changed:
+        _alone(sdo, place)
+        keep(found, wanted, identity_of(sdo))
+        write_objects(sdo, {k: v for k, v in wanted.items() if k in changed or _pdo(k) in pdos}, place)
     _alone(sdo, place)
     send_nmt(OPERATIONAL)
 
@@ -114,6 +123,8 @@ def _identify(sdo: SdoAccess, node: CanNode, place: str, device_type: int) -> No
         ("device type (0x1000)", "device_type", node.device_type, None),
         ("vendor-ID (0x1018:1)", "vendor_id", node.vendor_id, 1),
         ("product code (0x1018:2)", "product_code", node.product_code, 2),
+        ("revision (0x1018:3)", "revision_number", node.revision_number, 3),
+        ("serial number (0x1018:4)", "serial_number", node.serial_number, 4),
     ):
         if expected is None:
             continue
@@ -123,60 +134,128 @@ def _identify(sdo: SdoAccess, node: CanNode, place: str, device_type: int) -> No
                 f"{place}: is another device: {what} is 0x{found:08X}, the machine file says 0x{expected:08X}; "
                 f"connect the right one or correct {key}"
             )
-
-
-def _pdos_off(sdo: SdoAccess, mappings: Sequence[Mapping]) -> None:
-    needed = {mapping.number for mapping in mappings}
-    for number in range(1, TPDO_COUNT + 1):
-        try:
-            cob_id = sdo.read_unsigned(0x1800 + number - 1, 1)
-            if not cob_id & PDO_NOT_VALID:
-                sdo.write(0x1800 + number - 1, 1, struct.pack("<I", cob_id | PDO_NOT_VALID))
-        except SdoRefusedError:
-            if number in needed:
-                raise
-
-
-def _map(sdo: SdoAccess, mapping: Mapping) -> None:
-    parameters, objects = 0x1800 + mapping.number - 1, 0x1A00 + mapping.number - 1
-    # CiA 301, 7.5.2.36: mapping is changed with the number of entries at 0, and is valid when it is written again.
-    sdo.write(objects, 0, b"\x00")
-    for subindex, entry in enumerate(mapping.entries, start=1):
-        sdo.write(objects, subindex, struct.pack("<I", entry))
-    sdo.write(objects, 0, bytes((len(mapping.entries),)))
-    sdo.write(parameters, 2, bytes((SYNCHRONOUS_EVERY,)))
-    sdo.write(parameters, 1, struct.pack("<I", mapping.cob_id))
-
-
-def _read_back(sdo: SdoAccess, mapping: Mapping, place: str) -> None:
-    parameters, objects = 0x1800 + mapping.number - 1, 0x1A00 + mapping.number - 1
-    expected = [
-        (parameters, 1, mapping.cob_id),
-        (parameters, 2, SYNCHRONOUS_EVERY),
-        (objects, 0, len(mapping.entries)),
-    ]
-    expected += [(objects, subindex, entry) for subindex, entry in enumerate(mapping.entries, start=1)]
-    for index, subindex, value in expected:
-        found = sdo.read_unsigned(index, subindex)
-        if (index, subindex) == (parameters, 1):
-            found &= ~0x4000_0000  # "no remote frames", which a device may insist on
-        if found != value:
+    if node.firmware is not None:
+        version = sdo.read(0x100A).rstrip(b"\0 ").decode("latin-1")
+        if version != node.firmware:
             raise CommissioningError(
-                f"{place}: keeps 0x{found:X} in 0x{index:04X}:{subindex:02X} although 0x{value:X} was "
-                "written; its mapping "
-                "may be fixed: see its manual"
+                f"{place}: has firmware '{version[:40]}' (0x100A), the machine file says '{node.firmware}'; see what "
+                "differs, then correct firmware"
             )
 
 
-def _write_checked(sdo: SdoAccess, index: int, subindex: int, data: bytes, place: str) -> None:
-    sdo.write(index, subindex, data)
+def identity_of(sdo: SdoAccess) -> dict[tuple[int, int], bytes]:
+    """Device type, vendor, product, revision and serial number, as far as the node has them."""
+    return _read_there(sdo, [(0x1000, 0), *((0x1018, subindex) for subindex in range(1, 5))])
+
+
+def _read_there(sdo: SdoAccess, keys: Iterable[tuple[int, int]]) -> dict[tuple[int, int], bytes]:
+    """Objects that the node has."""
+    found = {}
+    for index, subindex in keys:
+        with contextlib.suppress(SdoRefusedError):
+            found[index, subindex] = sdo.read(index, subindex)
+    return found
+
+
+def _present(sdo: SdoAccess, node: CanNode, mappings: Sequence[Mapping]) -> dict[tuple[int, int], bytes]:
+    """Everything that commissioning may write, as it is."""
+    needed = {mapping.number for mapping in mappings}
+    found: dict[tuple[int, int], bytes] = {}
+    for number in range(1, TPDO_COUNT + 1):
+        parameters, objects = 0x1800 + number - 1, 0x1A00 + number - 1
+        found |= _read_there(sdo, [(parameters, 1)])
+        if number in needed:
+            found |= _read_there(sdo, [(parameters, 2), (objects, 0)])
+            count = int.from_bytes(found.get((objects, 0), b"\0"), "little")
+            found |= _read_there(sdo, [(objects, entry) for entry in range(1, min(count, 8) + 1)])
+    settings = [_object(key)[:2] for key in node.settings]
+    return found | _read_there(sdo, [(0x1017, 0), *settings])
+
+
+def _wanted(sdo: SdoAccess, node: CanNode, mappings: Sequence[Mapping], found: Objects) -> dict[tuple[int, int], bytes]:
+    """The same objects, as they have to be."""
+    wanted: dict[tuple[int, int], bytes] = {}
+    needed = {mapping.number: mapping for mapping in mappings}
+    for number in range(1, TPDO_COUNT + 1):
+        parameters, objects = 0x1800 + number - 1, 0x1A00 + number - 1
+        present = int.from_bytes(found.get((parameters, 1), b""), "little")
+        mapping = needed.get(number)
+        if mapping is None:
+            if (parameters, 1) in found:
+                wanted[parameters, 1] = struct.pack("<I", present | PDO_NOT_VALID)
+            continue
+        same = present & ~_NO_REMOTE == mapping.cob_id  # a device may insist on "no remote frames"
+        wanted[parameters, 1] = struct.pack("<I", present if same else mapping.cob_id)
+        wanted[parameters, 2] = bytes((SYNCHRONOUS_EVERY,))
+        wanted[objects, 0] = bytes((len(mapping.entries),))
+        for subindex, entry in enumerate(mapping.entries, start=1):
+            wanted[objects, subindex] = struct.pack("<I", entry)
+    wanted[0x1017, 0] = struct.pack("<H", node.heartbeat_ms)
+    for key, value in node.settings.items():
+        index, subindex, data_type = _object(key)
+        wanted[index, subindex] = _encode(sdo, index, subindex, data_type, value)
+    return wanted
+
+
+def _pdo(key: tuple[int, int]) -> int | None:
+    """Number (from 0) of the TPDO that an object belongs to."""
+    return key[0] & 0x1FF if 0x1800 <= key[0] < 0x1C00 else None
+
+
+def write_objects(sdo: SdoAccess, objects: Objects, place: str) -> None:
+    """Write objects in the order that is safe, and read them back.
+
+    A TPDO is off while its mapping changes (CiA 301, 7.5.2.36): mapping is changed with the number of entries at 0, is
+    valid when that is written again, and the COB-ID comes last.
+
+    Raises
+    ------
+    CommissioningError
+        If the node refuses one, or keeps another value.
+    """
+    pdos = sorted({number for key in objects if (number := _pdo(key)) is not None})
+    for number in pdos:
+        present = sdo.read_unsigned(0x1800 + number, 1)
+        if not present & PDO_NOT_VALID:
+            sdo.write(0x1800 + number, 1, struct.pack("<I", present | PDO_NOT_VALID))
+    for number in pdos:
+        _write_pdo(sdo, 0x1800 + number, 0x1A00 + number, objects)
+    for (index, subindex), data in objects.items():
+        if _pdo((index, subindex)) is None:
+            sdo.write(index, subindex, data)
+    for (index, subindex), data in objects.items():
+        _read_back(sdo, index, subindex, data, place)
+
+
+def _write_pdo(sdo: SdoAccess, parameters: int, mapping: int, objects: Objects) -> None:
+    count = objects.get((mapping, 0))
+    if count is not None:
+        sdo.write(mapping, 0, b"\x00")
+        for entry in range(1, int.from_bytes(count, "little") + 1):
+            if (mapping, entry) in objects:
+                sdo.write(mapping, entry, objects[mapping, entry])
+        sdo.write(mapping, 0, count)
+    if (parameters, 2) in objects:
+        sdo.write(parameters, 2, objects[parameters, 2])
+    cob_id = objects.get((parameters, 1))
+    if cob_id is not None and not int.from_bytes(cob_id, "little") & PDO_NOT_VALID:
+        sdo.write(parameters, 1, cob_id)
+
+
+def _read_back(sdo: SdoAccess, index: int, subindex: int, data: bytes, place: str) -> None:
     found = sdo.read(index, subindex)[: len(data)]
-    if found != data:
-        raise CommissioningError(
-            f"{place}: keeps 0x{found[::-1].hex()} in 0x{index:04X}:{subindex:02X} although "
-            f"0x{data[::-1].hex()} was written; "
-            "see its manual for the values it takes"
-        )
+    if found == data:
+        return
+    is_pdo = _pdo((index, subindex)) is not None
+    if is_pdo and subindex == 1 and index < 0x1A00:
+        differs = int.from_bytes(found, "little") ^ int.from_bytes(data, "little")
+        if not differs & ~_NO_REMOTE:
+            return
+    advice = "its mapping may be fixed: see its manual" if is_pdo else "see its manual for the values it takes"
+    raise CommissioningError(
+        f"{place}: keeps 0x{int.from_bytes(found, 'little'):X} in 0x{index:04X}:{subindex:02X} although "
+        f"0x{int.from_bytes(data, 'little'):X} was written; {advice}"
+    )
 
 
 def _object(key: str) -> tuple[int, int, str | None]:

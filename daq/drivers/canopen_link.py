@@ -1,20 +1,13 @@
-"""The CAN side below CANopen: a python-can bus, its receive thread, SDO to nodes.
+"""A CANopen bus: frames by their COB-ID, SYNC, NMT, and SDO transfers to nodes.
 
-The receive thread copies bytes and a time stamp, nothing else: SDO transfers wait for answers that this very thread
-brings, so they run in other threads. It replaces python-can's Notifier (and canopen's per-signal decoding) because at
-3000 TPDOs per second each microsecond per frame is 0.3 % of a core, and because a bus error has to be seen at once.
-
-CANopen has 11-bit identifiers. A frame with 29 bits whose low bits are those of a TPDO is another protocol's, and a
-remote frame carries no data: both are counted and go no further.
+SDO transfers wait for answers that the receive thread brings, so they run in other threads. CANopen has 11-bit
+identifiers: a frame with 29 bits whose low bits are those of a TPDO is another protocol's, and a remote frame carries
+no data; both are counted and go no further (:mod:`daq.drivers.can_port`).
 """
 
 from __future__ import annotations
 
-import contextlib
-import logging
-import socket
 import struct
-import threading
 import time
 from collections.abc import Callable
 from typing import Any
@@ -23,8 +16,9 @@ import can
 import canopen
 from canopen.sdo import SdoAbortedError, SdoClient, SdoCommunicationError
 
-from daq.drivers.arrival import ArrivalTimes
+from daq.drivers.base import DriverContext
 from daq.drivers.can_health import BusHealth
+from daq.drivers.can_port import CanPort, first_line
 from daq.errors import BusError, CommissioningError
 from daq.machine_file import CanopenBus
 
@@ -32,76 +26,38 @@ SYNC_ID = 0x080
 NMT_ID = 0x000
 SDO_REQUESTS = (0x601, 0x67F)
 Handler = Callable[[bytearray, int], None]
-# A hub that is busy may put a frame behind its handshake's last word, which python-can takes for a wrong answer.
-OPEN_ATTEMPTS = 5
-OPEN_TIMEOUT_S = 2.0
 SDO_TIMEOUT_S = 0.5
 SDO_ATTEMPTS = 3
 SDO_SEGMENTS = 64  # answers to one transfer: no object that is read or written here has as many as 448 bytes
-LOOK_EVERY = 64  # frames between two looks at the controller's state
 
 
-class CanLink:
-    """An open CAN bus.
+class CanLink(CanPort):
+    """An open CANopen bus.
 
     ``handlers`` maps a COB-ID to what is called, in the receive thread, with data and arrival time.
     """
 
-    def __init__(self, config: CanopenBus, monotonic_ns: Callable[[], int], health: BusHealth) -> None:
-        self.name = config.name
+    def __init__(self, config: CanopenBus, context: DriverContext, health: BusHealth) -> None:
+        super().__init__(config, context, health)
         self.handlers: dict[int, Handler] = {SYNC_ID: self._foreign_sync, NMT_ID: self._foreign_nmt}
-        self.health = health
-        self.frames = 0
-        self.extended = self.remote = self.broken = 0  # 29-bit frames, remote frames, frames a handler stumbled over
         self.foreign_syncs = self.foreign_nmts = self.foreign_requests = 0  # our own do not come back to us
-        self.failure: str | None = None
-        self._monotonic_ns = monotonic_ns
-        self._times = ArrivalTimes()
-        self._closing = False
-        self._bus = _open(config)
-        self._network = canopen.Network(self._bus)
+        self._network = canopen.Network(self)
         self._sync = can.Message(arbitration_id=SYNC_ID, is_extended_id=False, data=b"")
-        self._thread = threading.Thread(target=self._receive, name=f"can-{config.name}", daemon=True)
-        self._thread.start()
+        self.open()
 
-    def _receive(self) -> None:
-        receive = self._bus.recv
-        while not self._closing:
-            try:
-                message = receive(0.1)
-            except Exception as error:  # whatever it is, nothing is received from here on: the driver rebuilds the bus
-                if not self._closing:
-                    self.fail(error)
-                return
-            if message is None:
-                self.health.look(self._monotonic_ns())
-                continue
-            self._take(message)
-            if self.health.state == "bus_off":
-                self.fail(can.CanOperationError("the controller is bus-off"))
-                return
-
-    def _take(self, message: Any) -> None:
-        self.frames += 1
-        now = self._monotonic_ns()
-        if self.frames % LOOK_EVERY == 0:
-            self.health.look(now)
-        if message.is_error_frame:
-            self.health.on_error_frame(message.arbitration_id, bytes(message.data), now)
-        elif message.is_extended_id:
-            self.extended += 1
-        elif message.is_remote_frame:
-            self.remote += 1
-        elif (handler := self.handlers.get(message.arbitration_id)) is not None:
-            try:
-                handler(message.data, self._times.of(message.timestamp, now))
-            except Exception:  # one frame that a handler cannot take is not the end of the others
-                self.broken += 1
+    def dispatch(self, message: can.Message, at_ns: int) -> None:
+        """Call the handler of its COB-ID."""
+        handler = self.handlers.get(message.arbitration_id)
+        if handler is not None:
+            handler(message.data, at_ns)
         elif SDO_REQUESTS[0] <= message.arbitration_id <= SDO_REQUESTS[1]:
             self.foreign_requests += 1
 
     def _foreign_sync(self, data: bytearray, at_ns: int) -> None:
         self.foreign_syncs += 1
+
+    def _foreign_nmt(self, data: bytearray, at_ns: int) -> None:
+        self.foreign_nmts += 1
 
     def masters(self) -> str:
         """What was heard that only a master sends, in words; empty if nothing."""
@@ -113,14 +69,6 @@ class CanLink:
         )
         return ", ".join(f"{count} {what}" for count, what in heard if count)
 
-    def _foreign_nmt(self, data: bytearray, at_ns: int) -> None:
-        self.foreign_nmts += 1
-
-    def fail(self, error: Exception) -> None:
-        """Remember why the bus is unusable; the first reason counts."""
-        if self.failure is None:
-            self.failure = f"{type(error).__name__}: {_first_line(error)}"
-
     def send_sync(self) -> None:
         """Send SYNC; a failure marks the link as failed."""
         self._send(self._sync)
@@ -129,69 +77,17 @@ class CanLink:
         """Send an NMT command to one node (never to all: others on the bus are not ours)."""
         self._send(can.Message(arbitration_id=NMT_ID, is_extended_id=False, data=bytes((command, node))))
 
-    def _send(self, message: Any) -> None:
+    def _send(self, message: can.Message) -> None:
         if self.failure is not None:
             return
         try:
-            with self._network.send_lock:
-                self._bus.send(message)
+            self.send(message)
         except (can.CanError, OSError) as error:
             self.fail(error)
 
     def sdo(self, node: int) -> Sdo:
         """SDO access to a node."""
         return Sdo(self, self._network, node, f"{self.name} node {node}")
-
-    def close(self) -> None:
-        """Stop receiving and close the bus."""
-        self._closing = True
-        if threading.current_thread() is not self._thread:
-            self._thread.join(timeout=2.0)
-        with contextlib.suppress(can.CanError, OSError):
-            self._bus.shutdown()
-
-
-def _open(config: CanopenBus) -> Any:
-    options: dict[str, Any] = dict(config.options)
-    if config.bitrate is not None:
-        options.setdefault("bitrate", config.bitrate)
-    if config.interface == "socketcand":
-        options.setdefault("tcp_tune", True)  # SYNC must not wait for Nagle's algorithm
-        _reachable(config, str(options.get("host", "")), int(options.get("port", 0)))
-        # It logs a warning for every frame that arrives in two parts, which TCP does all the time.
-        logging.getLogger("can.interfaces.socketcand").setLevel(logging.CRITICAL)
-    if config.listen_only:
-        options.update({key: value for key, value in _silent(config.interface).items() if key not in options})
-    problem: Exception | None = None
-    for attempt in range(OPEN_ATTEMPTS):
-        try:
-            return can.Bus(interface=config.interface, channel=config.channel, **options)
-        except (can.CanError, OSError, ValueError, TypeError, ImportError, NotImplementedError) as error:
-            problem = error
-            if config.interface != "socketcand" or not isinstance(error, can.CanError):
-                break
-            time.sleep(0.05 * (attempt + 1))
-    raise BusError(
-        f"bus '{config.name}': {config.interface} {config.channel} cannot be opened ({_first_line(problem)}); check "
-        "interface, channel and options in the machine file, and that the interface is up"
-    )
-
-
-def _silent(interface: str) -> dict[str, Any]:
-    """Options that keep an interface from even acknowledging frames; socketcan's is set by ``ip link``, not by us."""
-    return {"pcan": {"state": can.BusState.PASSIVE}, "kvaser": {"driver_mode": False}}.get(interface, {})
-
-
-def _reachable(config: CanopenBus, host: str, port: int) -> None:
-    # python-can retries a refused connection for ten seconds without a pause; look first.
-    try:
-        socket.create_connection((host, port), timeout=OPEN_TIMEOUT_S).close()
-    except OSError as error:
-        raise BusError(
-            f"bus '{config.name}': nothing answers at {host}:{port} ({_first_line(error)}); start the "
-            "socketcand server or "
-            "correct host and port"
-        ) from None
 
 
 class _Client(SdoClient):  # type: ignore[misc]  # canopen comes without types
@@ -270,7 +166,7 @@ class Sdo:
             except SdoCommunicationError as error:
                 reason = "does not answer" if "No SDO response" in str(error) else "answers with something else"
             except (can.CanError, OSError) as error:
-                raise BusError(f"{self._place}: cannot {what}: {_first_line(error)}; check the bus") from None
+                raise BusError(f"{self._place}: cannot {what}: {first_line(error)}; check the bus") from None
             except (struct.error, IndexError, ValueError, TypeError, AttributeError):
                 # What canopen makes of a frame that is too short, or whose fields contradict each other.
                 reason = "answers with frames that are no SDO"
@@ -286,8 +182,3 @@ class SdoRefusedError(CommissioningError):
 
 class NoAnswerError(CommissioningError):
     """The node did not answer an SDO request."""
-
-
-def _first_line(error: Exception | None) -> str:
-    lines = str(error).split("\n")
-    return lines[0].strip() or type(error).__name__

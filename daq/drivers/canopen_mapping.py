@@ -20,6 +20,21 @@ TPDO_BYTES = 8
 TPDO_COUNT = 4
 
 
+class PdoDecoder:
+    """Unpacks numbers of these data types, one behind the other, little endian."""
+
+    def __init__(self, data_types: Sequence[str]) -> None:
+        self._struct = struct.Struct("<" + "".join(wire.struct_code(kind) for kind in data_types))
+        self._wide = tuple(data_types) if any(kind.endswith("24") for kind in data_types) else ()
+
+    def unpack(self, data: bytes) -> tuple[float, ...]:
+        """The numbers in as many bytes as they take."""
+        found: tuple[float, ...] = self._struct.unpack(data)
+        if not self._wide:
+            return found
+        return tuple(wire.number(kind, value) for kind, value in zip(self._wide, found, strict=True))
+
+
 @dataclass(frozen=True)
 class Mapping:
     """One TPDO of a node.
@@ -30,7 +45,7 @@ class Mapping:
     cob_id : its COB-ID
     entries : mapping entries, in order
     length : bytes of data
-    decoder : unpacks the data, little endian
+    decoder : unpacks the data
     positions : for every entry, the channels (positions in the driver's order) that it feeds
     """
 
@@ -38,7 +53,7 @@ class Mapping:
     cob_id: int
     entries: tuple[int, ...]
     length: int
-    decoder: struct.Struct
+    decoder: PdoDecoder
     positions: tuple[tuple[int, ...], ...]
 
 
@@ -84,7 +99,7 @@ def map_node(node: int, channels: Sequence[tuple[int, Channel]], place: str) -> 
             cob_id=0x180 + 0x100 * (number - 1) + node,
             entries=tuple(key[0] << 16 | key[1] << 8 | 8 * wire.size(kind) for key, kind, _ in pdo),
             length=sum(wire.size(kind) for _, kind, _ in pdo),
-            decoder=struct.Struct("<" + "".join(wire.struct_code(kind) for _, kind, _ in pdo)),
+            decoder=PdoDecoder([kind for _, kind, _ in pdo]),
             positions=tuple(tuple(positions) for _, _, positions in pdo),
         )
         for number, pdo in enumerate(pdos, start=1)

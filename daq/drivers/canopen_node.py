@@ -162,6 +162,7 @@ class Node:
         self.emergencies_seen = 0
         self.heartbeat_ns = 0
         self.heartbeat_state = -1
+        self.found_state: int | None = None  # by its heartbeat, before anything was sent to it; -1: it sent none
         self.boot_ups = 0
         self.boot_ups_seen = 0
         self.wrong_seen = 0

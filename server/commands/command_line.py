@@ -58,10 +58,12 @@ PARTS = (
         "daq.cli",
         {
             "record": "Acquire from a machine's buses and record.",
+            "replay": "Make a recording from a raw trace of CAN buses.",
             "recover": "Seal recordings that a killed recorder left behind.",
             "export": "Write a recording in another format.",
             "import": "Make a recording of another tool's file.",
             "machine": "Look at machine files.",
+            "bus": "Look after the devices of a machine's buses.",
         },
     ),
     Part("sim_backends.cli", {"simulate": "Run the simulated buses of a machine."}),
@@ -79,7 +81,7 @@ PARTS = (
 #: Entry points of other distributions that add a command: its name, and a module with ``register(app)``.
 ENTRY_POINT_GROUP = "hilfit.commands"
 #: Modules that come with an extra of the distribution.
-EXTRAS = {"mujoco": "sim", "fsspec": "s3", "s3fs": "s3", "asammdf": "export", "mcap": "export"}
+EXTRAS = {"mujoco": "sim", "fsspec": "s3", "s3fs": "s3", "asammdf": "export", "mcap": "export", "cantools": "dbc"}
 
 
 class _Commands(TyperGroup):

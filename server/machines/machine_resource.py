@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import partial
 
 import sqlalchemy as sa
 from prometheus_client.core import Metric
@@ -67,7 +68,7 @@ MACHINES = Resource(
     tables=(machines, machine_versions),
     kept={"/machines": ("machines",)},
     provides={
-        LAUNCH: lambda parts: acquire,
+        LAUNCH: lambda parts: partial(acquire, data_directory=parts[Settings].data_dir),
         SIMULATE: lambda parts: simulated_machine,
         Machines: lambda parts: Machines(parts[Database]),
         MachineReader: _reader,

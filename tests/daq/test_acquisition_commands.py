@@ -103,7 +103,7 @@ def test_export(recording: Path, tmp_path: Path) -> None:
 def test_export_refuses_unknown_kinds(recording: Path, tmp_path: Path, output: str) -> None:
     code, _, err = run("export", recording, "-o", tmp_path / output)
     assert code == 2
-    assert "use .parquet or .csv" in err
+    assert "use .parquet or .csv or .mf4 or .mcap or .mat" in err
     assert not (tmp_path / output).exists()
 
 

@@ -103,7 +103,8 @@ class Listening:
         self.channel = uuid.uuid4().hex
         self.wire = python_can.Bus(interface="virtual", channel=self.channel)
         machine = parse_machine(silent_text(self.channel, **places))
-        self.context = DriverContext(0.02, 0.0, time.monotonic_ns, start_s=0.01)
+        # What is older than one and a half periods is late: longer than a busy computer keeps this test from running.
+        self.context = DriverContext(10.0, 0.0, time.monotonic_ns, start_s=0.01)
         self.driver = make_driver(machine.buses[0], machine.channels, self.context)
         assert isinstance(self.driver, ListeningDriver)
         self.cycle = 0
@@ -152,7 +153,7 @@ def test_what_does_not_come_is_missing_and_said_so(other: Listening) -> None:
     assert other.once().quality.tolist() == [Quality.FRESH, Quality.MISSING, Quality.MISSING]
     assert other.once().quality.tolist() == [Quality.MISSING] * 3  # nothing is delivered twice
     node = other.driver.statistics().devices[1]
-    assert node.state == "silent" and "0x186 do not come" in node.detail
+    assert node.state == "silent" and "0x186 does not come" in node.detail
 
 
 def test_short_pdos_nan_strangers_and_emergencies(other: Listening) -> None:
@@ -198,7 +199,7 @@ def test_listening_conforms() -> None:
         check_driver(
             lambda context: make_driver(machine.buses[0], machine.channels, context),
             {"j1.angle": 5.0, "j1.head": 50.0, "j1.rod": 20.5},
-            period_s=0.05,
+            period_s=0.1,
             silence=sending.clear,
             restore=sending.set,
         )

@@ -2,76 +2,44 @@
 
 from __future__ import annotations
 
-import struct
-import time
-import uuid
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator
 
 import numpy as np
 import pytest
 from bench_machines import socketcand
-from canopen_test_node import FakeNode
+from canopen_test_bench import Bench, fresh
 from socketcand_test_hub import TestHub
 
-from daq import Quality, parse_machine
-from daq.drivers import DriverContext, Samples
-from daq.drivers.canopen import CanopenDriver
-
-PERIOD = 0.02
-#: A cycle waits this long for what is due: longer than a busy computer keeps a node's thread from running.
-PATIENCE = 0.3
-NS = 1_000_000_000
+from daq import Quality
+from daq.drivers import Samples
 
 
-@dataclass
-class Bench:
-    channel: str
-    hub: TestHub
-    driver: CanopenDriver
-    cycle: int = 0
+class SocketBench(Bench):
+    """The bench behind a socketcand server."""
 
-    def once(self) -> Samples:
-        start = time.monotonic_ns()
-        self.driver.trigger(self.cycle)
-        samples = self.driver.collect(start + round(PATIENCE * NS))
-        self.cycle += 1
-        time.sleep(max(0.0, PERIOD - (time.monotonic_ns() - start) / NS))
-        return samples
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self.hub = TestHub(self.channel)
+        self.driver = self.make(socketcand(self.hub.port))
 
-    def until(self, done: Callable[[Samples], bool], cycles: int = 500) -> Samples:
-        for _ in range(cycles):
-            samples = self.once()
-            if done(samples):
-                return samples
-        raise AssertionError(f"not within {cycles} cycles; {self.driver.statistics()}")
+    def close(self) -> None:
+        self.driver.stop()
+        self.hub.close()
+        super().close()
 
 
 @pytest.fixture
-def bench() -> Iterator[Bench]:
-    channel = uuid.uuid4().hex
-    pressures = {(0x6130, 1): struct.pack("<f", 50.0), (0x6130, 2): struct.pack("<f", 20.5), (0x61A1, 1): b"\0\0"}
-    nodes = [FakeNode(channel, 5, {(0x6004, 0): struct.pack("<I", 123456)}), FakeNode(channel, 6, pressures)]
-    hub = TestHub(channel)
-    machine = parse_machine(socketcand(hub.port))
-    context = DriverContext(PERIOD, 0.0, time.monotonic_ns)
-    made = Bench(channel, hub, CanopenDriver(machine.buses[0], machine.channels, context))  # type: ignore[arg-type]
+def bench() -> Iterator[SocketBench]:
+    made = SocketBench()
     yield made
-    made.driver.stop()
-    made.hub.close()
-    for node in nodes:
-        node.close()
-
-
-def fresh(samples: Samples) -> bool:
-    return bool(np.all(samples.quality == Quality.FRESH))
+    made.close()
 
 
 def down(samples: Samples) -> bool:
     return bool(np.all(samples.quality == Quality.BUS_ERROR))
 
 
-def test_values_come_through_the_socket(bench: Bench, capfd: pytest.CaptureFixture[str]) -> None:
+def test_values_come_through_the_socket(bench: SocketBench, capfd: pytest.CaptureFixture[str]) -> None:
     assert bench.driver.start() == ()
     samples = bench.until(fresh)
     assert samples.raw.tolist() == [123456.0, 50.0, 20.5]
@@ -80,7 +48,7 @@ def test_values_come_through_the_socket(bench: Bench, capfd: pytest.CaptureFixtu
 
 
 @pytest.mark.slow
-def test_a_connection_that_is_cut_is_noticed_and_made_again(bench: Bench) -> None:
+def test_a_connection_that_is_cut_is_noticed_and_made_again(bench: SocketBench) -> None:
     bench.driver.start()
     bench.until(fresh)
     bench.hub.drop()
@@ -90,7 +58,7 @@ def test_a_connection_that_is_cut_is_noticed_and_made_again(bench: Bench) -> Non
 
 
 @pytest.mark.slow
-def test_a_server_that_goes_away_and_comes_back(bench: Bench) -> None:
+def test_a_server_that_goes_away_and_comes_back(bench: SocketBench) -> None:
     bench.driver.start()
     bench.until(fresh)
     port = bench.hub.port

@@ -3,17 +3,22 @@
 from __future__ import annotations
 
 import struct
+import threading
 import time
 import uuid
 from collections.abc import Callable, Iterator, Sequence
 from importlib.metadata import EntryPoint
+from pathlib import Path
 
+import can as python_can
+import cantools.database
 import numpy as np
 import pytest
 from bench_machines import can, modbus, modbus_serial
 from canopen_test_node import FakeNode
 from modbus_test_serial import FakeSerialModbus
 from modbus_test_server import FakeModbus, float_registers
+from signals_test_bench import DBC, TEMPERATURES, signals, written
 
 from daq import Channel, InputError, MachineFileError, parse_machine
 from daq.drivers import Driver, DriverContext, DriverStatistics, Samples, make_driver, nothing
@@ -24,15 +29,52 @@ from daq.seams import DRIVERS
 
 Bench = tuple[str, dict[str, float], Callable[[], None], Callable[[], None]]
 REGISTERS = {1: float_registers({2: 50.0, 4: 0.0, 6: 0.3}), 2: {4: 215}}
+SIGNAL_VALUES = {"j1.angle": 12.5, "j1.head": 50.0, "j1.rod": 2050.0, "supply": 210.0, "tank": 1.25, "oil": 43.0}
 MODBUS_VALUES = {"j1.angle": 0.3, "j1.head": 50.0, "j1.rod": 215.0}
 
 
+class Speaker:
+    """Sends the messages of the bench of plain CAN, every 10 ms."""
+
+    def __init__(self) -> None:
+        self.channel = uuid.uuid4().hex
+        self._database = cantools.database.load_string(DBC, "dbc")
+        self._bus = python_can.Bus(interface="virtual", channel=self.channel)
+        self._ended, self._speaking = threading.Event(), threading.Event()
+        self.quiet, self.loud = self._speaking.clear, self._speaking.set
+        self.loud()
+        self._thread = threading.Thread(target=self._run)
+        self._thread.start()
+
+    def _run(self) -> None:
+        boom = {"Angle": 12.5, "HeadPressure": 50.0, "RodPressure": 2050.0, "Roll": 0.0}
+        frames = [
+            (291, self._database.encode_message("Boom", boom)),
+            (292, self._database.encode_message("Slow", {"Page": 0, "Supply": 210.0})),
+            (292, self._database.encode_message("Slow", {"Page": 1, "Tank": 1.25})),
+            (TEMPERATURES, self._database.encode_message("Temperatures", {"OilTemperature": 43.0})),
+        ]
+        while not self._ended.wait(0.01):
+            for identifier, data in frames if self._speaking.is_set() else ():
+                extended = identifier > 0x7FF
+                self._bus.send(python_can.Message(arbitration_id=identifier, data=data, is_extended_id=extended))
+
+    def close(self) -> None:
+        self._ended.set()
+        self._thread.join()
+        self._bus.shutdown()
+
+
 @pytest.fixture
-def benches() -> Iterator[Callable[[str], Bench]]:
+def benches(tmp_path: Path) -> Iterator[Callable[[str], Bench]]:
     """Makes the test bench of a driver by its entry point's name."""
     close: list[Callable[[], None]] = []
 
     def make(name: str) -> Bench:
+        if name == "can_signals":
+            speaker = Speaker()
+            close.append(speaker.close)
+            return written(tmp_path, signals(speaker.channel)).read_text(), SIGNAL_VALUES, speaker.quiet, speaker.loud
         if name == "canopen":
             channel = uuid.uuid4().hex
             angle = FakeNode(channel, 5, {(0x6004, 0): struct.pack("<I", 123456)})
@@ -69,9 +111,9 @@ def benches() -> Iterator[Callable[[str], Bench]]:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", DRIVERS.names())
-def test_every_installed_driver_conforms(name: str, benches: Callable[[str], Bench]) -> None:
+def test_every_installed_driver_conforms(name: str, benches: Callable[[str], Bench], tmp_path: Path) -> None:
     text, expected, silence, restore = benches(name)
-    machine = parse_machine(text)
+    machine = parse_machine(text, folder=tmp_path)
     check_driver(
         lambda context: make_driver(machine.buses[0], machine.channels, context),
         expected,

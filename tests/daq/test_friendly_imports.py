@@ -14,6 +14,7 @@ from bench_machines import plain
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.io import savemat
+from sound_recordings import Columns, motion
 
 from daq import Machine, Recording, RecordingError, parse_machine, read_recording
 from daq.column_map import in_channels, load_map, parse_map
@@ -23,26 +24,7 @@ from daq.recording_files import Table
 from daq.time_columns import seconds
 from server.commands.command_line import main
 
-RATE = 50.0
 MACHINE: Machine = parse_machine(plain())
-Columns = dict[str, np.ndarray]
-
-
-def motion(rows: int = 500) -> Columns:
-    """A sound recording of the bench in its declared units: deg, mm, bar, degC."""
-    rng = np.random.default_rng(1)
-    t = np.arange(rows) / RATE
-    q = 0.8 * np.sin(2 * np.pi * 0.2 * t)
-    return {
-        "time": t,
-        "j1.angle": np.rad2deg(q),
-        "j1.piston": 1e3 * 0.1 * (q + 1.2),
-        "j1.head": 60 + 20 * np.sin(t) + 0.1 * rng.standard_normal(rows),
-        "j1.rod": 30 + 10 * np.cos(t) + 0.1 * rng.standard_normal(rows),
-        "oil": np.full(rows, 45.0),
-    }
-
-
 SOUND = motion()
 
 

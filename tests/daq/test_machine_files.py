@@ -167,7 +167,7 @@ def test_sources_fit_their_buses() -> None:
     refuse(text.replace("bus: can0, node: 5", "bus: can1, node: 5"), "no bus 'can1'", "'can0'")
     refuse(text.replace("node: 5, object: 0x6004", "node: 5, object: sixty"), "sixty", "0x6004")
     refuse(text.replace("node: 5, object", "node: 500, object"), "node", "127")
-    refuse(text.replace("data_type: uint32", "data_type: uint24"), "data_type")
+    refuse(text.replace("data_type: uint32", "data_type: uint20"), "data_type")
     refuse(text.replace('"0x61A1:1 uint16"', '"filter"'), "'filter' is no object")
     refuse(text.replace('"0x61A1:1 uint16"', '"0x61A1:1 uint9"'), "unknown data type")
     other = text.replace(

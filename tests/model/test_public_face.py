@@ -9,12 +9,12 @@ from pathlib import Path
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
-from server.commands.command_line import main
 from synthetic_arm import make_recordings, planar_machine, truth
 
 import hilfit
 from daq.machine_file import machine_to_yaml
 from daq.recording import write_recording
+from server.commands.command_line import main
 
 
 @pytest.fixture(scope="module")

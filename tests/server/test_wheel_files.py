@@ -114,7 +114,9 @@ def test_the_installed_command_is_the_wheels_own_and_shows_its_help(installed: P
 
     shown = run(str(installed / "bin" / "hilfit"), "--help")
     assert all(f" {command} " in shown for command in ("demo", "identify", "serve"))
-    assert run(sys.executable, "-c", "import server.commands.command_line as c; print(c.__file__)").startswith(str(installed))
+    assert run(sys.executable, "-c", "import server.commands.command_line as c; print(c.__file__)").startswith(
+        str(installed)
+    )
 
 
 @pytest.mark.slow

@@ -1,11 +1,8 @@
-"""Recordings in the forms that other tools read: Parquet, CSV, MDF4, MCAP; and their statistics.
+"""Recordings in the forms that other tools read (:mod:`daq.formats`) over HTTP; and their statistics.
 
 Everything that opens a file from outside runs in a child process with bounded memory
 (:mod:`server.recordings.formats.conversion_child`).
 
-- :mod:`server.recordings.formats.mdf4`: measurement data format 4 (ASAM), for writing; needs asammdf, the extra
-  ``export``
-- :mod:`server.recordings.formats.mcap_file`: MCAP with JSON messages, for writing; needs mcap, the extra ``export``
 - :mod:`server.recordings.formats.recording_statistics`: what a recording holds, channel by channel
 - :mod:`server.recordings.formats.imports`: what service and child agree upon when another tool's file is taken in
 - :mod:`server.recordings.formats.exports`: the service's side: starts the children, names the files

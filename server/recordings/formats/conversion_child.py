@@ -15,11 +15,11 @@ from pathlib import Path
 
 from daq import InputError, load_machine
 from daq.column_map import load_map
+from daq.formats import mcap_file, mdf4, units_in
 from daq.machine_file import Machine
 from daq.recording_files import Table, read_table, write_columns
 from daq.recording_source import import_file
 from server.platform.processes.child_limits import RECORDING_CPU_S, limit_child
-from server.recordings.formats import mcap_file, mdf4
 from server.recordings.formats.imports import IMPORTS, map_beside
 from server.recordings.formats.recording_statistics import statistics
 
@@ -51,8 +51,7 @@ def do(what: str, source: Path, target: Path, machine: Machine, shown: str) -> N
 
 def units_of(table: Table, machine: Machine) -> dict[str, str]:
     """Units of the columns: what the file says, else what the machine file declares."""
-    said = json.loads(table.metadata.get("hilfit.units", "{}"))
-    return {**{c.name: c.unit for c in machine.channels}, **said}
+    return {**{c.name: c.unit for c in machine.channels}, **units_in(table)}
 
 
 def main(arguments: list[str]) -> int:

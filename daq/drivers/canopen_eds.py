@@ -1,0 +1,108 @@
+"""Where an object is in a node's PDOs, from its EDS or DCF (CiA 306): mapping as it is, nothing is asked or written.
+
+::
+
+    0x1800 + n : 1   COB-ID (bit 31: not used)    : 2  transmission type    : 5  event timer, ms
+    0x1A00 + n : 0   number of entries            : k  index << 16 | subindex << 8 | bits
+
+A DCF holds a value (ParameterValue) where an EDS has a default.
+"""
+
+from __future__ import annotations
+
+import configparser
+import io
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from canopen.objectdictionary import ODVariable
+from canopen.objectdictionary.eds import import_eds
+
+from daq.device_files import check_device_file
+from daq.errors import MachineFileError
+
+SUFFIXES = (".eds", ".dcf")
+SYNCHRONOUS = 240  # transmission types up to here are sampled at SYNC; 252 to 255 are not
+_NOT_USED = 0x8000_0000
+_PDOS = 512
+_ENTRIES = 64  # a PDO has 64 bits
+
+
+@dataclass(frozen=True)
+class Place:
+    """An object in a PDO.
+
+    Attributes
+    ----------
+    cob_id : of the PDO
+    bit, bits : where in its data, little endian
+    synchronous : whether it is sampled at SYNC
+    event_ms : a PDO that nothing changes comes after so long all the same; 0: it does not, or nothing is said
+    """
+
+    cob_id: int
+    bit: int
+    bits: int
+    synchronous: bool
+    event_ms: int
+
+
+def pdo_places(path: str, node: int, bus: str) -> dict[tuple[int, int], Place]:
+    """For every object (index, subindex) that a node sends, its first place.
+
+    Raises
+    ------
+    MachineFileError
+        If the file is not there or no EDS.
+    """
+    dictionary = _read(path, node, f"bus '{bus}' node {node}: {path}")
+    found: dict[tuple[int, int], Place] = {}
+    for number in range(_PDOS):
+        cob_id = _value(dictionary, 0x1800 + number, 1)
+        if cob_id is None or cob_id & _NOT_USED or not cob_id & 0x7FF:
+            continue
+        transmission = _value(dictionary, 0x1800 + number, 2)
+        event_ms = _value(dictionary, 0x1800 + number, 5) or 0
+        bit = 0
+        for entry in range(1, min(_value(dictionary, 0x1A00 + number, 0) or 0, _ENTRIES) + 1):
+            mapped = _value(dictionary, 0x1A00 + number, entry) or 0
+            bits = mapped & 0xFF
+            synchronous = transmission is not None and transmission <= SYNCHRONOUS
+            place = Place(cob_id & 0x7FF, bit, bits, synchronous, 0 if synchronous else event_ms)
+            found.setdefault((mapped >> 16, mapped >> 8 & 0xFF), place)
+            bit += bits
+    return found
+
+
+def _read(path: str, node: int, place: str) -> Any:
+    check_device_file(path, SUFFIXES, place)
+    try:
+        data = Path(path).read_bytes()
+        try:
+            text = data.decode("utf-8-sig")
+        except UnicodeDecodeError:
+            text = data.decode("cp1252", errors="replace")  # what most editors of such files write
+        if "[DeviceInfo]" not in text:
+            raise ValueError("a section that each has is not there")
+        return import_eds(io.StringIO(text), node)
+    except OSError as error:
+        raise MachineFileError(f"{place}: cannot be read ({error.strerror})") from None
+    except (configparser.Error, ValueError, KeyError, IndexError, TypeError, AttributeError):
+        raise MachineFileError(f"{place}: is no EDS or DCF (CiA 306); get it from the device's manufacturer") from None
+
+
+def _value(dictionary: Any, index: int, subindex: int) -> int | None:
+    """An object's value, else its default, else None."""
+    if index not in dictionary:
+        return None
+    held = dictionary[index]
+    if isinstance(held, ODVariable):
+        variable = held if subindex == 0 else None
+    else:
+        variable = held.subindices.get(subindex)
+    if variable is None:
+        return None
+    value = getattr(variable, "value", None)
+    value = variable.default if value is None else value
+    return value if isinstance(value, int) else None

@@ -1,0 +1,81 @@
+"""Putting CANopen nodes back to what they were before they were commissioned (:mod:`daq.found_setups`)."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+from daq.drivers.base import DriverContext
+from daq.drivers.can_health import BusHealth
+from daq.drivers.canopen_commissioning import LEFT, PRE_OPERATIONAL, SdoAccess, identity_of, write_objects
+from daq.drivers.canopen_link import CanLink
+from daq.errors import BusError, CommissioningError
+from daq.found_setups import FoundSetup, FoundSetups
+from daq.machine_file import CanopenBus, CanSource, Machine
+
+
+@dataclass(frozen=True)
+class Restored:
+    """One node, and the line that says why it was not put back (empty if it was)."""
+
+    bus: str
+    node: int
+    failure: str = ""
+
+
+def restore_nodes(machine: Machine, data_directory: Path) -> list[Restored]:
+    """Put back what commissioning changed in the nodes of a machine; nobody may be acquiring from it.
+
+    Raises
+    ------
+    BusError
+        If a bus cannot be opened, or another master leads it; nothing was sent on that one then.
+    """
+    kept = FoundSetups(data_directory, machine.name)
+    done = []
+    for bus in machine.buses:
+        if not isinstance(bus, CanopenBus) or bus.listen_only:
+            continue
+        nodes = sorted(
+            {c.source.node for c in machine.channels if isinstance(c.source, CanSource) and c.source.bus == bus.name}
+        )
+        setups = {node: setup for node in nodes if (setup := kept.read(bus.name, node)) is not None}
+        if setups:
+            done += _bus(bus, setups, kept)
+    return done
+
+
+def _bus(bus: CanopenBus, setups: dict[int, FoundSetup], kept: FoundSetups) -> list[Restored]:
+    link = CanLink(bus, DriverContext(1.0, 0.0, time.monotonic_ns), BusHealth())
+    try:
+        time.sleep(bus.listen_s)
+        heard = link.masters()
+        if heard:
+            raise BusError(
+                f"bus '{bus.name}': another master leads it ({heard}); nothing was sent; end what leads it, try again"
+            )
+        done = []
+        for node, setup in setups.items():
+            link.send_nmt(PRE_OPERATIONAL, node)
+            sdo = link.sdo(node)
+            try:
+                _restore(sdo, setup, f"bus '{bus.name}' node {node}")
+            except CommissioningError as error:
+                done.append(Restored(bus.name, node, str(error)))
+                continue
+            finally:
+                sdo.close()
+            link.send_nmt(LEFT.get(setup.state, PRE_OPERATIONAL), node)
+            kept.put_back(bus.name, node)
+            done.append(Restored(bus.name, node))
+        return done
+    finally:
+        link.close()
+
+
+def _restore(sdo: SdoAccess, setup: FoundSetup, place: str) -> None:
+    found = identity_of(sdo)
+    if found != dict(setup.identity):
+        raise CommissioningError(f"{place}: is another device than the one that was changed; connect that one")
+    write_objects(sdo, setup.found, place)

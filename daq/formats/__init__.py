@@ -1,0 +1,72 @@
+"""Recordings in the forms that other tools read, by the file's suffix.
+
+- :mod:`daq.formats.mdf4`: measurement data format 4 (ASAM), what engineers of vehicles expect; needs asammdf
+- :mod:`daq.formats.mcap_file`: MCAP with JSON messages, what tools of robotics read; needs mcap
+- :mod:`daq.formats.mat`: MATLAB's MAT files
+- Parquet and CSV: :mod:`daq.recording_files`
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+
+from daq.errors import InputError, RecordingError
+from daq.recording_files import Table, replacing, write_columns
+
+#: Of the forms that :func:`export` writes.
+SUFFIXES = (".parquet", ".csv", ".mf4", ".mcap", ".mat")
+
+
+def export(table: Table, target: Path, units: Mapping[str, str]) -> None:
+    """Write a recording's table as the target's suffix says, whole or not at all.
+
+    Parameters
+    ----------
+    units : per column, for those that have one
+
+    Raises
+    ------
+    RecordingError
+        If the suffix is another one, the table has no ``time``, or the place cannot be written.
+    InputError
+        If the form needs a package that is not installed.
+    """
+    suffix = target.suffix.lower()
+    if suffix not in SUFFIXES:
+        raise RecordingError(f"{target}: unknown kind of file '{suffix}'; use {', '.join(SUFFIXES)}")
+    if suffix in (".parquet", ".csv"):
+        write_columns(target, table)
+        return
+    if "time" not in table.columns:
+        raise RecordingError(
+            f"{target}: a recording without 'time' cannot be written as {suffix}; use .parquet or .csv"
+        )
+    try:
+        with replacing(target) as temporary:
+            _write(table, dict(units), temporary, suffix)
+    except ModuleNotFoundError as error:
+        raise InputError(f"{target}: needs {error.name}; run: pip install 'hilfit[export]'") from None
+    except OSError as error:
+        raise RecordingError(f"{target}: cannot be written ({error.strerror or error})") from None
+
+
+def _write(table: Table, units: dict[str, str], target: Path, suffix: str) -> None:
+    if suffix == ".mf4":
+        from daq.formats import mdf4
+
+        mdf4.write(table, units, target)
+    elif suffix == ".mcap":
+        from daq.formats import mcap_file
+
+        mcap_file.write(table, units, target)
+    else:
+        from daq.formats import mat
+
+        mat.write(table, units, target)
+
+
+def units_in(table: Table) -> dict[str, str]:
+    """Units of the columns, as far as the file says them."""
+    return {str(name): str(unit) for name, unit in json.loads(table.metadata.get("hilfit.units", "{}")).items()}
