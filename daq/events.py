@@ -17,8 +17,6 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from daq.recording_files import replacing
-
 PUBLISHED = 64
 TEXT_LENGTH = 240  # characters; with 64 of them the published list stays below a third of what the ring has room for
 MERGED_S = 1.0
@@ -145,6 +143,9 @@ class RecordedEvents:
                 self._events[event["number"]] = event
         if self.listed == before:
             return
+        # Whatever reads and writes recordings; the acquisition process, which only keeps a log, has no use for it.
+        from daq.recording_files import replacing
+
         try:
             with replacing(self._path) as temporary:
                 temporary.write_text(json.dumps(self.listed, indent=1) + "\n", encoding="utf-8")

@@ -348,18 +348,18 @@ def test_silence_is_told_from_a_lost_heartbeat_by_the_clock_alone() -> None:
     watch.back(node)
     node.heartbeat_ns = node.tpdos[0].arrived_ns = now[0]
     now[0] += 240_000_000  # 2.5 heartbeats are 250 ms
-    watch.look(node)
+    watch.look(node, now[0])
     assert counts["heartbeat_lost"] == counts["silent"] == 0
     node.tpdos[0].arrived_ns = now[0]
     now[0] += 20_000_000
-    watch.look(node)
+    watch.look(node, now[0])
     assert counts["heartbeat_lost"] == 1 and node.state == "running"
     now[0] += 300_000_000
-    watch.look(node)
+    watch.look(node, now[0])
     assert counts["silent"] == 1 and node.state == "silent"
     node.heartbeat_ns, node.heartbeat_state = now[0], 5
-    watch.look(node)
-    watch.look(node)  # and with it its heartbeat is back
+    watch.look(node, now[0])
+    watch.look(node, now[0])  # and with it its heartbeat is back
     assert node.state == "running" and "it was away for" in watch.line(node)
     lasted = next(event for event in log.published() if event["what"] == "silent")
     assert lasted["seconds"] == 0.0 and lasted["device"] == "can0/node 6"
