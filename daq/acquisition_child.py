@@ -16,7 +16,7 @@ from concurrent.futures import ThreadPoolExecutor
 from multiprocessing.connection import Connection
 
 from daq.channels import channel_table, channels_by_bus
-from daq.clock import PATIENCE_S, clock_for
+from daq.clock import clock_for
 from daq.cycles import Cycles, run_cycles
 from daq.drivers.base import Driver, DriverContext, Problem, make_driver
 from daq.errors import AcquisitionError, HilfitError
@@ -34,8 +34,8 @@ def main(control: Connection) -> None:
 
     Says ``("running", "")`` or ``("failed", line)`` through ``control``; stops when anything comes back.
     """
-    # python-can looks for asammdf, which brings pandas, for a log format that nothing here writes: half of the start, and
-    # 90 MB for every machine that is acquired. Drivers are loaded below.
+    # python-can looks for asammdf, which brings pandas, for a log format that nothing here writes: half of the start,
+    # and 90 MB for every machine that is acquired. Drivers are loaded below.
     sys.modules.setdefault("asammdf", None)  # type: ignore[arg-type]  # "not installed" from here on
     machine, name, required = control.recv()
     stopping = threading.Event()
@@ -97,7 +97,7 @@ class Drivers:
         self._required = required
         context = DriverContext(
             period_s=1.0 / (machine.rate_hz * (simulation.speed if simulation else 1.0)),
-            patience_s=PATIENCE_S if simulation is not None and simulation.lockstep else 0.0,
+            patience_s=simulation.patience_s if simulation is not None and simulation.lockstep else 0.0,
             monotonic_ns=clock.monotonic_ns,
             start_s=None if required is None or required else START_S,
             events=self.events,

@@ -31,16 +31,20 @@ BENCHMARKS = {
     "measured": "Identification and loop on measured machines, beside published numbers.",
     "mistakes": "People's mistakes on random machines: what the checks call them, and whom they accuse.",
     "service": "Tablets and readers at the service while numerical work runs: latency, cycles lost.",
+    "faults": "Every fault at random moments: what is lost, what is wrong, how soon it is over.",
     "storm": "kill -9 of servers, workers, stages and acquisitions: nothing lost, nothing twice.",
 }
 
 
 def register(app: typer.Typer) -> None:
     """Add the commands."""
+    from server.bench.acquisition_commands import faults
+
     bench = typer.Typer(help="Benchmarks with targets; exit code 1 if a target is missed.", invoke_without_command=True)
     bench.callback()(_list)
     commands: tuple[Callable[..., None], ...] = (
-        attribution, samples, demo, stages, speed, long, regressor, excitation, measured, mistakes, service, storm,
+        attribution, samples, demo, stages, speed, long, regressor, excitation, measured, mistakes, service, faults,
+        storm,
     )  # fmt: skip
     for name, command in zip(BENCHMARKS, commands, strict=True):
         bench.command(name, help=BENCHMARKS[name])(reported(command))
