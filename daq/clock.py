@@ -89,9 +89,10 @@ class RealClock:
 class LockstepClock:
     """Machine time advances one period per SYNC and by nothing else.
 
-    The wall's period is ``1 / (rate * speed)``. A cycle that takes longer makes the next tick slip, and all
-    that follow: nothing is skipped, because to the simulated machine no time has passed. Answers are waited
-    for ``patience_s``, longer than a busy computer keeps a device from running; a simulated device that is really dead stops being waited for after a few cycles.
+    The wall's period is ``1 / (rate * speed)``. A cycle that takes longer makes the next tick slip, and all that
+    follow: nothing is skipped, because to the simulated machine no time has passed. Answers are waited for so long as
+    ``patience_s``, which is longer than a busy computer keeps a device from running; a simulated device that is really
+    dead stops being waited for after a few cycles.
     """
 
     def __init__(self, rate_hz: float, speed: float, patience_s: float = 2.0) -> None:

@@ -66,6 +66,7 @@ class FrozenDetector:
         self._step = np.zeros(n)  # the last change that was one
         self._run = np.zeros(n, dtype=np.int64)  # values equal to the one before, until now
         self._longest = np.zeros(n, dtype=np.int64)
+        self._found = np.zeros(n, dtype=np.bool_)  # whether the run that goes on was called frozen
         self._in_block = 0
         self._changes = np.zeros(n, dtype=np.int64)
         self._turns = np.zeros(n, dtype=np.int64)
@@ -84,7 +85,9 @@ class FrozenDetector:
             step[~fresh] = np.nan
         same = step == 0.0
         changed = np.abs(step) > 0.0  # a step that is no number is none
-        np.maximum(self._longest, self._run, out=self._longest, where=changed)
+        # A run that was called frozen says nothing about what is normal: the next one has to be found as well.
+        np.maximum(self._longest, self._run, out=self._longest, where=changed & ~self._found)
+        self._found[changed] = False
         self._run += same
         self._run[changed] = 0
         self._changes += changed
@@ -100,6 +103,7 @@ class FrozenDetector:
         if len(self._one):
             found |= self._by_other(values, fresh)
         found &= fresh
+        self._found |= found
         return found
 
     def _by_noise(self) -> npt.NDArray[np.bool_]:

@@ -7,12 +7,14 @@ machine and every kind is a series, not every recording.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
+from itertools import accumulate
 
 from prometheus_client import CollectorRegistry, Histogram
-from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Metric
+from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, HistogramMetricFamily, Metric
 from prometheus_client.exposition import generate_latest
 from prometheus_client.registry import Collector
+from prometheus_client.utils import floatToGoString
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from server.service import Service
@@ -25,6 +27,7 @@ _COUNTS = {
     "cycles": "Frames published.",
     "skipped": "Cycles that never happened because their time had passed.",
     "late": "Cycles that started more than a tenth of a period late.",
+    "utc_jumps": "Times that the computer's clock was set.",
 }
 
 
@@ -64,6 +67,9 @@ class _Service(Collector):
         quality = CounterMetricFamily(
             "hilfit_channel_frames", "Frames of a channel by quality.", labels=["machine", "channel", "quality"]
         )
+        lateness = HistogramMetricFamily(
+            "hilfit_acquisition_lateness_seconds", "How late cycles started.", labels=["machine"]
+        )
         for machine in self._service.acquisition.names():
             statistics = self._service.acquisition.statistics(machine)
             for state in _STATES:
@@ -72,10 +78,12 @@ class _Service(Collector):
             found = statistics.get("counts", {})
             for name, family in counts.items():
                 family.add_metric([machine], found.get(name, 0))
+            if found.get("lateness"):
+                lateness.add_metric([machine], _buckets(found["lateness"]), found["lateness_ms"] / 1e3)
             for channel, by_quality in found.get("quality", {}).items():
                 for name, number in by_quality.items():
                     quality.add_metric([machine, channel, name], number)
-        yield from (running, restarts, *counts.values(), quality)
+        yield from (running, restarts, *counts.values(), lateness, quality)
 
     def _monitors(self) -> Iterator[Metric]:
         labels = ["machine", "joint"]
@@ -93,6 +101,12 @@ class _Service(Collector):
                     residual.add_metric([machine, joint["joint"]], joint["residual"])
                 share.add_metric([machine, joint["joint"]], joint["cusum"] / joint["threshold"])
         yield from (residual, share)
+
+
+def _buckets(lateness: Mapping[str, int]) -> list[tuple[str, float]]:
+    """Bounds in s and how many are not above each, as Prometheus wants them, of counts between bounds in ms."""
+    bounds = (floatToGoString(float(bound) / 1e3) for bound in lateness)  # type: ignore[no-untyped-call]
+    return list(zip(bounds, accumulate(lateness.values()), strict=True))
 
 
 class Metrics:

@@ -103,8 +103,10 @@ class Tpdo:
         self._unanswered.append((number, sync_ns))
 
     def give_up(self) -> None:
-        """The answers that are still due are lost: in lockstep no time passed until it was certain."""
-        self._unanswered.clear()
+        """The answers that are still due are taken for lost; should one come all the same, it must not pass for fresh."""
+        if self._unanswered:
+            self._unanswered.clear()
+            self.in_doubt = True
 
     def receive(self, data: bytearray, now_ns: int) -> None:
         """Keep the bytes and the time, if the length is right; canopen itself accepts a short PDO without a word."""
