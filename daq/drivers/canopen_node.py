@@ -103,7 +103,7 @@ class Tpdo:
         self._unanswered.append((number, sync_ns))
 
     def give_up(self) -> None:
-        """The answers that are still due are taken for lost; should one come all the same, it must not pass for fresh."""
+        """What is still due is taken for lost; should it come all the same, it must not pass for fresh."""
         if self._unanswered:
             self._unanswered.clear()
             self.in_doubt = True

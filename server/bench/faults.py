@@ -22,6 +22,7 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+import yaml
 
 from daq.acquisition import AcquisitionProcess
 from daq.channels import channel_table
@@ -31,7 +32,7 @@ from daq.recorder import Recorder, RecordingSummary
 from daq.ring import RingReader
 from server.bench.targets import Check, Outcome, fact
 from sim_backends import Plant, SimulatedMachine, default_machine
-from sim_backends.fault_file import Fault, FaultScript, targets
+from sim_backends.fault_file import SCHEMA, Fault, fault_problems, targets
 from sim_backends.fault_runner import begin, end
 
 SEED = 11
@@ -211,12 +212,20 @@ def run(times: int, seed: int, only: str | None, real_time: bool, say: Callable[
     return _outcome(cases, rows, summary, skipped, bench.declared)
 
 
-def _cases(machine: Machine) -> Iterator[Case]:
+def faults_of(machine: Machine) -> tuple[tuple[str, Fault], ...]:
+    """Name and fault of every script, checked against the machine."""
     content = scripts()
     listed = [{"at": 0.0, "for": 1.0, **fault} for _, fault in content]
-    script = FaultScript.model_validate({"schema": "hilfit/faults/1", "faults": listed})
+    script, problems = fault_problems(yaml.safe_dump({"schema": SCHEMA, "faults": listed}), machine)
+    if script is None:
+        raise RuntimeError(problems[0].under("scripts"))
+    return tuple((name, fault) for (name, _), fault in zip(content, script.faults, strict=True))
+
+
+def _cases(machine: Machine) -> Iterator[Case]:
+    listed = faults_of(machine)
     buses = {c.name: c.source.bus for c in machine.channels if c.source is not None}
-    for (name, _), fault, costs in zip(content, script.faults, targets(script.faults, machine), strict=True):
+    for (name, fault), costs in zip(listed, targets([fault for _, fault in listed], machine), strict=True):
         if fault.model_dump()["fault"] in STOPS_ALL and name.startswith("CANopen"):
             costs = frozenset(buses)
         mates = frozenset(c for c, bus in buses.items() if bus == SERIAL and SERIAL in {buses[k] for k in costs})

@@ -431,3 +431,18 @@ def test_dead_nodes_do_not_keep_the_others_waiting() -> None:
         bench.until(fresh)
     finally:
         bench.close()
+
+
+def test_an_answer_that_comes_after_it_was_given_up_never_passes_for_fresh() -> None:
+    """In lockstep a TPDO is waited for, then taken for lost; one that was only slow answers an older SYNC."""
+    tpdo = Node(CanNode(node=6), "node 6", (Mapping(1, 0x186, (), 4, struct.Struct("<I"), ((0,),)),), Cycle()).tpdos[0]
+    tpdo.asked(1, 10)
+    tpdo.give_up()
+    tpdo.asked(2, 20)
+    tpdo.receive(bytearray(4), 21)  # which of the two it answers nobody knows
+    assert tpdo.latest is not None and tpdo.in_doubt
+    tpdo.forget()  # started anew
+    tpdo.asked(3, 30)
+    tpdo.receive(bytearray(4), 31)
+    tpdo.give_up()  # nothing is due
+    assert not tpdo.in_doubt
