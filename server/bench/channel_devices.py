@@ -104,7 +104,7 @@ def _serve(machines: int, nodes: int, dead: int) -> None:
             if key.fileobj is sys.stdin:
                 return
             bus = key.data
-            if key.fileobj is bus.listener:
+            if key.fileobj == bus.listener:
                 made, _ = bus.listener.accept()
                 made.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
                 if bus.client is not None:
@@ -113,7 +113,7 @@ def _serve(machines: int, nodes: int, dead: int) -> None:
                 bus.client, bus.raw = made, False
                 selector.register(made, selectors.EVENT_READ, bus)
                 made.sendall(b"< hi >")
-            elif key.fileobj is bus.client:
+            elif key.fileobj == bus.client:
                 connection = bus.client
                 if not bus.receive():
                     selector.unregister(connection)
