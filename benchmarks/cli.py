@@ -32,17 +32,22 @@ BENCHMARKS = {
     "mistakes": "People's mistakes on random machines: what the checks call them, and whom they accuse.",
     "model": "Exports against the model, C beside Pinocchio, and what the 95 % band is worth.",
     "service": "Tablets and readers at the service while numerical work runs: latency, cycles lost.",
+    "faults": "Every fault at random moments: what is lost, what is wrong, how soon it is over.",
+    "soak": "Hours of faults one after another: nothing lost, memory flat.",
+    "channels": "How many machines of 40 channels at 50 Hz one computer carries, and what each costs.",
     "storm": "kill -9 of servers, workers, stages and acquisitions: nothing lost, nothing twice.",
 }
 
 
 def register(app: typer.Typer) -> None:
     """Add the commands."""
+    from benchmarks.acquisition_commands import channels, faults, soak
+
     bench = typer.Typer(help="Benchmarks with targets; exit code 1 if a target is missed.", invoke_without_command=True)
     bench.callback()(_list)
     commands: tuple[Callable[..., None], ...] = (
         attribution, samples, demo, stages, speed, long, regressor, excitation, measured, mistakes, model, service,
-        storm,
+        faults, soak, channels, storm,
     )  # fmt: skip
     for name, command in zip(BENCHMARKS, commands, strict=True):
         bench.command(name, help=BENCHMARKS[name])(reported(command))

@@ -6,6 +6,7 @@ It is not started by multiprocessing, which would import the parent's main scrip
 from __future__ import annotations
 
 import contextlib
+import gc
 import logging
 import os
 import signal
@@ -16,7 +17,7 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 
 from daq.channels import channel_table, channels_by_bus
-from daq.clock import PATIENCE_S, Clock, SyncClock, clock_for
+from daq.clock import Clock, SyncClock, clock_for
 from daq.cycles import Cycles, run_cycles
 from daq.drivers.base import Driver, DriverContext, Problem, make_driver
 from daq.drivers.canopen_listening import ListeningDriver
@@ -38,6 +39,9 @@ def main(control: Connection) -> None:
 
     Says ``("running", "")`` or ``("failed", line)`` through ``control``; stops when anything comes back.
     """
+    # python-can looks for asammdf, which brings pandas, for a log format that nothing here writes: half of the start,
+    # and 90 MB for every machine that is acquired. Drivers are loaded below.
+    sys.modules.setdefault("asammdf", None)  # type: ignore[arg-type]  # "not installed" from here on
     machine, name, required, data_directory, trace = control.recv()
     stopping = threading.Event()
     signal.signal(signal.SIGTERM, lambda *_: stopping.set())
@@ -56,6 +60,8 @@ def main(control: Connection) -> None:
                 cycles = Cycles(
                     machine, channel_table(machine), drivers.drivers, drivers.clock(), events=drivers.events
                 )
+                gc.collect()
+                gc.freeze()  # what is loaded stays: looking through it all takes longer than a cycle
                 threading.Thread(target=_listen, args=(control, stopping), daemon=True).start()
                 _say(control, "running")
                 run_cycles(cycles, ring, stopping.is_set, fifo=fifo, warnings=warnings)
@@ -107,7 +113,7 @@ class Drivers:
         self._trace = None if trace is None else TraceAccess(trace, self.events)
         context = DriverContext(
             period_s=self._period_s,
-            patience_s=PATIENCE_S if simulation is not None and simulation.lockstep else 0.0,
+            patience_s=simulation.patience_s if simulation is not None and simulation.lockstep else 0.0,
             monotonic_ns=clock.monotonic_ns,
             start_s=None if required is None or required else START_S,
             events=self.events,

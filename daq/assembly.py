@@ -15,6 +15,8 @@ from daq.frozen import FrozenDetector
 from daq.quality import Quality
 
 HOLD_CYCLES = 5  # for so long the last value is shown as stale; then the channel is missing
+#: Whether a driver that gives this quality says that it has a number.
+_NUMBERS = np.array([quality in (Quality.FRESH, Quality.LATE, Quality.OUT_OF_RANGE) for quality in Quality])
 
 
 class Assembler:
@@ -44,6 +46,8 @@ class Assembler:
         self._period = 1.0 / rate_hz
         self._lockstep = lockstep
         self._frozen = frozen
+        self._all = np.arange(count)
+        self._unknown = np.full(count, np.nan)
         self._last = np.full(count, np.nan)
         self._last_age = np.full(count, np.nan)  # at the cycle in which it came
         self._last_cycle = np.zeros(count, dtype=np.int64)
@@ -53,7 +57,7 @@ class Assembler:
         """The frame of this tick; ``samples`` of every driver, in the order given at the start."""
         table = self._table
         count = len(table.names)
-        raw = np.full(count, np.nan)
+        raw = self._unknown.copy()
         quality = np.full(count, Quality.MISSING, dtype=np.uint8)
         ago = np.zeros(count, dtype=np.int64)
         after = np.zeros(count)
@@ -72,14 +76,17 @@ class Assembler:
             ages = np.asarray(ages - after, dtype=np.float64)
         new = np.isfinite(values)
         # Whatever a driver says: what is no number is no measurement.
-        quality[~new & np.isin(quality, (Quality.FRESH, Quality.LATE, Quality.OUT_OF_RANGE))] = Quality.INVALID
-        quality[new & (quality == Quality.FRESH) & (ago > 0)] = Quality.LATE
+        if not new.all():
+            quality[~new & _NUMBERS[quality]] = Quality.INVALID
+        if ago.any():
+            quality[new & (quality == Quality.FRESH) & (ago > 0)] = Quality.LATE
         beyond = (values <= table.low) | (values >= table.high)
-        quality[beyond & (quality == Quality.FRESH)] = Quality.OUT_OF_RANGE
+        if beyond.any():
+            quality[beyond & (quality == Quality.FRESH)] = Quality.OUT_OF_RANGE
         if self._frozen is not None:
             quality[self._frozen.frozen(values, quality)] = Quality.FROZEN
         self._hold(tick.cycle, new, values, ages, quality, interval)
-        self.counts[quality, np.arange(count)] += 1
+        self.counts[quality, self._all] += 1
         return Frame(tick.cycle, sync_ns, utc_ns, tick.time, values, ages, quality)
 
     def _hold(
@@ -92,10 +99,11 @@ class Assembler:
         interval: npt.NDArray[np.float64],
     ) -> None:
         """Fill what did not come with the last value, as held or stale, while it is recent; in place."""
-        self._last[new], self._last_age[new], self._last_cycle[new] = values[new], ages[new], cycle
         old = ~new
         if not old.any():
+            self._last[:], self._last_age[:], self._last_cycle[:] = values, ages, cycle
             return
+        self._last[new], self._last_age[new], self._last_cycle[new] = values[new], ages[new], cycle
         elapsed = cycle - self._last_cycle
         held = old & np.isfinite(self._last) & (elapsed <= np.maximum(HOLD_CYCLES, 2.0 * interval))
         values[held] = self._last[held]

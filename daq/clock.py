@@ -10,7 +10,6 @@ from typing import Protocol
 from daq.machine_file import Machine
 
 NS = 1_000_000_000
-PATIENCE_S = 2.0  # in lockstep: longer than a busy computer keeps a simulated device from running
 
 
 @dataclass(frozen=True)
@@ -91,12 +90,14 @@ class RealClock:
 class LockstepClock:
     """Machine time advances one period per SYNC and by nothing else.
 
-    The wall's period is ``1 / (rate * speed)``. A cycle that takes longer makes the next tick slip, and all
-    that follow: nothing is skipped, because to the simulated machine no time has passed. Answers are waited
-    for far longer than a period; a simulated device that is really dead stops being waited for after a few cycles.
+    The wall's period is ``1 / (rate * speed)``. A cycle that takes longer makes the next tick slip, and all that
+    follow: nothing is skipped, because to the simulated machine no time has passed. Answers are waited for so long as
+    ``patience_s``, which is longer than a busy computer keeps a device from running; a simulated device that is really
+    dead stops being waited for after a few cycles.
     """
 
-    def __init__(self, rate_hz: float, speed: float) -> None:
+    def __init__(self, rate_hz: float, speed: float, patience_s: float = 2.0) -> None:
+        self._patience_s = patience_s
         self._period = round(NS / (rate_hz * speed))
         self._rate = rate_hz
         self._at = 0
@@ -123,7 +124,7 @@ class LockstepClock:
         cycle, self._cycle = self._cycle, self._cycle + 1
         # Within one period of lateness the pace is kept (waking up late is no slip); beyond, all later ticks slip.
         self._at = self._at + self._period if late < self._period else now + self._period
-        return Tick(cycle, cycle / self._rate, late, 0, now + max(self._period, round(PATIENCE_S * NS)))
+        return Tick(cycle, cycle / self._rate, late, 0, now + max(self._period, round(self._patience_s * NS)))
 
 
 class SyncClock:
@@ -198,5 +199,5 @@ def clock_for(machine: Machine) -> Clock:
     if simulation is None:
         return RealClock(machine.rate_hz)
     if simulation.lockstep:
-        return LockstepClock(machine.rate_hz, simulation.speed)
+        return LockstepClock(machine.rate_hz, simulation.speed, simulation.patience_s)
     return RealClock(machine.rate_hz, simulation.speed)

@@ -5,6 +5,8 @@ The clock and the drivers are arguments, so that a test can run it without eithe
 
 from __future__ import annotations
 
+import math
+from bisect import bisect_left
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -21,6 +23,9 @@ from daq.quality import Quality
 from daq.ring import RingWriter
 
 INFO_SECONDS = 0.5
+#: Upper bounds of the histogram of lateness, in ms.
+LATENESS_MS = (0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0)
+UTC_JUMP_NS = 50_000_000  # of the computer's clock against the monotonic one; what is smaller is its being steered
 
 
 @dataclass(frozen=True)
@@ -36,6 +41,9 @@ class AcquisitionStatistics:
     slipped : cycles that started a whole period or more after their time, in lockstep with a simulation: they delay all
         that follow instead of being lost
     worst_late_ms : largest lateness in ms
+    lateness : cycles by how late they started, each under the bound in ms that it did not exceed (``"inf"``: none)
+    lateness_ms : sum of all lateness in ms
+    utc_jumps : times that the computer's clock was set; machine time goes on unchanged
     quality : per channel, frames of each quality by name (qualities that never occurred are left out)
     buses : per bus its state, that of its devices, and counters
     events : the newest things that happened to devices and buses (:class:`daq.events.Event`), oldest first
@@ -49,6 +57,9 @@ class AcquisitionStatistics:
     late: int = 0
     slipped: int = 0
     worst_late_ms: float = 0.0
+    lateness: dict[str, int] = field(default_factory=dict)
+    lateness_ms: float = 0.0
+    utc_jumps: int = 0
     quality: dict[str, dict[str, int]] = field(default_factory=dict)
     buses: list[dict[str, Any]] = field(default_factory=list)
     events: list[dict[str, Any]] = field(default_factory=list)
@@ -85,8 +96,10 @@ class Cycles:
         self.clock = clock
         self.table = table
         self._period_ns = 1e9 / (machine.rate_hz * (machine.simulation.speed if machine.simulation else 1.0))
-        self.cycles = self.skipped = self.late = 0
-        self.worst_late_ns = 0
+        self.cycles = self.skipped = self.late = self.utc_jumps = 0
+        self.worst_late_ns = self.late_ns = 0
+        self._lateness = [0] * (len(LATENESS_MS) + 1)
+        self._utc_offset_ns: int | None = None
 
     def once(self, ring: RingWriter) -> None:
         """One cycle: wait for its tick, trigger, collect, publish."""
@@ -100,6 +113,25 @@ class Cycles:
         self.skipped += tick.skipped
         self.late += tick.late_ns >= self._period_ns * (1.0 if self.lockstep else 0.1)
         self.worst_late_ns = max(self.worst_late_ns, tick.late_ns)
+        self.late_ns += tick.late_ns
+        self._lateness[bisect_left(LATENESS_MS, tick.late_ns / 1e6)] += 1
+        self._look_at_utc(utc_ns - sync_ns)
+
+    def _look_at_utc(self, offset_ns: int) -> None:
+        """Mark it when the computer's clock was set; cycles and machine time follow the monotonic one."""
+        known, self._utc_offset_ns = self._utc_offset_ns, offset_ns
+        if known is None or abs(offset_ns - known) <= UTC_JUMP_NS:
+            return
+        before = self.clock.monotonic_ns()
+        offset_ns = self.clock.utc_ns() - before
+        if self.clock.monotonic_ns() - before > UTC_JUMP_NS / 2 or abs(offset_ns - known) <= UTC_JUMP_NS:
+            self._utc_offset_ns = known  # we were kept from running between the two clocks; the next cycle looks again
+            return
+        self._utc_offset_ns = offset_ns
+        self.utc_jumps += 1
+        seconds = (offset_ns - known) / 1e9
+        text = f"the computer's clock was set by {seconds:+.3f} s; machine time goes on unchanged"
+        self.events.note("clock", "utc_jump", text)
 
     def statistics(self, state: str, *, fifo: bool, warnings: Sequence[str]) -> AcquisitionStatistics:
         """State of everything, for whoever asks."""
@@ -115,6 +147,9 @@ class Cycles:
             late=0 if self.lockstep else self.late,
             slipped=self.late if self.lockstep else 0,
             worst_late_ms=self.worst_late_ns / 1e6,
+            lateness={f"{bound:g}": n for bound, n in zip((*LATENESS_MS, math.inf), self._lateness, strict=True)},
+            lateness_ms=self.late_ns / 1e6,
+            utc_jumps=self.utc_jumps,
             quality=quality,
             buses=[_as_dict(driver.statistics()) for driver in self.drivers],
             events=self.events.published(),

@@ -17,8 +17,6 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from daq.recording_files import replacing
-
 PUBLISHED = 64
 TEXT_LENGTH = 240  # characters; with 64 of them the published list stays below a third of what the ring has room for
 MERGED_S = 1.0
@@ -127,6 +125,7 @@ class RecordedEvents:
     def __init__(self, recording: Path) -> None:
         self._path = events_path(recording)
         self._events: dict[int, dict[str, Any]] = {}
+        self._newest: int | None = None  # event that was there when the recording began
         self.warning = ""
 
     @property
@@ -138,13 +137,21 @@ class RecordedEvents:
         """Keep what lasts on when the recording begins, what happened since, and how long what is known lasted."""
         if first_utc_ns is None:
             return
+        published = list(published)
+        if self._newest is None:
+            self._newest = max((event["number"] for event in published), default=0)
         before = [dict(event) for event in self.listed]
         for event in published:
-            began, seconds = event["utc_ns"], event["seconds"]
-            if seconds is None or began + seconds * 1e9 >= first_utc_ns or event["number"] in self._events:
-                self._events[event["number"]] = event
+            began, seconds, number = event["utc_ns"], event["seconds"], event["number"]
+            during = seconds is None or began + seconds * 1e9 >= first_utc_ns
+            # By its number as well: who sets the computer's clock back must not make later events earlier ones.
+            if during or number > self._newest or number in self._events:
+                self._events[number] = event
         if self.listed == before:
             return
+        # Whatever reads and writes recordings; the acquisition process, which only keeps a log, has no use for it.
+        from daq.recording_files import replacing
+
         try:
             with replacing(self._path) as temporary:
                 temporary.write_text(json.dumps(self.listed, indent=1) + "\n", encoding="utf-8")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 import numpy.typing as npt
@@ -37,6 +38,7 @@ class Frame:
     quality: npt.NDArray[np.uint8]
 
 
+@lru_cache(maxsize=64)
 def row_dtype(channels: int) -> np.dtype[np.void]:
     """Layout of a frame of that many channels as one row of the ring buffer (packed, native byte order)."""
     return np.dtype(

@@ -66,10 +66,12 @@ class FrozenDetector:
         self._step = np.zeros(n)  # the last change that was one
         self._run = np.zeros(n, dtype=np.int64)  # values equal to the one before, until now
         self._longest = np.zeros(n, dtype=np.int64)
+        self._found = np.zeros(n, dtype=np.bool_)  # whether the run that goes on was called frozen
         self._in_block = 0
         self._changes = np.zeros(n, dtype=np.int64)
         self._turns = np.zeros(n, dtype=np.int64)
         self._noisy = np.zeros(n, dtype=np.int64)
+        self._known = np.zeros(n, dtype=np.bool_)  # seen to tremble often enough to be judged by it
         self._anchor = np.full(n, np.nan)  # where a channel stands, within its tolerance
         self._low, self._high = np.full(len(pairs), np.inf), np.full(len(pairs), -np.inf)
         self._way = np.zeros(len(pairs))  # longest way of the other one in a run that ended
@@ -78,26 +80,39 @@ class FrozenDetector:
     def frozen(self, values: FloatArray, quality: npt.NDArray[np.uint8]) -> npt.NDArray[np.bool_]:
         """Channels whose value of this frame stands still, (n,); only those that are fresh are looked at."""
         fresh = quality == Quality.FRESH
-        step = np.where(fresh, values - self._last, np.nan)
-        same = fresh & (step == 0.0)
-        changed = fresh & ~same & np.isfinite(step)
-        np.maximum(self._longest, self._run, out=self._longest, where=changed)
-        self._run = np.where(same, self._run + 1, np.where(changed, 0, self._run))
+        step = values - self._last
+        if not fresh.all():
+            step[~fresh] = np.nan
+        same = step == 0.0
+        changed = np.abs(step) > 0.0  # a step that is no number is none
+        # A run that was called frozen says nothing about what is normal: the next one has to be found as well.
+        np.maximum(self._longest, self._run, out=self._longest, where=changed & ~self._found)
+        self._found[changed] = False
+        self._run += same
+        self._run[changed] = 0
         self._changes += changed
-        self._turns += changed & (step * self._step < 0.0)
-        self._step = np.where(changed, step, self._step)
-        self._last = np.where(fresh, values, self._last)
+        self._turns += step * self._step < 0.0
+        np.copyto(self._step, step, where=changed)
+        np.copyto(self._last, values, where=fresh)
         self._in_block += 1
         if self._in_block >= self._block:
             self._noisy += (self._changes >= CHANGES) & (3 * self._turns >= self._changes)
             self._changes[:], self._turns[:], self._in_block = 0, 0, 0
-        found: npt.NDArray[np.bool_] = (self._by_noise() | self._by_other(values, fresh)) & fresh
+            self._known = self._noisy >= NOISY_BLOCKS
+        found = self._by_noise()
+        if len(self._one):
+            found |= self._by_other(values, fresh)
+        found &= fresh
+        self._found |= found
         return found
 
     def _by_noise(self) -> npt.NDArray[np.bool_]:
-        noisy = self._noisy >= NOISY_BLOCKS
+        noisy = self._known
+        still: npt.NDArray[np.bool_] = noisy & (self._run >= self._least)
+        if not still.any():
+            return still
         limit = np.maximum(self._least, FACTOR * (self._longest + 1))
-        still: npt.NDArray[np.bool_] = noisy & (self._run >= limit)
+        still &= self._run >= limit
         if not still.any():
             return still
         devices = set(self._device[noisy].tolist())

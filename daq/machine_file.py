@@ -112,6 +112,7 @@ class Simulation(FileModel):
 
     speed: Annotated[float, Field(gt=0, le=4)] = 1.0  # machine seconds per second
     lockstep: bool = True  # machine time advances with SYNC and by nothing else
+    patience_s: Annotated[float, Field(gt=0, le=60)] = 2.0  # in lockstep, for a device that answered just now
 
 
 class Hydraulics(FileModel):

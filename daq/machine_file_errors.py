@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import difflib
 import re
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 import yaml
@@ -60,13 +60,16 @@ class Problem:
         return " ".join(f"{place}: {self.key}: {self.text}".replace(": : ", ": ").split())
 
 
-def all_problems(tree: yaml.Node | None, error: ValidationError, keys: Sequence[str]) -> list[Problem]:
+def all_problems(
+    tree: yaml.Node | None, error: ValidationError, keys: Sequence[str], tags: Collection[str] = _UNION_TAGS
+) -> list[Problem]:
     """Everything that pydantic found, unknown keys first: they explain more than the missing ones they stand for.
 
     Parameters
     ----------
     tree : the file's YAML nodes, which know their lines
-    keys : all keys that a machine file may have, to guess what an unknown one was meant to be
+    keys : all keys that the file may have, to guess what an unknown one was meant to be
+    tags : names of alternatives, which pydantic puts into places and the file does not have
     """
     found = error.errors(include_url=False)
     if len(found) > 1:  # a list of which every item is wrong is not too short
@@ -76,12 +79,14 @@ def all_problems(tree: yaml.Node | None, error: ValidationError, keys: Sequence[
     for problem in found:
         cause = (problem.get("ctx") or {}).get("error")
         texts = getattr(cause, "texts", None) or (problem["msg"].removeprefix("Value error, "),)
-        result += [_problem(tree, problem, text, keys) for text in texts]
+        result += [_problem(tree, problem, text, keys, tags) for text in texts]
     return result
 
 
-def _problem(tree: yaml.Node | None, problem: ErrorDetails, what: str, keys: Sequence[str]) -> Problem:
-    location = [part for part in problem["loc"] if not (isinstance(part, str) and part in _UNION_TAGS)]
+def _problem(
+    tree: yaml.Node | None, problem: ErrorDetails, what: str, keys: Sequence[str], tags: Collection[str]
+) -> Problem:
+    location = [part for part in problem["loc"] if not (isinstance(part, str) and part in tags)]
     key = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in location).lstrip(".")
     if problem["type"] == "extra_forbidden":
         hint = did_you_mean(str(location[-1]), keys)

@@ -22,6 +22,7 @@ from daq.column_map import ColumnMap
 from daq.errors import RecordingError
 from daq.machine_file import Machine
 from daq.quality import MEASURED
+from daq.recorded_events import RecordedEvent, recorded_events
 from daq.recording_files import Table, write_table
 from daq.recording_source import load_table, stored_notes, units_on_disk
 from daq.scratch import ScratchColumns
@@ -58,6 +59,7 @@ class Recording:
     cycle : (N,) cycle counter, if the file had it
     utc_ns : (N,) ns since 1970 of SYNC, if the file had it
     notes : lines that say what was done to the file's values on the way here
+    events : what happened to devices and buses meanwhile, where the recorder wrote it down
     """
 
     machine: str
@@ -72,6 +74,7 @@ class Recording:
     cycle: IntArray | None = None
     utc_ns: IntArray | None = None
     notes: tuple[str, ...] = ()
+    events: tuple[RecordedEvent, ...] = ()
 
     def __len__(self) -> int:
         return len(self.time)
@@ -155,6 +158,7 @@ def read_recording(
         if f"{name}.age" in table.columns:
             age[name] = _frozen(np.asarray(table.columns[f"{name}.age"], dtype=np.float64))
         values[name] = _frozen(value)
+    utc_ns = _integers(path, "utc_ns", table)
     recording = Recording(
         machine=machine.name,
         role=role,
@@ -166,8 +170,9 @@ def read_recording(
         age=age,
         quality=quality,
         cycle=_integers(path, "cycle", table),
-        utc_ns=_integers(path, "utc_ns", table),
+        utc_ns=utc_ns,
         notes=(*stored_notes(table), *notes),
+        events=recorded_events(table.metadata, utc_ns),
     )
     if recording.cycle is not None:
         checks.counter_runs(path, recording.cycle, time)

@@ -124,7 +124,7 @@ class _Ring:
     @property
     def writer_alive(self) -> bool:
         """Whether the writer's process is still there (false also before it attached)."""
-        pid = int(self._header["writer_pid"][0])
+        pid = self.writer_pid
         if pid == 0:
             return False
         try:
@@ -134,6 +134,11 @@ class _Ring:
         except PermissionError:
             return True
         return True
+
+    @property
+    def writer_pid(self) -> int:
+        """The writer's process; 0 before it attached."""
+        return int(self._header["writer_pid"][0])
 
     def info(self) -> dict[str, Any]:
         """The writer's last words about itself (statistics), or an empty dictionary."""

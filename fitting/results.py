@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import platform
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from importlib.metadata import version
 from typing import Any
@@ -91,7 +91,16 @@ def build_report(session: Session, results: Results, final: Final | None = None)
             "python": platform.python_version(),
             **{name: version(name) for name in ("numpy", "scipy")},
         },
-        "data": [{"role": r.role, "file": r.file, "sha256": r.sha256, "samples": len(r)} for r in session.recordings],
+        "data": [
+            {
+                "role": recording.role,
+                "file": recording.file,
+                "sha256": recording.sha256,
+                "samples": len(recording),
+                "events": [asdict(event) for event in recording.events],
+            }
+            for recording in session.recordings
+        ],
         "bandwidth_hz": results["check"]["bandwidth_hz"],
         "noise_floor_method": "repeat" if results["residual"]["measured"] else "estimated",
         "self_check": {"regressor_against_newton_euler": results["check"]["self_check"]},

@@ -14,6 +14,7 @@ What this bus does not have: bit rate, arbitration, error counters, remote frame
 
 from __future__ import annotations
 
+import random
 import selectors
 import socket
 import time
@@ -24,6 +25,7 @@ from sim_backends import backplane
 from sim_backends.child import Order, Orders, report
 
 SYNC_ID = 0x080
+BUS_OFF = 0x040  # class of an error frame (linux/can/error.h)
 QUIET = 0.1  # s after rawmode in which a client gets no frames, unless it sends: its handshake expects bare answers
 STALLED = 64 << 20  # bytes that wait for a client that does not read
 PLANT_PATIENCE = 10.0  # s for an answer to STEP
@@ -62,6 +64,12 @@ class Hub:
         self._clients: dict[socket.socket, _Client] = {}
         self._everything = selectors.DefaultSelector()
         self._arrivals = selectors.DefaultSelector()  # clients only: what a barrier has to work off
+        self._bus_off = False
+        self._half_open = False  # the gateway is gone, and its connections do not know it
+        self._slow = 0.0  # s that each of two parts of a packet from the nodes takes
+        self._jitter = 0.0  # s by which SYNC comes too late at most
+        self._clock_jump = 0.0  # s by which time stamps are wrong
+        self._random = random.Random(0)
         self.counts = {"sync": 0, "frames": 0, "clients": 0, "barriers": 0}
         self._state = self._from_plant()  # at power-on, as long as the parent lets the plant take
         self._plant.settimeout(PLANT_PATIENCE)
@@ -90,6 +98,11 @@ class Hub:
             "drop_clients": self._drop_clients,
             "error_frame": self._error_frame,
             "inject": self._inject,
+            "bus_off": self._set_bus_off,
+            "half_open": self._set_half_open,
+            "slow": self._set_slow,
+            "jitter": self._set_jitter,
+            "clock_jump": self._jump,
         }
         while not orders.closed:
             for key, events in self._everything.select():
@@ -108,6 +121,8 @@ class Hub:
     # Clients
 
     def _accept(self) -> None:
+        if self._half_open:
+            return  # it stays in the listener's queue, connected and unheard
         try:
             connection, _ = self._listener.accept()
         except BlockingIOError:
@@ -123,8 +138,9 @@ class Hub:
 
     def _drop(self, client: _Client) -> None:
         if self._clients.pop(client.socket, None) is not None:
-            self._everything.unregister(client.socket)
-            self._arrivals.unregister(client.socket)
+            if not self._half_open:
+                self._everything.unregister(client.socket)
+                self._arrivals.unregister(client.socket)
             client.socket.close()
 
     def _send(self, client: _Client, text: bytes) -> None:
@@ -157,7 +173,7 @@ class Hub:
             self._everything.modify(client.socket, selectors.EVENT_READ, client)
 
     def _from_client(self, client: _Client) -> None:
-        if client.socket not in self._clients:
+        if client.socket not in self._clients or self._half_open:
             return
         try:
             data = client.socket.recv(1 << 16)
@@ -196,22 +212,35 @@ class Hub:
 
     # Frames
 
+    def _stamp(self) -> str:
+        return f"{time.time() + self._clock_jump:.6f}"
+
     def _on_bus(self, sender: _Client | None, identifier: int, extended: bool, data: bytes) -> None:
+        if self._bus_off:
+            self._tell_error(BUS_OFF)
+            return
         self.counts["frames"] += 1
         sync = identifier == SYNC_ID and not extended
         if sync:
+            if self._jitter:
+                time.sleep(self._random.uniform(0.0, self._jitter))
             self._plant.send(backplane.STEP)
             self._state = self._from_plant()
             self.counts["sync"] += 1
         name = f"{identifier:08X}" if extended else f"{identifier:03X}"
-        self._broadcast(f"< frame {name} {time.time():.6f} {data.hex().upper()} >".encode(), sender)
+        self._broadcast(f"< frame {name} {self._stamp()} {data.hex().upper()} >".encode(), sender)
         if sync:
             self._packet(self._nodes, backplane.SYNC + self._state)
         else:
             head = backplane.FRAME_HEAD.pack(identifier | (extended << 31), len(data))
             self._packet(self._nodes, backplane.FRAME + head + data)
 
+    def _tell_error(self, identifier: int) -> None:
+        self._broadcast(f"< error {identifier:08X} {self._stamp()} >".encode(), None)
+
     def _broadcast(self, text: bytes, sender: _Client | None) -> None:
+        if self._half_open:
+            return
         for client in list(self._clients.values()):
             if client is sender or not client.raw:
                 continue
@@ -249,7 +278,15 @@ class Hub:
         packet = self._nodes.recv(backplane.PACKET)
         if not packet:
             raise SystemExit("hub: the nodes are gone")
-        self._broadcast(packet[1:], None)
+        if self._bus_off:
+            return
+        text = packet[1:]
+        if self._slow:  # a gateway that is busy hands frames on late, and cut somewhere
+            time.sleep(self._slow)
+            self._broadcast(text[: len(text) // 2], None)
+            time.sleep(self._slow)
+            text = text[len(text) // 2 :]
+        self._broadcast(text, None)
 
     def _from_modbus(self) -> None:
         packet = self._modbus.recv(backplane.PACKET)
@@ -273,12 +310,42 @@ class Hub:
 
     def _error_frame(self, order: Order) -> None:
         """An error frame, as a disturbed cable gives; its identifier says what is wrong (linux/can/error.h)."""
-        self._broadcast(f"< error {int(order['identifier']):08X} {time.time():.6f} >".encode(), None)
+        self._tell_error(int(order["identifier"]))
 
     def _inject(self, order: Order) -> None:
         """A frame of a stranger, to the clients only."""
         name = f"{int(order['identifier']):0{8 if order['extended'] else 3}X}"
-        self._broadcast(f"< frame {name} {time.time():.6f} {order['data']} >".encode(), None)
+        self._broadcast(f"< frame {name} {self._stamp()} {order['data']} >".encode(), None)
+
+    def _set_bus_off(self, order: Order) -> None:
+        """The controller is bus-off, and is so again after each restart as long as this lasts."""
+        self._bus_off = bool(order["on"])
+        if self._bus_off:
+            self._tell_error(BUS_OFF)
+
+    def _set_half_open(self, order: Order) -> None:
+        """The gateway loses power, its connections stay; when it is back it knows none of them."""
+        if self._half_open == bool(order["on"]):
+            return
+        if not self._half_open:
+            for client in self._clients.values():
+                self._everything.unregister(client.socket)
+                self._arrivals.unregister(client.socket)
+            self._everything.unregister(self._listener)
+            self._half_open = True
+            return
+        self._drop_clients(order)
+        self._half_open = False
+        self._everything.register(self._listener, selectors.EVENT_READ, self._accept)
+
+    def _set_slow(self, order: Order) -> None:
+        self._slow = float(order["seconds"]) / 2
+
+    def _set_jitter(self, order: Order) -> None:
+        self._jitter = float(order["seconds"])
+
+    def _jump(self, order: Order) -> None:
+        self._clock_jump = float(order["seconds"])
 
 
 def _parse(words: list[bytes]) -> tuple[int, bool, bytes] | None:

@@ -23,6 +23,7 @@ from canopen.sdo.exceptions import SdoAbortedError
 
 from sim_backends.device_plans import NodePlan, Signal, whole_limits
 from sim_backends.object_dictionaries import object_dictionary
+from sim_backends.signal_faults import SignalFaults
 
 Emit = Callable[[int, bytes], None]  # COB-ID, data
 
@@ -93,6 +94,7 @@ class SimulatedNode:
         self.short: int | None = None  # bytes that a fault cuts TPDOs to
         self.silent = False
         self.not_a_number = False  # every measured value that can be NaN is
+        self.signal_faults = SignalFaults(plan.node)
         self.state = BOOT_UP
         self.heartbeat_due: float | None = None
         self._store: dict[tuple[int, int], bytes] = {}
@@ -208,7 +210,9 @@ class SimulatedNode:
             def value() -> float:
                 if self.not_a_number and floating:
                     return math.nan
-                return signal.raw(self._values) * self._factors.get(key, 1.0) if self._values else 0.0
+                if not self._values:
+                    return 0.0
+                return self.signal_faults.apply(signal.channel, signal.raw(self._values)) * self._factors.get(key, 1.0)
 
             return value
         if index == 0x6030:

@@ -15,8 +15,9 @@ from sim_backends import backplane
 from sim_backends.canopen_device import SimulatedNode
 from sim_backends.child import Order, Orders, report
 from sim_backends.device_plans import NodePlan, nodes_from_dict
-from sim_backends.node_faults import FaultyLine
+from sim_backends.node_faults import KINDS, FaultyLine
 
+BIT_ERROR = 0x088  # protocol violation, bus error (linux/can/error.h)
 FRAMES_PER_PACKET = 1000  # of at most 50 characters: a packet is no longer than backplane.PACKET
 
 
@@ -27,14 +28,18 @@ class Nodes:
         self._hub = hub
         self._out: list[bytes] = []
         self._stamp = ""
-        self.lines = {plan.node: FaultyLine(plan.node, self._emit) for plan in plans}
+        self._clock_jump = 0.0  # s by which time stamps of the bus are wrong
+        self.lines = {plan.node: FaultyLine(plan.node, self._emit, self._emit_error) for plan in plans}
         self.nodes = {plan.node: SimulatedNode(plan, self.lines[plan.node].emit, rate_hz) for plan in plans}
 
     def _emit(self, cob_id: int, data: bytes) -> None:
         self._out.append(f"< frame {cob_id:03X} {self._stamp} {data.hex().upper()} >".encode())
 
+    def _emit_error(self) -> None:
+        self._out.append(f"< error {BIT_ERROR:08X} {self._stamp} >".encode())
+
     def _wake(self) -> float:
-        self._stamp = f"{time.time():.6f}"
+        self._stamp = f"{time.time() + self._clock_jump:.6f}"
         return time.monotonic()
 
     def _send(self) -> None:
@@ -109,12 +114,18 @@ class Nodes:
                 node.emergency(int(order["code"]), 0x81)
         elif kind == "not_a_number":
             node.not_a_number = bool(order["on"])
-        elif kind in ("lag", "lose", "doubled", "garbled", "quiet"):
+        elif kind == "signal":
+            node.signal_faults.set(order["channel"], order["what"], float(order["size"]), bool(order["on"]))
+        elif kind in KINDS:
             setattr(self.lines[node.id], kind, order["value"])
         else:
             raise ValueError(f"no fault '{kind}'")
         self._send()
         return None
+
+    def jump(self, order: Order) -> None:
+        """Time stamps are wrong by so many seconds from now on."""
+        self._clock_jump = float(order["seconds"])
 
     def run(self, orders: Orders) -> None:
         """Serve until the parent closes its end or the hub is gone."""
@@ -126,7 +137,7 @@ class Nodes:
             events = selector.select(due)
             for key, _ in events:
                 if key.fileobj is orders:
-                    orders.work_off({"fault": self.fault})
+                    orders.work_off({"fault": self.fault, "clock_jump": self.jump})
                 else:
                     packet = self._hub.recv(backplane.PACKET)
                     if not packet:

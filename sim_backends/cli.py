@@ -7,18 +7,39 @@ import signal
 import tempfile
 import threading
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from daq.console import reported
 from daq.errors import InputError
-from daq.machine_file import load_machine
+from daq.machine_file import Machine, load_machine
+
+if TYPE_CHECKING:
+    from sim_backends.fault_file import FaultScript
 
 
 def register(app: typer.Typer) -> None:
     """Add the command to ``app``."""
     app.command("simulate")(reported(simulate))
+
+
+def checked_faults(path: Path, machine: Machine) -> FaultScript:
+    """A fault file for this machine; every mistake in it is a line on standard error.
+
+    Raises
+    ------
+    InputError
+        With the last of those lines.
+    """
+    from sim_backends.fault_file import read_faults
+
+    script, problems = read_faults(path, machine)
+    if script is None:
+        for line in problems[:-1]:
+            typer.echo(f"hilfit: {line}", err=True)
+        raise InputError(problems[-1])
+    return script
 
 
 def simulate(
@@ -30,6 +51,7 @@ def simulate(
     truth: Annotated[Path | None, typer.Option(help="The plant's own parameters (YAML).")] = None,
     seed: Annotated[int, typer.Option(help="Of everything random.", min=0)] = 0,
     speed: Annotated[float, typer.Option(help="Machine seconds per second, up to 4.")] = 1.0,
+    faults: Annotated[Path | None, typer.Option(help="Fault file (YAML): what breaks when, and for how long.")] = None,
     motion: Annotated[list[Path] | None, typer.Option(help="Motion files to follow at once; repeatable.")] = None,
     workdir: Annotated[Path | None, typer.Option(help="Where machine.yaml and the inbox go.")] = None,
 ) -> None:
@@ -44,6 +66,7 @@ def simulate(
     specs = [parse_spec(text, declared) for text in undeclared or []]
     for path in motion or []:
         read_motion(path, declared)
+    script = None if faults is None else checked_faults(faults, declared)
     if workdir is not None and workdir.exists() and not workdir.is_dir():
         raise InputError(f"{workdir}: is no directory; give another --workdir")
     ended = threading.Event()
@@ -51,7 +74,14 @@ def simulate(
         signal.signal(number, lambda *_: ended.set())
     with tempfile.TemporaryDirectory(prefix="hilfit-") as scratch:
         simulated = SimulatedMachine(
-            declared, load_truth(truth) if truth else None, specs, seed, speed, workdir or Path(scratch)
+            declared,
+            load_truth(truth) if truth else None,
+            specs,
+            seed,
+            speed,
+            workdir or Path(scratch),
+            faults=script,
+            said=typer.echo,
         )
         with simulated:
             for path in motion or []:

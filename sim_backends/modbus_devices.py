@@ -1,4 +1,4 @@
-"""The process of all simulated Modbus TCP transmitters of a machine, on pymodbus's server.
+"""The process of all simulated Modbus transmitters of a machine, TCP and RTU, on pymodbus's server.
 
 Registers hold the state latched at the last SYNC that was sent before the request: before it answers, a device asks
 the hub with a barrier (see :mod:`sim_backends.can_hub`). Requests that wait at the same time share one barrier, but
@@ -10,18 +10,21 @@ from __future__ import annotations
 import asyncio
 import math
 import os
+import random
 import socket
 import struct
 from typing import Any
 
 from pymodbus.constants import ExcCodes
 from pymodbus.exceptions import NoSuchIdException
-from pymodbus.server import ModbusTcpServer
+from pymodbus.framer import FramerType
 from pymodbus.simulator import DataType, SimData, SimDevice
 
 from sim_backends import backplane
-from sim_backends.child import Order, Orders, report
+from sim_backends.child import Handler, Order, Orders, report
 from sim_backends.device_plans import STRUCT_CODES, RegisterSignal, UnitPlan, units_from_dict, whole_limits
+from sim_backends.modbus_wires import SerialLine, Wire
+from sim_backends.signal_faults import SignalFaults
 
 State = tuple[float, ...]
 
@@ -71,6 +74,9 @@ class Unit:
         self.delay = 0.0  # s
         self.exception: ExcCodes | None = None
         self.override: float | None = None  # raw value instead of every measured one, NaN for instance
+        self.drop = self.corrupt = 0.0  # shares of its answers that do not come, or are garbled
+        self.signal_faults = SignalFaults(plan.unit)
+        self._random = random.Random(plan.unit)
 
     def device(self) -> SimDevice:
         """What pymodbus serves for it; holding and input registers are the same."""
@@ -88,7 +94,7 @@ class Unit:
     ) -> ExcCodes | None:
         if written is not None:
             return ExcCodes.ILLEGAL_FUNCTION  # nothing here is to be written
-        if self.silent:
+        if self.silent or (self.drop and self._random.random() < self.drop):
             raise NoSuchIdException  # the server then sends nothing
         if self.delay:
             await asyncio.sleep(self.delay)
@@ -101,9 +107,15 @@ class Unit:
     def _fill(self, registers: list[int], state: State) -> None:
         for item in self._plan.registers:
             signal = item.signal
-            raw = signal.raw(state) if self.override is None else self.override
+            raw = (
+                self.signal_faults.apply(signal.channel, signal.raw(state)) if self.override is None else self.override
+            )
             words = _words(item, raw)
             registers[item.register : item.register + len(words)] = words
+
+    def garbled(self) -> bool:
+        """Whether its next answer is garbled on its way."""
+        return bool(self.corrupt) and self._random.random() < self.corrupt
 
     def fault(self, order: Order) -> None:
         """One of the faults of :mod:`sim_backends.faults`."""
@@ -116,6 +128,10 @@ class Unit:
             self.delay = float(order["seconds"])
         elif kind == "exception":
             self.exception = None if order["code"] is None else ExcCodes(int(order["code"]))
+        elif kind in ("drop", "corrupt"):
+            setattr(self, kind, float(order["value"]))
+        elif kind == "signal":
+            self.signal_faults.set(order["channel"], order["what"], float(order["size"]), bool(order["on"]))
         elif kind == "override":
             self.override = None if order["raw"] is None else float(order["raw"])
         else:
@@ -138,24 +154,42 @@ def _words(item: RegisterSignal, raw: float) -> list[int]:
 async def _serve(configuration: dict[str, Any], orders: Orders) -> None:
     latch = Latch(backplane.adopt(configuration["hub"]))
     units: dict[tuple[str, int], Unit] = {}
-    servers, ports = [], {}
+    wires: dict[str, Wire] = {}
+    lines: list[SerialLine] = []
+    ports: dict[str, int | str] = {}
     for bus, content in configuration["buses"].items():
-        held = {plan.unit: Unit(plan, latch) for plan in units_from_dict(content)}
+        held = {plan.unit: Unit(plan, latch) for plan in units_from_dict(content["units"])}
         units |= {(bus, number): unit for number, unit in held.items()}
-        server = ModbusTcpServer(
-            [unit.device() for unit in held.values()], address=("127.0.0.1", 0), ignore_missing_devices=True
+        serial = content["baudrate"] is not None
+        wires[bus] = wire = Wire(
+            [unit.device() for unit in held.values()],
+            lambda number, held=held: number in held and held[number].garbled(),  # type: ignore[misc]
+            FramerType.RTU if serial else FramerType.SOCKET,
         )
-        await server.listen()
-        servers.append(server)
-        transport: Any = server.transport
-        ports[bus] = transport.sockets[0].getsockname()[1]
+        if serial:
+            lines.append(SerialLine(wire, content["baudrate"]))
+            ports[bus] = lines[-1].port
+        else:
+            await wire.listen()
+            transport: Any = wire.transport
+            ports[bus] = transport.sockets[0].getsockname()[1]
     ended = asyncio.Event()
 
     def fault(order: Order) -> None:
         units[order["bus"], int(order["unit"])].fault(order)
 
+    def slow(order: Order) -> None:
+        wires[order["bus"]].slow = float(order["seconds"])
+
+    def half_open(order: Order) -> None:
+        wires[order["bus"]].set_half_open(bool(order["on"]))
+
+    handlers: dict[str, Handler] = {
+        "fault": fault, "slow": slow, "half_open": half_open, "counts": lambda order: {"barriers": latch.barriers},
+    }  # fmt: skip
+
     def on_order() -> None:
-        orders.work_off({"fault": fault, "counts": lambda order: {"barriers": latch.barriers}})
+        orders.work_off(handlers)
         if orders.closed:
             ended.set()
 
@@ -163,8 +197,10 @@ async def _serve(configuration: dict[str, Any], orders: Orders) -> None:
     asyncio.get_running_loop().add_reader(orders.fileno(), on_order)
     report({"ready": {"ports": ports}})
     await ended.wait()
-    for server in servers:
-        server.close()  # what its untyped shutdown() comes down to
+    for line in lines:
+        line.close()
+    for wire in wires.values():
+        wire.close()  # what its untyped shutdown() comes down to
 
 
 def main() -> None:

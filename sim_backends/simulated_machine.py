@@ -4,10 +4,10 @@
 
     acquisition --socketcand--> hub --STEP--> plant + controller <--- inbox/*.csv
          |                       |  \\--SYNC--> CANopen nodes
-         \\-----Modbus TCP---> Modbus devices --BARRIER--> hub
+         \\-Modbus TCP, RTU--> Modbus devices --BARRIER--> hub
 
-All ports are ephemeral and on the loopback interface. ``<workdir>/machine.yaml`` is the machine file with the
-addresses that hold for this run.
+All ports are ephemeral and on the loopback interface, serial lines are pseudo-terminals. ``<workdir>/machine.yaml`` is
+the machine file with the addresses that hold for this run.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ import selectors
 import socket
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict
@@ -27,9 +28,11 @@ from types import TracebackType
 from typing import Any, Literal
 
 from daq.errors import HilfitError, InputError
-from daq.machine_file import CanopenBus, Machine, ModbusTcpBus, Simulation, machine_to_yaml
+from daq.machine_file import CanopenBus, Machine, ModbusRtuBus, ModbusTcpBus, Simulation, machine_to_yaml
 from sim_backends import backplane
 from sim_backends.device_plans import nodes_to_dict, units_to_dict
+from sim_backends.fault_file import FaultScript
+from sim_backends.fault_runner import FaultRunner
 from sim_backends.truth import SensorQuality, Truth
 from sim_backends.undeclared import EffectSpec, check_spec
 from sim_backends.wiring import wire
@@ -158,6 +161,10 @@ class SimulatedMachine:
     workdir : path
         Gets ``machine.yaml``, ``inbox/``, ``accepted/``, ``rejected/``, ``controller.json`` and logs.
     quality : SensorQuality, optional
+    faults : FaultScript, optional
+        Begun and ended at their times, from the first SYNC on; ``workdir/faults.jsonl`` says when.
+    said : callable
+        Told a line for each of them.
 
     Raises
     ------
@@ -176,6 +183,8 @@ class SimulatedMachine:
         speed: float = 1.0,
         workdir: str | Path = ".",
         quality: SensorQuality | None = None,
+        faults: FaultScript | None = None,
+        said: Callable[[str], None] = lambda line: None,
     ) -> None:
         if not 0 < speed <= HIGHEST_SPEED:
             raise InputError(
@@ -194,6 +203,11 @@ class SimulatedMachine:
         self.machine_path = self.workdir / "machine.yaml"
         self.status_path = self.workdir / "controller.json"
         self._processes: dict[str, _Process] = {}
+        self._ordering = threading.Lock()  # an answer belongs to the order before it
+        self._faults = None
+        if faults is not None:
+            log = self.workdir / "faults.jsonl"
+            self._faults = FaultRunner(self, machine, faults.faults, log, said)
 
     def __enter__(self) -> SimulatedMachine:
         for folder in (self.inbox, self.workdir / "accepted", self.workdir / "rejected", self.workdir / "log"):
@@ -203,6 +217,8 @@ class SimulatedMachine:
         except BaseException:
             self.stop()
             raise
+        if self._faults is not None:
+            self._faults.start()
         return self
 
     def __exit__(
@@ -228,7 +244,14 @@ class SimulatedMachine:
         }  # fmt: skip
         modbus = {
             "hub": modbus_hub.fileno(),
-            "buses": {bus: units_to_dict(units) for bus, units in wiring.modbus.items() if units},
+            "buses": {
+                bus.name: {
+                    "baudrate": bus.baudrate if isinstance(bus, ModbusRtuBus) else None,
+                    "units": units_to_dict(wiring.modbus[bus.name]),
+                }
+                for bus in self._machine.buses
+                if wiring.modbus.get(bus.name)
+            },
         }  # fmt: skip
         hub = {
             "channel": wiring.can_channel, "plant": hub_plant.fileno(), "nodes": hub_nodes.fileno(),
@@ -249,7 +272,9 @@ class SimulatedMachine:
                 end.close()
         ready = self._ready()
         self.can_port = int(ready["hub"]["port"])
-        self.modbus_ports = {bus: int(port) for bus, port in ready["modbus"]["ports"].items()}
+        ports: dict[str, Any] = ready["modbus"]["ports"]
+        self.modbus_ports: dict[str, int] = {bus: port for bus, port in ports.items() if isinstance(port, int)}
+        self.serial_ports: dict[str, str] = {bus: port for bus, port in ports.items() if isinstance(port, str)}
         text = machine_to_yaml(self._addressed())
         temporary = self.machine_path.with_name(".machine.yaml.part")
         temporary.write_text(text, encoding="utf-8")
@@ -287,11 +312,16 @@ class SimulatedMachine:
             elif isinstance(bus, ModbusTcpBus):
                 port = self.modbus_ports.get(bus.name, bus.port)
                 buses.append(bus.model_copy(update={"host": "127.0.0.1", "port": port}))
+            elif isinstance(bus, ModbusRtuBus):
+                port_path = self.serial_ports.get(bus.name, bus.port)
+                buses.append(bus.model_copy(update={"port": port_path, "parity": "N"}))  # a pty refuses parity
         simulation = Simulation(speed=self._speed, lockstep=True)
         return self._machine.model_copy(update={"buses": tuple(buses), "simulation": simulation})
 
     def stop(self) -> None:
         """Switch off: all processes end; what they wrote stays."""
+        if self._faults is not None:
+            self._faults.stop()
         for name in ("hub", "plant", "nodes", "modbus"):  # without the hub the others end by themselves
             process = self._processes.pop(name, None)
             if process is not None:
@@ -319,7 +349,8 @@ class SimulatedMachine:
 
     def order(self, process: str, order: str, **details: Any) -> Any:
         """Give an order to one of the processes and wait for its answer (see :mod:`sim_backends.faults`)."""
-        return self._processes[process].order({"order": order, **details})
+        with self._ordering:
+            return self._processes[process].order({"order": order, **details})
 
     def controller_status(self) -> dict[str, Any]:
         """What the arm's controller does (see :mod:`sim_backends.plant_process`)."""

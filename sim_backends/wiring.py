@@ -6,13 +6,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from daq.errors import InputError
-from daq.machine_file import CanopenBus, CanSource, Channel, Machine, ModbusSource, ModbusTcpBus
+from daq.machine_file import CanopenBus, CanSource, Channel, Machine, ModbusRtuBus, ModbusSource, ModbusTcpBus
 from sim_backends.device_plans import NodeObject, NodePlan, RegisterSignal, Signal, UnitPlan
 
 
 @dataclass(frozen=True)
 class Wiring:
-    """All device plans of a machine: nodes of its CANopen bus, units of each of its Modbus TCP buses."""
+    """All device plans of a machine: nodes of its CANopen bus, units of each of its Modbus buses."""
 
     can_bus: str
     can_channel: str
@@ -35,20 +35,22 @@ def wire(machine: Machine) -> Wiring:
             "its SYNC is the machine's clock"
         )
     for bus in machine.buses:
-        if not isinstance(bus, CanopenBus | ModbusTcpBus):
-            raise InputError(f"{machine.name}: buses.{bus.name}: {bus.type} is not simulated; use modbus_tcp")
+        if not isinstance(bus, CanopenBus | ModbusTcpBus | ModbusRtuBus):
+            raise InputError(
+                f"{machine.name}: buses.{bus.name}: {bus.type} is not simulated; use modbus_tcp or modbus_rtu"
+            )
     nodes: dict[int, list[NodeObject]] = {}
     units: dict[str, dict[int, list[RegisterSignal]]] = {
-        bus.name: {} for bus in machine.buses if isinstance(bus, ModbusTcpBus)
+        bus.name: {} for bus in machine.buses if isinstance(bus, ModbusTcpBus | ModbusRtuBus)
     }
     for column, channel in enumerate(machine.channels):
         source = channel.source
         if isinstance(source, CanSource):
             known = nodes.setdefault(source.node, [])
-            known.append(NodeObject(source.object, source.subindex, _signal(machine, channel, column)))
+            known.append(NodeObject(source.object, source.subindex, channel_signal(machine, channel, column)))
         elif isinstance(source, ModbusSource):
             held = units[source.bus].setdefault(source.unit, [])
-            held.append(RegisterSignal(source.register_, source.word_order, _signal(machine, channel, column)))
+            held.append(RegisterSignal(source.register_, source.word_order, channel_signal(machine, channel, column)))
     declared = {node.node: node for node in can[0].nodes}
     plans = []
     for number, objects in sorted(nodes.items()):
@@ -72,7 +74,8 @@ def wire(machine: Machine) -> Wiring:
     )
 
 
-def _signal(machine: Machine, channel: Channel, column: int) -> Signal:
+def channel_signal(machine: Machine, channel: Channel, column: int) -> Signal:
+    """How a channel's SI value becomes what its device sends."""
     source = channel.source
     assert isinstance(source, CanSource | ModbusSource)
     # value = (SI - conversion.offset) / conversion.factor and raw = (value - source.offset) / source.scale

@@ -10,6 +10,7 @@ Drivers that send SYNC (``leads``) are triggered before the others, so that poll
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Protocol
@@ -89,6 +90,27 @@ class Samples:
     cycles_ago: npt.NDArray[np.int64]
     after_sync_s: npt.NDArray[np.float64]
     interval: npt.NDArray[np.float64] | None = None
+
+
+class Answers:
+    """Samples of a cycle while they are put together: lists, which take single values much faster than arrays do."""
+
+    def __init__(self, count: int, intervals: bool = False) -> None:
+        self.raw: list[float] = [math.nan] * count
+        self.quality: list[int] = [Quality.MISSING] * count
+        self.cycles_ago = [0] * count
+        self.after_sync_s = [0.0] * count
+        self.interval = [1.0] * count if intervals else None
+
+    def samples(self) -> Samples:
+        """The samples."""
+        return Samples(
+            np.array(self.raw, dtype=np.float64),
+            np.array(self.quality, dtype=np.uint8),
+            np.array(self.cycles_ago, dtype=np.int64),
+            np.array(self.after_sync_s, dtype=np.float64),
+            None if self.interval is None else np.array(self.interval, dtype=np.float64),
+        )
 
 
 def nothing(count: int, quality: Quality = Quality.MISSING) -> Samples:

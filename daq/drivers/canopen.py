@@ -6,14 +6,13 @@ Threads: the caller's (``trigger``, ``collect``), the link's receive thread, and
 
 from __future__ import annotations
 
+import math
 import threading
 import time
 from collections.abc import Sequence
 from dataclasses import replace
 
-import numpy as np
-
-from daq.drivers.base import DeviceStatus, Driver, DriverContext, DriverStatistics, Problem, Samples, nothing
+from daq.drivers.base import Answers, DeviceStatus, Driver, DriverContext, DriverStatistics, Problem, Samples, nothing
 from daq.drivers.can_health import BusHealth, advice, told
 from daq.drivers.canopen_commissioning import LEFT, OPERATIONAL, PRE_OPERATIONAL, commission
 from daq.drivers.canopen_link import CanLink
@@ -327,22 +326,23 @@ class CanopenDriver:
             return nothing(len(self._names), Quality.BUS_ERROR)
         remaining = (until_ns - self._context.monotonic_ns()) / NS
         lost = remaining > 0 and not self._cycle.done.wait(remaining) and self._context.patience_s > 0
-        samples = nothing(len(self._names))
+        answers = Answers(len(self._names))
         if lost:  # waited for far longer than anything takes; a machine that does not stand still is told by counting
             for tpdo in (
                 tpdo for node in self._nodes.values() if node.misses < MISSES_TOLERATED for tpdo in node.tpdos
             ):
                 tpdo.give_up()
+        now = self._context.monotonic_ns()
         for node in self._nodes.values():
-            if self._watch.look(node):
+            if self._watch.look(node, now):
                 self._keepers[node.config.node].soon()
             elif node.state == "silent":
                 self._keepers[node.config.node].later()
             if node.state == "running":
-                self._take(node, self._cycle.number, samples)
-        return samples
+                self._take(node, self._cycle.number, answers)
+        return answers.samples()
 
-    def _take(self, node: Node, number: int, samples: Samples) -> None:
+    def _take(self, node: Node, number: int, answers: Answers) -> None:
         brought = current = 0
         mixed = node.surplus_run > 0
         for tpdo in node.tpdos:
@@ -357,17 +357,18 @@ class CanopenDriver:
             late = ago > 0 or tpdo.in_doubt or self._is_late(after_ns)
             self._counts["late"] += late
             current += not late
-            good = Quality.LATE if late else Quality.FRESH
+            good = Quality.EMERGENCY if node.emergency is not None else Quality.LATE if late else Quality.FRESH
             for value, positions in zip(tpdo.mapping.decoder.unpack(arrival.data), tpdo.mapping.positions, strict=True):
-                quality = good if node.emergency is None else Quality.EMERGENCY
-                if mixed or not np.isfinite(value):
+                quality = good
+                if mixed or not math.isfinite(value):
                     self._counts["not_a_number"] += not mixed
-                    quality, value = Quality.INVALID, np.nan
+                    quality, value = Quality.INVALID, math.nan
                 for position in positions:
-                    samples.raw[position] = value
-                    samples.quality[position] = quality
-                    samples.cycles_ago[position] = ago
-                    samples.after_sync_s[position] = after_ns / NS if late and not ago else 0.0
+                    answers.raw[position] = value
+                    answers.quality[position] = quality
+                    if late:
+                        answers.cycles_ago[position] = ago
+                        answers.after_sync_s[position] = 0.0 if ago else after_ns / NS
         if node.starting_anew:
             return
         node.misses = 0 if brought else node.misses + 1

@@ -103,8 +103,10 @@ class Tpdo:
         self._unanswered.append((number, sync_ns))
 
     def give_up(self) -> None:
-        """The answers that are still due are lost: in lockstep no time passed until it was certain."""
-        self._unanswered.clear()
+        """What is still due is taken for lost; should it come all the same, it must not pass for fresh."""
+        if self._unanswered:
+            self._unanswered.clear()
+            self.in_doubt = True
 
     def receive(self, data: bytearray, now_ns: int) -> None:
         """Keep the bytes and the time, if the length is right; canopen itself accepts a short PDO without a word."""
@@ -159,6 +161,7 @@ class Node:
         self.surplus_run = 0
         self.emergency: int | None = None
         self.emergencies: Counter[int] = Counter()  # by code, since the start; 0 is "error reset"
+        self.errors = 0  # EMCY messages so far that told of an error
         self.emergencies_seen = 0
         self.heartbeat_ns = 0
         self.heartbeat_state = -1
@@ -190,6 +193,7 @@ class Node:
         code = int(_EMERGENCY.unpack_from(data)[0])
         self.emergency = code if code & 0xFF00 else None
         self.emergencies[code if code & 0xFF00 else 0] += 1
+        self.errors += bool(code & 0xFF00)
 
     def asked(self, number: int, sync_ns: int) -> None:
         """A SYNC is about to be sent."""
@@ -197,13 +201,12 @@ class Node:
             for tpdo in self.tpdos:
                 tpdo.asked(number, sync_ns)
 
-    def errors(self) -> int:
-        """EMCY messages so far that told of an error."""
-        return sum(count for code, count in list(self.emergencies.items()) if code)
-
     def wrong_lengths(self) -> int:
         """TPDOs of a wrong length so far."""
-        return sum(tpdo.wrong for tpdo in self.tpdos)
+        found = 0
+        for tpdo in self.tpdos:  # once per cycle and node: cheaper than a generator
+            found += tpdo.wrong
+        return found
 
     def take_surplus(self) -> int:
         """TPDOs that no SYNC asked for, since the last look."""
@@ -215,7 +218,11 @@ class Node:
 
     def last_tpdo_ns(self) -> int:
         """When the last TPDO came."""
-        return max(tpdo.arrived_ns for tpdo in self.tpdos)
+        newest = 0
+        for tpdo in self.tpdos:
+            if tpdo.arrived_ns > newest:
+                newest = tpdo.arrived_ns
+        return newest
 
     def short(self) -> str | None:
         """A line about a TPDO of the wrong length, if one came since the last commissioning."""

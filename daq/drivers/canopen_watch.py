@@ -36,6 +36,7 @@ class NodeWatch:
         self._bus = bus
         self._context = context
         self._counts = counts
+        self._limits: dict[int, float] = {}  # ns without a sign of life, by node
 
     def _name(self, node: Node) -> str:
         return f"{self._bus}/node {node.config.node}"
@@ -60,9 +61,10 @@ class NodeWatch:
             node.cause = f"{node.cause} (it was away for {seconds or 0.0:.1f} s)"
             node.away = ""
 
-    def look(self, node: Node) -> bool:
+    def look(self, node: Node, now_ns: int) -> bool:
         """Notice what happened to a node since the last cycle; whether its keeper has to see to it at once."""
-        self._emergencies(node)
+        if node.errors != node.emergencies_seen:
+            self._emergencies(node)
         if node.boot_ups != node.boot_ups_seen and node.state != "commissioning":
             node.boot_ups_seen = node.boot_ups
             self._counts["boot_up"] += 1
@@ -82,24 +84,26 @@ class NodeWatch:
             if node.wrong_run >= WRONG_TOLERATED:
                 self.away(node, "commissioning", "short_pdo", node.short() or f"{node.place}: TPDOs of a wrong length")
                 return True
-        return self._signs_of_life(node)
+        return self._signs_of_life(node, now_ns)
 
     def _emergencies(self, node: Node) -> None:
-        errors = node.errors()
+        errors = node.errors
         new = errors - node.emergencies_seen
-        if new:
-            node.emergencies_seen = errors
-            self._counts["emergency"] += new
-            code = "reset since" if node.emergency is None else f"0x{node.emergency:04X}"
-            text = f"{node.place}: emergency {code}; see its manual"
-            self._context.events.note(self._name(node), "emergency", text, new)
+        node.emergencies_seen = errors
+        self._counts["emergency"] += new
+        code = "reset since" if node.emergency is None else f"0x{node.emergency:04X}"
+        text = f"{node.place}: emergency {code}; see its manual"
+        self._context.events.note(self._name(node), "emergency", text, new)
 
     def _limit_ns(self, node: Node) -> float:
-        heartbeat_s = WATCHDOG_PERIODS * max(node.config.heartbeat_ms * 1e-3, self._context.period_s)
-        return max(heartbeat_s, self._context.patience_s) * NS
+        limit = self._limits.get(node.config.node)
+        if limit is None:
+            heartbeat_s = WATCHDOG_PERIODS * max(node.config.heartbeat_ms * 1e-3, self._context.period_s)
+            limit = self._limits[node.config.node] = max(heartbeat_s, self._context.patience_s) * NS
+        return limit
 
-    def _signs_of_life(self, node: Node) -> bool:
-        limit, now = self._limit_ns(node), self._context.monotonic_ns()
+    def _signs_of_life(self, node: Node, now: int) -> bool:
+        limit = self._limit_ns(node)
         alive = max(node.heartbeat_ns, node.last_tpdo_ns())
         if node.state == "running" and now - alive > limit:
             self._counts["silent"] += 1

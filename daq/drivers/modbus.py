@@ -8,14 +8,12 @@ own rate, with their age.
 
 from __future__ import annotations
 
+import math
 import threading
 from collections.abc import Sequence
-from dataclasses import replace
-
-import numpy as np
 
 from daq import wire
-from daq.drivers.base import DeviceStatus, DriverContext, DriverStatistics, Problem, Samples, nothing
+from daq.drivers.base import Answers, DeviceStatus, DriverContext, DriverStatistics, Problem, Samples
 from daq.drivers.modbus_client import DEVICE_FAILURE, Answer, ModbusConnection
 from daq.drivers.modbus_unit import Block, Reading, Unit, gap_is_to_blame
 from daq.machine_file import Channel, ModbusRtuBus, ModbusSource, ModbusTcpBus
@@ -216,7 +214,7 @@ class _ModbusDriver:
 
     def collect(self, until_ns: int) -> Samples:
         """Registers of this cycle, as soon as all units that are alive have answered."""
-        samples = replace(nothing(len(self._names)), interval=np.ones(len(self._names)))
+        answers = Answers(len(self._names), intervals=True)
         for poller in self._pollers:
             remaining = (until_ns - self._context.monotonic_ns()) / NS
             if remaining > 0 and poller.patience():
@@ -224,15 +222,15 @@ class _ModbusDriver:
             with poller.lock:
                 for unit in poller.units:
                     for block in unit.blocks:
-                        self._take(unit, block, samples)
-        return samples
+                        self._take(unit, block, answers)
+        return answers.samples()
 
-    def _take(self, unit: Unit, block: Block, samples: Samples) -> None:
+    def _take(self, unit: Unit, block: Block, answers: Answers) -> None:
         every = 1.0 if block.rate_hz is None else max(1.0, self._rate_hz / block.rate_hz)
         interval = max(every, unit.cycles)
-        assert samples.interval is not None
-        for position, _, _ in block.members:
-            samples.interval[position] = interval
+        if interval != 1.0 and answers.interval is not None:
+            for position, _, _ in block.members:
+                answers.interval[position] = interval
         reading = block.reading
         if reading is None or reading.ordinal <= block.taken:
             if interval == 1.0:
@@ -241,24 +239,25 @@ class _ModbusDriver:
         block.taken = reading.ordinal
         ago = self._cycle - reading.cycle
         self._counts["late"] += ago > 0
+        after_s = (reading.sampled_ns - reading.sync_ns) / NS
         for position, offset, source in block.members:
-            samples.cycles_ago[position] = ago
-            samples.after_sync_s[position] = (reading.sampled_ns - reading.sync_ns) / NS
-            self._value(reading.answer, position, offset, source, samples)
+            answers.cycles_ago[position] = ago
+            answers.after_sync_s[position] = after_s
+            self._value(reading.answer, position, offset, source, answers)
 
-    def _value(self, answer: Answer, position: int, offset: int, source: ModbusSource, samples: Samples) -> None:
+    def _value(self, answer: Answer, position: int, offset: int, source: ModbusSource, answers: Answers) -> None:
         if answer.exception is not None:
             failure = answer.exception == DEVICE_FAILURE
-            samples.quality[position] = Quality.EMERGENCY if failure else Quality.MISSING
+            answers.quality[position] = Quality.EMERGENCY if failure else Quality.MISSING
             return
         words = list(answer.registers[offset : offset + wire.registers(source.data_type)])
         value = wire.from_registers(source.data_type, words, source.word_order, source.byte_order)
-        if np.isfinite(value):
-            samples.raw[position] = value
-            samples.quality[position] = Quality.FRESH
+        if math.isfinite(value):
+            answers.raw[position] = value
+            answers.quality[position] = Quality.FRESH
         else:
             self._counts["not_a_number"] += 1
-            samples.quality[position] = Quality.INVALID
+            answers.quality[position] = Quality.INVALID
 
     def statistics(self) -> DriverStatistics:
         """State of every unit, and counters since the start."""

@@ -41,6 +41,17 @@ class Value(_Part):
     unit: str | None = None
 
 
+class DataEvent(_Part):
+    """What happened to a device or a bus while a recording was made."""
+
+    time: float | None = None  # s since its first row; negative: before
+    device: str
+    what: str
+    text: str
+    seconds: float | None = None  # None: it lasted on when the recording ended
+    count: int = Field(ge=0)
+
+
 class DataFile(_Part):
     """A recording that was used."""
 
@@ -48,6 +59,7 @@ class DataFile(_Part):
     file: str
     sha256: str
     samples: int = Field(ge=0)
+    events: list[DataEvent] = []
 
 
 class Reduction(_Part):

@@ -65,6 +65,7 @@ def demo(
     seconds: Annotated[float, typer.Option(help="Length of each recording in machine time.", min=20.0)] = 40.0,
     speed: Annotated[float, typer.Option(help="Machine seconds per second, at most 4.", min=0.1)] = 4.0,
     seed: Annotated[int, typer.Option(help="Of the plant's noise and of the designed motions.")] = 1,
+    faults: Annotated[Path | None, typer.Option(help="Fault file (YAML): what breaks when, and for how long.")] = None,
     json: Annotated[bool, typer.Option("--json", help="Print report.json on standard output.")] = False,
 ) -> None:
     """Simulate an arm with an effect nobody declared, record it over its buses, identify it, and find the effect."""
@@ -76,6 +77,7 @@ def demo(
             seconds=seconds,
             speed=speed,
             seed=seed,
+            faults=faults,
             progress=lambda share, text: bar(share, 1.0, text),
         )
     if json:
@@ -98,6 +100,7 @@ def run_demo(
     seconds: float = 40.0,
     speed: float = 4.0,
     seed: int = 1,
+    faults: Path | None = None,
     progress: Progress = lambda share, text: None,
 ) -> tuple[dict[str, Any], Acquired]:
     """Run the demo; returns the report and what was acquired.
@@ -109,20 +112,25 @@ def run_demo(
     seconds : length of each recording in machine time
     speed : machine seconds per second
     seed : of the plant's noise and of the motions
+    faults : a fault file, what breaks while the machine is recorded
     progress : called with the share done and what is being done
     """
     from daq.acquisition import AcquisitionProcess
     from fitting.session import Request
     from fitting.stages import identify, require_writable
+    from sim_backends.cli import checked_faults
     from sim_backends.machines import default_machine
     from sim_backends.simulated_machine import SimulatedMachine
 
-    require_writable(output)
     machine, _ = default_machine()
+    script = None if faults is None else checked_faults(faults, machine)
+    require_writable(output)
     with ExitStack() as stack:
         progress(0.0, "starting the simulated machine")
         simulated = stack.enter_context(
-            SimulatedMachine(machine, None, _effects(undeclared, machine), seed, speed, output / "machine")
+            SimulatedMachine(
+                machine, None, _effects(undeclared, machine), seed, speed, output / "machine", faults=script
+            )
         )
         motions = design_motions(simulated.machine_path, seconds, seed, lambda s, t: progress(_DESIGN * s, t))
         for name, motion in motions.items():

@@ -37,6 +37,9 @@ def serve(
     simulation_speed: Annotated[
         float, typer.Option(help="Machine seconds per second of the simulated machine, up to 4.")
     ] = 1.0,
+    faults: Annotated[
+        Path | None, typer.Option(help="Fault file (YAML): what breaks in the simulated machine, when, for how long.")
+    ] = None,
     json: Annotated[bool, typer.Option("--json", help="Print the address as JSON.")] = False,
 ) -> None:
     """Serve machines, recordings and identifications over HTTP until stopped."""
@@ -54,14 +57,24 @@ def serve(
         "tls": tls,
         "simulate": simulate,
         "simulation_speed": simulation_speed,
+        "faults": faults,
     }
     settings = load_settings(config, **{name: value for name, value in options.items() if _was_given(context, name)})
+    if settings.faults is not None:
+        from sim_backends import default_machine
+        from sim_backends.cli import checked_faults
+
+        if not settings.simulate:
+            from daq.errors import InputError
+
+            raise InputError("--faults: breaks a simulated machine; give --simulate as well")
+        checked_faults(settings.faults, default_machine()[0])
     with ExitStack() as stack:
         given: dict[Key, Any] = {}
         if settings.simulate:
             from server.machines.simulation import Simulation
 
-            simulation = stack.enter_context(closing(Simulation()))  # it loads while this process does
+            simulation = stack.enter_context(closing(Simulation(settings.faults)))  # it loads while this process does
             from server.machines.machine_resource import SIMULATE
 
             given[SIMULATE] = simulation.machine

@@ -19,9 +19,15 @@ LEAVING_S = 15.0
 
 
 class Simulation:
-    """The process of the simulated machine; it loads from the moment it is made, and waits for :meth:`machine`."""
+    """The process of the simulated machine; it loads from the moment it is made, and waits for :meth:`machine`.
 
-    def __init__(self) -> None:
+    Parameters
+    ----------
+    faults : a fault file, what breaks while it runs
+    """
+
+    def __init__(self, faults: Path | None = None) -> None:
+        self._faults = None if faults is None else str(faults.resolve())
         self._process = subprocess.Popen(
             [sys.executable, "-P", "-m", "server.machines.simulation_child", str(os.getpid())],
             stdin=subprocess.PIPE,
@@ -65,7 +71,8 @@ class Simulation:
         assert process.stdin is not None and process.stdout is not None
         with closing(self):
             with suppress(BrokenPipeError):
-                process.stdin.write(json.dumps({"directory": str(directory), "speed": speed}) + "\n")
+                order = {"directory": str(directory), "speed": speed, "faults": self._faults}
+                process.stdin.write(json.dumps(order) + "\n")
                 process.stdin.flush()
             line = process.stdout.readline()
             said = json.loads(line) if line else {"error": "its process ended; the log above says why"}

@@ -1,8 +1,8 @@
 """The process that the simulated buses are started from: ``python -m server.machines.simulation_child PARENT_PID``.
 
 Loading the plant's libraries takes as long as loading the service's; in a process of its own it is done meanwhile. It
-reads one order ``{"directory": ..., "speed": ...}`` from standard input, answers ``{"machine": ...}`` or ``{"error":
-...}``, and ends everything when standard input does.
+reads one order ``{"directory": ..., "speed": ..., "faults": ...}`` from standard input, answers ``{"machine": ...}`` or
+``{"error": ...}``, and ends everything when standard input does.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ def main(parent: int) -> int:
     die_with(parent)
     from daq.errors import HilfitError
     from sim_backends import SimulatedMachine, default_machine
+    from sim_backends.fault_file import load_faults
 
     machine, truth = default_machine()
     line = sys.stdin.readline()
@@ -26,8 +27,14 @@ def main(parent: int) -> int:
         return 0
     order = json.loads(line)
     try:
+        faults = None if order["faults"] is None else load_faults(order["faults"], machine)
         with SimulatedMachine(
-            machine, truth, undeclared="demo", speed=float(order["speed"]), workdir=Path(order["directory"])
+            machine,
+            truth,
+            undeclared="demo",
+            speed=float(order["speed"]),
+            workdir=Path(order["directory"]),
+            faults=faults,
         ) as simulated:
             print(json.dumps({"machine": str(simulated.machine_path)}), flush=True)
             sys.stdin.read()

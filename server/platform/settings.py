@@ -48,6 +48,7 @@ class Settings(BaseSettings):
     requests_per_second : of each paired device and API key in the long run, four times as many at once
     simulate : start the simulated machine and acquire from it
     simulation_speed : its machine seconds per second
+    faults : a fault file, what breaks in it while it runs
     maximum_upload_bytes : of one recording
     maximum_request_bytes : of any other request, machine files included
     stage_timeout_s : a stage of a job that takes longer is ended, and the job fails
@@ -75,6 +76,7 @@ class Settings(BaseSettings):
     requests_per_second: Annotated[float, Field(gt=0, le=10_000)] = 100.0
     simulate: bool = False
     simulation_speed: Annotated[float, Field(gt=0, le=4)] = 1.0
+    faults: Path | None = None
     maximum_upload_bytes: Annotated[int, Field(gt=0)] = 512 * 2**20
     maximum_request_bytes: Annotated[int, Field(gt=0)] = 2**20
     stage_timeout_s: Annotated[float, Field(gt=0)] = 3600.0

@@ -9,6 +9,7 @@ import threading
 import time
 import uuid
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -23,8 +24,10 @@ from daq import AcquisitionError, InputError, Machine, MachineFileError, Quality
 from daq.acquisition import AcquisitionProcess
 from daq.acquisition_child import request_fifo
 from daq.channels import channel_table
+from daq.clock import Tick
 from daq.cycles import Cycles, run_cycles
 from daq.drivers import DriverStatistics, Samples, nothing
+from daq.events import EventLog, RecordedEvents
 from daq.frame import frame_from_row
 from daq.recorder import Recorder
 from daq.recording_files import read_table
@@ -283,3 +286,61 @@ def test_a_parent_that_is_gone_ends_the_process(server: FakeModbus) -> None:
         while acquisition.statistics().state != "stopped" and time.monotonic() < deadline:
             time.sleep(0.01)
         assert acquisition.statistics().state == "stopped"
+
+
+class SetClock(FakeClock):
+    """A computer's clock that is set; the monotonic one goes on."""
+
+    offset_ns = 0
+
+    def utc_ns(self) -> int:
+        return super().utc_ns() + self.offset_ns
+
+
+@pytest.mark.parametrize("jump_s", [3600.0, -0.2])
+def test_a_clock_that_is_set_is_marked_and_machine_time_goes_on(jump_s: float) -> None:
+    clock = SetClock(50)
+    cycles = Cycles(MACHINE, channel_table(MACHINE), [Scripted("a", channel_table(MACHINE).names, [])], clock)
+    with ring_buffer(cycles.table.dtype, 64) as name, RingWriter(name) as writer, RingReader(name) as reader:
+        for cycle in range(20):
+            if cycle == 10:
+                clock.offset_ns = round(jump_s * 1e9)
+            clock.offset_ns += 10_000  # it is steered by 500 ppm all the time, which is no jump
+            cycles.once(writer)
+        rows = reader.read().rows
+    assert cycles.statistics("running", fifo=False, warnings=()).utc_jumps == 1
+    told = [event for event in cycles.events.published() if event["what"] == "utc_jump"]
+    assert len(told) == 1 and f"{jump_s:+.3f} s" in told[0]["text"]
+    np.testing.assert_allclose(np.diff(rows["time"]), 0.02)
+    assert np.all(np.diff(rows["monotonic_ns"]) == 20_000_000)
+
+
+def test_events_of_a_recording_survive_a_clock_that_is_set_back(tmp_path: Path) -> None:
+    now = [0, 10_000_000_000]  # monotonic, UTC
+    log = EventLog(lambda: now[1], lambda: now[0])
+    log.note("can/node 1", "emergency", "before")
+    recorded = RecordedEvents(tmp_path / "r.parquet")
+    now[1] += 5_000_000_000
+    first = now[1]
+    recorded.take(log.published(), first)
+    now[:] = [now[0] + 2_000_000_000, 1_000_000_000]
+    log.note("can/node 2", "boot_up", "after the clock was set")
+    recorded.take(log.published(), first)
+    assert [event["device"] for event in recorded.listed] == ["can/node 2"]
+
+
+def test_lateness_is_a_histogram_of_all_cycles() -> None:
+    class LateClock(FakeClock):
+        late_ms = iter((0.05, 0.1, 0.3, 7.0, 7.0, 250.0))
+
+        def wait(self) -> Tick:
+            return replace(super().wait(), late_ns=round(next(self.late_ms) * 1e6))
+
+    cycles = Cycles(MACHINE, channel_table(MACHINE), [Scripted("a", channel_table(MACHINE).names, [])], LateClock(50))
+    with ring_buffer(cycles.table.dtype, 16) as name, RingWriter(name) as writer:
+        for _ in range(6):
+            cycles.once(writer)
+    statistics = cycles.statistics("running", fifo=False, warnings=())
+    counted = {bound: number for bound, number in statistics.lateness.items() if number}
+    assert counted == {"0.1": 2, "0.5": 1, "10": 2, "inf": 1}
+    assert statistics.lateness_ms == pytest.approx(264.45)

@@ -348,18 +348,18 @@ def test_silence_is_told_from_a_lost_heartbeat_by_the_clock_alone() -> None:
     watch.back(node)
     node.heartbeat_ns = node.tpdos[0].arrived_ns = now[0]
     now[0] += 240_000_000  # 2.5 heartbeats are 250 ms
-    watch.look(node)
+    watch.look(node, now[0])
     assert counts["heartbeat_lost"] == counts["silent"] == 0
     node.tpdos[0].arrived_ns = now[0]
     now[0] += 20_000_000
-    watch.look(node)
+    watch.look(node, now[0])
     assert counts["heartbeat_lost"] == 1 and node.state == "running"
     now[0] += 300_000_000
-    watch.look(node)
+    watch.look(node, now[0])
     assert counts["silent"] == 1 and node.state == "silent"
     node.heartbeat_ns, node.heartbeat_state = now[0], 5
-    watch.look(node)
-    watch.look(node)  # and with it its heartbeat is back
+    watch.look(node, now[0])
+    watch.look(node, now[0])  # and with it its heartbeat is back
     assert node.state == "running" and "it was away for" in watch.line(node)
     lasted = next(event for event in log.published() if event["what"] == "silent")
     assert lasted["seconds"] == 0.0 and lasted["device"] == "can0/node 6"
@@ -431,3 +431,18 @@ def test_dead_nodes_do_not_keep_the_others_waiting() -> None:
         bench.until(fresh)
     finally:
         bench.close()
+
+
+def test_an_answer_that_comes_after_it_was_given_up_never_passes_for_fresh() -> None:
+    """In lockstep a TPDO is waited for, then taken for lost; one that was only slow answers an older SYNC."""
+    tpdo = Node(CanNode(node=6), "node 6", (Mapping(1, 0x186, (), 4, struct.Struct("<I"), ((0,),)),), Cycle()).tpdos[0]
+    tpdo.asked(1, 10)
+    tpdo.give_up()
+    tpdo.asked(2, 20)
+    tpdo.receive(bytearray(4), 21)  # which of the two it answers nobody knows
+    assert tpdo.latest is not None and tpdo.in_doubt
+    tpdo.forget()  # started anew
+    tpdo.asked(3, 30)
+    tpdo.receive(bytearray(4), 31)
+    tpdo.give_up()  # nothing is due
+    assert not tpdo.in_doubt

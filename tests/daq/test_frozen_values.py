@@ -155,3 +155,15 @@ def test_a_frozen_value_is_shown_and_is_no_measurement() -> None:
         assert np.isfinite(frame.values).all()
     assert flags[690] == Quality.FROZEN and flags[700] == Quality.FRESH
     assert work.counts[Quality.FROZEN].tolist()[0::2] == [0, 0]
+
+
+def test_a_sensor_that_hangs_again_is_found_as_soon_as_the_first_time() -> None:
+    values = pressures(2000, 1)
+    starts = (600, 1000, 1400)
+    for start in starts:
+        values[start : start + 200, 1] = values[start, 1]
+    marks = found(CAN, values)[:, 1]
+    assert all(marks[start : start + 200].any() for start in starts)
+    soon = [int(np.argmax(marks[start : start + 200])) for start in starts]
+    # What is normal may have grown by a repetition or two meanwhile, of which the limit is three times as many.
+    assert max(soon) <= soon[0] + 6

@@ -417,6 +417,29 @@ def test_parameters_are_flagged_above_thirty_percent_and_not_below(tmp_path: Pat
     assert page.count('class="n flag"') == 1
 
 
+def test_what_happened_while_it_was_recorded_is_told(tmp_path: Path) -> None:
+    report = sample_report("nothing_missing")
+    _, page = written(report, Figures(), tmp_path)
+    assert "What happened" not in page_text(page)
+    report["data"][0]["events"] = [
+        {"time": 12.34, "device": "can/node 31", "what": "boot_up", "text": "booted <b>", "seconds": 0.4, "count": 1},
+        {"time": None, "device": "can", "what": "bus_off", "text": "check", "seconds": None, "count": 7},
+    ]
+    text = page_text(written(report, Figures(), tmp_path)[1])
+    for phrase in (
+        "What happened while it was recorded",
+        "12.3",
+        "can/node 31",
+        "boot up",
+        "booted <b>",
+        "until its end",
+    ):
+        assert phrase in text, phrase
+    report["data"][0]["events"][0]["count"] = -1
+    with pytest.raises(ReportError, match="count"):
+        validate_report(report)
+
+
 def test_optional_parts_may_be_missing(tmp_path: Path) -> None:
     report = sample_report()
     for key in ("bandwidth_hz", "noise_floor_method", "self_check", "one_shot"):

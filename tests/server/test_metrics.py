@@ -59,3 +59,9 @@ def test_two_services_share_nothing(running: Running) -> None:
 
     running.client.get(f"{API}/recordings")
     assert b"hilfit_http_request_seconds_count" not in Metrics(running.service).text()
+
+
+def test_lateness_becomes_cumulative_buckets_in_seconds() -> None:
+    from server.machines.acquisition_metrics import _buckets
+
+    assert _buckets({"0.1": 2, "0.5": 1, "inf": 4}) == [("0.0001", 2), ("0.0005", 3), ("+Inf", 7)]

@@ -1,0 +1,74 @@
+"""What happened to devices and buses while a recording was made, as the recording tells it."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+MOST = 200  # events of a file that are taken; more is a storm, which its counts tell as well
+TEXT_LENGTH = 240
+
+
+@dataclass(frozen=True)
+class RecordedEvent:
+    """One thing that happened.
+
+    Attributes
+    ----------
+    time : s since the recording's first row by the computer's clock; negative for what had begun before; None where
+        the recording has no such clock
+    device : what it happened to, as ``bus/device``, or the bus itself
+    what : short name: ``silent``, ``boot_up``, ``emergency``, ``bus_off``, ``utc_jump``, ...
+    text : one line
+    seconds : how long it lasted; None for what lasted on when the recording ended; 0 for a moment
+    count : how often it was seen within it
+    """
+
+    time: float | None
+    device: str
+    what: str
+    text: str
+    seconds: float | None
+    count: int
+
+
+def recorded_events(
+    metadata: Mapping[str, str], utc_ns: npt.NDArray[np.int64] | None = None
+) -> tuple[RecordedEvent, ...]:
+    """The events in a recording's metadata (``hilfit.events``), oldest first; what cannot be read is left out.
+
+    Parameters
+    ----------
+    utc_ns : (N,) of the recording's rows
+    """
+    try:
+        listed = json.loads(metadata.get("hilfit.events", "[]"))
+    except ValueError:
+        return ()
+    first = None if utc_ns is None or not len(utc_ns) else int(utc_ns[0])
+    found = (_event(entry, first) for entry in (listed if isinstance(listed, list) else ())[:MOST])
+    return tuple(event for event in found if event is not None)
+
+
+def _event(entry: object, first_ns: int | None) -> RecordedEvent | None:
+    if not isinstance(entry, dict):
+        return None
+    try:
+        seconds = None if entry["seconds"] is None else float(entry["seconds"])
+        began = None if first_ns is None else (int(entry["utc_ns"]) - first_ns) / 1e9
+        if not all(math.isfinite(number) for number in (seconds, began) if number is not None):
+            return None
+        return RecordedEvent(
+            began, _line(entry["device"]), _line(entry["what"]), _line(entry["text"]), seconds, int(entry["count"])
+        )
+    except (KeyError, TypeError, ValueError, OverflowError):
+        return None
+
+
+def _line(text: object) -> str:
+    return " ".join(str(text).split())[:TEXT_LENGTH]
