@@ -20,9 +20,10 @@ from fitting.residual.confirmation import validate_gain, worse_joint
 from fitting.residual.findings import Accepted, Attribution, Candidate, Family
 from fitting.residual.kinematics import Corrections
 from fitting.residual.refinement import refined
-from fitting.residual.rules import ACCUSE, SET_SHARE, SET_WIDTH
 from fitting.residual.scoring import PARAMETER_PRICE, Score
 from fitting.residual.terms import Model, Term
+from fitting.selection import priors
+from fitting.selection.evidence import least_gain
 from fitting.session import Search, Session
 from fitting.sharper import sharpened
 
@@ -103,7 +104,8 @@ def _refused(
     """Number of the term to drop, and why; None where all stand."""
     worths = [worth(model, number) for number in range(len(accepted))]
     weakest = int(np.argmin(worths))
-    if worths[weakest] < ACCUSE:
+    price = PARAMETER_PRICE * _count(model, weakest)
+    if worths[weakest] < least_gain(_count(model, weakest)) - price:
         return weakest, f"found on pieces, but worth only {max(worths[weakest], 0.0):.1f} on all samples"
     if not validate or all(item.score.term.confined for item in accepted):
         return None
@@ -149,7 +151,7 @@ def _with_rivals(
         beside = pieces.refit([on_the_pieces(term, search) for term in others])
         best, best_chi, best_item = item.score.term, _priced(model), item
         gain = worth(model, number) + PARAMETER_PRICE * _count(model, number)
-        width = max(SET_WIDTH, SET_SHARE * gain) + _doubt(item.score, gain)
+        width = max(priors.CLOSE, priors.EPSILONS[1] ** 2 * gain) + _doubt(item.score, gain)
         values = {item.score.term.family: best_chi}
         terms = {item.score.term.family: item.score}
         for rival in item.rivals:

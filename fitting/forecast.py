@@ -29,8 +29,7 @@ from fitting.preparation import PositionNoise, Segment, position_noise, prepare
 from fitting.prior import mass_prior, with_prior
 from fitting.regression import NoiseModel, build_design, whitened
 from fitting.residual.planned_views import planned_views, usual_chambers
-from fitting.residual.rules import ACCUSE
-from fitting.residual.scoring import PARAMETER_PRICE
+from fitting.selection.evidence import least_gain
 from fitting.signals import FilterBank, filter_bank
 from fitting.spectrum import whitening
 
@@ -136,7 +135,7 @@ def forecast_to_json(found: Forecast, guess: Guess, power: float = 0.95) -> dict
     names = [t.name for t in found.tellings]
     effects = []
     for visibility, choices in zip(found.visibilities, found.choices, strict=True):
-        needed = ACCUSE + PARAMETER_PRICE * max(visibility.parameters, 1) + 2.0 * float(np.log(choices))
+        needed = least_gain(max(visibility.parameters, 1), choices)
         smallest = visibility.smallest(needed, power)
         joint = visibility.term.joint
         effects.append(

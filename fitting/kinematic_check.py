@@ -24,17 +24,27 @@ from fitting.residual.kinematics import (
     gap_rows,
     score_gaps,
 )
-from fitting.residual.rules import ACCUSE, MISFIT_SHARE, MOST_RIVALS, SET_SHARE, SET_WIDTH
 from fitting.residual.terms import Model, fit_model
+from fitting.selection import priors
+from fitting.selection.evidence import log_sum
+from fitting.selection.gaps import RatedGap, rated_gaps
+from fitting.selection.posterior import MOST_NAMED
 from fitting.session import Described, Prepared, Session
 
 Progress = Callable[[float, str], None]
 
 _MOST_PER_JOINT = 2
 _REBUILDS = 4
+#: Effects that are not built into the positions: each sensor then tells of its own side.
+IN_PLACE = ("backlash", "structural_flexibility")
 #: A sensor's steps are not noise: structure of a few hundredths of a step is significant and means nothing. What is
 #: rebuilt has to take a tenth off the filtered gap at least.
 LEAST_GAP_SHARE = 0.9
+#: Share of its chi-square that one explanation may leave more than two, and still be the whole one.
+LEFT_SHARE = 0.01
+#: Share of the best gain from which on an explanation is rebuilt, to be compared by what it really leaves.
+NEAR = 0.5
+SAID_ODDS = float(np.log(priors.SAID / (1 - priors.SAID)))
 
 
 @dataclass(frozen=True)
@@ -45,9 +55,10 @@ class KinematicFinding:
     ----------
     steps : what was rebuilt, step by step: the effect with its values
     values, stds : totals of its parameters
-    gain, score : chi-square of the gap, and the same less its price
+    gain, score : chi-square of the gap that it takes, and its log posterior odds against nothing
     gap_before, gap_after : root mean square of the filtered gap on `validate` (`train` without one), m
     rivals : effects that explain the gap as well
+    probability : that it is this; ``rival_probabilities`` of each rival
     """
 
     steps: tuple[GapScore, ...]
@@ -58,6 +69,8 @@ class KinematicFinding:
     gap_before: float
     gap_after: float
     rivals: tuple[str, ...]
+    probability: float = 1.0
+    rival_probabilities: tuple[float, ...] = ()
 
     @property
     def effect(self) -> Effect:
@@ -79,13 +92,21 @@ class _State:
     model: Model
 
     def scores(self, among: Sequence[Effect], joint: int) -> list[GapScore]:
-        """Scores on a joint's gap, best first."""
+        """Scores on a joint's gap, the most gain first."""
         prepared = self.prepared
         return score_gaps(prepared.design, self.model.views, prepared.fitted, prepared.pairs, among, joint)[0]
 
-    def gap(self, joint: int) -> float:
-        """Root mean square of a joint's filtered gap on `validate`, or on what is fitted, m."""
-        return gap_error(self.prepared.design, self.prepared.validate or self.prepared.fitted, joint)
+    def rated(self, joint: int, found: float) -> list[RatedGap]:
+        """Explanations of a joint's gap beside findings that took ``found`` of its chi-square, best first."""
+        prepared = self.prepared
+        scores, rows = score_gaps(prepared.design, self.model.views, prepared.fitted, prepared.pairs, effects(), joint)
+        return rated_gaps(scores, rows, found)
+
+    def gap(self, joint: int, without: GapScore | None = None) -> float:
+        """Root mean square of a joint's filtered gap on `validate`, or on what is fitted, m, ``without`` a score."""
+        return gap_error(
+            self.prepared.design, self.prepared.validate or self.prepared.fitted, joint, self.model.views, without
+        )
 
 
 def kinematic_findings(
@@ -108,26 +129,22 @@ def _of_joint(session: Session, start: _State, joint: int) -> tuple[list[Kinemat
     if not any(start.prepared.design.segments[i].loaded for i in start.prepared.fitted):
         return found, start
     while len(found) < _MOST_PER_JOINT:
-        scores = states[-1].scores(effects(), joint)
-        usable = [s for s in scores if s.plausible and s.effect.id not in {f.effect.id for f in found}]
-        if (
-            not usable
-            or usable[0].score <= ACCUSE
-            or usable[0].gain < max((MISFIT_SHARE * f.gain for f in found), default=0)
-        ):
+        there = {f.effect.id for f in found}
+        rated = states[-1].rated(joint, sum(f.gain for f in found))
+        usable = [r for r in rated if r.score.effect.id not in there]
+        if not usable or log_sum([r.log_odds for r in usable]) < SAID_ODDS:
             break
-        following = _rebuilt(session, states[-1], usable[0], usable)
+        following = _rebuilt(session, states[-1], usable)
         if following is None:
             break
         found.append(following[0])
         states.append(following[1])
-        if found[-1].effect.id == "backlash":
-            break  # the play is still in this gap, and would be taken for whatever resembles it
+        if found[-1].effect.id in IN_PLACE:
+            break  # it is still in this gap, and would be taken for whatever resembles it
     if len(found) > 1:
         alone = _alone(session, start, found[-1], joint)
-        # The first would not be added to the second.
-        if alone is not None and _left(alone[1], states[-1], joint) < max(ACCUSE, MISFIT_SHARE * alone[0].gain):
-            return [alone[0]], alone[1]
+        if alone is not None and _left(alone[1], states[-1], joint, by=states[-1]) < LEFT_SHARE * alone[0].gain:
+            return [alone[0]], alone[1]  # the first would not be added to the second
     return found, states[-1]
 
 
@@ -135,44 +152,69 @@ def _alone(
     session: Session, start: _State, second: KinematicFinding, joint: int
 ) -> tuple[KinematicFinding, _State] | None:
     """The second finding in the place of the first, where it can stand there."""
-    if second.effect.id == "backlash":
+    if second.effect.id in IN_PLACE:
         return None
-    usable = [s for s in start.scores(effects(), joint) if s.plausible]
-    own = next((s for s in usable if s.effect.id == second.effect.id), None)
-    return None if own is None else _rebuilt(session, start, own, usable)
+    rated = start.rated(joint, 0.0)
+    own = [r for r in rated if r.score.effect.id == second.effect.id]
+    return _rebuilt(session, start, [*own, *(r for r in rated if r not in own)]) if own else None
 
 
-def _left(state: _State, both: _State, joint: int) -> float:
-    """Chi-square of the gap that a state leaves more than ``both`` does."""
-    rows = gap_rows(both.prepared.design, both.prepared.fitted, both.prepared.pairs, joint)
-    design = state.prepared.design
-    values = [rows.whitening(design.bank.reduce(design.segments[i].gap[:, joint])) for i in rows.indices]
-    return float(sum(v @ v for v in values)) - rows.chi_square
+def _left(state: _State, other: _State, joint: int, by: _State) -> float:
+    """Chi-square of the gap that one state leaves more than another, by the noise of a third."""
+    rows = gap_rows(by.prepared.design, by.prepared.fitted, by.prepared.pairs, joint)
+
+    def left(one: _State) -> float:
+        design = one.prepared.design
+        values = [rows.whitening(design.bank.reduce(design.segments[i].gap[:, joint])) for i in rows.indices]
+        return float(sum(v @ v for v in values))
+
+    return left(state) - left(other)
 
 
-def _rebuilt(
-    session: Session, state: _State, best: GapScore, usable: Sequence[GapScore]
-) -> tuple[KinematicFinding, _State] | None:
-    """A score built into the positions, with those that explain the gap as well; None if too little of it goes."""
-    before = state.gap(best.joint)
-    if best.effect.id == "backlash":  # it stays in the gap: judged by what its column takes away
+def _rebuilt(session: Session, state: _State, usable: Sequence[RatedGap]) -> tuple[KinematicFinding, _State] | None:
+    """The first of some explanations built into the positions, the others beside it; None if too little of it goes."""
+    before = state.gap(usable[0].score.joint)
+    near = [r for r in usable if r.score.gain > NEAR * usable[0].score.gain][:MOST_NAMED]
+    built = {}
+    for number, one in enumerate(near if len(near) > 1 else []):
+        if one.score.effect.id not in IN_PLACE:  # what is rebuilt is compared by what is really left
+            built[one.score.effect.id] = _steps(session, state.corrections, one.score)
+            there = built[one.score.effect.id][1]
+            more = _left(state, there, one.score.joint, by=state) - one.score.gain
+            near[number] = replace(one, log_odds=one.log_odds + 0.5 * more)
+    usable = sorted([*near, *(r for r in usable if r.score not in [n.score for n in near])], key=lambda r: -r.log_odds)
+    best = usable[0].score
+    if best.effect.id in IN_PLACE:  # it stays in the gap: judged by what its column takes away
         steps, changed = _placed(session, state.corrections, best)
+        after = state.gap(best.joint, best)
         values = np.asarray(best.values)
-        after = float(np.sqrt(max(before**2 - float(values[0]) ** 2 / 4, 0.0)))
     else:
-        steps, changed = _steps(session, state.corrections, best)
+        steps, changed = built.get(best.effect.id) or _steps(session, state.corrections, best)
         values = np.sum([step.values for step in steps], axis=0)
         after = changed.gap(best.joint)
     if after > LEAST_GAP_SHARE * before:
         return None
-    width = max(SET_WIDTH, SET_SHARE * best.gain)
-    rivals = dict.fromkeys(
-        s.effect.id
-        for s in usable
-        if abs(best.score - s.score) < width and best.effect.id not in (s.effect.id, *s.effect.includes)
-    )
+    total = log_sum([0.0, *(r.log_odds for r in usable)])
+    shares = [float(np.exp(r.log_odds - total)) for r in usable]
+    reached, rivals = shares[0], list[tuple[str, float]]()
+    for other, share in sorted(zip(usable[1:], shares[1:], strict=True), key=lambda pair: -pair[1]):
+        if reached >= priors.SAID or len(rivals) >= MOST_NAMED - 1:
+            break
+        if best.effect.id in other.score.effect.includes:
+            continue  # only more general
+        rivals.append((other.score.effect.id, share))
+        reached += share
     finding = KinematicFinding(
-        steps, tuple(values.tolist()), best.stds, best.gain, best.score, before, after, tuple(rivals)[:MOST_RIVALS]
+        steps,
+        tuple(values.tolist()),
+        best.stds,
+        best.gain,
+        usable[0].log_odds,
+        before,
+        after,
+        tuple(name for name, _ in rivals),
+        shares[0],
+        tuple(share for _, share in rivals),
     )
     return finding, changed
 
@@ -192,13 +234,14 @@ def _steps(session: Session, corrections: Corrections, best: GapScore) -> tuple[
 
 
 def _placed(session: Session, corrections: Corrections, best: GapScore) -> tuple[tuple[GapScore, ...], _State]:
-    """Play with its place, in the pin or in the piston's sensor: where less is left of the efforts.
+    """What stays in the gap; play with its place, pin or piston's sensor: where less is left of the efforts.
 
     Friction jumps with the piston's own speed, so efforts tell whether the piston made the jump that its sensor did.
     """
     tried, noise = list[tuple[float, GapScore, _State]](), None
-    for sensor in (0.0, 1.0):
-        step = replace(best, shape={**best.shape, "sensor": sensor})
+    places = [{"sensor": 0.0}, {"sensor": 1.0}] if best.effect.id == "backlash" else [{}]
+    for place in places:
+        step = replace(best, shape={**best.shape, **place})
         trial = corrected(corrections, step)
         prepared = session.prepared(trial)
         noise = noise or prepared.noise
@@ -214,7 +257,7 @@ def corrections_from_json(session: Described, steps: Sequence[Mapping[str, Any]]
     corrections = Corrections(session.machine)
     for step in steps:
         score = GapScore(
-            effect(step["effect"]), step["joint"], dict(step["shape"]), 0.0, 0.0, tuple(step["values"]), (), True
+            effect(step["effect"]), step["joint"], dict(step["shape"]), 0.0, 0, tuple(step["values"]), (), True
         )
         corrections = corrected(corrections, score)
     return corrections

@@ -16,7 +16,6 @@ from fitting.noise import difference_noise
 from fitting.preparation import position_channel_noise
 from fitting.prior import Prior
 from fitting.regression import Design, full_residual
-from fitting.residual.attribution import attribute
 from fitting.residual.change_points import ChangePoint, change_points, joint_rows, step_at
 from fitting.residual.confirmation import Misfit, misfit, validate_gain
 from fitting.residual.cross_validation import held_out_gain
@@ -30,6 +29,7 @@ from fitting.residual.scoring import Candidates, Score, score_terms
 from fitting.residual.surfaces import Surface
 from fitting.residual.terms import Model, Term, fit_model
 from fitting.residual.uncertainty import with_doubts
+from fitting.selection.search import attribute
 from fitting.session import Described, Options, Prepared, Session
 from fitting.weighting import Weighed, weighed
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import platform
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from importlib.metadata import version
@@ -291,6 +291,7 @@ def _loop(session: Session, results: Results, model: Model, terms: list[Term]) -
                         "unit": term.content.unit,
                         "amplitude": _amplitude(model, number),
                         "added": True,
+                        "probability": accepted.get("probability"),
                         "evidence": evidence,
                     },
                 )
@@ -309,9 +310,11 @@ def _loop(session: Session, results: Results, model: Model, terms: list[Term]) -
                         "id": r["id"],
                         "title": effect(r["id"]).title,
                         "joint": None if r["joint"] is None else names[r["joint"]],
+                        "probability": r.get("probability"),
                     }
                     for r in accepted["rivals"]
                 ],
+                "probability": accepted.get("probability"),
                 "evidence": evidence,
             }
         )
@@ -352,10 +355,32 @@ def _loop(session: Session, results: Results, model: Model, terms: list[Term]) -
             }
             for limit in found["limits"]
         ],
+        "hypotheses": _hypotheses(found, names),
         "changes": found["changes"],
         "looked": found.get("looked", True),
         "next_experiment": experiment or _next_experiment(effects),
     }
+
+
+def _hypotheses(found: Mapping[str, Any], names: Sequence[str]) -> list[dict[str, Any]]:
+    """Explanations of the efforts, the most probable first; one without effects and laws is "nothing"."""
+    result = []
+    for hypothesis in found["hypotheses"]:
+        terms = [term_from_json(term) for term in hypothesis["terms"]]
+        places = [None if term.joint is None else names[term.joint] for term in terms]
+        both = list(zip(terms, places, strict=True))
+        result.append(
+            {
+                "effects": [{"id": t.id, "joint": place} for t, place in both if not isinstance(t.content, Law)],
+                "laws": [
+                    {"joint": place, "variable": t.content.variable(tuple(names))}
+                    for t, place in both
+                    if isinstance(t.content, Law)
+                ],
+                "probability": hypothesis["probability"],
+            }
+        )
+    return result
 
 
 def _kinematic_effect(machine: Machine, finding: Mapping[str, Any]) -> dict[str, Any]:
@@ -374,8 +399,10 @@ def _kinematic_effect(machine: Machine, finding: Mapping[str, Any]) -> dict[str,
         "equation": content.equation,
         "parameters": parameters,
         "indistinguishable_from": [
-            {"id": rival, "title": effect(rival).title, "joint": joint} for rival in finding["rivals"]
+            {"id": rival, "title": effect(rival).title, "joint": joint, "probability": share}
+            for rival, share in zip(finding["rivals"], finding["rival_probabilities"], strict=True)
         ],
+        "probability": finding["probability"],
         "evidence": {key: finding[key] for key in ("score", "gain", "gap_before", "gap_after")},
     }
 

@@ -12,6 +12,7 @@ import json
 import os
 import tempfile
 from collections.abc import Callable, Mapping
+from itertools import zip_longest
 from pathlib import Path
 from typing import Any
 
@@ -50,10 +51,10 @@ from fitting.residual.findings import Accepted, Attribution, Family, Unconfirmed
 from fitting.residual.kinematics import Corrections
 from fitting.residual.laws import Law
 from fitting.residual.next_experiment import design_next
-from fitting.residual.rules import ACCUSE
 from fitting.residual.surfaces import second_variable
 from fitting.residual.terms import Model
 from fitting.results import build_report, final_fit
+from fitting.selection.evidence import least_gain
 from fitting.session import Request, Session
 from fitting.stage_names import NEXT_MOTION, STAGES, WORDS
 from fitting.stage_two import choice, chosen_refit, comparison, rigid_body_stage, std
@@ -141,6 +142,8 @@ def residual(session: Session, results: Results, progress: Progress) -> dict[str
                 "gap_before": f.gap_before,
                 "gap_after": f.gap_after,
                 "rivals": list(f.rivals),
+                "probability": f.probability,
+                "rival_probabilities": list(f.rival_probabilities),
             }
             for f in findings
         ],
@@ -156,7 +159,7 @@ def attribution(session: Session, results: Results, progress: Progress) -> dict[
     """What the residual is traced to."""
     if not session.options.loop:
         nothing: dict[str, Any] = {key: [] for key in ("accepted", "candidates", "limits", "warnings")}
-        nothing |= {key: [] for key in ("unconfirmed", "lines", "changes")}
+        nothing |= {key: [] for key in ("unconfirmed", "lines", "changes", "hypotheses")}
         return nothing | {"verdict": "not_examined", "looked": False, "next_experiment": None}
     corrections, search = _corrections(session, results), session.search
     found = run_attribution(search.session, corrections, progress)
@@ -193,6 +196,9 @@ def attribution(session: Session, results: Results, progress: Progress) -> dict[
             for line in found.lines
         ],
         "changes": [_change(c, names) for c in found.changes],
+        "hypotheses": [
+            {"terms": [term_to_json(term) for term in h.terms], "probability": h.probability} for h in found.hypotheses
+        ],
         "other_bands": [
             {"bandwidth_hz": hz, "found": [_called(f, names) for f in families]} for hz, families in others
         ],
@@ -277,7 +283,11 @@ def _accepted(item: Accepted) -> dict[str, Any]:
         "null": None
         if item.score.null is None
         else {"draws": item.score.null.draws, "inflation": item.score.null.inflation},
-        "rivals": [{"id": r.term.id, "joint": r.term.joint, "score": r.score} for r in item.rivals],
+        "rivals": [
+            {"id": r.term.id, "joint": r.term.joint, "score": r.score, "probability": p}
+            for r, p in zip_longest(item.rivals, item.rival_probabilities[: len(item.rivals)])
+        ],
+        "probability": item.probability,
     }
 
 
@@ -288,7 +298,7 @@ def _limits(found: Attribution) -> list[dict[str, Any]]:
         if score.term.family in accused or isinstance(score.term.content, Law):
             continue
         # The chi-square that accuses, for the first parameter that this motion tells at all, with the others free.
-        needed = score.gain - score.score + ACCUSE
+        needed = least_gain(score.live, score.grid)
         told = [number for number, std in enumerate(score.stds) if std > 0]
         if not told:
             continue

@@ -19,7 +19,7 @@ from sim_backends.cases import STEMS
 from sim_backends.truth import SensorQuality, load_truth, truth_to_yaml
 
 #: Raised whenever the same key would give another case.
-RECIPE = 2
+RECIPE = 3
 
 
 def stored_case(folder: Path, key: CaseKey, selection: Selection | None = None) -> BenchCase:

@@ -27,12 +27,14 @@ class Said:
     ----------
     sets : per finding the effects that it may be, as (effect id, joint; None: the whole machine), the best first
     laws : (variable, joint) of each law of an unknown effect
+    stated : per finding of the efforts what stands first (effect id, or variable of a law; joint), and its probability
     values : parameter name to (value, standard deviation); ``joint1.f_c`` and base-parameter names
     """
 
     sets: tuple[tuple[Place, ...], ...]
     laws: tuple[tuple[str, str | None], ...]
     values: Mapping[str, tuple[float, float]]
+    stated: tuple[tuple[str, str | None, float], ...] = ()
 
 
 def recordings_of(machine: Machine, tables: Mapping[str, Mapping[str, FloatArray]]) -> list[Recording]:
@@ -84,4 +86,9 @@ def judge(machine: Machine, recordings: Sequence[Recording], bootstrap: int) -> 
         for name, value, std, told in zip(parameters.names, fit.theta, fit.std, fit.told, strict=False)
         if told
     }
-    return Said(tuple(sets), tuple(laws), values)
+    stated = tuple(
+        (t.content.variable(names) if isinstance(t.content, Law) else t.id, place(t.joint), item.probability)
+        for item in found.accepted
+        if (t := item.score.term).id != "supply_ripple"
+    )
+    return Said(tuple(sets), tuple(laws), values, stated)

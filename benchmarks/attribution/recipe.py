@@ -174,4 +174,8 @@ _OF_THE_LAW: dict[str, Callable[[CylinderTruth], float]] = {
     "neighbour_product_friction": _friction(3.0),
     "saturating_coupling": _friction(5.0),
     "dwell_stiction": _friction(3.0),
+    "neighbour_inertia": lambda law: 10.0 * law.m,
+    "dented_rod": _friction(5.0),
+    "return_line": _friction(5.0),
+    "hanging_hose": _friction(15.0),
 }

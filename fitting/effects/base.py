@@ -256,6 +256,14 @@ class Effect(ABC):
         """
         return {}
 
+    def signal(self, shape: Shape) -> str:
+        """Signal that its formula is one of, in this shape, as :attr:`variable` names it."""
+        return self.variable
+
+    def overtone(self, shape: Shape) -> Shape | None:
+        """Shape of what is mixed into a periodic formula in nature; None where it is not periodic."""
+        return None
+
     def confined(self, shape: Shape) -> bool:
         """Whether the effect, in this shape, acts in single recordings only: no other can confirm or refuse it."""
         return False
@@ -263,6 +271,11 @@ class Effect(ABC):
     def gap_columns(self, view: DriveView, shape: Shape) -> FloatArray | None:
         """Columns (N, k) of what one unit adds to (piston position less x(joint position)), m; None if nothing."""
         return None
+
+    def gap_change(self, view: DriveView, shape: Shape, values: Sequence[float]) -> FloatArray | None:
+        """What these values add to that gap, m (N,), however large they are; None if nothing."""
+        columns = self.gap_columns(view, shape)
+        return None if columns is None else np.asarray(columns @ np.asarray(values))
 
     def plausible(self, values: Sequence[float], stds: Sequence[float]) -> bool:
         """Whether each value lies, within two standard deviations, in its parameter's interval."""
@@ -276,6 +289,14 @@ def has_both_positions(machine: Machine, joint: int) -> bool:
     name = machine.joints[joint].name
     both = all(machine.channel(quantity, name) is not None for quantity in ("joint_position", "piston_position"))
     return both and machine.joints[joint].cylinder is not None
+
+
+def position_change(view: DriveView, error: FloatArray) -> FloatArray:
+    """Change (N,) of (piston position less x(joint position)) where the joint's reading is too large by ``error``."""
+    cylinder = view.machine.joints[view.joint].cylinder
+    assert cylinder is not None
+    linkage = cylinder.linkage
+    return np.asarray(linkage.piston_position(view.q - error) - linkage.piston_position(view.q))
 
 
 def has_pressures(machine: Machine, joint: int) -> bool:

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from daq.machine_file import Machine
-from fitting.effects.base import DriveView, Effect, FloatArray, Parameter, Shape, has_both_positions
+from fitting.effects.base import DriveView, Effect, FloatArray, Parameter, Shape, has_both_positions, position_change
 
 
 class EncoderEccentricity(Effect):
@@ -46,6 +46,10 @@ class EncoderEccentricity(Effect):
     def gap_columns(self, view: DriveView, shape: Shape) -> FloatArray | None:
         """``-r sin n q``, ``-r cos n q`` and ``-r``."""
         return -view.r[:, None] * self._waves(view, shape)
+
+    def gap_change(self, view: DriveView, shape: Shape, values: Sequence[float]) -> FloatArray | None:
+        """The same for an error of any size."""
+        return position_change(view, self._waves(view, shape) @ np.asarray(values))
 
     def _waves(self, view: DriveView, shape: Shape) -> FloatArray:
         angle = shape["n"] * view.q

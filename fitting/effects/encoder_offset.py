@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from daq.machine_file import Machine
-from fitting.effects.base import DriveView, Effect, FloatArray, Parameter, Shape, has_both_positions
+from fitting.effects.base import DriveView, Effect, FloatArray, Parameter, Shape, has_both_positions, position_change
 
 
 class EncoderOffset(Effect):
@@ -37,3 +39,7 @@ class EncoderOffset(Effect):
     def gap_columns(self, view: DriveView, shape: Shape) -> FloatArray | None:
         """``-r``: x(q) is taken at a position that is too large by the offset."""
         return -view.r[:, None]
+
+    def gap_change(self, view: DriveView, shape: Shape, values: Sequence[float]) -> FloatArray | None:
+        """The same for an offset of any size."""
+        return position_change(view, np.full(len(view), values[0]))

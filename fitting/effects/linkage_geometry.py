@@ -6,9 +6,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from daq.linkages import Linkage, Polynomial, reduced
 from daq.machine_file import Machine
-from fitting.effects.base import DriveView, Effect, FloatArray, Parameter, Shape
-from fitting.linkage import lever_arm_derivatives, parameter_derivatives, parameter_names
+from fitting.effects.base import DriveView, Effect, FloatArray, Parameter, Shape, has_both_positions
+from fitting.linkage import lever_arm_derivatives, parameter_derivatives, parameter_names, with_parameter
 
 
 class LinkageGeometry(Effect):
@@ -21,7 +22,11 @@ class LinkageGeometry(Effect):
     series = True
     equation = "-F_l d ln r / d p"
     parity = "multiplies the load by a function of q"
-    parameters = (Parameter("shift", "m or rad", low=-0.1, high=0.1),)
+    parameters = (
+        Parameter("shift", "m or rad", low=-0.1, high=0.1),
+        Parameter("turn", "rad", low=-0.1, high=0.1),
+        Parameter("zero", "m", low=-0.1, high=0.1),
+    )
     confounders = ("encoder_offset", "load_dependent_friction")
     experiment = "compare piston position and joint angle over the whole stroke"
     source = "derivative of F_l = tau / r with respect to a pin coordinate"
@@ -32,21 +37,81 @@ class LinkageGeometry(Effect):
         return cylinder is not None and len(parameter_names(cylinder.linkage)) > 0
 
     def shapes(self, view: DriveView) -> Sequence[Shape]:
-        """Grid of shapes; see :class:`Effect`."""
+        """One parameter of the linkage, alone or with what a displaced pin changes beside it.
+
+        A pin moves in a plane: its distance from the axis changes (``parameter``, its number), and its bearing
+        (``turn``: 1). The piston's sensor may have been zeroed before or after (``zero``: 1; only where both positions
+        are measured). ``parameter`` is -1 where the distance is right.
+        """
         cylinder = view.machine.joints[view.joint].cylinder
         assert cylinder is not None
-        return [{"parameter": float(k)} for k in range(lever_arm_derivatives(cylinder.linkage, view.q[:1]).shape[-1])]
+        names = parameter_names(cylinder.linkage)
+        beside = [("turn", "offset"), ("zero", "retracted")]
+        seen = has_both_positions(view.machine, view.joint)
+        free = [key for key, name in beside if name in names and (seen or key == "turn")]
+        alone = [float(k) for k, name in enumerate(names) if name not in dict(beside).values()]
+        grid = [{"parameter": k, "turn": t, "zero": z} for k in (-1.0, *alone) for t in (0.0, 1.0) for z in (0.0, 1.0)]
+        return [
+            shape
+            for shape in grid
+            if (shape["parameter"] >= 0) + shape["turn"] + shape["zero"] > 0
+            and (shape["parameter"] >= 0 or shape["turn"] + shape["zero"] < 2)
+            and all(key in free for key in ("turn", "zero") if shape[key])
+        ]
 
     def columns(self, view: DriveView, shape: Shape) -> FloatArray:
-        """Columns (N, k); see :class:`Effect`."""
-        cylinder = view.machine.joints[view.joint].cylinder
-        assert cylinder is not None
-        slope = lever_arm_derivatives(cylinder.linkage, view.q)[:, int(shape["parameter"])] / view.r
-        column = -view.load * slope
-        return (column if view.segment.loaded else np.zeros_like(column))[:, None]
+        """Columns (N, 3); see :class:`Effect`."""
+        linkage = _linkage(view)
+        if not view.segment.loaded:
+            return np.zeros((len(view), 3))
+        return -view.load[:, None] * _chosen(linkage, lever_arm_derivatives(linkage, view.q), shape) / view.r[:, None]
 
     def gap_columns(self, view: DriveView, shape: Shape) -> FloatArray | None:
         """``dx/dp``: the piston is where the true linkage puts it, the model's x(q) where the file's does."""
-        cylinder = view.machine.joints[view.joint].cylinder
-        assert cylinder is not None
-        return parameter_derivatives(cylinder.linkage, view.q)[:, [int(shape["parameter"])]]
+        linkage = _linkage(view)
+        return _chosen(linkage, parameter_derivatives(linkage, view.q), shape)
+
+    def gap_change(self, view: DriveView, shape: Shape, values: Sequence[float]) -> FloatArray | None:
+        """The same for a displacement of any size."""
+        linkage = _linkage(view)
+        return changed(linkage, shape, values).piston_position(view.q) - linkage.piston_position(view.q)
+
+
+def changed(linkage: Linkage, shape: Shape, values: Sequence[float]) -> Linkage:
+    """The linkage with its parameters changed by ``values``, as :class:`LinkageGeometry` names them."""
+    for number, value in zip(_numbers(linkage, shape), values, strict=True):
+        if number is None or not value:
+            continue
+        if isinstance(linkage, Polynomial):
+            coefficients = list(linkage.coefficients)
+            coefficients[number] += value
+            linkage = linkage.model_copy(update={"coefficients": tuple(coefficients)})
+        else:
+            name = parameter_names(linkage)[number]
+            linkage = with_parameter(linkage, name, getattr(linkage, name) + value)
+    return linkage
+
+
+def _linkage(view: DriveView) -> Linkage:
+    cylinder = view.machine.joints[view.joint].cylinder
+    assert cylinder is not None
+    return reduced(cylinder.linkage)
+
+
+def _numbers(linkage: Linkage, shape: Shape) -> tuple[int | None, int | None, int | None]:
+    """Numbers of the linkage's parameters that the three values change; None for those that stay."""
+    names = parameter_names(linkage)
+    number = int(shape["parameter"])
+    turn, zero = (
+        names.index(name) if shape.get(key) else None for key, name in (("turn", "offset"), ("zero", "retracted"))
+    )
+    return number if number >= 0 else None, turn, zero
+
+
+def _chosen(linkage: Linkage, derivatives: FloatArray, shape: Shape) -> FloatArray:
+    """Derivatives (N, 3) with respect to the three values; zero for those that stay."""
+    columns = np.zeros((len(derivatives), 3))
+    for place, number in enumerate(_numbers(linkage, shape)):
+        if number is not None:
+            columns[:, place] = derivatives[:, number]
+    return columns

@@ -37,6 +37,10 @@ class PositionHarmonic(Effect):
         """Values that the formula counts from; see :class:`Effect`."""
         return {"x_m": (view.range.middle, "m")}
 
+    def overtone(self, shape: Shape) -> Shape | None:
+        """Half of the pitch: no wave is a pure sine."""
+        return {**shape, "pitch": 0.5 * shape["pitch"]}
+
     def columns(self, view: DriveView, shape: Shape) -> FloatArray:
         """Columns (N, k); see :class:`Effect`."""
         key = f"harmonic {shape['pitch']}"  # shared by the even and the odd one

@@ -30,6 +30,10 @@ class PressureGain(Effect):
         """Grid of shapes; see :class:`Effect`."""
         return ({"chamber": 1.0}, {"chamber": 2.0})
 
+    def signal(self, shape: Shape) -> str:
+        """The chamber's pressure."""
+        return "head_pressure" if shape["chamber"] == 1.0 else "rod_pressure"
+
     def columns(self, view: DriveView, shape: Shape) -> FloatArray:
         """Columns (N, k); see :class:`Effect`."""
         cylinder = view.machine.joints[view.joint].cylinder

@@ -29,3 +29,7 @@ class StructuralFlexibility(Effect):
         if not view.segment.loaded:
             return np.zeros((len(view), len(view.machine.joints), 1))
         return view.body_change(-view.quiet_torque)[:, :, None]
+
+    def gap_columns(self, view: DriveView, shape: Shape) -> FloatArray | None:
+        """``r tau``: the encoder sits on the link, which stays behind the piston by ``c tau``."""
+        return (view.r * view.r * view.load)[:, None]

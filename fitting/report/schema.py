@@ -169,13 +169,27 @@ class Named(_Part):
     joint: str | None = None
 
 
-class AddedEffect(Named):
+class Likely(Named):
+    """An effect by id, and how probable it is."""
+
+    probability: float | None = None
+
+
+class Hypothesis(_Part):
+    """One explanation of everything: effects and laws beside the base model; none of either is "nothing"."""
+
+    effects: list[Named] = []
+    laws: list[dict[str, Any]] = []
+    probability: float
+
+
+class AddedEffect(Likely):
     """An effect that was added to the model."""
 
     title: str | None = None
     equation: str | None = None
     parameters: dict[str, Value] = {}
-    indistinguishable_from: list[Named | str] = []
+    indistinguishable_from: list[Likely | str] = []
     evidence: dict[str, Any] = {}
 
 
@@ -194,6 +208,7 @@ class Unexplained(_Part):
     variable: str
     law: Law
     added: bool = True
+    probability: float | None = None
     evidence: dict[str, Any] = {}
 
 
@@ -219,6 +234,7 @@ class Loop(_Part):
     reasons: list[str] = []
     effects: list[AddedEffect] = []
     unexplained: list[Unexplained] = []
+    hypotheses: list[Hypothesis] = []
     candidates: list[Candidate] = []
     detection_limits: list[DetectionLimit] = []
     looked: bool = True

@@ -187,7 +187,7 @@ def _variable(model: Model, number: int, joint: int) -> tuple[str, str]:
         if other is not None or name == "joint_position":
             unit = NEIGHBOUR[name][0]
         else:
-            unit = "N/s" if name == "force_rate" else OWN[name][0]
+            unit = OWN[name][0]
     words = joint_words(joints[joint if other is None else other])
     own = words.signal(name)
     return (own if other is None else f"{joints[other].name}.{own}"), words.unit(unit)
@@ -202,7 +202,7 @@ def _signal(model: Model, number: int, index: int, joint: int) -> FloatArray:
         return NEIGHBOUR[name[6:]][1](view, int(term.shape["other"]))
     if name == "joint_position":
         return view.q
-    return view.bank.rate(view.force) if name == "force_rate" else OWN[name][1](view)
+    return OWN[name][1](view)
 
 
 def _binned(x: FloatArray, y: FloatArray, centres: FloatArray | None = None) -> tuple[FloatArray, FloatArray]:

@@ -7,10 +7,12 @@ from collections.abc import Sequence
 import numpy as np
 
 from fitting.residual.null import Null
-from fitting.residual.rules import ACCUSE, LEAST_DRAWS
 from fitting.residual.scoring import Score
 from fitting.residual.terms import Model
 from fitting.residual.trials import Signals
+
+#: Replicas that are drawn before the decision is looked at again, and scores between which more could change it.
+LEAST_DRAWS, OPEN = 3, (7.0, 42.0)
 
 
 class Draws:
@@ -26,6 +28,11 @@ class Draws:
         self._signals, self._most = signals, most
         self._nulls: dict[tuple[object, ...], Null] = {}
 
+    @property
+    def wanted(self) -> bool:
+        """Whether any replicas may be drawn."""
+        return self._most > 0
+
     def unbiased(self, model: Model, scores: Sequence[Score]) -> list[Score]:
         """The scores with the bias of noisy regressors taken off."""
         fresh = [s for s in scores if s.term.label not in self._nulls]
@@ -39,7 +46,7 @@ class Draws:
                     self._nulls[score.term.label] = null if known is None else known.joined(null)
             drawn += draws
             best = max((self._against(s).calibrated for s in fresh if self._against(s).plausible), default=-np.inf)
-            if not ACCUSE / 2 < best < 3 * ACCUSE:
+            if not OPEN[0] < best < OPEN[1]:
                 break  # more draws would not change the decision
         return [self._against(s) for s in scores]
 

@@ -9,7 +9,7 @@ from fitting.residual.cross_validation import HeldOut
 from fitting.residual.laws import Law
 from fitting.residual.lines import Line
 from fitting.residual.scoring import Score
-from fitting.residual.terms import Model
+from fitting.residual.terms import Model, Term
 
 #: Effect id (``law``) and joint.
 Family = tuple[str, int | None]
@@ -27,6 +27,8 @@ class Accepted:
     validate_gain : chi-square that it takes off the whitened residual of `validate`; None without one
     witness : what unloaded and loaded recordings say of it, in words; empty where only one kind is there
     cutoffs : its leading parameter at several cut-offs of the filter: (Hz, value, standard deviation)
+    probability : that it is this, and neither a rival, nor a law, nor nothing
+    rival_probabilities : the same of each rival
     """
 
     score: Score
@@ -35,6 +37,8 @@ class Accepted:
     validate_gain: float | None
     witness: str = ""
     cutoffs: tuple[tuple[float, float, float], ...] = ()
+    probability: float = 1.0
+    rival_probabilities: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -65,6 +69,14 @@ class Candidate:
 
 
 @dataclass(frozen=True)
+class Hypothesis:
+    """One explanation of all that was measured: terms beside the base, and how probable it is."""
+
+    terms: tuple[Term, ...]
+    probability: float
+
+
+@dataclass(frozen=True)
 class Attribution:
     """Result of the loop.
 
@@ -78,6 +90,7 @@ class Attribution:
     unconfirmed : laws of what is there but does not hold on another motion
     lines : spectral lines of the residual (those inside the band are in ``accepted`` as well)
     changes : moments from which on a joint behaves otherwise
+    hypotheses : explanations, the most probable first
     """
 
     base: Model
@@ -89,6 +102,7 @@ class Attribution:
     unconfirmed: tuple[Unconfirmed, ...] = ()
     lines: tuple[Line, ...] = ()
     changes: tuple[ChangePoint, ...] = ()
+    hypotheses: tuple[Hypothesis, ...] = ()
 
     @property
     def verdict(self) -> str:

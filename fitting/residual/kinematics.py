@@ -15,30 +15,34 @@ import numpy as np
 import numpy.typing as npt
 from scipy import linalg
 
-from daq.linkages import Direct, Linkage, Polynomial, reduced
+from daq.linkages import reduced
 from daq.machine_file import Machine
-from fitting.effects.base import Effect, Shape, has_both_positions
-from fitting.linkage import parameter_names, with_parameter
+from fitting.effects.base import DriveView, Effect, Shape, has_both_positions
+from fitting.effects.linkage_geometry import changed
 from fitting.noise import Pairing
 from fitting.preparation import Play, PositionError
 from fitting.regression import Design
-from fitting.residual.scoring import PARAMETER_PRICE
 from fitting.residual.views import Views
 from fitting.spectrum import Whitening, whitening
 from fitting.splines import spline_basis
 
 FloatArray = npt.NDArray[np.float64]
 
+#: Steps of a fit by chords; it ends once one takes less than a hundredth of a chi-square of one.
+_CHORDS, _LEAST_GAIN = 12, 1.0
+#: Values beyond this are no error of a position sensor, m or rad.
+_FARTHEST = 1.0
+
 
 @dataclass(frozen=True)
 class GapScore:
-    """Score of one effect on one joint's gap; fields as in :class:`fitting.residual.scoring.Score`."""
+    """One shape of an effect on one joint's gap; fields as in :class:`fitting.residual.scoring.Score`."""
 
     effect: Effect
     joint: int
     shape: Shape
     gain: float
-    score: float
+    live: int
     values: tuple[float, ...]
     stds: tuple[float, ...]
     plausible: bool
@@ -105,35 +109,80 @@ def score_gaps(
     effects: Sequence[Effect],
     joint: int,
 ) -> tuple[list[GapScore], GapRows]:
-    """Scores of all effects that bend positions, on one joint's gap, best first."""
+    """What every shape of all effects that bend positions takes of one joint's gap, most first."""
     rows = gap_rows(design, fitted, pairs, joint)
-    target = np.concatenate(rows.values)
+    own = [views[i][joint] for i in rows.indices]
     result: list[GapScore] = []
     for effect in effects:
-        shapes = effect.shapes(views[rows.indices[0]][joint])
-        for shape in shapes:
-            full = [effect.gap_columns(views[i][joint], shape) for i in rows.indices]
+        for shape in effect.shapes(own[0]):
+            full = [effect.gap_columns(view, shape) for view in own]
             if any(column is None for column in full):
-                continue
+                break
             C = np.vstack([rows.whitening(design.bank.reduce(c)) for c in full if c is not None])
-            scale = np.maximum(np.linalg.norm(C, axis=0), 1e-300)
-            eigenvalues, vectors = linalg.eigh((C / scale).T @ (C / scale))
-            live = eigenvalues > 1e-8
-            turned = vectors[:, live].T @ ((C / scale).T @ target)
-            gain = float(np.sum(turned**2 / eigenvalues[live]))
-            values = (vectors[:, live] @ (turned / eigenvalues[live])) / scale
-            stds = np.sqrt(np.sum(vectors[:, live] ** 2 / eigenvalues[live], axis=1)) / scale
-            price = PARAMETER_PRICE * np.count_nonzero(live) + 2.0 * np.log(len(shapes))
-            plausible = effect.plausible(values.tolist(), stds.tolist())
-            result.append(
-                GapScore(effect, joint, shape, gain, float(gain - price), tuple(values), tuple(stds), plausible)
-            )
-    return sorted(result, key=lambda s: -s.score), rows
+            score = _fitted(design, rows, own, effect, shape, C)
+            if score is not None:
+                result.append(replace(score, joint=joint))
+    return sorted(result, key=lambda s: -s.gain), rows
 
 
-def gap_error(design: Design, indices: Sequence[int], joint: int) -> float:
-    """Root mean square of the filtered gap, m."""
-    values = [design.bank.reduce(design.segments[i].gap[:, joint]) for i in indices if design.segments[i].loaded]
+def _fitted(
+    design: Design, rows: GapRows, views: Sequence[DriveView], effect: Effect, shape: Shape, C: FloatArray
+) -> GapScore | None:
+    """Least squares of one shape, its formula taken as it is, not to first order.
+
+    By chords: what the values of the last step leave is solved for with the columns at zero.
+    """
+    scale = np.maximum(np.linalg.norm(C, axis=0), 1e-300)
+    eigenvalues, vectors = linalg.eigh((C / scale).T @ (C / scale))
+    live = eigenvalues > 1e-8
+    if not live.any():
+        return None
+    root = vectors[:, live] / eigenvalues[live] @ vectors[:, live].T
+
+    def left(values: FloatArray) -> FloatArray:
+        changes = [effect.gap_change(view, shape, values.tolist()) for view in views]
+        parts = [rows.whitening(design.bank.reduce(c)) for c in changes if c is not None]
+        return np.asarray(np.concatenate(rows.values) - np.concatenate(parts))
+
+    residual, best = np.concatenate(rows.values), np.zeros(C.shape[1])
+    before = float(residual @ residual)
+    least = before
+    for _ in range(_CHORDS):
+        values = best + root @ ((C / scale).T @ residual) / scale
+        if not np.all(np.abs(values) < _FARTHEST):
+            break
+        try:
+            trial = left(values)
+        except ValueError:  # no linkage has such lengths
+            break
+        now = float(trial @ trial)
+        if not now < least:
+            break
+        done = least - now < 0.01 * _LEAST_GAIN
+        residual, best, least = trial, values, now
+        if done:
+            break
+    stds = np.sqrt(np.sum(vectors[:, live] ** 2 / eigenvalues[live], axis=1)) / scale
+    stds = np.where(np.linalg.norm(C, axis=0) > 0, stds, 0.0)
+    plausible = effect.plausible(best.tolist(), stds.tolist())
+    count = int(np.count_nonzero(live))
+    return GapScore(effect, 0, shape, before - least, count, tuple(best.tolist()), tuple(stds.tolist()), plausible)
+
+
+def gap_error(
+    design: Design, indices: Sequence[int], joint: int, views: Views | None = None, without: GapScore | None = None
+) -> float:
+    """Root mean square of the filtered gap, m; without what a score explains of it."""
+    values = []
+    for index in indices:
+        segment = design.segments[index]
+        if not segment.loaded:
+            continue
+        gap = segment.gap[:, joint]
+        change = None
+        if without is not None and views is not None:
+            change = without.effect.gap_change(views[index][joint], without.shape, without.values)
+        values.append(design.bank.reduce(gap if change is None else gap - change))
     return float(np.sqrt(np.mean(np.concatenate(values) ** 2))) if values else 0.0
 
 
@@ -149,8 +198,10 @@ def corrected(corrections: Corrections, finding: GapScore) -> Corrections:
         where: Play = "sensor" if finding.shape.get("sensor") else "pin"
         return replace(corrections, play={**corrections.play, name: where})
     if finding.effect.id == "linkage_geometry":
-        machine = _with_linkage(corrections.machine, finding.joint, int(finding.shape["parameter"]), finding.values[0])
+        machine = _with_linkage(corrections.machine, finding)
         return replace(corrections, machine=machine)
+    if finding.effect.id == "structural_flexibility":
+        return replace(corrections, play={**corrections.play, name: "pin"})  # each sensor tells of its own side
     before = corrections.position_error.get(name)
     error = _position_error(finding)
 
@@ -169,19 +220,11 @@ def _position_error(finding: GapScore) -> PositionError:
     return lambda q: values[0] * np.sin(n * q) + values[1] * np.cos(n * q) + values[2]
 
 
-def _with_linkage(machine: Machine, joint: int, parameter: int, change: float) -> Machine:
-    cylinder = machine.joints[joint].cylinder
+def _with_linkage(machine: Machine, finding: GapScore) -> Machine:
+    cylinder = machine.joints[finding.joint].cylinder
     assert cylinder is not None
-    linkage = reduced(cylinder.linkage)
-    changed: Linkage
-    if isinstance(linkage, Polynomial):
-        coefficients = list(linkage.coefficients)
-        coefficients[parameter] += change
-        changed = linkage.model_copy(update={"coefficients": tuple(coefficients)})
-    else:
-        assert not isinstance(linkage, Direct)  # it has no parameters
-        name = parameter_names(linkage)[parameter]
-        changed = with_parameter(linkage, name, getattr(linkage, name) + change)
+    linkage = changed(reduced(cylinder.linkage), finding.shape, finding.values)
     joints = list(machine.joints)
-    joints[joint] = joints[joint].model_copy(update={"cylinder": cylinder.model_copy(update={"linkage": changed})})
+    own = cylinder.model_copy(update={"linkage": linkage})
+    joints[finding.joint] = joints[finding.joint].model_copy(update={"cylinder": own})
     return machine.model_copy(update={"joints": tuple(joints)})

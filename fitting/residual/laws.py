@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from daq.machine_file import Machine
 from fitting.effects.base import DriveView, has_pressures
 from fitting.residual.views import Views
 from fitting.splines import evaluate, spline_knots
@@ -24,22 +25,29 @@ OWN: dict[str, tuple[str, Callable[[DriveView], FloatArray]]] = {
     "piston_speed": ("m/s", lambda view: view.v),
     "piston_acceleration": ("m/s^2", lambda view: view.a),
     "cylinder_force": ("N", lambda view: view.force),
+    "force_rate": ("N/s", lambda view: view.bank.rate(view.force)),
     "head_pressure": ("Pa", lambda view: view.p1),
     "rod_pressure": ("Pa", lambda view: view.p2),
     "time": ("s", lambda view: view.clock),
-    "time_since_reversal": ("s", lambda view: _since_reversal(view)),
+    "time_since_reversal": ("s", lambda view: (np.arange(len(view.v)) - last_reversal(view)) / view.bank.rate_hz),
+    "distance_since_reversal": ("m", lambda view: np.abs(view.x - view.x[last_reversal(view)])),
     "oil_temperature": ("K", lambda view: _temperature(view)),
+    "link_angle": ("rad", lambda view: link_angle(view, view.joint)),
+    "total_flow": ("m^3/s", lambda view: _total_flow(view)),
 }
 NEIGHBOUR: dict[str, tuple[str, Callable[[DriveView, int], FloatArray]]] = {
     "joint_position": ("rad", lambda view, other: view.segment.q[:, other]),
     "piston_speed": ("m/s", lambda view, other: view.segment.v[:, other]),
+    "piston_acceleration": ("m/s^2", lambda view, other: view.segment.a[:, other]),
     "cylinder_force": ("N", lambda view, other: view.forces[:, other]),
+    "link_angle": ("rad", lambda view, other: link_angle(view, other)),
 }
 #: The joint's own force, which is what is to be predicted.
 OWN_FORCE = "cylinder_force"
-#: Basis functions of the splines: smooth laws of every signal, bumpier ones of the joint's own.
-SMOOTH, FINE, FINEST = 4, 8, 16
-_LOCAL = ("piston_position",)
+#: Basis functions of a spline law of the joint's own signals, and of others'.
+OWN_FUNCTIONS, OTHER_FUNCTIONS = 16, 8
+#: Signals that are the model's own, not measured.
+OF_THE_MODEL = ("cylinder_force", "force_rate", "head_pressure", "rod_pressure")
 #: Deviations of the speed's noise above which its sign is sure.
 _SURE = 3.0
 
@@ -85,7 +93,7 @@ class Law:
     @property
     def uses_model(self) -> bool:
         """True where the signal is the model's, not measured."""
-        return self.signal in ("cylinder_force", "head_pressure", "rod_pressure")
+        return self.signal in OF_THE_MODEL
 
     def variable(self, joints: tuple[str, ...]) -> str:
         """Name in the report: ``piston_position`` of the joint itself, ``joint3.cylinder_force`` of a neighbour."""
@@ -105,47 +113,68 @@ class Law:
 def laws(views: Views, joint: int, fitted: tuple[int, ...]) -> Iterator[Law]:
     """All laws of a joint that these recordings can show."""
     machine = views[0][joint].machine
-    for signal in OWN:
+    for signal, (_, own) in OWN.items():
         if signal in ("head_pressure", "rod_pressure") and not has_pressures(machine, joint):
             continue
         if signal == "oil_temperature" and any(views[i][joint].segment.temperature is None for i in fitted):
             continue
-        values = np.concatenate([OWN[signal][1](views[i][joint]) for i in fitted])
+        if signal == "link_angle" and len(parallel_joints(machine, joint)) == 1:
+            continue  # the joint's own angle
+        if signal == "total_flow" and not any(j.cylinder is not None for j in machine.joints):
+            continue
+        values = np.concatenate([own(views[i][joint]) for i in fitted])
         for loaded_only in (False, True) if signal in ("piston_position", "cylinder_force") else (False,):
-            functions = (SMOOTH, FINE, FINEST) if signal in _LOCAL else (SMOOTH, FINE)
             # Without the sign of speed, a law of the own force would predict the effort from itself.
             signs = (True,) if signal == OWN_FORCE else (False, True)
-            yield from _family(values, signal, None, loaded_only, functions, signs)
+            yield from _family(values, signal, None, loaded_only, signs)
     for other in range(len(machine.joints)):
         if other == joint:
             continue
         for signal, (_, getter) in NEIGHBOUR.items():
-            loaded_only = signal != "piston_speed"
+            if signal == "link_angle" and len(parallel_joints(machine, other)) == 1:
+                continue
+            loaded_only = signal not in ("piston_speed", "piston_acceleration")
             values = np.concatenate(
                 [getter(views[i][joint], other) for i in fitted if views[i][joint].segment.loaded or not loaded_only]
                 or [np.zeros(1)]
             )
-            yield from _family(values, signal, other, loaded_only, (SMOOTH,))
+            yield from _family(values, signal, other, loaded_only)
 
 
 def _family(
-    values: FloatArray,
-    signal: str,
-    other: int | None,
-    loaded_only: bool,
-    functions: tuple[int, ...],
-    signs: tuple[bool, ...] = (False, True),
+    values: FloatArray, signal: str, other: int | None, loaded_only: bool, signs: tuple[bool, ...] = (False, True)
 ) -> Iterator[Law]:
     if not np.all(np.isfinite(values)) or np.ptp(values) <= 1e-9 * max(float(np.max(np.abs(values))), 1e-300):
         return
-    for count in functions:
-        knots = tuple(spline_knots(values, count).tolist())
-        for signed in signs:
-            yield Law(signal, other, signed, loaded_only, knots)
+    functions = OWN_FUNCTIONS if other is None else OTHER_FUNCTIONS
+    knots = tuple(spline_knots(values, functions).tolist())
+    for signed in signs:
+        yield Law(signal, other, signed, loaded_only, knots)
 
 
-def _since_reversal(view: DriveView) -> FloatArray:
-    """Time since the piston's speed last changed its sign, s; up to the first time, since the beginning.
+def parallel_joints(machine: Machine, joint: int) -> range:
+    """Joints up to this one whose axes are parallel to its own without a turned link between: their angles add up."""
+    first = joint
+    joints = machine.joints
+    while first > 0 and abs(joints[first - 1].dh.alpha) < 1e-9 and joints[first - 1].type == "revolute":
+        first -= 1
+    return range(first, joint + 1)
+
+
+def link_angle(view: DriveView, joint: int) -> FloatArray:
+    """Angle of a link to where its chain of parallel axes begins, rad (N,)."""
+    parallel = parallel_joints(view.machine, joint)
+    return np.asarray(view.segment.q[:, parallel.start : parallel.stop].sum(axis=1))
+
+
+def _total_flow(view: DriveView) -> FloatArray:
+    """What all cylinders take in or give off on their head sides together, m^3/s (N,)."""
+    areas = [0.0 if joint.cylinder is None else joint.cylinder.head_area for joint in view.machine.joints]
+    return np.asarray(np.abs(view.segment.v) @ np.array(areas))
+
+
+def last_reversal(view: DriveView) -> npt.NDArray[np.intp]:
+    """Sample at which the piston's speed last changed its sign (N,); up to the first time, the beginning.
 
     A change counts once the speed is above its noise; it was where the speed last had the sign before.
     """
@@ -155,7 +184,7 @@ def _since_reversal(view: DriveView) -> FloatArray:
         before, after = int(sure[number]), int(sure[number + 1])
         turned = before + 1 + int(np.flatnonzero(forward[before:after] == forward[before])[-1])
         since[turned] = turned
-    return np.asarray((np.arange(len(forward)) - np.maximum.accumulate(since)) / view.bank.rate_hz)
+    return np.asarray(np.maximum.accumulate(since))
 
 
 def _temperature(view: DriveView) -> FloatArray:

@@ -9,7 +9,9 @@ import numpy as np
 from fitting.effects.base import Effect
 from fitting.residual.laws import Law
 from fitting.residual.scoring import Score, score_terms
+from fitting.residual.surfaces import Surface
 from fitting.residual.terms import Model, Term
+from fitting.selection.evidence import named_evidence
 from fitting.splines import spline_knots
 
 #: Shape entries that are choices, not numbers to be searched between.
@@ -70,16 +72,24 @@ def _plain(model: Model, score: Score) -> Score:
     return replace(plain[0], score=plain[0].gain - (score.gain - score.score)) if plain else score
 
 
-def finer(model: Model, score: Score) -> Score:
-    """The law with twice and four times the knots, as long as they earn their price: a bump may be narrow."""
+#: Basis functions that a law may have in the end: as many as its curve takes.
+RESOLUTIONS = (4, 6, 8, 12, 16, 24, 32)
+
+
+def resolved(model: Model, score: Score) -> Score:
+    """The law with as many basis functions as are most probable: a bump may be narrow, a slope needs few."""
     law = score.term.content
     assert isinstance(law, Law)
-    best = _plain(model, score)
+    if isinstance(law, Surface):
+        return score
     values = np.concatenate([law.values(model.views[index][score.term.joint or 0]) for index in model.fitted])
-    for factor in (2, 4):
-        knots = tuple(spline_knots(values, factor * (len(law.knots) - 4)).tolist())
-        trials = score_terms(model, [replace(score.term, content=replace(law, knots=knots))], [4])
-        if not trials or trials[0].score <= best.score:
-            break
-        best = trials[0]
-    return score if best.term == score.term else best
+    terms = [
+        replace(score.term, content=replace(law, knots=tuple(spline_knots(values, count).tolist())))
+        for count in RESOLUTIONS
+    ]
+    trials = score_terms(model, terms, [1] * len(terms))
+    if not trials:
+        return score
+    gain, live = np.array([s.gain for s in trials]), np.array([float(s.live) for s in trials])
+    shown = np.sqrt(np.maximum(gain.max(), 9.0))
+    return trials[int(np.argmax(named_evidence(gain, live, np.array([shown]))[:, 0]))]

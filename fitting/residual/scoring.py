@@ -30,8 +30,8 @@ FloatArray = npt.NDArray[np.float64]
 #: Chi-square that one more parameter has to bring to be worth it.
 PARAMETER_PRICE = 6.0
 _BATCH_COLUMNS = 128  # built at once at full rate: fits a processor's cache
-#: Numbers in all columns above which those of one joint at a time are in memory, the others in a file (64 MB).
-_MOST_NUMBERS = 8_000_000
+#: Numbers in all columns above which those of one joint at a time are in memory, the others in a file (128 MB).
+_MOST_NUMBERS = 16_000_000
 _DEAD = 1e-8  # squared: columns survive with at least 1e-4 of their norm
 
 
@@ -51,6 +51,7 @@ class Score:
     information : (k, k) inverse covariance of its parameters
     places : of what acts everywhere, by which share of the gain each joint's chi-square falls (or rises: negative);
         else empty
+    grid : number of shapes that it was picked from
     null : its values on replicas without any effect, once they were drawn; gain, score and values are then unbiased
     """
 
@@ -65,6 +66,7 @@ class Score:
     information: FloatArray = field(repr=False, compare=False)
     places: tuple[float, ...] = ()
     null: Null | None = None
+    grid: int = 1
 
     def against(self, null: Null) -> Score:
         """The score with the bias taken off that noise in the regressors makes.
@@ -146,10 +148,12 @@ class Candidates:
             columns[:, into] = fresh
             self._columns[place] = columns
 
-    def scores(self, model: Model) -> dict[int, Score]:
-        """Score of every candidate that has a live direction, by its number."""
+    def scores(self, model: Model, places: Collection[int | None] | None = None) -> dict[int, Score]:
+        """Score of every candidate that has a live direction, by its number; ``places``: of these joints only."""
         result: dict[int, Score] = {}
         for place, numbers in self._groups.items():
+            if places is not None and place not in places:
+                continue
             C = self._columns[place]
             if place is None:
                 Q, residual = np.vstack(model.fit.orthonormal), np.concatenate(model.fit.residual)
@@ -173,6 +177,44 @@ class Candidates:
                         score = _placed(score, model, own[member], shade[member])
                     result[chosen[member]] = score
         return result
+
+    def numbers(self, place: int | None) -> tuple[int, ...]:
+        """Candidates that act on one joint alone (None: those that act on several)."""
+        return tuple(self._groups.get(place, ()))
+
+    def width(self, number: int) -> int:
+        """Number of a candidate's columns."""
+        return self._widths[number]
+
+    def products(self, model: Model, place: int | None, numbers: Sequence[int]) -> tuple[FloatArray, FloatArray]:
+        """Gram matrix (p, p) of candidates' columns less what the model explains, and products with its residual.
+
+        Columns are those of ``numbers`` one after the other. All are of one joint ``place``; with None, the rows are
+        those of all joints, and candidates of one joint are zero on the others.
+        """
+        if place is not None:
+            group, columns = self._groups[place], self._columns[place]
+            starts = dict(zip(group, np.cumsum([0, *(self._widths[n] for n in group)]).tolist(), strict=False))
+            C = columns[:, np.concatenate([np.arange(starts[n], starts[n] + self._widths[n]) for n in numbers])]
+            Q, residual = model.fit.orthonormal[place], model.fit.residual[place]
+        else:
+            ends = np.cumsum([0, *(len(r) for r in model.fit.residual)])
+            C = np.zeros((int(ends[-1]), sum(self._widths[n] for n in numbers)))
+            start = 0
+            for n in numbers:
+                joint = None if self.terms[n].everywhere else self.terms[n].joint or 0
+                rows = slice(None) if joint is None else slice(int(ends[joint]), int(ends[joint + 1]))
+                C[rows, start : start + self._widths[n]] = self._own(joint, n)
+                start += self._widths[n]
+            Q, residual = np.vstack(model.fit.orthonormal), np.concatenate(model.fit.residual)
+        shadow = Q.T @ C
+        return C.T @ C - shadow.T @ shadow, C.T @ residual
+
+    def _own(self, place: int | None, number: int) -> FloatArray:
+        """Whitened columns of a candidate."""
+        group = self._groups[place]
+        start = sum(self._widths[n] for n in group[: group.index(number)])
+        return self._columns[place][:, start : start + self._widths[number]]
 
     def _built(self, model: Model, place: int | None, numbers: Sequence[int]) -> FloatArray:
         joints = range(len(model.views[0])) if place is None else range(place, place + 1)
@@ -287,6 +329,7 @@ def _scored(
                 plausible=not isinstance(term.content, Effect) or term.content.plausible(own, errors),
                 surviving=float(surviving[number]),
                 information=information[number],
+                grid=grid,
             ),
         )
 
@@ -317,4 +360,4 @@ def law_terms(model: Model) -> tuple[list[Term], list[int]]:
     """Every spline law of every joint."""
     joints = range(len(model.design.machine.joints))
     terms = [Term(law, joint) for joint in joints for law in laws(model.views, joint, model.fitted)]
-    return terms, [2] * len(terms)
+    return terms, [1] * len(terms)

@@ -2,13 +2,13 @@
 
 A surface is a quadratic in each of two signals (nine tensor products of Bernstein polynomials), alone or times the sign
 of the joint's speed. It is only asked for where a law of one signal is about to be said, and has to be clearly better.
-A twist is the product of both alone: one function, so it is seen where nine are not worth their price, and asked for
-where nothing else was found.
+A twist is the product of both alone: one function, so it is seen where nine are not worth their width, and offered
+beside the laws of one signal.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from itertools import combinations
 
@@ -121,15 +121,6 @@ def surfaces(model: Model, joint: int, *, twist: bool = False) -> Iterator[Surfa
                 ranges[second, second_other],
                 twist,
             )
-
-
-def best_twist(model: Model, joints: Iterable[int]) -> Score | None:
-    """The product of two signals that gains most beyond its price on one of these joints."""
-    found: list[Score] = []
-    for joint in joints:
-        terms = [Term(law, joint) for law in surfaces(model, joint, twist=True)]
-        found += score_terms(model, terms, [len(terms)] * len(terms))
-    return max(found, key=lambda s: s.score, default=None)
 
 
 def best_surface(model: Model, joint: int, alone: tuple[str, int | None]) -> Score | None:

@@ -1,4 +1,4 @@
-"""Trials: the model with one term more, what held-out blocks and `validate` say of it, and its other names."""
+"""Trials: the model with one term more, and what held-out blocks and `validate` say of it."""
 
 from __future__ import annotations
 
@@ -8,13 +8,11 @@ from typing import Protocol
 
 from fitting.prior import Prior
 from fitting.regression import WhiteRows
-from fitting.residual import rules
 from fitting.residual.confirmation import Misfit, OnValidate, on_validate
 from fitting.residual.cross_validation import HeldOut, held_out_gain
 from fitting.residual.null import Null
 from fitting.residual.robustness import inflation
-from fitting.residual.rules import ANOTHER_SHARE
-from fitting.residual.scoring import Score, score_terms
+from fitting.residual.scoring import Score
 from fitting.residual.terms import Model, Term
 
 
@@ -63,17 +61,8 @@ class Trials:
             self._last = model, term, plain, self._signals.rebuilt(plain)
         return self._last[3]
 
-    def stands(self, law: Score, rest: Sequence[Term], trial: Model | None = None) -> bool:
-        """Whether a law would be added to ``rest``: what does not hold elsewhere cannot say more than a name.
-
-        ``trial`` is the model of ``rest`` and the law, where there is one already.
-        """
-        before, trial = self._signals.refit(rest), trial or self._signals.refit([*rest, law.term])
-        alone = score_terms(before, [law.term], [1])
-        return bool(alone) and not self.judged(alone[0], before, trial)[2]
-
-    def judged(self, choice: Score, before: Model, trial: Model) -> tuple[HeldOut, OnValidate | None, str]:
-        """What held-out blocks and the validation motion say of a trial's last term, and what is against adding it."""
+    def judged(self, choice: Score, before: Model, trial: Model) -> tuple[HeldOut, OnValidate | None]:
+        """What held-out blocks and the validation motion say of a trial's last term."""
         rows, columns = self._last_rows(trial)
         held_out = held_out_gain(rows, columns, trial.design.bank.reduced_rate_hz)
         # What is moved into the signals explains more than its column, which is its beginning only.
@@ -82,7 +71,7 @@ class Trials:
         held_out = replace(held_out, own_noise=own_noise, own_gain=max(choice.gain, moved) / own_noise)
         confirming = self._validate and not choice.term.confined
         seen = on_validate(before, trial, self._validate) if confirming else None
-        return held_out, seen, rules.objection(choice, held_out, seen)
+        return held_out, seen
 
     def _last_rows(self, trial: Model) -> tuple[tuple[WhiteRows, ...], int]:
         """Whitened rows with the trial's last term in the last columns, and how many those are."""
@@ -90,13 +79,3 @@ class Trials:
         if self._last is not None and trial is self._last[3]:
             trial = self._last[2]  # a column of what was moved holds what is left of it: the signals before tell more
         return trial.rows(self._signals.prior), part.stop - part.start
-
-
-def without_gain_beside(before: Model, trial: Model, scores: Sequence[Score]) -> list[Score]:
-    """Of these scores those whose gain is gone in ``trial``: the others explain something else than its last term."""
-    terms = [score.term for score in scores]
-    alone, beside = (
-        {score.term.family: score.gain for score in score_terms(model, terms, [1] * len(terms))}
-        for model in (before, trial)
-    )
-    return [s for s in scores if beside.get(s.term.family, 0.0) < ANOTHER_SHARE * alone.get(s.term.family, 0.0)]

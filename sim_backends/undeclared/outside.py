@@ -109,3 +109,85 @@ class DwellStiction(UndeclaredEffect):
     def variables(self) -> tuple[str, ...]:
         # Within a stroke the time since the reversal goes with speed and acceleration; no channel holds it.
         return ("time_since_reversal", "piston_speed", "piston_acceleration")
+
+
+class NeighbourInertia(UndeclaredEffect):
+    """A gear or a link that the machine file leaves out: the neighbour's acceleration pushes here."""
+
+    id = "neighbour_inertia"
+    unit = "kg"
+    meaning = "piston force here per acceleration of the neighbour's piston"
+
+    def prepare(self, rng: np.random.Generator) -> None:
+        self.other = self.neighbour(rng)
+
+    def piston_force(self, block: Block) -> FloatArray:
+        return np.asarray(self.size * block.a[:, self.other])
+
+    def variables(self) -> tuple[str, ...]:
+        return (f"{self.place.machine.joints[self.other].name}.piston_acceleration",)
+
+
+class DentedRod(UndeclaredEffect):
+    """Several dents along the rod, of different depth and at no regular distance."""
+
+    id = "dented_rod"
+    unit = "N"
+    meaning = "friction at the deepest dent"
+
+    def prepare(self, rng: np.random.Generator) -> None:
+        count = int(rng.integers(3, 5))
+        self.centres = np.sort(rng.uniform(0.12, 0.88, count))
+        self.widths, self.depths = rng.uniform(0.03, 0.07, count), rng.uniform(0.4, 1.0, count)
+        self.depths /= self.depths.max()
+
+    def piston_force(self, block: Block) -> FloatArray:
+        u = (self.stroke_fraction(block)[:, None] - self.centres) / self.widths
+        return np.asarray(self.size * self.sign(block) * (self.depths / np.square(np.cosh(u))).sum(axis=1))
+
+    def variables(self) -> tuple[str, ...]:
+        return ("piston_position",)
+
+
+class ReturnLine(UndeclaredEffect):
+    """A return line shared by all cylinders: what all of them displace together raises the pressure here."""
+
+    id = "return_line"
+    unit = "N"
+    meaning = "force when all cylinders run fast"
+
+    def prepare(self, rng: np.random.Generator) -> None:
+        areas = [0.0 if j.cylinder is None else j.cylinder.head_area for j in self.place.machine.joints]
+        self.areas = np.array(areas)
+        speeds = [j.limits.velocity for j in self.place.machine.joints]
+        self.fast = 0.2 * float(self.areas @ np.array(speeds)) * self.speed_scale() / speeds[self.joint]
+
+    def piston_force(self, block: Block) -> FloatArray:
+        flow = np.abs(block.v) @ self.areas / self.fast
+        return np.asarray(self.size * flow * flow)
+
+    def variables(self) -> tuple[str, ...]:
+        return ("total_flow",)
+
+
+class HangingHose(UndeclaredEffect):
+    """A hose bundle that hangs from the link: its pull follows the link's angle to the ground."""
+
+    id = "hanging_hose"
+    unit = "N"
+    meaning = "largest pull along the piston"
+
+    def prepare(self, rng: np.random.Generator) -> None:
+        self.harmonic, self.phase = float(rng.choice([2.0, 3.0])), rng.uniform(0, 2 * np.pi)
+        joints, first = self.place.machine.joints, self.joint
+        while first > 0 and joints[first - 1].dh.alpha == 0.0:
+            first -= 1
+        self.parallel = slice(first, self.joint + 1)
+
+    def piston_force(self, block: Block) -> FloatArray:
+        angle = block.q[:, self.parallel].sum(axis=1)
+        return np.asarray(self.size * np.sin(self.harmonic * angle + self.phase) * float(block.pinned))
+
+    def variables(self) -> tuple[str, ...]:
+        alone = self.parallel.stop - self.parallel.start == 1  # then it is the joint's own angle
+        return ("link_angle", "piston_position") if alone else ("link_angle",)

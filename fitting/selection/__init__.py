@@ -1,0 +1,1 @@
+"""Which terms are missing: one criterion, a search, a gate."""

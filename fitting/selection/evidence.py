@@ -1,0 +1,126 @@
+"""Evidence of terms: how much more likely the whitened rows are with a term than without it.
+
+The rows are whitened, so their noise is a standard normal one, and the base parameters have a flat prior: they are
+projected out. With columns ``C``, prior covariance ``L L'`` of their parameters, ``S = C'C - (Q'C)'(Q'C)`` what the
+base leaves of the columns and ``g = C'e`` their products with the residual ``e`` of the base, the logarithm of the
+Bayes factor against no term is::
+
+    h' (I + H)^-1 h / 2 - log det(I + H) / 2,    H = L' S L,   h = L' g.
+
+No parameter has a price: a wide prior pays by the determinant.
+
+Sizes are measured in what can be seen of them: the root of the chi-square that the term takes, its *amplitude*. It is
+log-uniform from :data:`~fitting.selection.priors.SMALLEST` to what the joint's whole effort is, and averaged out on a
+grid. Given the amplitude, a named effect's ``k`` parameters have Zellner's g-prior (any direction of what is visible is
+alike), and a spline law's coefficients are a smooth random curve.
+
+Sources: D. MacKay, "Bayesian interpolation", Neural Computation 4, 1992; A. Zellner, "On assessing prior distributions
+and Bayesian regression analysis with g-prior distributions", 1986; C. Rasmussen and C. Williams, Gaussian Processes for
+Machine Learning, 2006 (curves).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+from scipy import optimize
+
+from fitting.selection import priors
+
+FloatArray = npt.NDArray[np.float64]
+
+#: Squared share of a column's norm below which what the base leaves of it is rounding.
+DEAD = 1e-8
+#: Share of the largest eigenvalue below which one is rounding.
+ROUNDING = 1e-10
+
+
+def log_sum(values: npt.ArrayLike, axis: int = -1, weights: npt.ArrayLike = 1.0) -> FloatArray:
+    """Logarithm of the weighted sum of exponentials along an axis."""
+    values = np.asarray(values, dtype=float)
+    top = np.max(values, axis=axis, keepdims=True)
+    total = np.sum(np.asarray(weights) * np.exp(values - top), axis=axis)
+    return np.asarray(np.log(np.maximum(total, 1e-300)) + np.squeeze(top, axis=axis))
+
+
+def log_mean(values: npt.ArrayLike, axis: int = -1) -> FloatArray:
+    """Logarithm of the mean of exponentials along an axis."""
+    values = np.asarray(values, dtype=float)
+    return np.asarray(log_sum(values, axis) - np.log(values.shape[axis]))
+
+
+def named_evidence(gain: FloatArray, live: FloatArray, amplitudes: FloatArray) -> FloatArray:
+    """Log Bayes factors (T, A) of effects whose formula is exactly nature's.
+
+    Parameters
+    ----------
+    gain : (T,) chi-square that a least-squares fit of the term takes
+    live : (T,) number of its directions that the base leaves
+    amplitudes : (A,)
+    """
+    live = np.maximum(live, 1)[:, None]
+    g = amplitudes**2 / live
+    return np.asarray(0.5 * gain[:, None] * g / (1.0 + g) - 0.5 * live * np.log1p(g))
+
+
+def curve_roots(functions: int, lengths: Sequence[float]) -> FloatArray:
+    """Roots (lengths, n, n) of the prior covariances of a spline's coefficients.
+
+    Coefficients ``d`` sixteenths of the range apart have the correlation ``exp(-d^2 / (2 length^2))``. Their mean is
+    as large as their spread along the signal: a constant alone is no law of it, and nothing of a law has to be zero on
+    average.
+    """
+    places = np.linspace(0.0, 15.0, functions)
+    apart = places[:, None] - places[None, :]
+    centre = np.eye(functions) - 1.0 / functions
+    roots = []
+    for length in lengths:
+        along = centre @ np.exp(-0.5 * (apart / length) ** 2) @ centre
+        values, vectors = np.linalg.eigh(along + np.trace(along) / functions)
+        roots.append(vectors * np.sqrt(np.maximum(values, 0.0)))
+    return np.array(roots)
+
+
+def curve_evidence(gram: FloatArray, products: FloatArray, roots: FloatArray, amplitudes: FloatArray) -> FloatArray:
+    """Log Bayes factors (T, L, A) of spline laws: ``gram`` (T, n, n), ``products`` (T, n), ``roots`` (L, n, n)."""
+    H = np.einsum("lia,tij,ljb->tlab", roots, gram, roots, optimize=True)
+    h = np.einsum("lia,ti->tla", roots, products)
+    size = np.maximum(np.einsum("tlaa->tl", H), 1e-300)
+    values, vectors = np.linalg.eigh(H / size[..., None, None])
+    values = np.maximum(values, 0.0)[..., None, :]
+    turned = np.einsum("tlab,tla->tlb", vectors, h / np.sqrt(size)[..., None])[..., None, :]
+    scale = (amplitudes**2)[:, None]
+    spread = 1.0 + scale * values
+    return np.asarray(0.5 * np.sum(scale * turned**2 / spread - np.log(spread), axis=-1))
+
+
+def whitened_parts(gram: FloatArray) -> FloatArray:
+    """Root (k, live) of a term's parameters whose visible contribution is a unit ball: ``root' gram root = I``."""
+    norms = np.sqrt(np.maximum(np.diag(gram), 1e-300))
+    values, vectors = np.linalg.eigh(gram / np.outer(norms, norms))
+    live = values > DEAD
+    return np.asarray(vectors[:, live] / np.sqrt(values[live]) / norms[:, None])
+
+
+def joint_evidence(gram: FloatArray, products: FloatArray, scales: FloatArray) -> FloatArray:
+    """Log Bayes factors (K,) of parameters with independent priors of these scales: (p, p), (p,), (K, p)."""
+    H = scales[:, :, None] * gram * scales[:, None, :]
+    values, vectors = np.linalg.eigh(H)
+    values = np.where(values > ROUNDING * values[:, -1:], values, 0.0)
+    turned = np.einsum("kij,ki->kj", vectors, scales * products) * (values > 0)
+    return np.asarray(0.5 * np.sum(turned**2 / (1.0 + values) - np.log1p(values), axis=1))
+
+
+def least_gain(live: int, choices: int = 1) -> float:
+    """Chi-square from which on an effect of ``live`` parameters, one of ``choices`` shapes, is said."""
+    sizes = priors.amplitudes(priors.USUAL_EFFORT)
+    prior = np.log(priors.CATALOGUE / priors.NOTHING / priors.USUAL_FAMILIES / choices)
+    wanted = np.log(priors.SAID / (1 - priors.SAID))
+
+    def missing(gain: float) -> float:
+        own = named_evidence(np.array([gain]), np.array([float(live)]), sizes)[0]
+        return float(log_mean(own) + prior - wanted)
+
+    return float(optimize.brentq(missing, 0.0, 1e4))

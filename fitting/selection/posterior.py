@@ -1,0 +1,95 @@
+"""Probabilities: of what stands in one place, and of whole explanations."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+
+from fitting.effects.base import Effect
+from fitting.residual.findings import Accepted, Hypothesis
+from fitting.residual.laws import Law
+from fitting.residual.surfaces import Surface
+from fitting.selection.rating import Rated, believed, family
+
+#: Alternatives of one place that are named, and explanations that are listed.
+MOST_NAMED, MOST_LISTED = 3, 8
+#: Probability below which none is listed.
+LEAST = 0.005
+
+
+@dataclass(frozen=True)
+class Slot:
+    """One place of the model: what stands there, and what else could.
+
+    Attributes
+    ----------
+    alternatives : with their probabilities, the best first; what stands there among them
+    probability : of what stands there
+    nothing : that nothing has to be there
+    moved : the place was given up or taken by another
+    """
+
+    item: Accepted
+    alternatives: tuple[tuple[Rated, float], ...]
+    probability: float
+    nothing: float
+    moved: bool = False
+
+    @classmethod
+    def of(cls, item: Accepted, rated: Sequence[Rated]) -> Slot:
+        """From posterior odds beside everything else."""
+        near = believed(rated)
+        rated, log_odds = [r for r, _ in near], np.array([odds for _, odds in near])
+        total = float(np.logaddexp.reduce(np.append(log_odds, 0.0)))
+        shares = np.exp(log_odds - total)
+        term, own = item.score.term, family(item.score.term)
+        if isinstance(term.content, Surface) and not term.content.twist:
+            # Whole surfaces are not among the candidates: any law of the joint is part of one.
+            there = [r.term.joint == term.joint and isinstance(r.term.content, Law) for r in rated]
+        else:
+            there = [family(r.term) == own for r in rated]
+        probability = float(np.sum(shares[there]))
+        listed = tuple((r, float(p)) for r, p in zip(rated, shares, strict=True) if p > 1e-3)
+        return cls(item, listed, probability, float(np.exp(-total)))
+
+    def rivals(self, wanted: float) -> list[tuple[Rated, float]]:
+        """The other names that it takes to reach the wanted probability, at most two; of a law none."""
+        if not isinstance(self.item.score.term.content, Effect):
+            return []
+        own, reached, result = family(self.item.score.term), self.probability, list[tuple[Rated, float]]()
+        for rated, p in self.alternatives:
+            if reached >= wanted or len(result) >= MOST_NAMED - 1:
+                break
+            content, name = rated.term.content, self.item.score.term
+            if family(rated.term) == own or not isinstance(content, Effect):
+                continue
+            if rated.term.joint == name.joint and name.id in content.includes:
+                continue  # only more general
+            result.append((rated, p))
+            reached += p
+        return result
+
+
+def hypotheses(slots: Sequence[Slot], open_: Sequence[Rated]) -> tuple[Hypothesis, ...]:
+    """Whole explanations, the most probable first; places are taken for independent.
+
+    Parameters
+    ----------
+    slots : places where something was added
+    open_ : what was not, where nothing was
+    """
+    if not slots:
+        total = float(np.logaddexp.reduce([0.0, *(r.log_odds for r in open_)]))
+        found = [Hypothesis((), float(np.exp(-total)))]
+        found += [Hypothesis((r.term,), float(np.exp(r.log_odds - total))) for r in open_[:MOST_LISTED]]
+    else:
+        choices = [[(r.term, p) for r, p in slot.alternatives[:4]] for slot in slots]
+        found = [
+            Hypothesis(tuple(t for t, _ in combination), float(np.prod([p for _, p in combination])))
+            for combination in product(*choices)
+        ]
+    found = [h for h in found if h.probability > LEAST]
+    return tuple(sorted(found, key=lambda h: -h.probability)[:MOST_LISTED])

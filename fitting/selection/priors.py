@@ -1,0 +1,49 @@
+"""What is expected before any data: the constants of the selection, each with where it comes from."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+#: Chances that nothing is missing, that an effect of the catalogue is, that something outside it is: as often one as
+#: the other, and an effect of the catalogue four times as often as an unknown one.
+NOTHING, CATALOGUE, UNKNOWN = 0.5, 0.4, 0.1
+#: Smallest amplitude worth a name, standard deviations; amplitudes are averaged in steps of this ratio.
+SMALLEST, RATIO = 3.0, 3.0
+#: Correlation lengths of a law of nature along a signal, in sixteenths of its range.
+LENGTHS = (1.0, 2.0, 4.0, 8.0)
+#: How far nature is from a formula, as share of what is visible of the effect: of laws of physics, and of short series
+#: that stand for any smooth law; with their weights.
+EPSILONS = (0.03, 0.1, 0.15)
+PHYSICS, SERIES = (0.4, 0.4, 0.2), (0.2, 0.4, 0.4)
+#: The same for whatever a joint still lacks beside an effect that was found on it, in other variables.
+LEFTOVERS = (0.03, 0.07, 0.12)
+LEFTOVER_WEIGHTS = (0.45, 0.45, 0.1)
+#: The same beside an effect whose formula is exact: geometry, encoders.
+EXACT_LEFTOVERS = (0.003, 0.01, 0.03)
+#: Share of it that shows on other joints, through the rigid body they have in common.
+SPILL = 0.1
+#: Amplitude, as share, that counts as found of what was significant and did not hold elsewhere: its formula was wrong,
+#: what it lived on is there.
+FAILED = 3.0
+#: Chance that a parameter lies outside the interval that is plausible for it.
+OUTSIDE = 0.01
+#: Probability from which on something is said.
+SAID = 0.95
+#: Probability, beside unknown laws, from which on a name is given: a wrong name sends somebody to the wrong part, which
+#: costs several times what an unnamed law does.
+NAMED = 0.8
+#: A machine as it usually is, for what it takes before any data: effects times joints, and the whitened effort.
+USUAL_FAMILIES, USUAL_EFFORT = 120, 2000.0
+#: Difference of chi-square at which one explanation is that probable beside another.
+CLOSE = float(2.0 * np.log(SAID / (1 - SAID)))
+#: How far a formula is from nature as a rule, as share of what is visible of the effect.
+INEXACT = 0.15
+#: Most effects that are looked for.
+MOST = 4
+
+
+def amplitudes(largest: float) -> npt.NDArray[np.float64]:
+    """Grid of amplitudes from the smallest one to ``largest``."""
+    steps = max(1, int(np.ceil(np.log(max(largest, SMALLEST) / SMALLEST) / np.log(RATIO))))
+    return np.asarray(SMALLEST * RATIO ** np.arange(steps + 1))

@@ -1,0 +1,467 @@
+"""What every candidate is worth beside a model: its posterior odds against nothing more."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+from scipy.linalg import block_diag
+from scipy.stats import norm
+
+from fitting.effects.base import Effect
+from fitting.residual.laws import Law
+from fitting.residual.refinement import refined
+from fitting.residual.scoring import Candidates, Score
+from fitting.residual.surfaces import Surface
+from fitting.residual.terms import Model, Term
+from fitting.selection import priors
+from fitting.selection.evidence import (
+    curve_evidence,
+    curve_roots,
+    joint_evidence,
+    log_mean,
+    log_sum,
+    named_evidence,
+    whitened_parts,
+)
+
+FloatArray = npt.NDArray[np.float64]
+Family = tuple[object, ...]
+
+#: Share of a curve that the base has to leave for it to tell of anything.
+FAINT = 0.01
+#: Fewer columns are no curve.
+LEAST_CURVE = 4
+#: Shapes of a name that are compared with a bent formula, and the least gain for which that can matter.
+MOST_SHAPES, SMALLEST_GAIN = 4, 12.0
+
+
+@dataclass(frozen=True)
+class Rated:
+    """One explanation: an effect on a joint with its best shape, or a law of one signal.
+
+    Attributes
+    ----------
+    score : its best shape, with what a least-squares fit of it takes
+    log_odds : log posterior odds against nothing more than leftovers, shapes and sizes averaged out
+    log_bayes : log Bayes factor alone
+    exact : log odds if its formula is exactly nature's, so that what is left of it is free to be something else
+    leftover : log Bayes factor of the same as what is left of effects that were found
+    """
+
+    score: Score
+    log_odds: float
+    log_bayes: float
+    exact: float
+    leftover: float
+
+    @property
+    def term(self) -> Term:
+        return self.score.term
+
+
+def family(term: Term) -> Family:
+    """What counts as one explanation: an effect on a joint; a law of one signal on a joint, or of a pair of them."""
+    law = term.content
+    if isinstance(law, Law):
+        return ("law", term.joint, frozenset(law.signals), law.signed, law.loaded_only)
+    return (term.id, term.joint)
+
+
+class Rating:
+    """Posterior odds of candidates beside a model.
+
+    Parameters
+    ----------
+    candidates : with their columns
+    model : what is there
+    visible : (n,) amplitude per joint of effects that were found, standard deviations
+    failed : (n,) the same of names that did not hold elsewhere: what they lived on is open to a law of that joint
+    """
+
+    def __init__(
+        self, candidates: Candidates, model: Model, visible: FloatArray, failed: FloatArray | None = None
+    ) -> None:
+        self._candidates, self._model, self._visible = candidates, model, visible
+        self._failed = np.zeros_like(visible) if failed is None else failed
+        self._mixed: dict[int, int] = {}
+        self._trust: dict[int, float] = {}
+        self._largest = _efforts(model)
+        self._laws: dict[tuple[object, ...], int] = {}
+        for number, term in enumerate(candidates.terms):
+            if isinstance(term.content, Law) and not isinstance(term.content, Surface):
+                law = term.content
+                self._laws[term.joint, law.signal, law.other, law.signed, law.loaded_only] = number
+
+    def rated(self, scores: Mapping[int, Score]) -> list[Rated]:
+        """All explanations with a finite evidence, best first; ``scores`` as :meth:`Candidates.scores` gives them."""
+        names: dict[Family, list[int]] = {}
+        laws: dict[int, list[int]] = {}
+        for number, score in scores.items():
+            term = score.term
+            if term.id == "supply_ripple":
+                continue
+            if isinstance(term.content, Law) and not isinstance(term.content, Surface):
+                laws.setdefault(term.joint or 0, []).append(number)
+            else:
+                names.setdefault(family(term), []).append(number)
+        self._trust = {}
+        for own in (*names.values(), *laws.values()):
+            self._trust |= _shares(own, scores)
+        catalogued = sum(f[0] != "law" for f in names)
+        unknown = sum(len(own) for own in laws.values()) + len(names) - catalogued
+        each = float(np.log(priors.CATALOGUE / priors.NOTHING / max(catalogued, 1)))
+        law_each = float(np.log(priors.UNKNOWN / priors.NOTHING / max(unknown, 1)))
+        exact = self._plain(scores)
+        bent = exact | self._bent(names, scores)
+        result = [
+            self._named(own, scores, law_each if f[0] == "law" else each, exact, bent) for f, own in names.items()
+        ]
+        for joint, own in laws.items():
+            result += self._curves(joint, own, scores, law_each)
+        return by_formula(self._against_leftovers(result))
+
+    def _against_leftovers(self, rated: Sequence[Rated]) -> list[Rated]:
+        """Odds against nothing but what found effects leave: in the direction of any candidate, by its prior."""
+        places: dict[int | None, list[Rated]] = {}
+        for r in rated:
+            places.setdefault(None if r.term.everywhere else r.term.joint, []).append(r)
+        result = []
+        for own in places.values():
+            prior = np.array([r.log_odds - r.log_bayes for r in own])
+            left = np.array([r.leftover for r in own])
+            nothing = max(0.0, float(log_sum(left + prior - log_sum(prior))))
+            result += [replace(r, log_odds=r.log_odds - nothing, exact=r.exact - nothing) for r in own]
+        return result
+
+    def _bent(self, names: Mapping[Family, Sequence[int]], scores: Mapping[int, Score]) -> dict[int, float]:
+        """Log evidence, by number, of names whose formula may be off by a smooth curve of their own signal."""
+        joints: dict[int, list[int]] = {}
+        for own in names.values():
+            term = scores[own[0]].term
+            if not isinstance(term.content, Effect) or term.everywhere or term.joint is None:
+                continue
+            best = sorted(own, key=lambda n: -scores[n].gain)[:MOST_SHAPES]
+            joints.setdefault(term.joint, []).extend(best)
+        result: dict[int, float] = {}
+        orders = self._plain({n: scores[n] for own in joints.values() for n in own})
+        for joint, numbers in joints.items():
+            most = max(scores[n].gain for n in numbers)
+            near = [n for n in numbers if scores[n].gain > max(0.5 * most, SMALLEST_GAIN)]
+            beside = {n: [m for m in self._beside(n, scores[n].term) if m in scores] for n in near}
+            own_laws = {n: [m for m in own if scores[m].surviving > FAINT] for n, own in beside.items()}
+            near = [n for n in near if own_laws[n]]
+            if not near:
+                continue
+            used = sorted({*near, *(m for n in near for m in own_laws[n])})
+            S, g = self._candidates.products(self._model, joint, used)
+            starts = np.cumsum([0, *(self._candidates.width(n) for n in used)])
+            where = {n: np.arange(starts[k], starts[k + 1]) for k, n in enumerate(used)}
+            for n in near:
+                places = [where[n], *(where[m] for m in own_laws[n])]
+                into = np.concatenate(places)
+                share = self._trust.get(n, 1.0)
+                result[n] = self._with_curves(
+                    scores[n], share * S[np.ix_(into, into)], share * g[into], [len(p) for p in places]
+                )
+                # What is won where a series needs its first terms only is won with curves beside it as well.
+                gain, live = np.array([scores[n].gain * share]), np.array([float(scores[n].live)])
+                whole = _averaged(gain, live, np.array([self._limit(scores[n])]))[0]
+                result[n] += max(0.0, orders[n] - float(whole))
+        return result
+
+    def _beside(self, number: int, term: Term) -> list[int]:
+        """Numbers of what nature's formula may hold beside a name's own: curves of its signal, and its overtone."""
+        return self._own_laws(term) + ([self._mixed[number]] if number in self._mixed else [])
+
+    def sharper(self, rated: Rated, model: Model) -> Rated:
+        """The same name with its shape searched between the grid's, and what that is worth.
+
+        Shapes are averaged: a peak that is narrower than the grid holds that much less of what was expected of shapes.
+        """
+        found = refined(model, rated.score)
+        if found is rated.score or found.term == rated.term:
+            return rated
+        own = self._own_laws(found.term)
+        terms = [found.term, rated.term, *(self._candidates.terms[n] for n in own)]
+        effect = found.term.content
+        overtone = effect.overtone(found.term.shape) if isinstance(effect, Effect) else None
+        if overtone is not None:
+            terms.append(replace(found.term, shape=overtone))
+        small = Candidates(model, terms, [1] * len(terms))
+        scores = small.scores(model)
+        if 0 not in scores or 1 not in scores:
+            return rated
+        rating = Rating(small, model, self._visible, self._failed)
+        if overtone is not None:
+            rating._mixed = {0: len(terms) - 1}
+        both = [rating.alone(number, scores) for number in (0, 1)]
+        narrow = 0.5 * float(np.log1p(max(0.0, both[0].score.gain - both[1].score.gain)))
+        more = both[0].log_bayes - both[1].log_bayes - narrow
+        if more <= 0:
+            return rated
+        exact = max(0.0, both[0].exact - both[1].exact - narrow)
+        return Rated(
+            replace(found, null=None),
+            rated.log_odds + more,
+            rated.log_bayes + more,
+            rated.exact + exact,
+            rated.leftover,
+        )
+
+    def alone(self, number: int, scores: Mapping[int, Score]) -> Rated:
+        """One shape of a name by itself."""
+        name = {family(scores[number].term): [number]}
+        exact = self._plain({number: scores[number]})
+        bent = exact | self._bent(name, scores)
+        return self._named([number], scores, 0.0, exact, bent)
+
+    def _limit(self, score: Score) -> float:
+        """Largest amplitude of a term: what can be seen of it when it is as large as the whole effort."""
+        place = None if score.term.everywhere else score.term.joint
+        whole = float(np.sqrt(np.sum(self._largest**2))) if place is None else float(self._largest[place])
+        return score.surviving * whole
+
+    def _left(self, joint: int | None, law: bool = False) -> FloatArray:
+        """Amplitudes of what found effects leave on a joint; none where nothing was found."""
+        seen = self._visible if law else np.hypot(self._visible, self._failed)
+        if joint is None:
+            size = float(np.sqrt(np.sum(seen**2)))
+        else:
+            others = float(np.sqrt(max(np.sum(seen**2) - seen[joint] ** 2, 0.0)))
+            size = float(np.hypot(seen[joint], priors.SPILL * others))
+        return size * np.array(priors.LEFTOVERS)
+
+    def _plain(self, scores: Mapping[int, Score]) -> dict[int, float]:
+        """Log evidence of names by number, if their formulas are exactly nature's."""
+        numbers = [n for n, s in scores.items() if s.term.id != "law" or isinstance(s.term.content, Surface)]
+        own = [scores[n] for n in numbers]
+        limits = np.array([self._limit(s) for s in own])
+        trust = np.array([self._trust.get(n, 1.0) for n in numbers])
+        orders = [_orders(s) for s in own]
+        found = []
+        for order in range(max((len(o) for o in orders), default=0)):
+            gain = np.array([o[min(order, len(o) - 1)][0] for o in orders]) * trust
+            live = np.array([float(o[min(order, len(o) - 1)][1]) for o in orders])
+            found.append(_averaged(gain, live, limits))
+        counts = np.array([len(o) for o in orders])
+        weights = np.arange(len(found))[:, None] < counts[None, :]
+        total = log_sum(np.array(found), axis=0, weights=weights / counts) if found else np.zeros(0)
+        return dict(zip(numbers, total.tolist(), strict=True))
+
+    def _named(
+        self,
+        numbers: Sequence[int],
+        scores: Mapping[int, Score],
+        prior: float,
+        exact: Mapping[int, float],
+        bent: Mapping[int, float],
+    ) -> Rated:
+        plausible = np.array([_plausible(scores[n]) for n in numbers])
+        total = np.array([bent[n] for n in numbers]) + plausible
+        best = scores[numbers[int(np.argmax(total))]]
+        bayes, plain = float(log_mean(total)), float(log_mean(np.array([exact[n] for n in numbers]) + plausible))
+        left, leftover = self._left(None if best.term.everywhere else best.term.joint), 0.0
+        if left.max() > 0:
+            share = self._trust.get(numbers[int(np.argmax(total))], 1.0)
+            gain, live = np.array([best.gain * share]), np.array([float(best.live)])
+            leftover = float(log_sum(named_evidence(gain, live, left)[0], weights=priors.LEFTOVER_WEIGHTS))
+        return Rated(best, prior + bayes, bayes, prior + plain, leftover)
+
+    def _with_curves(self, score: Score, S: FloatArray, g: FloatArray, widths: Sequence[int]) -> float:
+        """Log evidence of a name, with curves of its signal beside it; columns are the name's, then each curve's."""
+        effect = score.term.content
+        assert isinstance(effect, Effect)
+        own = whitened_parts(S[: widths[0], : widths[0]])
+        k = own.shape[1]
+        sizes = priors.amplitudes(self._limit(score))
+        shown = float(np.sqrt(max(score.gain, priors.SMALLEST**2)))
+        near = sizes[np.abs(np.log(sizes / shown)) < 1.5 * np.log(priors.RATIO)]
+        near = near if len(near) else sizes[-1:]
+        weights = np.log(priors.SERIES if effect.series else priors.PHYSICS)
+        pairs = [(a, e) for a in near for e in priors.EPSILONS]
+        found = []
+        for length in range(len(priors.LENGTHS)):
+            parts, start = [], widths[0]
+            for width in widths[1:]:
+                block = S[start : start + width, start : start + width]
+                root = curve_roots(width, priors.LENGTHS)[length] if width >= LEAST_CURVE else whitened_parts(block)
+                seen = float(np.trace(root.T @ block @ root)) * (len(widths) - 1)
+                parts.append(root / np.sqrt(max(seen, 1e-300)))
+                start += width
+            T = block_diag(own, *parts)
+            gram, products = T.T @ S @ T, T.T @ g
+            scales = np.array([np.r_[np.full(k, a / np.sqrt(k)), np.full(len(gram) - k, e * shown)] for a, e in pairs])
+            values = joint_evidence(gram, products, scales) + np.tile(weights, len(near))
+            found.append(log_sum(values) - np.log(len(sizes)))
+        return float(log_mean(found))
+
+    def _own_laws(self, term: Term) -> list[int]:
+        """Numbers of the laws of the signal that an effect is one of."""
+        effect = term.content
+        if not isinstance(effect, Effect):
+            return []
+        name, other = effect.signal(term.shape), None
+        if name.startswith("other."):
+            name, other = name[6:], int(term.shape["other"])
+        elif name == "joint_position":
+            name = "piston_position"
+        odd, even = effect.parity.startswith("odd"), effect.parity.startswith("even")
+        result = []
+        for signed in (False, True):
+            if (odd and not signed) or (even and signed):
+                continue
+            both = [self._laws.get((term.joint, name, other, signed, loaded)) for loaded in (False, True)]
+            present = [n for n in both if n is not None]
+            if present:  # what acts at the joint is gone without a load
+                result.append(present[-1] if effect.level == "joint" else present[0])
+        return result
+
+    def _curves(self, joint: int, numbers: Sequence[int], scores: Mapping[int, Score], prior: float) -> list[Rated]:
+        result: list[Rated] = []
+        for width in sorted({self._candidates.width(n) for n in numbers}):
+            result += self._of_width(joint, [n for n in numbers if self._candidates.width(n) == width], scores, prior)
+        return result
+
+    def _of_width(self, joint: int, numbers: Sequence[int], scores: Mapping[int, Score], prior: float) -> list[Rated]:
+        grams = np.array([self._trust.get(n, 1.0) * scores[n].information for n in numbers])
+        products = np.einsum("tij,tj->ti", grams, np.array([scores[n].values for n in numbers]))
+        roots = curve_roots(len(products[0]), priors.LENGTHS)
+        left = self._left(joint, law=True)
+        limits = np.array([self._limit(scores[n]) for n in numbers])
+        sizes = priors.amplitudes(float(limits.max()))
+        values = curve_evidence(grams, products, roots, sizes)
+        allowed = sizes[None, :] <= np.maximum(limits, priors.SMALLEST)[:, None] * priors.RATIO
+        bayes = log_sum(log_mean(values, axis=1), weights=allowed / allowed.sum(axis=1, keepdims=True))
+        leftover = np.zeros(len(numbers))
+        if left.max() > 0:
+            spread = curve_evidence(grams, products, roots, left)
+            leftover = log_sum(log_mean(spread, axis=1), weights=priors.LEFTOVER_WEIGHTS)
+        odds = prior + bayes
+        return [
+            Rated(scores[n], float(o), float(b), float(o), float(rest))
+            for n, o, b, rest in zip(numbers, odds, bayes, leftover, strict=True)
+        ]
+
+
+def _averaged(gain: FloatArray, live: FloatArray, limits: FloatArray) -> FloatArray:
+    """Log evidence (T,) of exact formulas, amplitudes averaged out up to each one's limit."""
+    sizes = priors.amplitudes(float(limits.max(initial=0.0)))
+    allowed = sizes[None, :] <= np.maximum(limits, priors.SMALLEST)[:, None] * priors.RATIO
+    return log_sum(named_evidence(gain, live, sizes), weights=allowed / allowed.sum(axis=1, keepdims=True))
+
+
+def _orders(score: Score) -> list[tuple[float, int]]:
+    """Gain and live directions of the first parameters of a series, one order after the other; else of all at once."""
+    effect = score.term.content
+    whole = (score.gain, score.live)
+    if not (isinstance(effect, Effect) and effect.series) or score.live < 2:
+        return [whole]
+    products = score.information @ np.asarray(score.values)
+    result = []
+    for order in range(1, len(score.values)):
+        root = whitened_parts(score.information[:order, :order])
+        if root.shape[1]:
+            result.append((float(np.sum((root.T @ products[:order]) ** 2)), root.shape[1]))
+    return [*result, whole]
+
+
+def _shares(numbers: Sequence[int], scores: Mapping[int, Score]) -> dict[int, float]:
+    """Share of each gain of one explanation that is believed; shapes without replicas as those with them."""
+    drawn = {n: trusted(scores[n]) for n in numbers if scores[n].null is not None}
+    law = isinstance(scores[numbers[0]].term.content, Law)
+    usual = min(drawn.values()) if drawn and not law else 1.0
+    return {n: drawn.get(n, usual) for n in numbers}
+
+
+def trusted(score: Score) -> float:
+    """Share of a gain that is believed, once replicas have shown what noise in the regressors makes of it."""
+    if score.null is None or not score.gain > 0:
+        return 1.0
+    if not isinstance(score.term.content, Effect):
+        return 1.0 / score.null.inflation
+    return score.null.weight(np.asarray(score.values), score.information) / score.gain
+
+
+def _plausible(score: Score) -> float:
+    """Log share of the posterior that lies where values are plausible, over the prior's."""
+    effect = score.term.content
+    if not isinstance(effect, Effect):
+        return 0.0
+    inside, before = 1.0, 1.0
+    for parameter, value, std in zip(effect.parameters, score.values, score.stds, strict=True):
+        if not (np.isfinite(parameter.low) or np.isfinite(parameter.high)):
+            continue
+        std = max(std, 1e-300)
+        inside *= float(norm.cdf((parameter.high - value) / std) - norm.cdf((parameter.low - value) / std))
+        if not parameter.low < 0 < parameter.high:
+            before *= 0.5  # a prior about zero has half of its mass on the right side
+    if not effect.plausible(score.values, score.stds):
+        inside = 0.0
+    return float(np.log((1 - priors.OUTSIDE) * inside / before + priors.OUTSIDE))
+
+
+def _efforts(model: Model) -> FloatArray:
+    """Whitened size of each joint's whole effort, (n,)."""
+    sizes = []
+    for joint in range(len(model.design.machine.joints)):
+        total = 0.0
+        for index in model.fitted:
+            block = model.design.blocks[joint][index]
+            kept = model.noise.kept(joint, block.keep)
+            total += float(np.sum(model.noise.whiten(joint, block.reduced_target)[kept] ** 2))
+        sizes.append(np.sqrt(total))
+    return np.array(sizes)
+
+
+def by_formula(rated: Sequence[Rated]) -> list[Rated]:
+    """Names of one joint compared by their exact formulas, the best of them lifted to what the best has with a curve.
+
+    What a curve beside a name makes up for counts for names against laws, not for one name against another.
+    """
+    places: dict[int | None, list[Rated]] = {}
+    for r in rated:
+        places.setdefault(None if r.term.everywhere else r.term.joint, []).append(r)
+    result = []
+    for own in places.values():
+        names = [r for r in own if isinstance(r.term.content, Effect)]
+        lift = max((r.log_odds for r in names), default=0.0) - max((r.exact for r in names), default=0.0)
+        result += [replace(r, log_odds=r.exact + lift) if isinstance(r.term.content, Effect) else r for r in own]
+    return sorted(result, key=lambda r: -r.log_odds)
+
+
+def believed(rated: Sequence[Rated]) -> list[tuple[Rated, float]]:
+    """Explanations of one place with their log odds, best first; names differ as far as formulas can be believed.
+
+    Whichever name is right, its own formula leaves chi-square, :data:`~fitting.selection.priors.INEXACT` squared of
+    what is there; differences of that size are chance, so those of names shrink by as much as it outweighs what noise
+    alone asks for. A law has no formula; names are compared with it with a curve beside them.
+    """
+    if not rated:
+        return []
+    near = [r for r in rated if r.log_odds > 0 and _same_place(r.term, rated[0].term)] or [rated[0]]
+    head = next((r for r in near if isinstance(r.term.content, Effect)), near[0])
+    share = 1.0 / (1.0 + priors.INEXACT**2 * head.score.gain / priors.CLOSE)
+    result = [
+        (r, head.log_odds - share * (head.log_odds - r.log_odds) if isinstance(r.term.content, Effect) else r.log_odds)
+        for r in near
+    ]
+    return sorted(result, key=lambda pair: -pair[1])
+
+
+def _same_place(one: Term, other: Term) -> bool:
+    return one.joint == other.joint or one.everywhere or other.everywhere
+
+
+def decided(rated: Sequence[Rated]) -> Rated:
+    """What is to be said of explanations of one place: the best name, unless laws are too probable beside all names."""
+    head = rated[0]
+    if isinstance(head.term.content, Law):
+        return head
+    near = believed(rated)
+    laws = [(r, odds) for r, odds in near if isinstance(r.term.content, Law)]
+    if laws and log_sum([odds for _, odds in laws]) > log_sum([odds for _, odds in near]) + np.log(1 - priors.NAMED):
+        return laws[0][0]
+    return head

@@ -1,0 +1,441 @@
+"""From residual to named effect: the most probable set of terms, found step by step, each confirmed elsewhere.
+
+One criterion decides: the posterior odds of :mod:`fitting.selection.rating`. A step takes the explanation that,
+together with what would follow it on its joint, is the most probable; rebuilds and refits; and looks again. At the end
+every term is held against all others in its place, beside the rest.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+import numpy.typing as npt
+
+from fitting.effects.base import Effect
+from fitting.residual.draws import Draws
+from fitting.residual.findings import Accepted, Attribution, Candidate, Family, Unconfirmed
+from fitting.residual.laws import Law
+from fitting.residual.refinement import refined, resolved
+from fitting.residual.scoring import Candidates, Score, catalogue_terms, law_terms, white_columns
+from fitting.residual.surfaces import Surface, best_surface, surfaces
+from fitting.residual.terms import Model, Term
+from fitting.residual.trials import Signals, Trials
+from fitting.selection import priors
+from fitting.selection.confirm import LEAST_Z_ALONE, Gate
+from fitting.selection.evidence import named_evidence
+from fitting.selection.posterior import Slot, hypotheses
+from fitting.selection.rating import Rated, Rating, by_formula, decided, family
+
+FloatArray = npt.NDArray[np.float64]
+Progress = Callable[[float, str], None]
+
+#: Explanations whose followers are looked at, and log odds that one has to have for that.
+WIDTH = 4
+#: Share of the best gain from which on a name is looked at closer.
+NEAR = 0.25
+#: Standard errors from which on two runs of one motion certainly share something.
+SHARED_Z = 4.0
+#: Contenders whose null is drawn.
+MOST_CONTENDERS = 12
+#: Gain beyond which no noise in regressors makes it: 17 standard deviations.
+BEYOND_BIAS = 300.0
+_SAID = float(np.log(priors.SAID / (1 - priors.SAID)))
+
+
+def attribute(
+    base: Model,
+    effects: Sequence[Effect],
+    validate: Sequence[int],
+    signals: Signals,
+    bootstrap: int = 0,
+    known: Sequence[Accepted] = (),
+    progress: Progress = lambda fraction, text: None,
+) -> Attribution:
+    """Run the loop on a fitted base model.
+
+    Parameters
+    ----------
+    base : joint fit of the base model
+    effects : the catalogue
+    validate : segments of the `validate` recordings; nothing is selected on them, they only confirm or refuse
+    signals : refits, with delays and the like corrected in the signals themselves
+    known : what was found before, in the order of the base's terms (spectral lines)
+    bootstrap : most replicas that a null distribution is drawn from; 0 trusts the chi-square
+    progress : called with a fraction and plain words
+    """
+    search = Search(base, effects, validate, signals, bootstrap, known)
+    for number in range(2 * priors.MOST):
+        progress(min(0.9, number / 4), f"looking for what is missing, round {number + 1}")
+        if not search.step():
+            break
+    search.settle()
+    return search.result()
+
+
+class Search:
+    """State of the search: the model so far, what was added and what was refused."""
+
+    def __init__(
+        self,
+        base: Model,
+        effects: Sequence[Effect],
+        validate: Sequence[int],
+        signals: Signals,
+        bootstrap: int,
+        known: Sequence[Accepted],
+    ) -> None:
+        self.base, self.effects, self.signals = base, effects, signals
+        self.gate = Gate(Trials(signals, validate), validate)
+        self.draws = Draws(signals, bootstrap)
+        self.model, self.accepted = base, list(known)
+        self.known = len(known)
+        self.refused: set[tuple[object, ...]] = set()
+        self.waiting: set[tuple[object, ...]] = set()
+        self.failed: list[tuple[int | None, float]] = []
+        self.table: dict[Family, Candidate] = {
+            item.score.term.family: Candidate(*item.score.term.family, item.score.score, "accepted", "a spectral line")
+            for item in known
+        }
+        self.unconfirmed: list[Unconfirmed] = []
+        self.limits: tuple[Score, ...] = ()
+        terms, grid = catalogue_terms(base, effects)
+        laws, law_grid = law_terms(base)
+        joints = range(len(base.design.machine.joints))
+        twists = [Term(law, joint) for joint in joints for law in surfaces(base, joint, twist=True)]
+        self.candidates = Candidates(base, [*terms, *laws, *twists], [*grid, *law_grid, *[len(twists)] * len(twists)])
+        self.scored: Model = base
+        self.slots: list[Slot] = []
+        self.open: list[Rated] = []
+
+    def step(self) -> bool:
+        """Add the most probable further term, or refuse it for good. False when nothing more is probable."""
+        if len(self.accepted) - self.known >= priors.MOST:
+            return False
+        rated = self._open(self._rated(self.model))
+        if not self.limits:
+            self.limits = tuple(best_scores(rated))
+        self._record(rated)
+        self.open = rated
+        if _log_total(rated) < _SAID:
+            return False
+        self._try(self._ahead(self._sharp(rated, self.model)))
+        return True
+
+    def _rated(self, model: Model) -> list[Rated]:
+        """All candidates beside a model, with the bias of noisy regressors taken off those that contend."""
+        if self.scored is not model:
+            self.candidates.follow(self.scored, model)
+            self.scored = model
+            scores = self.candidates.scores(model)
+            near = {n for n, score in scores.items() if score.gain > priors.SMALLEST**2}
+            self.candidates.refresh(model, near)
+        scores = self.candidates.scores(model)
+        rating = self._rating(model)
+        first = rating.rated(scores)
+        contending = [r for r in first if r.log_odds > -_SAID and r.score.gain < BEYOND_BIAS][:MOST_CONTENDERS]
+        if not contending or not self.draws.wanted:
+            return first
+        ids = {r.term.id for r in contending if r.term.uses_model and isinstance(r.term.content, Effect)}
+        number = {score.term.label: n for n, score in scores.items()}
+        chosen = contending + [r for r in first if r.term.id in ids and r not in contending][:MOST_CONTENDERS]
+        unbiased = self.draws.unbiased(model, [r.score for r in chosen])
+        if all(score.null is None for score in unbiased):
+            return first
+        for score in unbiased:
+            scores[number[score.term.label]] = score
+        return rating.rated(scores)
+
+    def _open(self, rated: Sequence[Rated]) -> list[Rated]:
+        """Those that are neither there nor refused."""
+        there = {family(term) for term in self.model.terms}
+        return [r for r in rated if family(r.term) not in there | self.refused]
+
+    def _visible(self, model: Model) -> FloatArray:
+        """Amplitude per joint of the effects in a model, and of what was refused."""
+        joints = len(model.design.machine.joints)
+        seen = np.zeros(joints)
+        for number, term in enumerate(model.terms):
+            if term.id == "supply_ripple":
+                continue
+            item = next((a for a in self.accepted if a.score.term.family == term.family), None)
+            size = _worth(model, number) if item is None else max(_worth(model, number), item.score.gain)
+            for joint in range(joints) if term.everywhere else [term.joint or 0]:
+                share = 1.0
+                if term.everywhere and item is not None and item.score.places:
+                    share = float(np.clip(item.score.places[joint], 0.0, 1.0))
+                seen[joint] += share * size
+        return np.sqrt(seen)
+
+    def _failed(self) -> FloatArray:
+        """Amplitude per joint of what was significant and did not hold elsewhere."""
+        joints = len(self.base.design.machine.joints)
+        seen = np.zeros(joints)
+        for joint, size in self.failed:
+            for place in range(joints) if joint is None else [joint]:
+                seen[place] += priors.FAILED**2 * size
+        return np.sqrt(seen)
+
+    def _rating(self, model: Model) -> Rating:
+        return Rating(self.candidates, model, self._visible(model), self._failed())
+
+    def _ahead(self, rated: Sequence[Rated]) -> Rated:
+        """The explanation that is the most probable by itself, or as exact formula together with what would follow."""
+        head = rated[0]
+        joint = head.term.joint
+        near = [r for r in rated if r.term.joint == joint and r.score.gain > NEAR * head.score.gain]
+        near = near[: 2 * WIDTH]
+        if len(near) < 2 or joint is None:
+            return head
+        if decided(rated) is not head:
+            return decided(rated)
+        best, most = head, head.log_odds
+        for one in near:
+            rest = 0.5 * (near[0].score.gain - one.score.gain)  # what could be left for a follower
+            if one is not head and one.exact + max(rest, 0.0) < most:
+                continue
+            total = max(one.log_odds, one.exact + max(0.0, self._followers(one, joint)))
+            if total > most:
+                best, most = one, total
+        return best
+
+    def _sharp(self, rated: Sequence[Rated], model: Model) -> list[Rated]:
+        """Explanations with the shapes of those names searched that come near the best of their joint.
+
+        A spline adapts itself; a formula is compared with it at its best shape.
+        """
+        if not rated:
+            return []
+        head = rated[0]
+        rating = self._rating(model)
+        near = [
+            r
+            for r in rated
+            if r.term.joint == head.term.joint
+            and isinstance(r.term.content, Effect)
+            and r.score.gain > NEAR * head.score.gain
+        ][:WIDTH]
+        sharp = [self._moved(r, model) if r.term.id == "sensor_latency" else rating.sharper(r, model) for r in near]
+        return by_formula([*sharp, *(r for r in rated if r not in near)])
+
+    def _moved(self, late: Rated, model: Model) -> Rated:
+        """A delay with what moving the effort gains: its column is its beginning only."""
+        trial = self.gate.with_term(model, late.term)
+        more = 0.5 * (model.fit.chi_square - trial.fit.chi_square - late.score.gain)
+        return late if more <= 0 else replace(late, log_odds=late.log_odds + more, exact=late.exact + more)
+
+    def _followers(self, first: Rated, joint: int) -> float:
+        """Log odds of the best further explanation on a joint, once ``first`` is there."""
+        model = beside(self.model, first.term)
+        seen = self._visible(self.model)
+        seen[joint] = np.hypot(seen[joint], np.sqrt(first.score.gain))
+        scores = self.candidates.scores(model, [joint])
+        rated = Rating(self.candidates, model, seen, self._failed()).rated(scores)
+        there = {family(term) for term in (*self.model.terms, first.term)}
+        return max((r.log_odds for r in rated if family(r.term) not in there | self.refused), default=0.0)
+
+    def _try(self, choice: Rated) -> None:
+        """Add the choice, its shape searched, if nothing is against it elsewhere."""
+        score = self._sharpened(choice.score)
+        trial = self.gate.with_term(self.model, score.term)
+        score = replace(score, term=trial.terms[-1])
+        said = self.gate.asked(score, self.model, trial)
+        place = score.term.family
+        if said.reason and self._waits_for(said.worse, choice):
+            return
+        if said.reason:
+            self.refused.add(family(choice.term))
+            self.table[place] = Candidate(*place, score.score, "rejected", said.reason)
+            if not said.faint:
+                self.failed.append((score.term.joint, score.gain))
+                if isinstance(score.term.content, Law):
+                    self.unconfirmed.append(Unconfirmed(score, said.held_out, said.validate_gain or 0.0))
+            return
+        # What is in the model itself is no other name any more for what was found before.
+        self.accepted = [
+            replace(item, rivals=tuple(rival for rival in item.rivals if rival.term.family != place))
+            for item in self.accepted
+        ]
+        self.accepted.append(Accepted(score, (), said.held_out, said.validate_gain, said.witness))
+        self.table[place] = Candidate(*place, score.score, "accepted", f"gains {score.gain:.0f} of chi-square")
+        self.model = trial
+
+    def _waits_for(self, joint: int | None, choice: Rated) -> bool:
+        """Whether what a joint lacks itself was tried first; a choice that made that joint worse is judged anew then.
+
+        Parameters that two joints share are bent by both effects.
+        """
+        if joint is None or joint == choice.term.joint or family(choice.term) in self.waiting:
+            return False
+        own = [r for r in self._open(self._rated(self.model)) if r.term.joint == joint]
+        if not own or own[0].log_odds < _SAID:
+            return False
+        self.waiting.add(family(choice.term))
+        self._try(self._ahead(self._sharp(own, self.model)))
+        return True
+
+    def _sharpened(self, score: Score) -> Score:
+        """A name at its best shape; a law with as many functions as it takes, of two signals where that is better."""
+        if not isinstance(score.term.content, Law):
+            return refined(self.model, score)
+        law = resolved(self.model, score)
+        assert law.term.joint is not None
+        found = best_surface(self.model, law.term.joint, score.term.content.signals[0])
+        if found is None:
+            return law
+        one, two = (
+            float(named_evidence(np.array([s.gain]), np.array([float(s.live)]), np.array([np.sqrt(s.gain)]))[0, 0])
+            for s in (law, found)
+        )
+        return found if two - np.log(found.grid) > one + _SAID else law
+
+    def settle(self) -> None:
+        """Hold every term against all others in its place; what is not needed goes, what is beaten is replaced."""
+        for _ in range(priors.MOST):
+            self.slots = []
+            for number in range(self.known, len(self.accepted)):
+                slot = self._slot(number)
+                if slot.moved:
+                    break
+                self.slots.append(slot)
+            if len(self.slots) == len(self.accepted) - self.known:
+                return
+        self.slots = [self._slot(n, final=True) for n in range(self.known, len(self.accepted))]
+
+    def _slot(self, number: int, final: bool = False) -> Slot:
+        """What could stand in one term's place; unless it is final, the term is dropped or replaced if it is beaten."""
+        item = self.accepted[number]
+        others = [a for n, a in enumerate(self.accepted) if n != number]
+        rest = [a.score.term for a in others]
+        model = self.base if len(rest) == self.known else self.signals.refit(rest)
+        all_, self.accepted = self.accepted, others
+        there = {family(term) for term in rest}
+        rated = [r for r in self._rated(model) if family(r.term) not in there | self.refused]
+        own = next((r for r in rated if family(r.term) == family(item.score.term)), None)
+        rated = self._sharp(rated, model)
+        slot = Slot.of(item, rated)
+        self.accepted = all_
+        content = item.score.term.content
+        if isinstance(content, Surface) and not content.twist:
+            beaten, own = bool(rated) and not isinstance(decided(rated).term.content, Law), own or rated[0]
+        else:
+            beaten = bool(rated) and family(decided(rated).term) != family(item.score.term)
+        if final or not (beaten or own is None or slot.nothing > 1 - priors.SAID):
+            return slot
+        place = item.score.term.family
+        self.accepted, self.model = others, model
+        if slot.nothing > 1 - priors.SAID or not rated:
+            self.table[place] = Candidate(
+                *place, item.score.score, "rejected", "not needed beside what was found later"
+            )
+            return replace(slot, moved=True)
+        self.table[place] = Candidate(*place, item.score.score, "rejected", "another explanation is more probable")
+        before = len(self.accepted)
+        self._try(decided(rated))
+        if len(self.accepted) == before:  # what beat it does not hold: it comes back
+            self._try(own) if own is not None else None
+        return replace(slot, moved=True)
+
+    def result(self) -> Attribution:
+        """What was found."""
+        accepted = list(self.accepted[: self.known])
+        for item, slot in zip(self.accepted[self.known :], self.slots, strict=True):
+            rivals = slot.rivals(priors.SAID)
+            accepted.append(
+                replace(
+                    item,
+                    rivals=tuple(r.score for r, _ in rivals),
+                    rival_probabilities=tuple(p for _, p in rivals),
+                    probability=slot.probability,
+                )
+            )
+            for rival, _ in rivals:
+                words = f"this data cannot tell it from {item.score.term.id}"
+                self.table[rival.term.family] = Candidate(
+                    *rival.term.family, rival.score.score, "indistinguishable", words
+                )
+        ordered = tuple(sorted(self.table.values(), key=lambda c: -c.score))
+        return Attribution(
+            self.base,
+            self.model,
+            tuple(accepted),
+            ordered,
+            self.limits,
+            (),
+            self._open_questions(),
+            hypotheses=hypotheses(self.slots, self.open),
+        )
+
+    def _open_questions(self) -> tuple[Unconfirmed, ...]:
+        """Unconfirmed laws of joints where nothing else was found, and something certainly is.
+
+        It holds on blocks that were left out of the fit, or two runs of one motion leave the same.
+        """
+        found = {item.score.term.joint for item in self.accepted}
+        best: dict[int | None, Unconfirmed] = {}
+        for item in self.unconfirmed:
+            joint = item.score.term.joint
+            if joint is None or joint in found:
+                continue
+            left = self.signals.misfit(self.model, joint)
+            shared = left.z > SHARED_Z and left.excess > NEAR * item.score.gain
+            if (shared or item.held_out.z >= LEAST_Z_ALONE) and (
+                joint not in best or item.score.gain > best[joint].score.gain
+            ):
+                best[joint] = item
+        return tuple(best.values())
+
+    def _record(self, rated: Sequence[Rated]) -> None:
+        """Note what each family could do, unless it already has its say."""
+        for r in rated:
+            place = r.term.family
+            if not isinstance(r.term.content, Effect):
+                continue
+            known = self.table.get(place)
+            if known is not None and (known.status != "rejected" or known.score >= r.score.score):
+                continue
+            if r.log_odds <= 0:
+                reason = f"gains {r.score.gain:.1f} of chi-square, which chance or what was found explains as well"
+            else:
+                reason = "significant, but another effect explains the same better"
+            self.table[place] = Candidate(*place, r.score.score, "rejected", reason)
+
+
+def best_scores(rated: Sequence[Rated]) -> list[Score]:
+    """Scores of the catalogue's effects."""
+    return [r.score for r in rated if isinstance(r.term.content, Effect)]
+
+
+def beside(model: Model, term: Term) -> Model:
+    """The model with one more term of one joint projected out, linearly: its residual and its orthonormal rows."""
+    joint = term.joint or 0
+    columns, _ = white_columns(model, term)
+    fit = model.fit
+    shadow = fit.orthonormal[joint].T @ columns
+    parts = [-q @ shadow for q in fit.orthonormal]
+    parts[joint] = parts[joint] + columns
+    stacked = np.vstack(parts)
+    left, values, _ = np.linalg.svd(stacked, full_matrices=False)
+    basis = left[:, values > 1e-6 * max(float(values[0]), 1e-300)]
+    residual = np.concatenate(fit.residual)
+    residual = residual - basis @ (basis.T @ residual)
+    ends = np.cumsum([len(r) for r in fit.residual])[:-1]
+    orthonormal = tuple(np.hstack([q, more]) for q, more in zip(fit.orthonormal, np.split(basis, ends), strict=True))
+    return replace(model, fit=replace(fit, orthonormal=orthonormal, residual=tuple(np.split(residual, ends))))
+
+
+def _worth(model: Model, number: int) -> float:
+    """Chi-square that dropping a term would cost (Wald's)."""
+    fit, part = model.fit, model.term_slice(number)
+    told = fit.told[part]
+    values = fit.theta[part][told]
+    if model.terms[number].rebuilt:
+        values = values + np.asarray(model.terms[number].rebuilt)[told]
+    covariance = fit.covariance[part, part][np.ix_(told, told)]
+    return float(values @ np.linalg.pinv(covariance) @ values) if told.any() else 0.0
+
+
+def _log_total(rated: Sequence[Rated]) -> float:
+    """Log odds of anything more against nothing more."""
+    return float(np.logaddexp.reduce([r.log_odds for r in rated])) if rated else -np.inf
