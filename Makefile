@@ -6,8 +6,8 @@ PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 # Versions that were tested; `make demo LOCK=` takes the newest that pyproject.toml allows.
 LOCK ?= requirements.lock
 INSTALL := $(PIP) $(if $(LOCK),--constraint $(LOCK))
-# More than two cores' worth: half of its time the suite waits for processes that it started.
-JOBS ?= 3
+# Tests at once.
+JOBS ?= 2
 PYTEST := $(BIN)/pytest --dist loadfile --no-loadscope-reorder
 # Tests start hundreds of Python processes; none should compile again what another has compiled.
 unexport PYTHONDONTWRITEBYTECODE

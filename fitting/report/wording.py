@@ -275,6 +275,24 @@ def verdict_sentence(report: Mapping[str, Any], titles: Mapping[str, str]) -> st
     return f"{'It cannot be said that nothing is missing' if reasons else 'Structure is left in the error'}{because}."
 
 
+def as_chance(probability: float) -> str:
+    """A probability as far as one can be trusted: ``84 %``, ``more than 99 %``, ``less than 1 %``."""
+    rounded = round(100 * probability)
+    return "more than 99 %" if rounded > 99 else "less than 1 %" if rounded < 1 else f"{rounded} %"
+
+
+def chance(probability: object) -> str:
+    """A probability in brackets, `` (84 %)``; nothing if it is not known."""
+    return f" ({as_chance(probability)})" if isinstance(probability, float) else ""
+
+
+def explanation(hypothesis: Mapping[str, Any], titles: Mapping[str, str]) -> str:
+    """A hypothesis in words: its effects and laws with their places, or that nothing is missing."""
+    parts = [at({**entry, "title": titles.get(str(entry["id"]))}) for entry in hypothesis.get("effects") or []]
+    parts += [f"{follows(law)} as no known effect does" for law in hypothesis.get("laws") or []]
+    return listed(parts) if parts else "nothing is missing"
+
+
 #: Impossible parameters that a verdict names one by one.
 _MOST_SAID = 3
 
@@ -301,6 +319,11 @@ def _found(report: Mapping[str, Any], titles: Mapping[str, str]) -> list[str]:
     for entry in effects:
         if entry.get("indistinguishable_from"):
             names = [lower(title(entry)), *alternatives(entry, titles)]
+            chances = [
+                e.get("probability") for e in (entry, *entry["indistinguishable_from"]) if isinstance(e, Mapping)
+            ]
+            if len(chances) == len(names):
+                names = [name + chance(p) for name, p in zip(names, chances, strict=True)]
             sentences.append(
                 f"something is missing {place(entry.get('joint'))}, and these recordings cannot tell whether it is "
                 f"{listed(names, 'or')}"

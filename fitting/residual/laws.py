@@ -118,6 +118,8 @@ def laws(views: Views, joint: int, fitted: tuple[int, ...]) -> Iterator[Law]:
             continue
         if signal == "oil_temperature" and any(views[i][joint].segment.temperature is None for i in fitted):
             continue
+        if signal == "force_rate":
+            continue  # what follows it is a delay, and what noise makes of a force's rate follows everything else
         if signal == "link_angle" and len(parallel_joints(machine, joint)) == 1:
             continue  # the joint's own angle
         if signal == "total_flow" and not any(j.cylinder is not None for j in machine.joints):

@@ -41,6 +41,7 @@ def log_sum(values: npt.ArrayLike, axis: int = -1, weights: npt.ArrayLike = 1.0)
     """Logarithm of the weighted sum of exponentials along an axis."""
     values = np.asarray(values, dtype=float)
     top = np.max(values, axis=axis, keepdims=True)
+    top = np.where(np.isfinite(top), top, 0.0)
     total = np.sum(np.asarray(weights) * np.exp(values - top), axis=axis)
     return np.asarray(np.log(np.maximum(total, 1e-300)) + np.squeeze(top, axis=axis))
 
@@ -104,13 +105,23 @@ def whitened_parts(gram: FloatArray) -> FloatArray:
     return np.asarray(vectors[:, live] / np.sqrt(values[live]) / norms[:, None])
 
 
-def joint_evidence(gram: FloatArray, products: FloatArray, scales: FloatArray) -> FloatArray:
-    """Log Bayes factors (K,) of parameters with independent priors of these scales: (p, p), (p,), (K, p)."""
+def joint_evidence(gram: FloatArray, products: FloatArray, scales: FloatArray, first: int = 0) -> FloatArray:
+    """Log Bayes factors of parameters with independent priors of these scales: (p, p), (p,), (K, p).
+
+    Returns
+    -------
+    ndarray
+        (2, K): log Bayes factors, and the amplitude of what the parameters from number ``first`` on contribute at the
+        posterior mean.
+    """
     H = scales[:, :, None] * gram * scales[:, None, :]
     values, vectors = np.linalg.eigh(H)
     values = np.where(values > ROUNDING * values[:, -1:], values, 0.0)
     turned = np.einsum("kij,ki->kj", vectors, scales * products) * (values > 0)
-    return np.asarray(0.5 * np.sum(turned**2 / (1.0 + values) - np.log1p(values), axis=1))
+    mean = scales * np.einsum("kij,kj->ki", vectors, turned / (1.0 + values))
+    mean[:, :first] = 0.0
+    shown = np.sqrt(np.maximum(np.einsum("ki,ij,kj->k", mean, gram, mean), 0.0))
+    return np.array([0.5 * np.sum(turned**2 / (1.0 + values) - np.log1p(values), axis=1), shown])
 
 
 def least_gain(live: int, choices: int = 1) -> float:

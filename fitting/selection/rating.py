@@ -32,6 +32,8 @@ Family = tuple[object, ...]
 
 #: Share of a curve that the base has to leave for it to tell of anything.
 FAINT = 0.01
+#: Standard deviations of what is expected of a curve beside a name that one may be large.
+MOST_BESIDE = 2.0
 #: Fewer columns are no curve.
 LEAST_CURVE = 4
 #: Shapes of a name that are compared with a bent formula, and the least gain for which that can matter.
@@ -49,6 +51,7 @@ class Rated:
     log_bayes : log Bayes factor alone
     exact : log odds if its formula is exactly nature's, so that what is left of it is free to be something else
     leftover : log Bayes factor of the same as what is left of effects that were found
+    refuted : the same of effects that were found, and of names that did not hold elsewhere
     """
 
     score: Score
@@ -56,6 +59,7 @@ class Rated:
     log_bayes: float
     exact: float
     leftover: float
+    refuted: float
 
     @property
     def term(self) -> Term:
@@ -110,6 +114,7 @@ class Rating:
         self._trust = {}
         for own in (*names.values(), *laws.values()):
             self._trust |= _shares(own, scores)
+        self._share_bias(names, scores)
         catalogued = sum(f[0] != "law" for f in names)
         unknown = sum(len(own) for own in laws.values()) + len(names) - catalogued
         each = float(np.log(priors.CATALOGUE / priors.NOTHING / max(catalogued, 1)))
@@ -123,6 +128,17 @@ class Rating:
             result += self._curves(joint, own, scores, law_each)
         return by_formula(self._against_leftovers(result))
 
+    def _share_bias(self, names: Mapping[Family, Sequence[int]], scores: Mapping[int, Score]) -> None:
+        """What noise in the regressors makes of a name it makes of the laws of its signal as well."""
+        for own in names.values():
+            drawn = [n for n in own if scores[n].null is not None]
+            if not drawn or not isinstance(scores[drawn[0]].term.content, Effect):
+                continue
+            best = max(drawn, key=lambda n: scores[n].gain)
+            lost = scores[best].gain * (1.0 - self._trust[best])
+            for law in (n for n in self._laws_of_signal(scores[best].term) if n in scores and scores[n].gain > 0):
+                self._trust[law] = min(self._trust.get(law, 1.0), max(0.0, 1.0 - lost / scores[law].gain))
+
     def _against_leftovers(self, rated: Sequence[Rated]) -> list[Rated]:
         """Odds against nothing but what found effects leave: in the direction of any candidate, by its prior."""
         places: dict[int | None, list[Rated]] = {}
@@ -131,9 +147,11 @@ class Rating:
         result = []
         for own in places.values():
             prior = np.array([r.log_odds - r.log_bayes for r in own])
-            left = np.array([r.leftover for r in own])
-            nothing = max(0.0, float(log_sum(left + prior - log_sum(prior))))
-            result += [replace(r, log_odds=r.log_odds - nothing, exact=r.exact - nothing) for r in own]
+            for laws in (False, True):  # what did not hold elsewhere under a name is open to a law of its joint
+                left = np.array([r.leftover if laws else r.refuted for r in own])
+                nothing = max(0.0, float(log_sum(left + prior - log_sum(prior))))
+                ours = [r for r in own if isinstance(r.term.content, Law) == laws]
+                result += [replace(r, log_odds=r.log_odds - nothing, exact=r.exact - nothing) for r in ours]
         return result
 
     def _bent(self, names: Mapping[Family, Sequence[int]], scores: Mapping[int, Score]) -> dict[int, float]:
@@ -163,9 +181,12 @@ class Rating:
                 places = [where[n], *(where[m] for m in own_laws[n])]
                 into = np.concatenate(places)
                 share = self._trust.get(n, 1.0)
-                result[n] = self._with_curves(
+                curved = self._with_curves(
                     scores[n], share * S[np.ix_(into, into)], share * g[into], [len(p) for p in places]
                 )
+                if not np.isfinite(curved):
+                    continue
+                result[n] = curved
                 # What is won where a series needs its first terms only is won with curves beside it as well.
                 gain, live = np.array([scores[n].gain * share]), np.array([float(scores[n].live)])
                 whole = _averaged(gain, live, np.array([self._limit(scores[n])]))[0]
@@ -209,6 +230,7 @@ class Rating:
             rated.log_bayes + more,
             rated.exact + exact,
             rated.leftover,
+            rated.refuted,
         )
 
     def alone(self, number: int, scores: Mapping[int, Score]) -> Rated:
@@ -224,15 +246,26 @@ class Rating:
         whole = float(np.sqrt(np.sum(self._largest**2))) if place is None else float(self._largest[place])
         return score.surviving * whole
 
-    def _left(self, joint: int | None, law: bool = False) -> FloatArray:
+    def _left(self, joint: int, law: bool = False) -> FloatArray:
         """Amplitudes of what found effects leave on a joint; none where nothing was found."""
         seen = self._visible if law else np.hypot(self._visible, self._failed)
-        if joint is None:
-            size = float(np.sqrt(np.sum(seen**2)))
+        others = float(np.sqrt(max(np.sum(seen**2) - seen[joint] ** 2, 0.0)))
+        return float(np.hypot(seen[joint], priors.SPILL * others)) * np.array(priors.LEFTOVERS)
+
+    def _as_leftover(self, score: Score, share: float, law: bool) -> float:
+        """Log evidence of a name as what found effects leave; of what acts everywhere joint by joint."""
+        if not score.term.everywhere:
+            parts = {score.term.joint or 0: 1.0}
         else:
-            others = float(np.sqrt(max(np.sum(seen**2) - seen[joint] ** 2, 0.0)))
-            size = float(np.hypot(seen[joint], priors.SPILL * others))
-        return size * np.array(priors.LEFTOVERS)
+            parts = {joint: max(part, 0.0) for joint, part in enumerate(score.places)}
+        total = 0.0
+        for joint, part in parts.items():
+            left = self._left(joint, law)
+            if left.max() > 0:
+                gain, live = np.array([part * score.gain * share]), np.array([float(score.live)])
+                found = named_evidence(gain, live, left)[0]
+                total += max(0.0, float(log_sum(found, weights=priors.LEFTOVER_WEIGHTS)))
+        return total
 
     def _plain(self, scores: Mapping[int, Score]) -> dict[int, float]:
         """Log evidence of names by number, if their formulas are exactly nature's."""
@@ -263,12 +296,9 @@ class Rating:
         total = np.array([bent[n] for n in numbers]) + plausible
         best = scores[numbers[int(np.argmax(total))]]
         bayes, plain = float(log_mean(total)), float(log_mean(np.array([exact[n] for n in numbers]) + plausible))
-        left, leftover = self._left(None if best.term.everywhere else best.term.joint), 0.0
-        if left.max() > 0:
-            share = self._trust.get(numbers[int(np.argmax(total))], 1.0)
-            gain, live = np.array([best.gain * share]), np.array([float(best.live)])
-            leftover = float(log_sum(named_evidence(gain, live, left)[0], weights=priors.LEFTOVER_WEIGHTS))
-        return Rated(best, prior + bayes, bayes, prior + plain, leftover)
+        share = self._trust.get(numbers[int(np.argmax(total))], 1.0)
+        leftover, refuted = (self._as_leftover(best, share, laws) for laws in (True, False))
+        return Rated(best, prior + bayes, bayes, prior + plain, leftover, refuted)
 
     def _with_curves(self, score: Score, S: FloatArray, g: FloatArray, widths: Sequence[int]) -> float:
         """Log evidence of a name, with curves of its signal beside it; columns are the name's, then each curve's."""
@@ -294,20 +324,25 @@ class Rating:
             T = block_diag(own, *parts)
             gram, products = T.T @ S @ T, T.T @ g
             scales = np.array([np.r_[np.full(k, a / np.sqrt(k)), np.full(len(gram) - k, e * shown)] for a, e in pairs])
-            values = joint_evidence(gram, products, scales) + np.tile(weights, len(near))
+            values, beside = joint_evidence(gram, products, scales, k)
+            values = values + np.tile(weights, len(near))
+            # A name is what explains most of it: a curve beside it may not be many times what is expected of one.
+            values[beside > MOST_BESIDE * np.tile(priors.EPSILONS, len(near)) * shown] = -np.inf
             found.append(log_sum(values) - np.log(len(sizes)))
-        return float(log_mean(found))
+        return float(log_mean(found)) if np.isfinite(found).any() else -np.inf
+
+    def _laws_of_signal(self, term: Term) -> list[int]:
+        """Numbers of all laws of the signal that an effect is one of."""
+        name, other = _signal(term)
+        keys = [(term.joint, name, other, signed, loaded) for signed in (False, True) for loaded in (False, True)]
+        return [self._laws[key] for key in keys if key in self._laws]
 
     def _own_laws(self, term: Term) -> list[int]:
-        """Numbers of the laws of the signal that an effect is one of."""
+        """Numbers of the laws of its signal that an effect's formula may be off by: of its parity, one of each sign."""
         effect = term.content
         if not isinstance(effect, Effect):
             return []
-        name, other = effect.signal(term.shape), None
-        if name.startswith("other."):
-            name, other = name[6:], int(term.shape["other"])
-        elif name == "joint_position":
-            name = "piston_position"
+        name, other = _signal(term)
         odd, even = effect.parity.startswith("odd"), effect.parity.startswith("even")
         result = []
         for signed in (False, True):
@@ -341,7 +376,7 @@ class Rating:
             leftover = log_sum(log_mean(spread, axis=1), weights=priors.LEFTOVER_WEIGHTS)
         odds = prior + bayes
         return [
-            Rated(scores[n], float(o), float(b), float(o), float(rest))
+            Rated(scores[n], float(o), float(b), float(o), float(rest), float(rest))
             for n, o, b, rest in zip(numbers, odds, bayes, leftover, strict=True)
         ]
 
@@ -449,6 +484,15 @@ def believed(rated: Sequence[Rated]) -> list[tuple[Rated, float]]:
         for r in near
     ]
     return sorted(result, key=lambda pair: -pair[1])
+
+
+def _signal(term: Term) -> tuple[str, int | None]:
+    """The signal of an effect as laws name it, and the neighbour that has it."""
+    assert isinstance(term.content, Effect)
+    name = term.content.signal(term.shape)
+    if name.startswith("other."):
+        return name[6:], int(term.shape["other"])
+    return "piston_position" if name == "joint_position" else name, None
 
 
 def _same_place(one: Term, other: Term) -> bool:

@@ -14,6 +14,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from daq.drivers import canopen_link
+from daq.drivers.base import DriverContext
 from daq.drivers.can_health import BusHealth
 from daq.drivers.canopen_link import CanLink
 from daq.drivers.canopen_mapping import Mapping
@@ -80,7 +81,7 @@ def link() -> Iterator[tuple[CanLink, can.BusABC]]:
     name = f"fuzzed-{next(_CHANNELS)}"
     bus = CanopenBus(name="can0", type="canopen", interface="virtual", channel=name)
     now = count(1)
-    opened = CanLink(bus, lambda: next(now), BusHealth())
+    opened = CanLink(bus, DriverContext(1.0, 0.0, lambda: next(now)), BusHealth())
     with can.Bus(interface="virtual", channel=name) as other:
         yield opened, other
     opened.close()
@@ -103,7 +104,7 @@ def test_any_frame_is_counted_once_and_stops_nobody(
         is_remote_frame=remote and not error, is_error_frame=error, timestamp=stamp,
     )  # fmt: skip
     before = (opened.frames, opened.extended, opened.remote, opened.health.error_frames)
-    opened._take(message)
+    opened.take(message)
     after = (opened.frames, opened.extended, opened.remote, opened.health.error_frames)
     plain = not (error or extended or remote)
     kinds = (1, extended and not error, remote and not extended and not error, error)

@@ -15,12 +15,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from mcap.reader import make_reader
 from scipy.io import loadmat
-from server.cli import main
 from sound_recordings import ROWS, Columns, motion
 
 from daq import parse_machine, read_recording, write_recording
 from daq.formats.mat import LONGEST, variables
 from daq.recording_files import read_table
+from server.commands.command_line import main
 
 MACHINE = parse_machine(plain())
 BEGAN = datetime(2024, 2, 29, 12, 30, 0, 250_000, tzinfo=UTC)

@@ -13,7 +13,6 @@ import pytest
 import typer
 from bench_machines import modbus
 from canopen_test_bench import ANGLE, HEAD, ROD, Bench
-from server.cli import main
 from signals_test_bench import DBC, HEAD_PRESSURE, OIL, TEMPERATURES, written
 from typer.testing import CliRunner
 
@@ -25,6 +24,7 @@ from daq.quality import MEASURED
 from daq.recording_files import read_table
 from daq.replay import replay
 from daq.trace import TraceAccess, bus_file, read_trace, trace_files
+from server.commands.command_line import main
 
 DATABASE = cantools.database.load_string(DBC, "dbc")
 BEGAN = 1_700_000_000.0

@@ -69,14 +69,14 @@ def test_a_curve_has_the_marginal_likelihood_of_its_coefficients_prior(seed: int
 def test_columns_with_independent_priors(seed: int) -> None:
     columns, residual, gram, products = problem(seed, 5)
     scales = np.random.default_rng(seed).uniform(0.1, 5.0, size=(3, 5))
-    for own, found in zip(scales, joint_evidence(gram, products, scales), strict=True):
+    for own, found in zip(scales, joint_evidence(gram, products, scales)[0], strict=True):
         assert found == pytest.approx(log_bayes(columns, residual, np.diag(own**2)), rel=1e-6, abs=1e-6)
 
 
 def test_what_the_base_takes_whole_says_nothing() -> None:
     """A dead direction holds rounding only, whatever its prior."""
     gram = np.diag([4.0, 1e-13])
-    found = joint_evidence(gram, np.array([3.0, 1e-7]), np.array([[1.0, 1e4], [1.0, 0.0]]))
+    found = joint_evidence(gram, np.array([3.0, 1e-7]), np.array([[1.0, 1e4], [1.0, 0.0]]))[0]
     assert found[0] == pytest.approx(found[1], abs=1e-4)
     assert whitened_parts(np.array([[4.0, 0.0], [0.0, 9.0]])).shape == (2, 2)
 
@@ -106,3 +106,11 @@ def test_the_mean_of_a_curve_is_as_uncertain_as_its_course() -> None:
         mean = np.full(16, 1.0 / 16)
         course = np.trace(covariance) / 16 - mean @ covariance @ mean
         assert mean @ covariance @ mean == pytest.approx(course, rel=0.1)
+
+
+def test_what_a_part_of_the_parameters_contributes_is_measured_where_it_shows() -> None:
+    """With a wide prior the posterior mean is the least-squares fit."""
+    columns, residual, gram, products = problem(3, 4)
+    (_, shown) = joint_evidence(gram, products, np.full((1, 4), 1e4), 2)
+    fit = np.linalg.lstsq(columns, residual, rcond=None)[0]
+    assert shown[0] == pytest.approx(np.linalg.norm(columns[:, 2:] @ fit[2:]), rel=1e-4)

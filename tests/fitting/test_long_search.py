@@ -205,7 +205,7 @@ def test_an_effect_is_found_on_pieces_and_fitted_to_everything(hour: list[Record
     whole = SessionSignals(session, corrections).refit(terms)
     part = whole.term_slice(0)
     assert worth(whole, 0) > 1.5 * worth(pieces.model, 0)
-    assert whole.fit.std[part][0] < 0.8 * pieces.model.fit.std[part][0]
+    assert whole.fit.std[part][0] < 0.8 * pieces.model.fit.std[pieces.model.term_slice(0)][0]
     assert abs(whole.fit.theta[part][0] - size) < 0.1 * size
     session.forget_search()
     assert session.search is not search

@@ -26,7 +26,7 @@ from fitting.report import (
     write_report,
 )
 from fitting.report.text import moment, moved, number, percent, unit, with_std
-from fitting.report.wording import follows, readable, sizes
+from fitting.report.wording import as_chance, chance, explanation, follows, readable, sizes
 
 JOINTS = tuple(f"joint{i}" for i in range(1, 7))
 FLOORS = (41.0, 52.3, 30.1, 11.2, 4.31, 0.874)
@@ -753,3 +753,12 @@ def test_rounding_never_moves_a_value_by_more_than_a_fifth_of_its_deviation(valu
     shown, deviation = (factor * read_back(part) for part in text.split(" ± "))
     assert abs(shown - value) <= 0.2 * std + 1e-9 * abs(value)
     assert deviation == pytest.approx(std, rel=0.06)
+
+
+def test_probabilities_are_said_as_far_as_they_can_be_trusted() -> None:
+    assert [as_chance(p) for p in (0.999, 0.84, 0.001)] == ["more than 99 %", "84 %", "less than 1 %"]
+    assert chance(None) == "" and chance(0.5) == " (50 %)"
+    assert explanation({"effects": [], "laws": [], "probability": 0.9}, {}) == "nothing is missing"
+    both = {"effects": [{"id": "payload", "joint": None}], "laws": [{"joint": "joint2", "variable": "total_flow"}]}
+    said = explanation({**both, "probability": 0.5}, {"payload": "A payload"})
+    assert "payload" in said and "joint2" in said and "total flow" in said

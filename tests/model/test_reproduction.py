@@ -69,7 +69,7 @@ def test_laws_are_reproduced() -> None:
 
 STEPS = (
     {"effect": "encoder_offset", "joint": 0, "shape": {}, "values": [0.01]},
-    {"effect": "linkage_geometry", "joint": 1, "shape": {"parameter": 0.0}, "values": [0.002]},
+    {"effect": "linkage_geometry", "joint": 1, "shape": {"parameter": 0.0}, "values": [0.002, 0.0, 0.0]},
     {"effect": "backlash", "joint": 1, "shape": {"sensor": 0.0}, "values": [0.0005]},
 )
 

@@ -19,7 +19,7 @@ import pytest
 
 ROOT = Path(__file__).parents[2]
 SETUPTOOLS = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["setuptools"]
-PACKAGES = [ROOT / pattern.rstrip("*") for pattern in SETUPTOOLS["packages"]["find"]["include"]]
+PACKAGES = sorted({ROOT / pattern.rstrip("*.") for pattern in SETUPTOOLS["packages"]["find"]["include"]})
 SOURCES = ROOT / "server" / "web"
 
 
