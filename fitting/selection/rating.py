@@ -248,9 +248,10 @@ class Rating:
 
     def _left(self, joint: int, law: bool = False) -> FloatArray:
         """Amplitudes of what found effects leave on a joint; none where nothing was found."""
-        seen = self._visible if law else np.hypot(self._visible, self._failed)
+        seen = self._visible
         others = float(np.sqrt(max(np.sum(seen**2) - seen[joint] ** 2, 0.0)))
-        return float(np.hypot(seen[joint], priors.SPILL * others)) * np.array(priors.LEFTOVERS)
+        own = float(np.hypot(seen[joint], priors.SPILL * others))
+        return (own if law else float(np.hypot(own, self._failed[joint]))) * np.array(priors.LEFTOVERS)
 
     def _as_leftover(self, score: Score, share: float, law: bool) -> float:
         """Log evidence of a name as what found effects leave; of what acts everywhere joint by joint."""

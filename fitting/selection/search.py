@@ -24,7 +24,7 @@ from fitting.residual.terms import Model, Term
 from fitting.residual.trials import Signals, Trials
 from fitting.selection import priors
 from fitting.selection.confirm import LEAST_Z_ALONE, Gate
-from fitting.selection.evidence import named_evidence
+from fitting.selection.evidence import least_gain, named_evidence
 from fitting.selection.posterior import Slot, hypotheses
 from fitting.selection.rating import Rated, Rating, by_formula, decided, family
 
@@ -292,6 +292,7 @@ class Search:
 
     def settle(self) -> None:
         """Hold every term against all others in its place; what is not needed goes, what is beaten is replaced."""
+        self._without_needless_lines()
         for _ in range(priors.MOST):
             self.slots = []
             for number in range(self.known, len(self.accepted)):
@@ -303,12 +304,25 @@ class Search:
                 return
         self.slots = [self._slot(n, final=True) for n in range(self.known, len(self.accepted))]
 
+    def _without_needless_lines(self) -> None:
+        """Drop spectral lines that an effect found later explains: what is left of them is worth nothing."""
+        if len(self.accepted) == self.known:
+            return
+        for number in reversed(range(self.known)):
+            if _worth(self.model, number) >= least_gain(2):
+                continue
+            place = self.accepted.pop(number).score.term.family
+            self.known -= 1
+            known = self.table[place]
+            self.table[place] = replace(known, status="rejected", reason="not needed beside what was found later")
+            self.model = self.signals.refit([item.score.term for item in self.accepted])
+
     def _slot(self, number: int, final: bool = False) -> Slot:
         """What could stand in one term's place; unless it is final, the term is dropped or replaced if it is beaten."""
         item = self.accepted[number]
         others = [a for n, a in enumerate(self.accepted) if n != number]
         rest = [a.score.term for a in others]
-        model = self.base if len(rest) == self.known else self.signals.refit(rest)
+        model = self.base if tuple(rest) == self.base.terms else self.signals.refit(rest)
         all_, self.accepted = self.accepted, others
         there = {family(term) for term in rest}
         rated = [r for r in self._rated(model) if family(r.term) not in there | self.refused]
