@@ -111,7 +111,7 @@ def attribution(
     from benchmarks.attribution.recipe import KINDS, CaseKey, Selection
     from benchmarks.attribution.runs import Order, plan_of, read_lines, run
     from benchmarks.targets import lines_of, missed
-    from fitting.session import Options
+    from fitting.loop.session import Options
     from sim_backends.undeclared import UNDECLARED
 
     if only is not None and only not in UNDECLARED:

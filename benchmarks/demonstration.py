@@ -20,7 +20,7 @@ from scipy.optimize import least_squares
 from benchmarks.targets import Check, Outcome, fact
 from daq.machine_file import load_machine
 from daq.recording import read_recording
-from fitting.motion import read_motion
+from fitting.excitation.motion import read_motion
 from server.commands.demo_command import run_demo
 
 

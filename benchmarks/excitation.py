@@ -17,7 +17,7 @@ import numpy as np
 
 from benchmarks.targets import Check
 from daq.machine_file import Machine
-from fitting.base_parameters import base_regressor, reduce_parameters
+from fitting.arm.base_parameters import base_regressor, reduce_parameters
 from fitting.excitation import Excitation, ExcitationOptions, HydraulicLimits, design_motion
 from fitting.excitation.limits import chamber_pressure, supply_flow
 from sim_backends.machines import folding_arm, slewing_arm

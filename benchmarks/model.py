@@ -31,11 +31,11 @@ from benchmarks.samples import SAMPLES
 from benchmarks.targets import Check, Outcome
 from daq.machine_file import Machine, load_machine
 from daq.recording import Recording, read_recording
-from fitting.base_parameters import base_regressor, reduce_parameters
-from fitting.drive import drive_names
+from fitting.arm.base_parameters import base_regressor, reduce_parameters
 from fitting.effects import effect
 from fitting.effects.base import Ranges
-from fitting.loop import final_model
+from fitting.loop.residual_loop import final_model
+from fitting.loop.session import Options, Session
 from fitting.model import motion
 from fitting.model.arm_model import ArmModel, Pass, Provenance
 from fitting.model.export import export_model
@@ -43,10 +43,10 @@ from fitting.model.export.bodies import bodies_of
 from fitting.model.export.c import identifier, states
 from fitting.model.handover import hand_over
 from fitting.model.prediction import predict
-from fitting.preparation import PositionNoise
+from fitting.regression.drive import drive_names
 from fitting.residual.kinematics import Corrections
 from fitting.residual.terms import Term
-from fitting.session import Options, Session
+from fitting.signals.preparation import PositionNoise
 
 FloatArray = npt.NDArray[np.float64]
 Trial = tuple[Machine, list[Recording]]

@@ -19,9 +19,9 @@ import numpy.typing as npt
 
 from benchmarks.targets import Check, Outcome
 from daq.machine_file import Machine, parse_machine
-from fitting.base_parameters import base_regressor, reduce_parameters
-from fitting.dynamics import rigid_body_regressor
-from fitting.geometry import Geometry, geometry_of
+from fitting.arm.base_parameters import base_regressor, reduce_parameters
+from fitting.arm.dynamics import rigid_body_regressor
+from fitting.arm.geometry import Geometry, geometry_of
 
 FloatArray = npt.NDArray[np.float64]
 TWISTS = {

@@ -61,8 +61,8 @@ def samples(
 
 def identify_case(directory: Path) -> Report:
     """The report of one case."""
-    from fitting.session import Request
-    from fitting.stages import identify
+    from fitting.loop.session import Request
+    from fitting.pipeline.stages import identify
 
     files = tuple((role, directory / f"{name}.parquet") for name, role in ROLES.items())
     with tempfile.TemporaryDirectory(prefix="hilfit-samples-") as output:

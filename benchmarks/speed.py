@@ -37,8 +37,8 @@ MINUTES = (10.0, 30.0, 60.0)
 _CHILD = """
 import json, sys, time
 from pathlib import Path
-from fitting.session import Options, Request
-from fitting.stages import identify
+from fitting.loop.session import Options, Request
+from fitting.pipeline.stages import identify
 
 order = json.loads(sys.argv[1])
 

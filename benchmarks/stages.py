@@ -21,12 +21,12 @@ import numpy.typing as npt
 
 from benchmarks.attribution.judging import recordings_of
 from benchmarks.targets import Check, Outcome, fact, rate
-from fitting.comparison import cylinder_conditions, stage_condition
-from fitting.cylinder_stage import identify_cylinders
-from fitting.noise import effort_floor
-from fitting.regression import Design, effort_errors
-from fitting.rigid_body_stage import identify_one_shot, identify_rigid_body
-from fitting.session import Session
+from fitting.loop.session import Session
+from fitting.pipeline.comparison import cylinder_conditions, stage_condition
+from fitting.pipeline.cylinder_stage import identify_cylinders
+from fitting.pipeline.rigid_body_stage import identify_one_shot, identify_rigid_body
+from fitting.regression.design import Design, effort_errors
+from fitting.regression.noise import effort_floor
 from sim_backends.cases import Case, simulate_case
 from sim_backends.truth import SensorQuality
 

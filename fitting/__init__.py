@@ -1,20 +1,25 @@
 """Identification of hydraulically driven arms: kinematics, dynamics, both stages, excitation, and the residual loop.
 
-=====================  =====================================================================================
-``geometry linkage dynamics base_parameters``   the arm: Denavit-Hartenberg table to base-parameter regressor
-``motion excitation``                           motion files and their design
-``signals preparation``                         recordings to smooth motion and measured effort
-``drive regression noise prior``                the one linear regression, its noise, what is known before
-``estimators``                                  estimators that can be plugged in
-``cylinder_stage rigid_body_stage stage_two``   stages 1 and 2, and the one-shot regression
-``estimator_choice instruments body_prior``     which estimator stage 2 uses, and what it needs
-``comparison flags``                            two stages against one; parameters that are poorly determined
-``effects residual loop``                       the catalogue, and the loop that chooses from it
-``stored streamed long_rows``                   recordings of hours: from a file, segment by segment
-``search_pieces everything sharper``            the loop on those: on which pieces, and held against everything
-``session stages results report``               one identification, stage by stage, and its report
-``model``                                       what it hands over: evaluated, stored, exported
-=====================  =====================================================================================
+==============  ====================================================================================================
+``arm``         Denavit-Hartenberg table, linkages, dynamics, base parameters
+``signals``     filters, recordings to smooth motion and measured effort, spectra
+``regression``  the one linear regression: rows, drive, noise, what is known before, what can be told; hours from a file
+``estimators``  estimators that can be plugged in
+``effects``     the catalogue, one file each
+``residual``    views, terms, scores, replicas, spectral lines, changes in time: what evidence is made of
+``selection``   priors, evidence, search, gate, probabilities
+``excitation``  motion files and their design
+``planning``    what a motion will show: forecast, detection limits, the next experiment
+``checks``      mistakes in files and wiring
+``report``      the report and its figures
+``loop``        the loop on recordings: session, kinematics, attribution, long recordings
+``model``       what an identification hands over: evaluated, stored, exported
+``pipeline``    the stages, their program, the verdict
+``commands``    the commands of identification
+==============  ====================================================================================================
+
+A room imports those above it only, but for ``loop``, ``model`` and ``pipeline``, which stand above ``report`` (a contract
+in ``pyproject.toml`` says the order).
 
 Everything here is small matrices: one BLAS thread is fastest, and two processes with two threads each on two cores
 spend most of their time waiting for one another. So, unless the environment says otherwise, BLAS is asked for one
@@ -26,10 +31,10 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from fitting.session import Options, Request
-    from fitting.stages import identify, run_stage
+    from fitting.loop.session import Options, Request
+    from fitting.pipeline.stages import identify, run_stage
 
-from fitting.stage_names import STAGES
+from fitting.pipeline.stage_names import STAGES
 
 for _variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(_variable, "1")
@@ -38,10 +43,10 @@ del _variable
 __all__ = ["STAGES", "Options", "Request", "identify", "run_stage"]
 
 _HOMES = {
-    "Options": "fitting.session",
-    "Request": "fitting.session",
-    "identify": "fitting.stages",
-    "run_stage": "fitting.stages",
+    "Options": "fitting.loop.session",
+    "Request": "fitting.loop.session",
+    "identify": "fitting.pipeline.stages",
+    "run_stage": "fitting.pipeline.stages",
 }
 
 

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from fitting.session import Options, Request
-from fitting.stages import identify as run
+from fitting.loop.session import Options, Request
+from fitting.pipeline.stages import identify as run
 from hilfit.machine import Machine
 from hilfit.model import Model
 from hilfit.recording import Recording

@@ -27,11 +27,11 @@ from benchmarks.attribution.making import OF_THE_SIGNAL, BenchCase, opened, undi
 from benchmarks.attribution.recipe import KINEMATIC, Selection
 from benchmarks.attribution.sight import FITTED
 from fitting.effects import effects
-from fitting.regression import NoiseModel, full_residual
+from fitting.loop.session import Session
+from fitting.regression.design import NoiseModel, full_residual
 from fitting.residual.scoring import Candidates, catalogue_terms
 from fitting.residual.terms import Model, fit_model
-from fitting.session import Session
-from fitting.spectrum import whitening
+from fitting.signals.spectrum import whitening
 from sim_backends.cases import STEMS
 from sim_backends.undeclared import EffectSpec
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from daq.machine_file import Machine
-from fitting.base_parameters import reduce_parameters
+from fitting.arm.base_parameters import reduce_parameters
 from sim_backends.truth import Truth
 
 DRIVE = ("m", "K", "f_c", "f_v", "f_s")

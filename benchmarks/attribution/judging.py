@@ -10,10 +10,10 @@ import numpy.typing as npt
 
 from daq.machine_file import Machine
 from daq.recording import Recording
-from fitting.kinematic_check import kinematic_findings
-from fitting.loop import run_attribution
+from fitting.loop.kinematic_check import kinematic_findings
+from fitting.loop.residual_loop import run_attribution
+from fitting.loop.session import Options, Session
 from fitting.residual.laws import Law
-from fitting.session import Options, Session
 
 FloatArray = npt.NDArray[np.float64]
 Place = tuple[str, str | None]

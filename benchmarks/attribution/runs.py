@@ -19,7 +19,7 @@ from benchmarks.attribution.making import make_case
 from benchmarks.attribution.recipe import KINDS, CaseKey, Selection
 from benchmarks.attribution.verdicts import verdict
 from daq.errors import InputError
-from fitting.session import Options
+from fitting.loop.session import Options
 
 Line = dict[str, Any]
 _THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")

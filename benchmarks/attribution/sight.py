@@ -21,8 +21,8 @@ from scipy import linalg, signal
 from scipy.interpolate import make_interp_spline
 
 from daq.machine_file import Machine
-from fitting.base_parameters import base_regressor, reduce_parameters
-from fitting.linkage import lever_arm
+from fitting.arm.base_parameters import base_regressor, reduce_parameters
+from fitting.arm.linkage import lever_arm
 from sim_backends.hydraulics import direction
 from sim_backends.plant import KNOCK_TIME
 from sim_backends.truth import SensorQuality, Truth

@@ -15,7 +15,7 @@ from benchmarks.measured.seals import Seal
 from benchmarks.measured.staubli import Staubli
 from benchmarks.measured.ways import MOST_WORSE, Ways, cut, named, ways
 from benchmarks.targets import Check, Outcome, fact
-from fitting.session import Options, Session
+from fitting.loop.session import Options, Session
 
 __all__ = ["DATA", "MACHINES", "run"]
 

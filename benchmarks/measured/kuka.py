@@ -11,7 +11,7 @@ from pathlib import Path
 from benchmarks.measured.ways import Ways, ways
 from daq.machine_file import load_machine
 from daq.recording import read_recording
-from fitting.session import Session
+from fitting.loop.session import Session
 
 #: Relative error on the other motion, percent: of the base model at most, and with what the loop added.
 MOST_BASE, MOST_AFTER = 12.3, 12.0

@@ -24,9 +24,9 @@ from daq.machine_file import Machine, load_machine, machine_to_yaml
 from daq.quality import Quality
 from daq.recording import read_recording, write_recording
 from fitting.effects import effect
+from fitting.loop.session import Options, Session
 from fitting.residual.laws import Law
 from fitting.residual.terms import Term
-from fitting.session import Options, Session
 
 FloatArray = npt.NDArray[np.float64]
 BoolArray = npt.NDArray[np.bool_]

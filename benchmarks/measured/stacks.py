@@ -11,11 +11,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from fitting.kinematic_check import corrections_from_json
-from fitting.loop import final_model, term_from_json
+from fitting.loop.kinematic_check import corrections_from_json
+from fitting.loop.residual_loop import final_model, term_from_json
+from fitting.loop.session import Options, Request, Session
+from fitting.pipeline.stages import run_stage
 from fitting.residual.terms import Model, Term
-from fitting.session import Options, Request, Session
-from fitting.stages import run_stage
 
 FloatArray = npt.NDArray[np.float64]
 BoolArray = npt.NDArray[np.bool_]

@@ -24,8 +24,8 @@ from benchmarks.measured.stacks import Found, Stack, loop, refitted, relative, s
 from daq.machine_file import load_machine
 from daq.recording import read_recording, write_recording
 from fitting.effects import effect
+from fitting.loop.session import Session
 from fitting.residual.terms import Model, Term
-from fitting.session import Session
 
 FloatArray = npt.NDArray[np.float64]
 

@@ -12,8 +12,8 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from daq.recording import Recording
-from fitting.session import Session
-from fitting.stages import STEPS
+from fitting.loop.session import Session
+from fitting.pipeline.stages import STEPS
 
 #: Names of the ways in the order of the table; ``one_shot`` is plain least squares.
 WAYS = ("whitened", "scaled", "equal", "possible", "one_shot", "two_stage")

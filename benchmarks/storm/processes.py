@@ -26,7 +26,7 @@ from benchmarks.storm import stages
 CHILDREN: Mapping[str, str] = {
     "daq.acquisition_child": "acquisition",
     "storm/stages.py": "stage",
-    "fitting.stage_program": "real stage",
+    "fitting.pipeline.stage_program": "real stage",
 }
 START_S = 90.0
 

@@ -1,7 +1,7 @@
 """``python stages.py REQUEST.json STAGE``: a stage that does nothing but take its time, and leaves a line for each run.
 
 An identification that has a recording in the role ``train`` is a real one: this process becomes
-:mod:`fitting.stage_program`, and stays for its other stages, which leave no line.
+:mod:`fitting.pipeline.stage_program`, and stays for its other stages, which leave no line.
 
 A line of ``runs.txt``, beside the places of the stages, is the stage, when it began (UNIX time in ms) and the process.
 It never answers from a result that is there already, so a finished stage that is run again shows. Standard library
@@ -17,7 +17,7 @@ import time
 from pathlib import Path
 from typing import Any
 
-#: Those of :mod:`fitting.stages`, named here because this has to start quickly.
+#: Those of :mod:`fitting.pipeline.stages`, named here because this has to start quickly.
 STAGES = ("check", "cylinder_stage", "rigid_body_stage", "residual", "attribution", "refit", "report")
 WORK_S = 0.15
 REPORT = {
@@ -39,7 +39,10 @@ def main(request: Path, stage: str) -> None:
     with (output.parent / "runs.txt").open("a") as file:
         file.write(f"{stage} {time.time_ns() // 1_000_000} {os.getpid()}\n")
     if is_real(content):
-        os.execv(sys.executable, [sys.executable, "-P", "-m", "fitting.stage_program", "--stay", str(request), stage])
+        os.execv(
+            sys.executable,
+            [sys.executable, "-P", "-m", "fitting.pipeline.stage_program", "--stay", str(request), stage],
+        )
     for part in range(1, 4):
         time.sleep(WORK_S / 3)
         print(json.dumps({"fraction": part / 4, "text": f"{stage} {part}"}), flush=True)

@@ -9,8 +9,8 @@ import numpy as np
 import numpy.typing as npt
 
 from daq.machine_file import Machine
+from fitting.arm.linkage import joint_motion, lever_arm, piston_motion
 from fitting.checks.samples import Samples, Signal, moving
-from fitting.linkage import joint_motion, lever_arm, piston_motion
 
 FloatArray = npt.NDArray[np.float64]
 BoolArray = npt.NDArray[np.bool_]

@@ -19,6 +19,7 @@ from daq.column_map import ColumnMap
 from daq.errors import HilfitError
 from daq.machine_file import Machine
 from daq.recording import Recording
+from fitting.arm.joint_side import at_joints
 from fitting.checks.areas import AreaRatio, area_ratios
 from fitting.checks.arm_motion import positions_of
 from fitting.checks.clocks import Clock, clock_of
@@ -38,7 +39,6 @@ from fitting.checks.samples import take_samples
 from fitting.checks.signal_faults import signal_findings
 from fitting.checks.trials import Accused, Searched, search
 from fitting.checks.two_sensors import disagreements
-from fitting.joint_side import at_joints
 
 FloatArray = npt.NDArray[np.float64]
 _log = logging.getLogger(__name__)

@@ -14,10 +14,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
+from fitting.arm.dynamics import rigid_body_regressor
 from fitting.checks.hypothesis import CLEAR
 from fitting.checks.physical import Trial, declared, friction, measured_effort, without
 from fitting.checks.samples import EFFORTS, Samples
-from fitting.dynamics import rigid_body_regressor
 
 FloatArray = npt.NDArray[np.float64]
 

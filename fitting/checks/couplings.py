@@ -9,8 +9,8 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
+from fitting.arm.dynamics import rigid_body_regressor
 from fitting.checks.physical import Trial, declared, friction, measured_effort, without
-from fitting.dynamics import rigid_body_regressor
 
 FloatArray = npt.NDArray[np.float64]
 

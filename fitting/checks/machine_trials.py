@@ -9,10 +9,10 @@ from scipy.spatial.transform import Rotation
 
 from daq.linkages import ThreePin
 from daq.machine_file import Machine
+from fitting.arm.linkage import parameter_names
 from fitting.checks.hypothesis import Build, Hypothesis
 from fitting.checks.motion_trials import mapped
 from fitting.checks.physical import Trial
-from fitting.linkage import parameter_names
 
 
 def changed_joint(machine: Machine, number: int, part: str, values: Mapping[str, float]) -> Machine:

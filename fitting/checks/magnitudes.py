@@ -16,7 +16,7 @@ from daq.machine_file import Channel, Machine
 from daq.recording import Recording
 from fitting.checks.factors import RARE, gains
 from fitting.checks.findings import Finding
-from fitting.signals import white_noise_of
+from fitting.signals.filters import white_noise_of
 
 FloatArray = npt.NDArray[np.float64]
 

@@ -10,7 +10,7 @@ import numpy.typing as npt
 from daq.machine_file import Machine
 from daq.recording import Recording
 from fitting.checks.findings import Finding
-from fitting.signals import lag_between
+from fitting.signals.filters import lag_between
 
 FloatArray = npt.NDArray[np.float64]
 

@@ -29,12 +29,12 @@ from scipy import linalg
 from scipy.optimize import lsq_linear, nnls
 
 from daq.machine_file import Machine
+from fitting.arm.dynamics import coupled_regressor, rigid_body_regressor
+from fitting.arm.expected import expected_sign
+from fitting.arm.geometry import Geometry, geometry_of
 from fitting.checks.arm_motion import Motion, motion_of
 from fitting.checks.samples import Samples
-from fitting.dynamics import coupled_regressor, rigid_body_regressor
-from fitting.expected import expected_sign
-from fitting.geometry import Geometry, geometry_of
-from fitting.prior import moving_mass
+from fitting.regression.prior import moving_mass
 
 FloatArray = npt.NDArray[np.float64]
 BoolArray = npt.NDArray[np.bool_]

@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from daq.machine_file import Machine
 from daq.recording import Recording
-from fitting.signals import FilterBank, edge_frequency, filter_bank, white_noise_of
+from fitting.signals.filters import FilterBank, edge_frequency, filter_bank, white_noise_of
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]

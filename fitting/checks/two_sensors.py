@@ -16,11 +16,11 @@ import numpy.typing as npt
 
 from daq.linkages import ThreePin
 from daq.machine_file import Machine
+from fitting.arm.linkage import parameter_names
 from fitting.checks.factors import gains
 from fitting.checks.machine_trials import changed_joint
 from fitting.checks.motion_trials import COUNTS, DELAYS, RATES, times_too
 from fitting.checks.samples import Samples, Signal
-from fitting.linkage import parameter_names
 
 FloatArray = npt.NDArray[np.float64]
 

@@ -29,11 +29,11 @@ import numpy as np
 import numpy.typing as npt
 
 from daq.machine_file import Machine
-from fitting.base_parameters import BaseParameters, base_regressor
-from fitting.drive import expected_power, expected_sign
-from fitting.preparation import PositionNoise, Segment
-from fitting.quiet_motion import quiet_motion
-from fitting.signals import FilterBank
+from fitting.arm.base_parameters import BaseParameters, base_regressor
+from fitting.regression.drive import expected_power, expected_sign
+from fitting.signals.filters import FilterBank
+from fitting.signals.preparation import PositionNoise, Segment
+from fitting.signals.quiet_motion import quiet_motion
 
 FloatArray = npt.NDArray[np.float64]
 Shape = Mapping[str, float]
@@ -156,7 +156,7 @@ class DriveView:
 
     @property
     def quiet_torque(self) -> FloatArray:
-        """The model's load torque, N m (N), for further derivatives: see :mod:`fitting.quiet_motion`."""
+        """The model's load torque, N m (N), for further derivatives: see :mod:`fitting.signals.quiet_motion`."""
         if "quiet_torques" not in self.shared:
             derived = self.segment.derived
             if "quiet_regressor" not in derived:

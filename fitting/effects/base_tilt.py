@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from daq.machine_file import Machine
-from fitting.base_parameters import base_gravity_regressor
+from fitting.arm.base_parameters import base_gravity_regressor
 from fitting.effects.base import DriveView, Effect, FloatArray, Parameter, Shape
 
 

@@ -21,13 +21,13 @@ import numpy as np
 import yaml
 
 from daq.machine_file import Machine, parse_machine
-from fitting.base_parameters import reduce_parameters
+from fitting.arm.base_parameters import reduce_parameters
+from fitting.arm.linkage import lever_arm, piston_motion
 from fitting.effects.base import DriveView, Effect, FloatArray, Parameter, Shape
-from fitting.linkage import lever_arm, piston_motion
-from fitting.preparation import PositionNoise, Segment
-from fitting.regression import build_design
+from fitting.regression.design import build_design
 from fitting.residual.views import Views, build_views
-from fitting.signals import filter_bank
+from fitting.signals.filters import filter_bank
+from fitting.signals.preparation import PositionNoise, Segment
 
 #: Signals that a residual can be drawn against; those of a neighbour have ``other.`` in front.
 VARIABLES = frozenset(

@@ -8,8 +8,8 @@ import numpy as np
 
 from daq.linkages import Linkage, Polynomial, reduced
 from daq.machine_file import Machine
+from fitting.arm.linkage import lever_arm_derivatives, parameter_derivatives, parameter_names, with_parameter
 from fitting.effects.base import DriveView, Effect, FloatArray, Parameter, Shape, has_both_positions
-from fitting.linkage import lever_arm_derivatives, parameter_derivatives, parameter_names, with_parameter
 
 
 class LinkageGeometry(Effect):

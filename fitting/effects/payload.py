@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from fitting.dynamics import rigid_body_regressor
+from fitting.arm.dynamics import rigid_body_regressor
 from fitting.effects.base import DriveView, Effect, FloatArray, Parameter, Shape
 
 

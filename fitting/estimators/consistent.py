@@ -30,15 +30,15 @@ import numpy as np
 import numpy.typing as npt
 
 from daq.errors import HilfitError, InputError
-from fitting.base_parameters import BaseParameters
-from fitting.body_prior import BodyPrior, pseudo_inertia, standard_of_link
+from fitting.arm.base_parameters import BaseParameters
+from fitting.arm.geometry import Geometry
 from fitting.estimators.base import Estimate, FloatArray, check_rows
 from fitting.estimators.context import StageTwo
 from fitting.estimators.covariance import Colour
 from fitting.estimators.information import Information, information
 from fitting.estimators.least_squares import group_std
 from fitting.estimators.weighted import weighted_by_group
-from fitting.geometry import Geometry
+from fitting.regression.body_prior import BodyPrior, pseudo_inertia, standard_of_link
 
 #: Weights of the divergence against a chi-square, tried in turn: rows far from all bodies take a larger one to solve.
 GAMMA = (1e-3, 1e-2, 1e-1, 1.0, 1e1, 1e2)

@@ -10,11 +10,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
-from fitting.base_parameters import BaseParameters
-from fitting.body_prior import BodyPrior
+from fitting.arm.base_parameters import BaseParameters
+from fitting.arm.geometry import Geometry
 from fitting.estimators.base import Estimator, FloatArray
 from fitting.estimators.covariance import Colour
-from fitting.geometry import Geometry
+from fitting.regression.body_prior import BodyPrior
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ columns made from a motion without that noise; ``Z'(b - A theta) = 0`` is free o
 
     theta = (Z'W A)^-1 Z'W b,      cov = (Z'W A)^-1 cov(Z'W e) (A'W Z)^-1.
 
-Where the instruments come from: :mod:`fitting.instruments`.
+Where the instruments come from: :mod:`fitting.regression.instruments`.
 
 Source
 ------

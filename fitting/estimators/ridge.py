@@ -13,13 +13,13 @@ import numpy as np
 import numpy.typing as npt
 
 from daq.errors import InputError
-from fitting.body_prior import BodyPrior
 from fitting.estimators.base import Estimate, check_rows
 from fitting.estimators.context import StageTwo
 from fitting.estimators.covariance import Colour
 from fitting.estimators.information import information
 from fitting.estimators.least_squares import group_std, solve
 from fitting.estimators.weighted import weighted_by_group
+from fitting.regression.body_prior import BodyPrior
 
 
 @dataclass(frozen=True)

@@ -22,13 +22,13 @@ import numpy.typing as npt
 
 from daq.errors import InputError
 from daq.machine_file import Joint, Machine
+from fitting.arm.linkage import lever_arm
 from fitting.excitation.fourier import fourier_basis
 from fitting.excitation.limits import LimitUse
+from fitting.excitation.motion import Motion
 from fitting.excitation.objective import condition_of_information, spectral_objective
 from fitting.excitation.search import lbfgs
 from fitting.excitation.staircase import LEVEL_SECONDS, staircase
-from fitting.linkage import lever_arm
-from fitting.motion import Motion
 
 FloatArray = npt.NDArray[np.float64]
 

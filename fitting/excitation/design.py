@@ -17,14 +17,14 @@ import numpy.typing as npt
 
 from daq.errors import InputError
 from daq.machine_file import Machine
-from fitting.base_parameters import BaseParameters, base_regressor, unidentifiable
-from fitting.dynamics import stacked
+from fitting.arm.base_parameters import BaseParameters, base_regressor, unidentifiable
+from fitting.arm.dynamics import stacked
 from fitting.excitation.fourier import fourier_basis
 from fitting.excitation.limits import HydraulicLimits, LimitUse, hydraulic_limits_used, joint_limits_used
+from fitting.excitation.motion import Motion
 from fitting.excitation.objective import condition_of_information, information
 from fitting.excitation.problem import ExcitationOptions, Problem, pose_problem
 from fitting.excitation.search import search
-from fitting.motion import Motion
 
 FloatArray = npt.NDArray[np.float64]
 Progress = Callable[[float, float], None]

@@ -11,12 +11,12 @@ from scipy.interpolate import make_interp_spline
 from daq.errors import InputError
 from daq.machine_file import Machine
 from daq.recording import Recording
-from fitting.base_parameters import BaseParameters, base_regressor
+from fitting.arm.base_parameters import BaseParameters, base_regressor
+from fitting.arm.joint_side import at_joints
+from fitting.excitation.motion import Motion
 from fitting.excitation.objective import information
-from fitting.joint_side import at_joints
-from fitting.motion import Motion
-from fitting.preparation import position_noise, prepare
-from fitting.signals import filter_bank
+from fitting.signals.filters import filter_bank
+from fitting.signals.preparation import position_noise, prepare
 
 FloatArray = npt.NDArray[np.float64]
 

@@ -8,8 +8,8 @@ import numpy as np
 import numpy.typing as npt
 
 from daq.machine_file import Cylinder, Machine
-from fitting.base_parameters import BaseParameters, base_regressor, reduce_parameters
-from fitting.linkage import lever_arm, lever_arm_slope, piston_motion
+from fitting.arm.base_parameters import BaseParameters, base_regressor, reduce_parameters
+from fitting.arm.linkage import lever_arm, lever_arm_slope, piston_motion
 
 FloatArray = npt.NDArray[np.float64]
 

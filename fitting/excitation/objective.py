@@ -28,8 +28,8 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
-from fitting.dynamics import rigid_body_regressor, stacked
-from fitting.geometry import Geometry
+from fitting.arm.dynamics import rigid_body_regressor, stacked
+from fitting.arm.geometry import Geometry
 
 FloatArray = npt.NDArray[np.float64]
 Criterion = Literal["condition", "determinant"]

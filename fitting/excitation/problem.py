@@ -19,11 +19,11 @@ import numpy.typing as npt
 
 from daq.errors import InputError
 from daq.machine_file import Machine
-from fitting.base_parameters import BaseParameters, base_regressor
+from fitting.arm.base_parameters import BaseParameters, base_regressor
+from fitting.arm.linkage import stroke_limits
 from fitting.excitation.fourier import FourierBasis, fourier_basis, spread_harmonics
 from fitting.excitation.limits import HydraulicLimits
 from fitting.excitation.objective import Criterion, condition_of_information, information
-from fitting.linkage import stroke_limits
 
 FloatArray = npt.NDArray[np.float64]
 

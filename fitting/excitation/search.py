@@ -15,10 +15,10 @@ import numpy as np
 import numpy.typing as npt
 from scipy.optimize import minimize
 
+from fitting.arm.geometry import geometry_of
 from fitting.excitation.limits import chamber_pressure, supply_flow
 from fitting.excitation.objective import information, probed_regressor, spectral_objective
 from fitting.excitation.problem import ExcitationOptions, Problem, random_start, resampled, states
-from fitting.geometry import geometry_of
 
 FloatArray = npt.NDArray[np.float64]
 

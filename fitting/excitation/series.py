@@ -9,9 +9,9 @@ import numpy as np
 import numpy.typing as npt
 
 from daq.machine_file import Machine
+from fitting.arm.linkage import stroke_limits
 from fitting.excitation.fourier import fourier_basis, spread_harmonics
-from fitting.linkage import stroke_limits
-from fitting.motion import Motion
+from fitting.excitation.motion import Motion
 
 FloatArray = npt.NDArray[np.float64]
 

@@ -11,19 +11,19 @@ import numpy as np
 import numpy.typing as npt
 
 from daq.machine_file import Machine
-from fitting.base_parameters import BaseParameters
-from fitting.drive import UNITS, direct_units, drive_names
+from fitting.arm.base_parameters import BaseParameters
+from fitting.arm.joint_side import at_joints
 from fitting.effects.base import Effect, Ranges
-from fitting.joint_side import at_joints
-from fitting.kinematic_check import corrections_from_json
-from fitting.loop import delays
-from fitting.preparation import PositionNoise
-from fitting.regression import Parameters
+from fitting.loop.kinematic_check import corrections_from_json
+from fitting.loop.residual_loop import delays
+from fitting.regression.design import Parameters
+from fitting.regression.drive import UNITS, direct_units, drive_names
 from fitting.residual.kinematics import Corrections
 from fitting.residual.laws import Law
 from fitting.residual.terms import Term
 from fitting.residual.views import RodLaw
-from fitting.signals import FilterBank, filter_bank
+from fitting.signals.filters import FilterBank, filter_bank
+from fitting.signals.preparation import PositionNoise
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -93,7 +93,8 @@ class ArmModel:
     Attributes
     ----------
     machine : as the machine file has it
-    steps : what was learnt about positions and linkages, step by step (:func:`fitting.kinematic_check.step_to_json`)
+    steps : what was learnt about positions and linkages, step by step
+        (:func:`fitting.loop.kinematic_check.step_to_json`)
     base : the base parameters
     bandwidth_hz : of the identification filter
     noise : per joint the noise of its position; the speed's makes friction smooth at zero speed

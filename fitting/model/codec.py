@@ -18,12 +18,12 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from daq.errors import InputError
 from daq.machine_file import Machine
 from daq.recording_files import replacing
-from fitting.base_parameters import BaseParameters
+from fitting.arm.base_parameters import BaseParameters
 from fitting.effects.base import Ranges
-from fitting.loop import term_from_json, term_to_json
+from fitting.loop.residual_loop import term_from_json, term_to_json
 from fitting.model.arm_model import ArmModel, Pass, Provenance, Source
-from fitting.preparation import PositionNoise
 from fitting.residual.views import RodLaw
+from fitting.signals.preparation import PositionNoise
 
 FloatArray = npt.NDArray[np.float64]
 

@@ -15,17 +15,17 @@ import numpy.typing as npt
 
 from fitting.effects.base import DriveView
 from fitting.model.arm_model import ArmModel, Pass
-from fitting.preparation import Segment
-from fitting.regression import Design, Extra, build_design, predicted_effort
+from fitting.regression.design import Design, Extra, build_design, predicted_effort
 from fitting.residual.terms import extra_columns
 from fitting.residual.views import recording_starts, rod_pressures, views_of_segment
+from fitting.signals.preparation import Segment
 
 FloatArray = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)
 class Evaluated:
-    """A model on some segments; what :mod:`fitting.regression` needs to predict any of its efforts.
+    """A model on some segments; what :mod:`fitting.regression.design` needs to predict any of its efforts.
 
     Attributes
     ----------

@@ -8,12 +8,12 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from fitting.loop.session import Session
 from fitting.model.arm_model import ArmModel, Pass, Provenance, Source
-from fitting.regression import Design, Extra, full_residual
+from fitting.regression.design import Design, Extra, full_residual
 from fitting.residual.stored_views import StoredViews, learning_step
 from fitting.residual.terms import Model, extra_columns
 from fitting.residual.views import RodLaw, Views, build_views, rod_laws
-from fitting.session import Session
 
 FloatArray = npt.NDArray[np.float64]
 

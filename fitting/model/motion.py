@@ -13,13 +13,13 @@ import numpy as np
 import numpy.typing as npt
 
 from daq.errors import InputError
-from fitting.base_parameters import base_regressor
-from fitting.linkage import lever_arm, piston_motion
+from fitting.arm.base_parameters import base_regressor
+from fitting.arm.linkage import lever_arm, piston_motion
 from fitting.model.arm_model import FOREIGN, ArmModel, over_time, phase_unknown
 from fitting.model.evaluation import Evaluated, evaluate, without
-from fitting.preparation import Segment
 from fitting.residual.laws import Law
 from fitting.residual.terms import Term
+from fitting.signals.preparation import Segment
 
 FloatArray = npt.NDArray[np.float64]
 

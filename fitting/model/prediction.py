@@ -14,13 +14,13 @@ from daq.column_map import load_map
 from daq.errors import RecordingError
 from daq.recording import Recording, read_recording
 from daq.recording_files import write_table
-from fitting.error_sizes import measured_efforts, sizes
-from fitting.joint_side import at_joints
+from fitting.arm.joint_side import at_joints
 from fitting.model.arm_model import ArmModel, phase_unknown
 from fitting.model.evaluation import Evaluated, evaluate, without
-from fitting.preparation import segments_of
-from fitting.regression import effort_errors
-from fitting.rods import with_rods_as_said
+from fitting.regression.design import effort_errors
+from fitting.regression.error_sizes import measured_efforts, sizes
+from fitting.signals.preparation import segments_of
+from fitting.signals.rods import with_rods_as_said
 
 FloatArray = npt.NDArray[np.float64]
 BoolArray = npt.NDArray[np.bool_]

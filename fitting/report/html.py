@@ -13,7 +13,7 @@ from typing import Any
 import jinja2
 from markupsafe import Markup
 
-from fitting.flags import FLAG_PERCENT
+from fitting.regression.flags import FLAG_PERCENT
 from fitting.report import text, wording
 from fitting.report.drawing import draw_errors, draw_friction, draw_scatter, draw_worst
 from fitting.report.model import Figures

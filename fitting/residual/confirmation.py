@@ -10,8 +10,8 @@ import numpy as np
 import numpy.typing as npt
 from scipy import stats
 
-from fitting.noise import Pairing
-from fitting.regression import REST_SHARE, effort_errors, full_residual, whitened
+from fitting.regression.design import REST_SHARE, effort_errors, full_residual, whitened
+from fitting.regression.noise import Pairing
 from fitting.residual.terms import Model
 
 FloatArray = npt.NDArray[np.float64]

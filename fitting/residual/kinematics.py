@@ -19,12 +19,12 @@ from daq.linkages import reduced
 from daq.machine_file import Machine
 from fitting.effects.base import DriveView, Effect, Shape, has_both_positions
 from fitting.effects.linkage_geometry import changed
-from fitting.noise import Pairing
-from fitting.preparation import Play, PositionError
-from fitting.regression import Design
+from fitting.regression.design import Design
+from fitting.regression.noise import Pairing
 from fitting.residual.views import Views
-from fitting.spectrum import Whitening, whitening
-from fitting.splines import spline_basis
+from fitting.signals.preparation import Play, PositionError
+from fitting.signals.spectrum import Whitening, whitening
+from fitting.signals.splines import spline_basis
 
 FloatArray = npt.NDArray[np.float64]
 

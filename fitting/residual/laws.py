@@ -15,7 +15,7 @@ import numpy.typing as npt
 from daq.machine_file import Machine
 from fitting.effects.base import DriveView, has_pressures
 from fitting.residual.views import Views
-from fitting.splines import evaluate, spline_knots
+from fitting.signals.splines import evaluate, spline_knots
 
 FloatArray = npt.NDArray[np.float64]
 

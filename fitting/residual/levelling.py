@@ -14,8 +14,8 @@ import numpy as np
 import numpy.typing as npt
 from scipy import fft
 
-from fitting.noise import Pairing
-from fitting.regression import Design, Extra, full_residual
+from fitting.regression.design import Design, Extra, full_residual
+from fitting.regression.noise import Pairing
 
 FloatArray = npt.NDArray[np.float64]
 

@@ -27,8 +27,8 @@ import numpy as np
 import numpy.typing as npt
 from scipy import fft, special, stats
 
-from fitting.noise import Pairing
-from fitting.regression import Design, Extra
+from fitting.regression.design import Design, Extra
+from fitting.regression.noise import Pairing
 from fitting.residual.levelling import (
     LEAST_SAMPLES,
     Level,

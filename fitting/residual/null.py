@@ -21,9 +21,9 @@ import numpy.typing as npt
 
 from daq.machine_file import Joint, Machine
 from daq.recording import Recording
-from fitting.preparation import Segment
-from fitting.regression import predicted_effort
+from fitting.regression.design import predicted_effort
 from fitting.residual.terms import Model
+from fitting.signals.preparation import Segment
 
 FloatArray = npt.NDArray[np.float64]
 #: Standard deviation of each position channel's noise, by channel name, SI.

@@ -21,7 +21,7 @@ import numpy as np
 import numpy.typing as npt
 
 from fitting.estimators.covariance import series_scores
-from fitting.regression import WhiteRows
+from fitting.regression.design import WhiteRows
 from fitting.residual.cross_validation import solve_gram, unit_columns
 
 FloatArray = npt.NDArray[np.float64]

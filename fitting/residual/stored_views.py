@@ -15,9 +15,9 @@ import numpy.typing as npt
 
 from daq.scratch import Place, Scratch
 from fitting.effects.base import DriveView, Ranges
-from fitting.regression import Design, Extra
+from fitting.regression.design import Design, Extra
+from fitting.regression.stored import in_memory
 from fitting.residual.views import RodLaw, recording_starts, rod_laws, rod_pressures, views_of_segment
-from fitting.stored import in_memory
 
 FloatArray = npt.NDArray[np.float64]
 #: Samples that rod pressures are learnt from: thirty coefficients a joint.

@@ -9,12 +9,12 @@ import numpy as np
 import numpy.typing as npt
 
 from fitting.effects.base import DriveView, Effect, Shape
-from fitting.prior import Prior, with_prior
-from fitting.regression import Design, Extra, Fit, NoiseModel, WhiteRows, whitened
+from fitting.regression.design import Design, Extra, Fit, NoiseModel, WhiteRows, whitened
+from fitting.regression.prior import Prior, with_prior
+from fitting.regression.streamed import fit_rows
 from fitting.residual.laws import Law
 from fitting.residual.stored_views import StoredViews, stored_columns
 from fitting.residual.views import LaterViews, Views, build_views
-from fitting.streamed import fit_rows
 
 FloatArray = npt.NDArray[np.float64]
 

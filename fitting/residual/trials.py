@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Protocol
 
-from fitting.prior import Prior
-from fitting.regression import WhiteRows
+from fitting.regression.design import WhiteRows
+from fitting.regression.prior import Prior
 from fitting.residual.confirmation import Misfit, OnValidate, on_validate
 from fitting.residual.cross_validation import HeldOut, held_out_gain
 from fitting.residual.null import Null

@@ -11,9 +11,9 @@ laws
     large as what was found beside them. And what parameters move by when the law is added is doubt as well: the law is
     a spline, not nature's formula.
 noise
-    The spectrum that rows were whitened by was estimated (:mod:`fitting.freedom`). And where a joint's whitened
-    residual is refused as white and normal noise, or an effect was found there whose formula need not be nature's, its
-    rows count with what their scores say of themselves (a sandwich, Newey and West's).
+    The spectrum that rows were whitened by was estimated (:mod:`fitting.regression.freedom`). And where a joint's
+    whitened residual is refused as white and normal noise, or an effect was found there whose formula need not be
+    nature's, its rows count with what their scores say of themselves (a sandwich, Newey and West's).
 
 Source: G. Seber and C. Wild, *Nonlinear Regression*, 1989, section 2.1 (linear approximation).
 """
@@ -30,13 +30,13 @@ from scipy import stats
 from daq.recording_checks import runs
 from fitting.effects.base import Effect
 from fitting.estimators.covariance import series_scores
-from fitting.freedom import coverage_factors, degrees_of_freedom
-from fitting.prior import Prior
-from fitting.regression import Extra, WhiteRows
+from fitting.regression.design import Extra, WhiteRows
+from fitting.regression.freedom import coverage_factors, degrees_of_freedom
+from fitting.regression.prior import Prior
 from fitting.residual.laws import Law
 from fitting.residual.refinement import CHOICES
 from fitting.residual.terms import Model, Term, extra_columns
-from fitting.signals import FilterBank
+from fitting.signals.filters import FilterBank
 
 FloatArray = npt.NDArray[np.float64]
 

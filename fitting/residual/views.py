@@ -10,11 +10,11 @@ from typing import overload
 import numpy as np
 import numpy.typing as npt
 
-from fitting.drive import expected_sign
 from fitting.effects.base import DriveView, Ranges
-from fitting.preparation import Segment
-from fitting.regression import Design, Extra, predicted_effort
-from fitting.splines import evaluate, spline_knots
+from fitting.regression.design import Design, Extra, predicted_effort
+from fitting.regression.drive import expected_sign
+from fitting.signals.preparation import Segment
+from fitting.signals.splines import evaluate, spline_knots
 
 FloatArray = npt.NDArray[np.float64]
 #: ``views[segment][joint]``

@@ -10,9 +10,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from fitting.effects.base import Effect
-from fitting.friction_power import CERTAIN, driving, friction_power, rubs
 from fitting.residual.confirmation import OnValidate, worse_joint
 from fitting.residual.cross_validation import HeldOut
+from fitting.residual.friction_power import CERTAIN, driving, friction_power, rubs
 from fitting.residual.scoring import Score, white_columns
 from fitting.residual.terms import Model, Term
 from fitting.residual.trials import Trials

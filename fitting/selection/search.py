@@ -17,7 +17,7 @@ from fitting.effects.base import Effect
 from fitting.residual.draws import Draws
 from fitting.residual.findings import Accepted, Attribution, Candidate, Family, Unconfirmed
 from fitting.residual.laws import Law
-from fitting.residual.refinement import refined, resolved
+from fitting.residual.refinement import refined
 from fitting.residual.scoring import Candidates, Score, catalogue_terms, law_terms, white_columns
 from fitting.residual.surfaces import Surface, best_surface, surfaces
 from fitting.residual.terms import Model, Term
@@ -27,6 +27,7 @@ from fitting.selection.confirm import LEAST_Z_ALONE, Gate
 from fitting.selection.evidence import least_gain, named_evidence
 from fitting.selection.posterior import Slot, hypotheses
 from fitting.selection.rating import Rated, Rating, by_formula, decided, family
+from fitting.selection.resolution import resolved
 
 FloatArray = npt.NDArray[np.float64]
 Progress = Callable[[float, str], None]

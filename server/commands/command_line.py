@@ -38,7 +38,7 @@ class Part:
 PARTS = (
     Part("server.commands.demo_command", {"demo": "The whole job on a simulated machine, from motions to a report."}),
     Part(
-        "fitting.cli",
+        "fitting.commands.identify_command",
         {
             "identify": "Identify an arm from recordings and find what its model lacks.",
             "effects": "The catalogue of physical effects.",
@@ -52,8 +52,8 @@ PARTS = (
             "model": "Look at a model, and export it.",
         },
     ),
-    Part("fitting.cli_check", {"check": "Say what may be wrong with recordings and a machine file."}),
-    Part("fitting.cli_excite", {"excite": "Design a motion that tells the parameters."}),
+    Part("fitting.commands.check_command", {"check": "Say what may be wrong with recordings and a machine file."}),
+    Part("fitting.commands.excite_command", {"excite": "Design a motion that tells the parameters."}),
     Part(
         "daq.cli",
         {

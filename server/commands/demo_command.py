@@ -21,7 +21,7 @@ from daq.console import print_json, progress_bar, reported
 if TYPE_CHECKING:
     from daq.acquisition import AcquisitionProcess
     from daq.machine_file import Machine
-    from fitting.motion import Motion
+    from fitting.excitation.motion import Motion
     from sim_backends.simulated_machine import SimulatedMachine
 
 Progress = Callable[[float, str], None]
@@ -83,7 +83,7 @@ def demo(
     if json:
         print_json(report)
         return
-    from fitting.summary import print_summary
+    from fitting.pipeline.summary import print_summary
 
     print(
         f"acquired {acquired.rows} cycles of {1000 / acquired.rate_hz:g} ms machine time ({acquired.rate_hz:.1f} Hz), "
@@ -116,8 +116,8 @@ def run_demo(
     progress : called with the share done and what is being done
     """
     from daq.acquisition import AcquisitionProcess
-    from fitting.session import Request
-    from fitting.stages import identify, require_writable
+    from fitting.loop.session import Request
+    from fitting.pipeline.stages import identify, require_writable
     from sim_backends.cli import checked_faults
     from sim_backends.machines import default_machine
     from sim_backends.simulated_machine import SimulatedMachine
@@ -151,7 +151,7 @@ def run_demo(
 def design_motions(machine_path: Path, seconds: float, seed: int, progress: Progress) -> dict[str, Motion]:
     """One signal for all free cylinders, two complementary motions for training, and another for validation."""
     from daq.machine_file import load_machine
-    from fitting.base_parameters import reduce_parameters
+    from fitting.arm.base_parameters import reduce_parameters
     from fitting.excitation import (
         CylinderOptions,
         ExcitationOptions,
@@ -215,7 +215,7 @@ def _effects(texts: Sequence[str] | None, machine: Machine) -> Any:
 
 
 def _save(path: Path, motion: Motion) -> None:
-    from fitting.motion import write_motion
+    from fitting.excitation.motion import write_motion
 
     path.parent.mkdir(parents=True, exist_ok=True)
     write_motion(path, motion)

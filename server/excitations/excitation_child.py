@@ -18,7 +18,8 @@ import numpy as np
 
 from daq.errors import HilfitError, InputError
 from daq.machine_file import Machine, load_machine
-from fitting.base_parameters import reduce_parameters
+from fitting.arm.base_parameters import reduce_parameters
+from fitting.arm.geometry import geometry_of
 from fitting.excitation import (
     CylinderOptions,
     ExcitationOptions,
@@ -26,9 +27,8 @@ from fitting.excitation import (
     design_motion,
     limits_of_machine,
 )
-from fitting.geometry import geometry_of
-from fitting.guess import USUAL_SUPPLY, default_guess, worst_friction
-from fitting.motion import Motion, write_motion
+from fitting.excitation.motion import Motion, write_motion
+from fitting.planning.guess import USUAL_SUPPLY, default_guess, worst_friction
 from server.platform.files import write_atomically
 
 Progress = Callable[[float, float], None]

@@ -8,7 +8,7 @@ from typing import Annotated
 from fastapi import APIRouter, Header, Response
 from fastapi.responses import FileResponse
 
-from fitting.stage_names import NEXT_MOTION
+from fitting.pipeline.stage_names import NEXT_MOTION
 from server.identifications.identification_order import IdentificationOrders, Wish
 from server.identifications.identification_results import IdentificationResults
 from server.identifications.identification_schemas import (

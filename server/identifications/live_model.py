@@ -21,17 +21,17 @@ import numpy.typing as npt
 from daq import Recording, load_machine
 from daq.errors import HilfitError, RecordingError
 from daq.machine_file import Machine
+from fitting.arm.joint_side import at_joints
 from fitting.effects.base import DriveView, Ranges
-from fitting.joint_side import at_joints
-from fitting.kinematic_check import corrections_from_json
-from fitting.loop import delays, final_model, term_from_json
-from fitting.preparation import prepare
-from fitting.regression import Design, Extra, build_design, full_residual, predicted_effort
+from fitting.loop.kinematic_check import corrections_from_json
+from fitting.loop.residual_loop import delays, final_model, term_from_json
+from fitting.loop.session import Session
+from fitting.pipeline.stage_program import load_request
+from fitting.regression.design import Design, Extra, build_design, full_residual, predicted_effort
 from fitting.residual.kinematics import Corrections
 from fitting.residual.laws import Law
 from fitting.residual.terms import Model, Term, extra_columns
-from fitting.session import Session
-from fitting.stage_program import load_request
+from fitting.signals.preparation import prepare
 
 FloatArray = npt.NDArray[np.float64]
 _STAGES = ("residual", "attribution")

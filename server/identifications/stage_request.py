@@ -1,7 +1,7 @@
 """The program that a job's stages run in, and what it is told.
 
-By default it is ``python -P -m fitting.stage_program --stay REQUEST.json STAGE``, which never runs in the process that
-serves HTTP, and stays for the stages that follow.
+By default it is ``python -P -m fitting.pipeline.stage_program --stay REQUEST.json STAGE``, which never runs in the
+process that serves HTTP, and stays for the stages that follow.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from fitting.stage_names import STAGES, WORDS
+from fitting.pipeline.stage_names import STAGES, WORDS
 from server.platform.files import write_atomically
 
 
@@ -54,4 +54,4 @@ def words(stage: str) -> str:
 
 def fitting_program() -> StageProgram:
     """The stages of :mod:`fitting`, which is loaded here only for their names."""
-    return StageProgram(tuple(STAGES), (sys.executable, "-P", "-m", "fitting.stage_program", "--stay"))
+    return StageProgram(tuple(STAGES), (sys.executable, "-P", "-m", "fitting.pipeline.stage_program", "--stay"))

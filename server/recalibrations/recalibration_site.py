@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from daq import load_machine
 from daq.errors import HilfitError
-from fitting.motion import read_motion
+from fitting.excitation.motion import read_motion
 from server.excitations.excitation_job import ExcitationKind
 from server.excitations.excitation_store import Excitations
 from server.excitations.motion_delivery import MotionDelivery

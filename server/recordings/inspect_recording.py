@@ -15,8 +15,8 @@ from typing import Any
 
 from daq import InputError, Machine, Recording, load_machine, read_recording
 from fitting.checks import check_recordings
-from fitting.checks.gate import explained, for_report
 from fitting.checks.places import Places
+from fitting.pipeline.check_gate import explained, for_report
 from server.platform.processes.child_limits import RECORDING_CPU_S, limit_child
 
 

@@ -11,7 +11,7 @@ import pytest
 import yaml
 
 from daq.machine_file import Machine, load_machine, parse_machine
-from fitting.geometry import Geometry
+from fitting.arm.geometry import Geometry
 
 RIGHT = np.pi / 2
 SHARED = Path(__file__).parents[2].parent / "shared"

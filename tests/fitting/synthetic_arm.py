@@ -1,6 +1,6 @@
 """Small arms, motions and recordings with known parameters, for the tests of the identification.
 
-The forces are put together here: rigid body from :func:`fitting.dynamics.inverse_dynamics` (itself tested against
+The forces are put together here: rigid body from :func:`fitting.arm.dynamics.inverse_dynamics` (itself tested against
 another library), friction and stiffness written out as in the issue of the model. Nothing here filters or
 differentiates: positions, speeds and accelerations come from the same sums of sines.
 """
@@ -17,16 +17,16 @@ import yaml
 
 from daq.machine_file import Machine, parse_machine
 from daq.recording import Recording
-from fitting.base_parameters import reduce_parameters
-from fitting.dynamics import inverse_dynamics
+from fitting.arm.base_parameters import reduce_parameters
+from fitting.arm.dynamics import inverse_dynamics
+from fitting.arm.linkage import lever_arm, piston_motion
 from fitting.effects.base import Effect
-from fitting.linkage import lever_arm, piston_motion
-from fitting.preparation import PositionNoise, Segment
-from fitting.regression import Design, build_design
+from fitting.loop.session import Options, Session
+from fitting.regression.design import Design, build_design
 from fitting.residual.terms import Term, extra_columns
 from fitting.residual.views import Views, build_views
-from fitting.session import Options, Session
-from fitting.signals import filter_bank
+from fitting.signals.filters import filter_bank
+from fitting.signals.preparation import PositionNoise, Segment
 
 RATE = 50.0
 DRIVE = ("m", "K", "f_c", "f_v", "f_s")

@@ -9,7 +9,8 @@ import pytest
 from synthetic_arm import RATE, clean_session, exact_views, force, make_session, planar_machine, truth
 
 from fitting.effects import effect, effects
-from fitting.loop import SessionSignals, final_model, moves, run_attribution, term_from_json, term_to_json
+from fitting.loop.residual_loop import SessionSignals, final_model, moves, run_attribution, term_from_json, term_to_json
+from fitting.loop.session import Session
 from fitting.residual.confirmation import OnValidate, on_validate, overall_change, validate_gain, worse_joint
 from fitting.residual.cross_validation import HeldOut
 from fitting.residual.findings import Accepted, Attribution
@@ -21,8 +22,7 @@ from fitting.selection import confirm
 from fitting.selection.confirm import objection
 from fitting.selection.evidence import least_gain
 from fitting.selection.search import attribute
-from fitting.session import Session
-from fitting.signals import advanced
+from fitting.signals.filters import advanced
 
 MACHINE, ARM = planar_machine(2), truth(2)
 RECORDINGS = (("unloaded", 1), ("train", 2), ("train", 4), ("repeat", 2), ("validate", 3))

@@ -10,15 +10,15 @@ from arm_examples import RIGHT, chain, driven_arm, planar_arm, puma_560, random_
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fitting.base_parameters import (
+from fitting.arm.base_parameters import (
     BaseParameters,
     base_regressor,
     condition_number,
     reduce_parameters,
     unidentifiable,
 )
-from fitting.dynamics import inverse_dynamics, rigid_body_regressor, stacked, standard_regressor
-from fitting.geometry import Geometry
+from fitting.arm.dynamics import inverse_dynamics, rigid_body_regressor, stacked, standard_regressor
+from fitting.arm.geometry import Geometry
 
 
 def independent_rank(arm, make=rigid_body_regressor, samples: int = 400) -> int:

@@ -14,9 +14,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from daq.errors import InputError
-from fitting.base_parameters import BaseParameters, reduce_parameters
-from fitting.body_prior import REPORT_DRIFT, BodyPrior, read_body_prior
+from fitting.arm.base_parameters import BaseParameters, reduce_parameters
 from fitting.estimators import RidgeTowardPrior, StageTwo, WeightedLeastSquares, within
+from fitting.regression.body_prior import REPORT_DRIFT, BodyPrior, read_body_prior
 
 
 def drawing(n: int, **changes: Any) -> tuple[dict[str, Any], np.ndarray]:

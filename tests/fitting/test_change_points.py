@@ -9,7 +9,8 @@ import pytest
 from scipy import signal
 from synthetic_arm import USUAL, clean_session, make_motion, make_session, planar_machine, truth
 
-from fitting.loop import SessionSignals, _changes
+from fitting.loop.residual_loop import SessionSignals, _changes
+from fitting.loop.session import Options, Session
 from fitting.residual.change_points import (
     ChangePoint,
     JointRows,
@@ -19,7 +20,6 @@ from fitting.residual.change_points import (
     supremum_chance,
 )
 from fitting.residual.kinematics import Corrections
-from fitting.session import Options, Session
 
 RATE, SECONDS, RECORDINGS = 8.0, 60.0, 4
 

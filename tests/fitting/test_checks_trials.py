@@ -16,12 +16,12 @@ from daq.machine_file import Machine, machine_to_yaml
 from daq.recording import Recording, write_recording
 from fitting.checks import Finding, check_recordings
 from fitting.checks.arm_motion import positions_of
-from fitting.checks.gate import explained
 from fitting.checks.machine_numbers import machine_findings
 from fitting.checks.physical import Trial, fit
 from fitting.checks.places import Places
 from fitting.checks.samples import take_samples
 from fitting.checks.trials import SUSPECT, search
+from fitting.pipeline.check_gate import explained
 
 JOINT = planar_machine(3, sensors="joint")
 BOTH = planar_machine(3)

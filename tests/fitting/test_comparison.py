@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from synthetic_arm import clean_session, exact_design, planar_machine, truth
 
-from fitting.base_parameters import condition_number
-from fitting.comparison import Contender, compare, cylinder_conditions, said, stage_condition
+from fitting.arm.base_parameters import condition_number
+from fitting.pipeline.comparison import Contender, compare, cylinder_conditions, said, stage_condition
 
 
 def contender(theta: np.ndarray, std: float = 1.0, condition: float | None = 10.0) -> Contender:

@@ -9,11 +9,11 @@ import pytest
 from arm_examples import chain, physical_links, planar_arm, puma_560, standard_parameters
 
 from daq.errors import InputError
-from fitting.base_parameters import base_regressor, reduce_parameters
-from fitting.body_prior import pseudo_inertia, standard_of_link
+from fitting.arm.base_parameters import base_regressor, reduce_parameters
+from fitting.arm.geometry import Geometry
 from fitting.estimators import ConsistentFit, StageTwo, WeightedLeastSquares, within
 from fitting.estimators.consistent import scale_bodies
-from fitting.geometry import Geometry
+from fitting.regression.body_prior import pseudo_inertia, standard_of_link
 
 
 def needs_solver() -> None:

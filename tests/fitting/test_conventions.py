@@ -13,11 +13,11 @@ from hypothesis import strategies as st
 from synthetic_arm import planar_machine
 
 from daq.machine_file import Machine, MachineFileError, parse_machine
-from fitting.base_parameters import base_regressor, reduce_parameters
-from fitting.dynamics import inverse_dynamics, rigid_body_regressor, self_check
+from fitting.arm.base_parameters import base_regressor, reduce_parameters
+from fitting.arm.dynamics import inverse_dynamics, rigid_body_regressor, self_check
+from fitting.arm.geometry import Geometry, geometry_of, link_frames
 from fitting.estimators.consistent import scale_bodies
-from fitting.geometry import Geometry, geometry_of, link_frames
-from fitting.guess import default_guess
+from fitting.planning.guess import default_guess
 from sim_backends.arm import ArmDesign, arm_xml
 from sim_backends.truth import DriveTruth, LinkTruth, Truth
 

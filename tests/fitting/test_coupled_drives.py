@@ -13,13 +13,13 @@ from hypothesis import strategies as st
 from benchmarks.measured import staubli
 from daq.machine_file import Machine, parse_machine
 from daq.recording import Recording
-from fitting.base_parameters import base_gravity_regressor, base_regressor, reduce_parameters
-from fitting.drive import direct_units, drive_names
-from fitting.dynamics import coupled_regressor, inverse_dynamics, standard_names, standard_regressor
-from fitting.geometry import geometry_of
-from fitting.joint_side import at_joints
-from fitting.rigid_body_stage import identify_one_shot
-from fitting.session import Options, Session
+from fitting.arm.base_parameters import base_gravity_regressor, base_regressor, reduce_parameters
+from fitting.arm.dynamics import coupled_regressor, inverse_dynamics, standard_names, standard_regressor
+from fitting.arm.geometry import geometry_of
+from fitting.arm.joint_side import at_joints
+from fitting.loop.session import Options, Session
+from fitting.pipeline.rigid_body_stage import identify_one_shot
+from fitting.regression.drive import direct_units, drive_names
 
 RATE = 200.0
 RATIO, PULL = -32.0, 16.0

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from fitting.regression import WhiteRows
+from fitting.regression.design import WhiteRows
 from fitting.residual.cross_validation import BLOCK_SECONDS, FOLDS, GUARD_SECONDS, held_out_gain
 
 RATE = 8.0

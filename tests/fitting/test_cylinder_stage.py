@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from synthetic_arm import Noise, clean_session, exact_design, make_session, planar_machine, truth
 
-from fitting.cylinder_stage import LEAST_ROWS, identify_cylinders
-from fitting.prior import Prior, mass_prior
-from fitting.regression import white_noise_model
+from fitting.pipeline.cylinder_stage import LEAST_ROWS, identify_cylinders
+from fitting.regression.design import white_noise_model
+from fitting.regression.prior import Prior, mass_prior
 
 NOTHING_KNOWN = Prior(np.full(2, np.nan), np.full(2, np.nan))
 

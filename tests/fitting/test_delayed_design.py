@@ -9,12 +9,12 @@ import pytest
 from synthetic_arm import make_recordings, planar_machine, truth
 
 from fitting.effects import effects
-from fitting.noise import noise_model
-from fitting.regression import Design
+from fitting.loop.session import Options, Prepared, Session
+from fitting.regression.design import Design
+from fitting.regression.noise import noise_model
 from fitting.residual.kinematics import Corrections
 from fitting.residual.scoring import Candidates, catalogue_terms, law_terms
 from fitting.residual.terms import fit_model
-from fitting.session import Options, Prepared, Session
 
 ROLES = (("unloaded", 1), ("train", 2), ("repeat", 2), ("validate", 3))
 

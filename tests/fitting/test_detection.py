@@ -18,17 +18,17 @@ from synthetic_arm import (
     truth,
 )
 
-from fitting.base_parameters import reduce_parameters
-from fitting.detection import Visibility, typical_terms, visibilities, visible_size
+from fitting.arm.base_parameters import reduce_parameters
 from fitting.effects import effect, effects
-from fitting.forecast import forecast, forecast_to_json, white_noise
-from fitting.guess import default_guess
-from fitting.identifiability import Telling, parameter_sizes, statement, tellings
-from fitting.motion import Motion
-from fitting.prior import mass_prior, with_prior
-from fitting.regression import solve, whitened
+from fitting.excitation.motion import Motion
+from fitting.planning.detection import Visibility, typical_terms, visibilities, visible_size
+from fitting.planning.forecast import forecast, forecast_to_json, white_noise
+from fitting.planning.guess import default_guess
+from fitting.regression.design import solve, whitened
+from fitting.regression.identifiability import Telling, parameter_sizes, statement, tellings
+from fitting.regression.prior import mass_prior, with_prior
 from fitting.residual.terms import Term, extra_columns
-from fitting.signals import filter_bank
+from fitting.signals.filters import filter_bank
 
 
 @pytest.mark.parametrize("parameters", [1, 2, 3])

@@ -8,9 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from synthetic_arm import planar_machine, truth
 
-from fitting.drive import UNITS, drive_columns, drive_names, expected_power, expected_sign, known_effort
-from fitting.prior import mass_prior, moving_mass
-from fitting.signals import advanced
+from fitting.regression.drive import UNITS, drive_columns, drive_names, expected_power, expected_sign, known_effort
+from fitting.regression.prior import mass_prior, moving_mass
+from fitting.signals.filters import advanced
 
 DRAWS = np.random.default_rng(1).normal(size=200_000)
 

@@ -18,8 +18,8 @@ from arm_examples import (
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-import fitting.dynamics as dynamics
-from fitting.dynamics import (
+import fitting.arm.dynamics as dynamics
+from fitting.arm.dynamics import (
     gravity_regressor,
     inverse_dynamics,
     rigid_body_regressor,
@@ -28,7 +28,7 @@ from fitting.dynamics import (
     standard_names,
     standard_regressor,
 )
-from fitting.geometry import Geometry, link_frames
+from fitting.arm.geometry import Geometry, link_frames
 
 
 def to_mujoco(arm: Geometry, links, drive_inertia=None, damping=None) -> mujoco.MjModel:

@@ -20,7 +20,7 @@ from daq.seams import EFFECTS
 from fitting.effects import effect, effects
 from fitting.effects.base import DriveView, Effect, FloatArray, Parameter, Shape
 from fitting.effects.conformance import check_effect
-from fitting.loop import run_attribution
+from fitting.loop.residual_loop import run_attribution
 from fitting.residual.findings import Attribution
 from fitting.residual.kinematics import Corrections
 

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from synthetic_arm import clean_session
 
-from fitting.effort_fit import EffortRows, mean_levers, parameter_error
-from fitting.prior import Prior
-from fitting.regression import effort_errors
+from fitting.estimators.effort_fit import EffortRows, mean_levers, parameter_error
+from fitting.regression.design import effort_errors
+from fitting.regression.prior import Prior
 
 NOTHING = Prior(np.full(2, np.nan), np.full(2, np.nan))
 

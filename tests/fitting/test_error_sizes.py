@@ -14,12 +14,12 @@ from synthetic_arm import clean_session, make_recordings, planar_machine, truth
 
 from daq.machine_file import machine_to_yaml
 from daq.recording import write_recording
-from fitting.error_sizes import errors_of, measured_efforts, overall_errors, overall_relative, sizes
-from fitting.regression import effort_errors
+from fitting.loop.session import Options, Request
+from fitting.pipeline.stages import identify
+from fitting.pipeline.summary import print_summary
+from fitting.regression.design import effort_errors
+from fitting.regression.error_sizes import errors_of, measured_efforts, overall_errors, overall_relative, sizes
 from fitting.report.wording import is_offset
-from fitting.session import Options, Request
-from fitting.stages import identify
-from fitting.summary import print_summary
 
 OFFSET = 25.0  # N m, on a joint whose noise is some 2 N m
 ROLES = ("train", "validate")

@@ -15,14 +15,14 @@ from synthetic_arm import clean_session, planar_machine, truth
 
 from daq.errors import InputError
 from daq.seams import ESTIMATORS
-from fitting.base_parameters import reduce_parameters
-from fitting.cylinder_stage import identify_cylinders
-from fitting.estimator_choice import Choice, chosen
+from fitting.arm.base_parameters import reduce_parameters
+from fitting.arm.geometry import geometry_of
 from fitting.estimators import Estimator, estimator, estimator_ids
 from fitting.estimators.conformance import check_estimator
-from fitting.geometry import geometry_of
-from fitting.rigid_body_stage import identify_rigid_body, refit_rigid_body
-from fitting.session import Options
+from fitting.loop.session import Options
+from fitting.pipeline.cylinder_stage import identify_cylinders
+from fitting.pipeline.estimator_choice import Choice, chosen
+from fitting.pipeline.rigid_body_stage import identify_rigid_body, refit_rigid_body
 
 IDS = ("consistent", "huber", "iv", "ols", "ridge", "rls", "wls")
 

@@ -13,11 +13,11 @@ from typer.testing import CliRunner
 
 from daq.machine_file import Hydraulics, machine_to_yaml
 from daq.recording import read_recording, write_recording
-from fitting.base_parameters import base_regressor, reduce_parameters
-from fitting.cli_excite import register
+from fitting.arm.base_parameters import base_regressor, reduce_parameters
+from fitting.arm.linkage import lever_arm
+from fitting.commands.excite_command import register
 from fitting.excitation import condition_of_information, information_of, information_of_recording
-from fitting.linkage import lever_arm
-from fitting.motion import read_motion
+from fitting.excitation.motion import read_motion
 
 
 @pytest.fixture

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from arm_examples import driven_arm, random_chain
 
-from fitting.base_parameters import condition_number, reduce_parameters
-from fitting.dynamics import rigid_body_regressor
+from fitting.arm.base_parameters import condition_number, reduce_parameters
+from fitting.arm.dynamics import rigid_body_regressor
 from fitting.excitation import (
     ExcitationOptions,
     HydraulicLimits,

@@ -8,7 +8,7 @@ from arm_examples import driven_arm
 from scipy.interpolate import make_interp_spline
 
 from daq.errors import InputError
-from fitting.base_parameters import condition_number
+from fitting.arm.base_parameters import condition_number
 from fitting.excitation import (
     CylinderOptions,
     design_cylinder_motion,

@@ -9,12 +9,12 @@ from scipy.interpolate import make_interp_spline
 from synthetic_arm import planar_machine
 
 from daq.errors import InputError
-from fitting.base_parameters import base_regressor, reduce_parameters
+from fitting.arm.base_parameters import base_regressor, reduce_parameters
+from fitting.arm.linkage import lever_arm, piston_motion
 from fitting.excitation import HydraulicLimits, experiment, menu
 from fitting.excitation.experiments import KINDS, NotPossibleError
 from fitting.excitation.limits import supply_flow
 from fitting.excitation.series import random_series, varied
-from fitting.linkage import lever_arm, piston_motion
 
 USE = 0.92
 PINNED = tuple(kind for kind in KINDS if kind != "free_cylinder")

@@ -9,7 +9,8 @@ import pytest
 from arm_examples import driven_arm
 
 from daq.errors import InputError
-from fitting.base_parameters import base_regressor, reduce_parameters
+from fitting.arm.base_parameters import base_regressor, reduce_parameters
+from fitting.arm.linkage import lever_arm
 from fitting.excitation import (
     ExcitationOptions,
     HydraulicLimits,
@@ -18,7 +19,6 @@ from fitting.excitation import (
 from fitting.excitation.design import _shrink
 from fitting.excitation.limits import chamber_pressure, supply_flow
 from fitting.excitation.problem import pose_problem
-from fitting.linkage import lever_arm
 
 QUICK = ExcitationOptions(seconds=12.0, starts=1, iterations=15, samples=60, harmonics=5)
 

@@ -11,8 +11,9 @@ from scipy.interpolate import make_interp_spline
 from synthetic_arm import force, make_motion, planar_machine, sample, truth
 
 from daq.errors import InputError
-from fitting.base_parameters import base_regressor, condition_number, reduce_parameters
-from fitting.dynamics import inverse_dynamics, stacked
+from fitting.arm.base_parameters import base_regressor, condition_number, reduce_parameters
+from fitting.arm.dynamics import inverse_dynamics, stacked
+from fitting.arm.linkage import piston_motion
 from fitting.excitation import (
     ExcitationOptions,
     HydraulicLimits,
@@ -24,9 +25,8 @@ from fitting.excitation import (
     information_of_recording,
 )
 from fitting.excitation.limits import chamber_pressure
+from fitting.excitation.motion import Motion
 from fitting.excitation.problem import pose_problem, random_start
-from fitting.linkage import piston_motion
-from fitting.motion import Motion
 
 QUICK = ExcitationOptions(seconds=12.0, starts=1, iterations=15, samples=60, harmonics=5)
 

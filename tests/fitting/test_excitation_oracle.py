@@ -14,7 +14,7 @@ import pytest
 from arm_examples import driven_arm
 from scipy.interpolate import make_interp_spline
 
-from fitting.base_parameters import reduce_parameters
+from fitting.arm.base_parameters import reduce_parameters
 from fitting.excitation import (
     CylinderOptions,
     ExcitationOptions,
@@ -24,7 +24,7 @@ from fitting.excitation import (
     design_sequence,
     experiment,
 )
-from fitting.motion import read_motion, write_motion
+from fitting.excitation.motion import read_motion, write_motion
 
 FINER = 20
 JOINTS = 3

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from scipy import signal, stats
 
-from fitting.freedom import SIGMAS, coverage_factors, degrees_of_freedom
-from fitting.regression import NoiseModel, WhiteRows, solve
-from fitting.signals import filter_bank
-from fitting.spectrum import unit_whitening, whitening
+from fitting.regression.design import NoiseModel, WhiteRows, solve
+from fitting.regression.freedom import SIGMAS, coverage_factors, degrees_of_freedom
+from fitting.signals.filters import filter_bank
+from fitting.signals.spectrum import unit_whitening, whitening
 
 BANK = filter_bank(50.0, 3.0)
 SECONDS = 60

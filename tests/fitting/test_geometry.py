@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from arm_examples import RIGHT, chain, driven_arm, planar_arm, random_chain
 
-from fitting.geometry import geometry_of, link_frames
+from fitting.arm.geometry import geometry_of, link_frames
 
 
 def turn_z(angle):

@@ -11,7 +11,7 @@ from synthetic_arm import make_recordings, planar_machine, truth
 
 from daq.machine_file import machine_to_yaml
 from daq.recording import write_recording
-from fitting.base_parameters import reduce_parameters
+from fitting.arm.base_parameters import reduce_parameters
 from server.commands.command_line import main
 
 ROLES = ("unloaded", "train", "repeat", "validate")

@@ -9,14 +9,14 @@ from hypothesis import strategies as st
 from synthetic_arm import Noise, exact_design, make_session, planar_machine, truth
 
 from daq.errors import InputError
-from fitting.base_parameters import reduce_parameters
-from fitting.cylinder_stage import CylinderEstimate
+from fitting.arm.base_parameters import reduce_parameters
+from fitting.arm.geometry import geometry_of
 from fitting.estimators import InstrumentalVariables, StageTwo, WeightedLeastSquares, within
-from fitting.geometry import geometry_of
-from fitting.instruments import instrument_columns, motion_bandwidth, slow_motion
-from fitting.rigid_body_stage import effort_rows, identify_rigid_body, instruments
-from fitting.session import Options
-from fitting.signals import filter_bank
+from fitting.loop.session import Options
+from fitting.pipeline.cylinder_stage import CylinderEstimate
+from fitting.pipeline.rigid_body_stage import effort_rows, identify_rigid_body, instruments
+from fitting.regression.instruments import instrument_columns, motion_bandwidth, slow_motion
+from fitting.signals.filters import filter_bank
 
 
 def test_least_squares_is_bent_by_the_reliability_ratio_and_instruments_are_not() -> None:

@@ -15,11 +15,11 @@ from synthetic_arm import make_motion, make_recordings, planar_machine, truth
 from daq.machine_file import Machine, machine_to_yaml
 from daq.recording import write_recording
 from fitting.effects import effects
-from fitting.joint_words import in_own_units, in_words_of, joint_words, machine_words, own_unit
-from fitting.plausibility import _CAUSES
-from fitting.session import Options, Request
-from fitting.stages import identify
-from fitting.summary import print_summary
+from fitting.loop.session import Options, Request
+from fitting.pipeline.plausibility import _CAUSES
+from fitting.pipeline.stages import identify
+from fitting.pipeline.summary import print_summary
+from fitting.report.joint_words import in_own_units, in_words_of, joint_words, machine_words, own_unit
 
 #: Parts that a joint without a cylinder does not have.
 PARTS = re.compile(

@@ -12,10 +12,10 @@ from hypothesis import strategies as st
 from synthetic_arm import RATE, USUAL, force, make_motion, make_recordings, planar_machine, truth
 
 from fitting.effects.base import DriveView
-from fitting.loop import run_attribution
+from fitting.loop.residual_loop import run_attribution
+from fitting.loop.session import Options, Session
 from fitting.residual.kinematics import Corrections
 from fitting.residual.laws import OWN, Law
-from fitting.session import Options, Session
 
 
 def ages(v: np.ndarray) -> np.ndarray:

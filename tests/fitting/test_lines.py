@@ -12,10 +12,10 @@ from synthetic_arm import clean_session
 
 from daq.recording import Recording
 from fitting.effects import effect
+from fitting.loop.session import Session
 from fitting.residual.levelling import Part, residual_parts
 from fitting.residual.lines import Line, RefutedLine, find_lines, line_phases, machine_lines
 from fitting.residual.terms import Term, fit_model
-from fitting.session import Session
 from sim_backends.cases import simulate_case
 from sim_backends.undeclared import UNDECLARED
 

@@ -13,7 +13,7 @@ from scipy.optimize import fsolve
 from daq.errors import InputError
 from daq.linkages import Direct, FourBar, Linkage, Pins, Polynomial, Rack, ThreePin, reduced
 from daq.machine_file import Cylinder, Joint, Limits, MachineFileError, machine_to_yaml, parse_machine
-from fitting.linkage import (
+from fitting.arm.linkage import (
     joint_motion,
     joint_position,
     lever_arm,

@@ -11,19 +11,26 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from synthetic_arm import clean_session, exact_design, make_recordings, planar_machine, truth
 
-import fitting.preparation
-import fitting.session
+import fitting.loop.session
+import fitting.signals.preparation
 from daq.scratch import Scratch
 from fitting.estimators import OrdinaryLeastSquares
-from fitting.long_rows import LongRows
-from fitting.preparation import Segment, pieces, segments_of
-from fitting.prior import mass_prior, with_prior
-from fitting.regression import Design, JointBlock, build_design, effort_errors, reduced_residual, white_noise_model
-from fitting.rigid_body_stage import effort_rows, identify_one_shot
-from fitting.session import Options, Session
-from fitting.signals import edge_frequency, filter_bank
-from fitting.stored import StoredBlock, StoredSegment, storing
-from fitting.streamed import fit_rows, triangle
+from fitting.estimators.long_rows import LongRows
+from fitting.loop.session import Options, Session
+from fitting.pipeline.rigid_body_stage import effort_rows, identify_one_shot
+from fitting.regression.design import (
+    Design,
+    JointBlock,
+    build_design,
+    effort_errors,
+    reduced_residual,
+    white_noise_model,
+)
+from fitting.regression.prior import mass_prior, with_prior
+from fitting.regression.stored import StoredBlock, StoredSegment, storing
+from fitting.regression.streamed import fit_rows, triangle
+from fitting.signals.filters import edge_frequency, filter_bank
+from fitting.signals.preparation import Segment, pieces, segments_of
 
 MACHINE, ARM = planar_machine(2), truth(2)
 RECORDINGS = (("unloaded", 1), ("train", 2), ("repeat", 2), ("validate", 3))
@@ -162,7 +169,7 @@ def test_pieces_together_give_each_reduced_row_once(samples: int, start: int, mo
 
 
 def test_segments_of_long_recordings_are_pieces_on_one_clock(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(fitting.preparation, "PIECE_SAMPLES", 2 * 700)
+    monkeypatch.setattr(fitting.signals.preparation, "PIECE_SAMPLES", 2 * 700)
     bank = filter_bank(50.0, 3.0)
     recordings = make_recordings(MACHINE, ARM)
     whole = list(segments_of(MACHINE, recordings, bank))
@@ -181,8 +188,8 @@ def test_a_long_session_finds_what_a_short_one_finds(monkeypatch: pytest.MonkeyP
     short = clean_session()
     first, bandwidth = short.base_model.fit, short.bank.bandwidth_hz
     assert not short.long
-    monkeypatch.setattr(fitting.session, "LONG_SAMPLES", 1000)
-    monkeypatch.setattr(fitting.preparation, "PIECE_SAMPLES", 2 * 1000)
+    monkeypatch.setattr(fitting.loop.session, "LONG_SAMPLES", 1000)
+    monkeypatch.setattr(fitting.signals.preparation, "PIECE_SAMPLES", 2 * 1000)
     long = Session(short.machine, short.recordings, Options(loop=False))
     assert long.long and long.bank.bandwidth_hz == pytest.approx(bandwidth, rel=0.05)
     long.require_excitation()

@@ -11,17 +11,20 @@ from hypothesis import given
 from hypothesis import strategies as st
 from synthetic_arm import Noise, exact_design, force, make_motion, planar_machine, sample, truth
 
-import fitting.preparation
-import fitting.session
+import fitting.loop.session
+import fitting.signals.preparation
 from daq.recording import Recording
 from daq.scratch import Scratch
-from fitting.dynamics import rigid_body_regressor
+from fitting.arm.dynamics import rigid_body_regressor
 from fitting.effects import effect
-from fitting.everything import held_against_everything, on_the_pieces, on_the_whole, said, worth
-from fitting.loop import SessionSignals, run_attribution
-from fitting.preparation import segments_of
-from fitting.prior import mass_prior
-from fitting.regression import Design, build_design, white_noise_model
+from fitting.loop.everything import held_against_everything, on_the_pieces, on_the_whole, said, worth
+from fitting.loop.residual_loop import SessionSignals, run_attribution
+from fitting.loop.search_pieces import _level, choose_pieces, thinned
+from fitting.loop.session import Options, Search, Session
+from fitting.loop.sharper import sharpened
+from fitting.regression.design import Design, build_design, white_noise_model
+from fitting.regression.prior import mass_prior
+from fitting.regression.stored import storing
 from fitting.residual.cross_validation import HeldOut
 from fitting.residual.findings import Accepted, Attribution
 from fitting.residual.kinematics import Corrections
@@ -29,11 +32,8 @@ from fitting.residual.scoring import score_terms
 from fitting.residual.stored_views import StoredColumns, StoredViews
 from fitting.residual.terms import Model, Term, extra_columns, fit_model
 from fitting.residual.views import build_views
-from fitting.search_pieces import _level, choose_pieces, thinned
-from fitting.session import Options, Search, Session
-from fitting.sharper import sharpened
-from fitting.signals import filter_bank
-from fitting.stored import storing
+from fitting.signals.filters import filter_bank
+from fitting.signals.preparation import segments_of
 
 MACHINE, ARM = planar_machine(2), truth(2)
 BANK = filter_bank(50.0, 3.0)
@@ -174,9 +174,9 @@ def test_effects_are_fitted_from_the_file_as_in_memory(both: tuple[Design, Desig
 @pytest.fixture
 def small(monkeypatch: pytest.MonkeyPatch) -> None:
     """Budgets at which minutes are long."""
-    monkeypatch.setattr(fitting.session, "LOOP_SAMPLES", 2 * 16_000)
-    monkeypatch.setattr(fitting.session, "SEARCH_SAMPLES", 2 * 16_000)
-    monkeypatch.setattr(fitting.preparation, "PIECE_SAMPLES", 2 * 4000)
+    monkeypatch.setattr(fitting.loop.session, "LOOP_SAMPLES", 2 * 16_000)
+    monkeypatch.setattr(fitting.loop.session, "SEARCH_SAMPLES", 2 * 16_000)
+    monkeypatch.setattr(fitting.signals.preparation, "PIECE_SAMPLES", 2 * 4000)
 
 
 def test_what_fits_is_searched_as_it_is(hour: list[Recording]) -> None:

@@ -19,8 +19,8 @@ from synthetic_arm import Motion, force, make_motion, truth
 
 from daq.machine_file import Machine, machine_to_yaml, parse_machine
 from daq.recording import write_recording
-from fitting.session import Options, Request
-from fitting.stages import identify
+from fitting.loop.session import Options, Request
+from fitting.pipeline.stages import identify
 
 SECONDS = 20.0
 #: Seeds of the motions; that of `validate` has no speed that grazes zero, where a sign is a matter of luck.

@@ -9,7 +9,7 @@ import pytest
 from arm_examples import driven_arm
 
 from daq.errors import InputError
-from fitting.motion import Motion, read_motion, write_motion
+from fitting.excitation.motion import Motion, read_motion, write_motion
 
 TIME = np.arange(10) * 0.02
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 from synthetic_arm import Noise, make_recordings, planar_machine, truth
 
-from fitting.session import Session
+from fitting.loop.session import Session
 
 MACHINE, ARM = planar_machine(2, sensors="joint"), truth(2)
 

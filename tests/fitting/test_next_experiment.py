@@ -15,15 +15,15 @@ from daq.recording import Recording
 from fitting.effects import effect
 from fitting.excitation import HydraulicLimits
 from fitting.excitation.limits import limits_used
-from fitting.motion import Motion, read_motion, write_motion
-from fitting.preparation import prepare
-from fitting.prior import with_prior
-from fitting.regression import build_design, solve, whitened
-from fitting.residual.next_experiment import NextExperiment, design_next, supply_of
-from fitting.residual.separation import products, projected, separation
+from fitting.excitation.motion import Motion, read_motion, write_motion
+from fitting.loop.session import Session
+from fitting.planning.next_experiment import NextExperiment, design_next, supply_of
+from fitting.planning.separation import products, projected, separation
+from fitting.regression.design import build_design, solve, whitened
+from fitting.regression.prior import with_prior
 from fitting.residual.terms import Model, Term, extra_columns, fit_model
 from fitting.residual.views import build_views
-from fitting.session import Session
+from fitting.signals.preparation import prepare
 
 # --- arithmetic ---------------------------------------------------------------------------------------------------
 

@@ -16,9 +16,9 @@ from synthetic_arm import (
     truth,
 )
 
-from fitting.noise import difference_noise, effort_floor, noise_model, pair_repeats
-from fitting.session import Session
-from fitting.signals import filter_bank
+from fitting.loop.session import Session
+from fitting.regression.noise import difference_noise, effort_floor, noise_model, pair_repeats
+from fitting.signals.filters import filter_bank
 
 FORCE_ONLY = Noise(joint=1e-7, piston=1e-7, white=10.0, slow=6.0, pole=0.95)
 

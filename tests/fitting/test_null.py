@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from synthetic_arm import clean_session
 
 from fitting.effects import effect
-from fitting.loop import SessionSignals
+from fitting.loop.residual_loop import SessionSignals
 from fitting.residual.confirmation import misfit
 from fitting.residual.kinematics import Corrections
 from fitting.residual.null import PRIOR_DRAWS, Null, resampled

@@ -19,15 +19,15 @@ from synthetic_arm import (
 )
 
 from daq.errors import InputError
-from fitting.base_parameters import base_regressor, reduce_parameters
-from fitting.guess import default_guess, guess_from_file, worst_friction
-from fitting.linkage import lever_arm
-from fitting.motion import Motion
-from fitting.planned import planned_segment, segment_of_states
-from fitting.preparation import prepare
-from fitting.regression import build_design
-from fitting.residual.planned_views import chamber_models, planned_views, usual_chambers
-from fitting.signals import filter_bank
+from fitting.arm.base_parameters import base_regressor, reduce_parameters
+from fitting.arm.linkage import lever_arm
+from fitting.excitation.motion import Motion
+from fitting.planning.guess import default_guess, guess_from_file, worst_friction
+from fitting.planning.planned import planned_segment, segment_of_states
+from fitting.planning.planned_views import chamber_models, planned_views, usual_chambers
+from fitting.regression.design import build_design
+from fitting.signals.filters import filter_bank
+from fitting.signals.preparation import prepare
 
 SIGNALS = ("t", "q", "qd", "qdd", "x", "v", "a", "r")
 

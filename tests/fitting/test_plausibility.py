@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from synthetic_arm import clean_session, make_session, planar_machine, truth
 
-from fitting.friction_power import friction_power
-from fitting.plausibility import _nearest, physics, plausibility
+from fitting.pipeline.plausibility import _nearest, physics, plausibility
+from fitting.residual.friction_power import friction_power
 from fitting.residual.terms import Model
 
 

@@ -9,8 +9,8 @@ import pytest
 from synthetic_arm import QUIET, Noise, force, make_motion, make_recordings, planar_machine, sample, truth
 
 from daq.errors import RecordingError
-from fitting.preparation import Segment, position_noise, prepare
-from fitting.signals import filter_bank
+from fitting.signals.filters import filter_bank
+from fitting.signals.preparation import Segment, position_noise, prepare
 
 BANK = filter_bank(50.0, 3.0)
 ARM = truth(2)

@@ -7,7 +7,7 @@ import pytest
 from scipy import linalg, signal
 from synthetic_arm import clean_session, exact_design, force, make_motion, planar_machine, truth
 
-from fitting.regression import (
+from fitting.regression.design import (
     Extra,
     NoiseModel,
     WhiteRows,
@@ -18,7 +18,7 @@ from fitting.regression import (
     white_noise_model,
     whitened,
 )
-from fitting.spectrum import Whitening
+from fitting.signals.spectrum import Whitening
 
 PHI, SIGMA = 0.7, 2.5
 

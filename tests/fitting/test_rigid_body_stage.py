@@ -7,11 +7,11 @@ import pytest
 from synthetic_arm import clean_session, exact_design, make_session, planar_machine, truth
 
 from daq.errors import InputError, RecordingError
-from fitting.base_parameters import reduce_parameters
-from fitting.cylinder_stage import CylinderEstimate, identify_cylinders
-from fitting.regression import white_noise_model
-from fitting.rigid_body_stage import identify_one_shot, identify_rigid_body
-from fitting.session import Options, Session
+from fitting.arm.base_parameters import reduce_parameters
+from fitting.loop.session import Options, Session
+from fitting.pipeline.cylinder_stage import CylinderEstimate, identify_cylinders
+from fitting.pipeline.rigid_body_stage import identify_one_shot, identify_rigid_body
+from fitting.regression.design import white_noise_model
 
 
 def known_cylinders(names: tuple[tuple[str, ...], ...], drive: np.ndarray) -> list[CylinderEstimate]:

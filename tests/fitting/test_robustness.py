@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import signal
 
-from fitting.regression import WhiteRows
+from fitting.regression.design import WhiteRows
 from fitting.residual.robustness import inflation
 
 ROWS = 4000

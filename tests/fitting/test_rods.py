@@ -13,8 +13,8 @@ from synthetic_arm import RATE, make_recordings, planar_machine, truth
 
 from daq.errors import RecordingError
 from daq.recording import Recording
-from fitting.rods import with_rods_as_said
-from fitting.session import Options, Session
+from fitting.loop.session import Options, Session
+from fitting.signals.rods import with_rods_as_said
 
 MACHINE = planar_machine(2)
 UNLOADED, TRAIN, REPEAT, VALIDATE = make_recordings(MACHINE, truth(2))

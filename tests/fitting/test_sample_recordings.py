@@ -11,10 +11,10 @@ import pytest
 import yaml
 from arm_examples import SHARED
 
+from fitting.loop.session import Request, Session
+from fitting.pipeline.results import build_report
+from fitting.pipeline.stages import STEPS
 from fitting.report import Figures
-from fitting.results import build_report
-from fitting.session import Request, Session
-from fitting.stages import STEPS
 
 pytestmark = pytest.mark.slow
 

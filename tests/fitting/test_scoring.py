@@ -7,13 +7,13 @@ import pytest
 from synthetic_arm import clean_session
 
 from fitting.effects import effect, effects
-from fitting.prior import with_prior
-from fitting.regression import whitened
+from fitting.loop.session import Session
+from fitting.regression.design import whitened
+from fitting.regression.prior import with_prior
 from fitting.residual.laws import Law
 from fitting.residual.scoring import PARAMETER_PRICE, Candidates, Score, catalogue_terms, law_terms, score_terms
 from fitting.residual.terms import Model, Term, extra_columns, fit_model
-from fitting.session import Session
-from fitting.splines import evaluate, spline_knots
+from fitting.signals.splines import evaluate, spline_knots
 
 
 def explicit_gain(session: Session, model: Model, term: Term) -> tuple[float, np.ndarray]:

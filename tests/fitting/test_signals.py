@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import signal
 
-from fitting.signals import FilterBank, filter_bank, lag_between, white_noise_std
+from fitting.signals.filters import FilterBank, filter_bank, lag_between, white_noise_std
 
 RATE = 50.0
 BANK = filter_bank(RATE, 3.0)

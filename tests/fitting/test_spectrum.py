@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from scipy import signal
 
-from fitting.signals import filter_bank
-from fitting.spectrum import whitening
+from fitting.signals.filters import filter_bank
+from fitting.signals.spectrum import whitening
 
 BANK = filter_bank(50.0, 3.0)
 

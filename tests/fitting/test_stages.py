@@ -16,10 +16,10 @@ from synthetic_arm import make_recordings, planar_machine, truth
 from daq.errors import HilfitError, InputError
 from daq.machine_file import machine_to_yaml
 from daq.recording import write_recording
-from fitting import stages
-from fitting.session import Options, Request
-from fitting.stage_program import load_request, main
-from fitting.stages import STAGES, identify, run_stage
+from fitting.loop.session import Options, Request
+from fitting.pipeline import stages
+from fitting.pipeline.stage_program import load_request, main
+from fitting.pipeline.stages import STAGES, identify, run_stage
 
 
 @pytest.fixture(scope="module")
@@ -205,7 +205,7 @@ def test_one_process_does_all_stages_and_reads_the_recordings_once(
     shutil.copytree(files, copies)
     path = request_file(request_of(copies, tmp_path / "report"), tmp_path / "request.json")
     with subprocess.Popen(
-        [sys.executable, "-m", "fitting.stage_program", "--stay", str(path), STAGES[0]],
+        [sys.executable, "-m", "fitting.pipeline.stage_program", "--stay", str(path), STAGES[0]],
         stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
     ) as program:  # fmt: skip
         assert program.stdin is not None and program.stdout is not None and program.stderr is not None
@@ -232,7 +232,10 @@ def test_one_process_does_all_stages_and_reads_the_recordings_once(
 def test_as_a_process_of_its_own(files: Path, tmp_path: Path) -> None:
     path = request_file(request_of(files, tmp_path / "report"), tmp_path / "request.json")
     done = subprocess.run(
-        [sys.executable, "-m", "fitting.stage_program", str(path), "check"], capture_output=True, text=True, timeout=120
+        [sys.executable, "-m", "fitting.pipeline.stage_program", str(path), "check"],
+        capture_output=True,
+        text=True,
+        timeout=120,
     )
     assert done.returncode == 0, done.stderr
     assert "summary" in json.loads(done.stdout.splitlines()[-1])

@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 from synthetic_arm import exact_views, make_session, planar_machine, truth
 
-from fitting.loop import run_attribution, term_from_json, term_to_json
+from fitting.loop.residual_loop import run_attribution, term_from_json, term_to_json
+from fitting.loop.session import Session
+from fitting.report.drawing_data import spline_curve
 from fitting.report.wording import verdict_sentence
-from fitting.residual.drawing_data import spline_curve
 from fitting.residual.findings import Attribution
 from fitting.residual.kinematics import Corrections
 from fitting.residual.laws import Law
@@ -18,7 +19,6 @@ from fitting.residual.scoring import score_terms
 from fitting.residual.surfaces import Surface, best_surface, second_variable, surfaces
 from fitting.residual.terms import Term
 from fitting.selection.evidence import least_gain
-from fitting.session import Session
 
 MACHINE, ARM = planar_machine(3), truth(3)
 TWIST, MIDDLE = 400.0, 0.0  # N/rad^2, rad

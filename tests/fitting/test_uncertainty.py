@@ -10,7 +10,8 @@ from scipy import signal
 from synthetic_arm import clean_session, exact_views, make_session, planar_machine, truth
 
 from fitting.effects import effect
-from fitting.loop import final_model
+from fitting.loop.residual_loop import final_model
+from fitting.loop.session import Session
 from fitting.residual.kinematics import Corrections
 from fitting.residual.laws import Law
 from fitting.residual.null import Null
@@ -18,8 +19,7 @@ from fitting.residual.refinement import refined
 from fitting.residual.scoring import score_terms
 from fitting.residual.terms import Model, Term, fit_model
 from fitting.residual.uncertainty import is_refused, sandwich_factors, with_doubts
-from fitting.session import Session
-from fitting.splines import spline_knots
+from fitting.signals.splines import spline_knots
 
 MACHINE, ARM = planar_machine(2), truth(2)
 RECORDINGS = (("unloaded", 1), ("train", 2), ("train", 4), ("repeat", 2), ("validate", 3))

@@ -14,11 +14,11 @@ from test_coupled_drives import WRIST, measured, motion
 
 from daq.machine_file import Machine, MachineFileError, parse_machine
 from daq.recording import Recording
-from fitting.joint_side import at_joints
-from fitting.preparation import position_noise, prepare
-from fitting.session import Options, Session
-from fitting.signals import advanced, filter_bank
-from fitting.velocities import velocity_share
+from fitting.arm.joint_side import at_joints
+from fitting.loop.session import Options, Session
+from fitting.signals.filters import advanced, filter_bank
+from fitting.signals.preparation import position_noise, prepare
+from fitting.signals.velocities import velocity_share
 
 BANK = filter_bank(RATE, 3.0)
 ROLES = (("train", 2), ("validate", 3))
@@ -122,8 +122,8 @@ def test_an_unpinned_rod_moves_without_the_joint_that_the_velocity_is_of() -> No
 
 def test_replicas_of_a_session_carry_velocities() -> None:
     """A session with a velocity runs where recordings are drawn anew."""
-    from fitting.preparation import position_channel_noise
     from fitting.residual.null import Replicas
+    from fitting.signals.preparation import position_channel_noise
 
     machine = with_velocity()
     session = Session(machine, recorded(machine, 2e-3, Noise()), Options())

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from fitting.verdict import verdict
+from fitting.pipeline.verdict import verdict
 
 
 def results(**changes: Any) -> dict[str, dict[str, Any]]:

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from synthetic_arm import USUAL, clean_session, make_motion, make_session, planar_machine, truth
 
-from fitting.effort_fit import EffortRows
-from fitting.session import Options, Session
-from fitting.weighting import MOST_LOST
+from fitting.estimators.effort_fit import EffortRows
+from fitting.loop.session import Options, Session
+from fitting.loop.weighting import MOST_LOST
 
 
 def with_slow_error(size: float) -> Session:

@@ -13,12 +13,12 @@ from synthetic_arm import Truth, make_session, planar_machine, truth
 from daq.machine_file import Machine
 from fitting.effects import effect
 from fitting.effects.base import Effect
+from fitting.loop.session import Session
 from fitting.model.arm_model import ArmModel
 from fitting.model.handover import hand_over
 from fitting.residual.laws import Law
 from fitting.residual.terms import Model, Term, fit_model
-from fitting.session import Session
-from fitting.splines import spline_knots
+from fitting.signals.splines import spline_knots
 
 SECONDS = 14.0
 

@@ -16,7 +16,7 @@ from model_examples import applies, law_of, model_with, session_of, term_of
 from synthetic_arm import make_motion
 
 from daq.errors import InputError
-from fitting.base_parameters import reduce_parameters
+from fitting.arm.base_parameters import reduce_parameters
 from fitting.effects import effects
 from fitting.model import motion
 from fitting.model.arm_model import ArmModel

@@ -10,8 +10,8 @@ from model_examples import model_with, session_of, term_of, true_model
 from synthetic_arm import force, make_motion, truth
 
 from daq.errors import InputError
-from fitting.dynamics import inverse_dynamics
-from fitting.linkage import lever_arm
+from fitting.arm.dynamics import inverse_dynamics
+from fitting.arm.linkage import lever_arm
 from fitting.model import motion
 from fitting.model.arm_model import ArmModel
 

@@ -11,15 +11,15 @@ import pytest
 from model_examples import applies, fitted, law_of, report_of, session_of, term_of
 
 from fitting.effects import effect, effects
-from fitting.kinematic_check import corrections_from_json
-from fitting.loop import SessionSignals
+from fitting.loop.kinematic_check import corrections_from_json
+from fitting.loop.residual_loop import SessionSignals
 from fitting.model.arm_model import ArmModel
 from fitting.model.codec import model_from_json, model_to_json
 from fitting.model.handover import hand_over
 from fitting.model.prediction import on_recording
-from fitting.preparation import Segment
-from fitting.regression import predicted_effort
+from fitting.regression.design import predicted_effort
 from fitting.residual.terms import Term
+from fitting.signals.preparation import Segment
 
 
 def groups() -> list[list[str]]:

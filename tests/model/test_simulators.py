@@ -11,13 +11,13 @@ import pytest
 from model_examples import model_with, session_of, term_of, true_model
 from synthetic_arm import truth
 
-from fitting.base_parameters import base_regressor
-from fitting.body_prior import pseudo_inertia
-from fitting.dynamics import inverse_dynamics
+from fitting.arm.base_parameters import base_regressor
+from fitting.arm.dynamics import inverse_dynamics
 from fitting.model.arm_model import ArmModel
 from fitting.model.export import export_model
 from fitting.model.export.bodies import bodies_of
 from fitting.model.export.c import states
+from fitting.regression.body_prior import pseudo_inertia
 
 mujoco = pytest.importorskip("mujoco")
 pytest.importorskip("cvxpy")

@@ -8,7 +8,7 @@ import numpy as np
 from service_fakes import MACHINE
 
 from daq import Recording, parse_machine
-from fitting.session import Options, Session
+from fitting.loop.session import Options, Session
 
 RATE = 50.0
 #: Noise of the angle in rad and of the torque in N m.

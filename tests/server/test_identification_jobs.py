@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 from service_fakes import API, REPORT, Running, ran
 
-from fitting.session import Options
+from fitting.loop.session import Options
 from server.identifications.identification_results import IdentificationResults
 from server.identifications.identification_schemas import IdentificationOptions
 from server.identifications.identification_store import Identification

@@ -12,10 +12,10 @@ from live_lever import signals
 from service_fakes import MACHINE
 
 from daq import parse_machine, write_recording
-from fitting.motion import read_motion
-from fitting.session import Options, Request
-from fitting.stage_names import STAGES
-from fitting.stages import run_stage
+from fitting.excitation.motion import read_motion
+from fitting.loop.session import Options, Request
+from fitting.pipeline.stage_names import STAGES
+from fitting.pipeline.stages import run_stage
 from server.excitations import excitation_job as excitation
 from server.identifications.stage_request import StageRequest
 from server.platform.processes.children import ChildResult, run_child

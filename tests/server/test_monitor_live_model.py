@@ -10,13 +10,13 @@ from live_lever import COULOMB, RATE, TORQUE_STD, recording, session, signals
 
 from daq import Recording
 from fitting.effects import effect
-from fitting.preparation import prepare
-from fitting.regression import build_design, full_residual
+from fitting.loop.session import Session
+from fitting.regression.design import build_design, full_residual
 from fitting.residual.kinematics import Corrections
 from fitting.residual.laws import Law
 from fitting.residual.terms import Model, Term, fit_model
-from fitting.session import Session
-from fitting.splines import spline_knots
+from fitting.signals.preparation import prepare
+from fitting.signals.splines import spline_knots
 from server.identifications.live_model import JointBlock, LiveModel, NotLiveError
 from server.monitor.residual_blocks import Windows
 from server.monitor.residual_scores import effective, scores

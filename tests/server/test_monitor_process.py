@@ -17,9 +17,9 @@ from service_fakes import MACHINE
 from daq import write_recording
 from daq.frame import row_dtype
 from daq.ring import RingWriter, ring_buffer
+from fitting.pipeline.stage_program import load_request
+from fitting.pipeline.stages import STAGES, run_stage
 from fitting.residual.kinematics import Corrections
-from fitting.stage_program import load_request
-from fitting.stages import STAGES, run_stage
 from server.alarms.alarm_desk import Alarms
 from server.composition.declarations import TABLES
 from server.identifications.live_model import LiveModel, NotLiveError

@@ -11,7 +11,7 @@ import yaml
 
 from daq.errors import InputError
 from daq.machine_file import Drive, Machine, machine_to_yaml, parse_machine
-from fitting.linkage import piston_motion
+from fitting.arm.linkage import piston_motion
 from sim_backends import Plant, Truth, slewing_arm
 from sim_backends.arm import Arm, ArmDesign
 from sim_backends.truth import DriveTruth

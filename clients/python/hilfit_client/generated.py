@@ -232,7 +232,7 @@ class IdentificationList(TypedDict):
 
 
 class IdentificationOptions(TypedDict):
-    """Choices of an identification (:class:`fitting.session.Options`)."""
+    """Choices of an identification (:class:`fitting.loop.session.Options`)."""
 
     bandwidth_hz: NotRequired[float | None]
     bootstrap: NotRequired[int]

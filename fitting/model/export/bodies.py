@@ -14,11 +14,11 @@ import numpy as np
 import numpy.typing as npt
 
 from daq.errors import HilfitError, InputError
-from fitting.body_prior import pseudo_inertia
+from fitting.arm.geometry import Geometry, geometry_of
 from fitting.effects.base import Effect
 from fitting.estimators.consistent import link_map, scale_bodies, standard_parameters
-from fitting.geometry import Geometry, geometry_of
 from fitting.model.arm_model import ArmModel
+from fitting.regression.body_prior import pseudo_inertia
 
 FloatArray = npt.NDArray[np.float64]
 

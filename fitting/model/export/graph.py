@@ -192,7 +192,7 @@ class Graph:
         return self.node("curve", (self.of(x),), str(self._numbers[key]))
 
     def signed_power(self, speed: Any, noise: float, exponent: float) -> Node:
-        """``E[|v|^p sgn v]`` of a speed with noise: see :func:`fitting.expected.expected_power`."""
+        """``E[|v|^p sgn v]`` of a speed with noise: see :func:`fitting.arm.expected.expected_power`."""
         return self.node("signed_power", (self.of(speed), self.number(noise), self.number(exponent)))
 
     def of(self, value: Any) -> Node:

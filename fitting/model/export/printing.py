@@ -86,7 +86,7 @@ def _word(
 
 
 def _signed_power(node: Node, speed: str, dialect: Dialect) -> str:
-    """A call with the constants of :func:`fitting.expected.expected_power` worked out."""
+    """A call with the constants of :func:`fitting.arm.expected.expected_power` worked out."""
     noise, p = (float(argument) for argument in node.arguments[1:])
     factor = noise**p * 2 ** ((p + 1) / 2) * float(gamma(1 + p / 2)) / 3.141592653589793**0.5
     numbers = ", ".join(dialect.number(value) for value in (noise, p, factor))

@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from daq.recording_files import replacing
-from fitting.expected import expected_power
+from fitting.arm.expected import expected_power
 from fitting.model.arm_model import ArmModel
 from fitting.model.export.graph import Curve, Node
 from fitting.model.export.printing import Dialect, curves_of, statements
@@ -21,7 +21,7 @@ from fitting.model.export.words import Written, heading
 
 FloatArray = npt.NDArray[np.float64]
 
-#: Noise widths beyond which :func:`fitting.expected.expected_power` takes its asymptotic series.
+#: Noise widths beyond which :func:`fitting.arm.expected.expected_power` takes its asymptotic series.
 _FAR = 6.0
 
 DIALECT = Dialect(

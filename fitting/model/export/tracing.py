@@ -19,17 +19,17 @@ from scipy.interpolate import PPoly
 
 from daq.errors import InputError
 from daq.linkages import Direct, FourBar, Linkage, Polynomial, Rack, ThreePin, reduced
+from fitting.arm.geometry import Geometry, geometry_of
 from fitting.effects.base import DriveView, Effect
 from fitting.effects.base_tilt import across
-from fitting.geometry import Geometry, geometry_of
 from fitting.model.arm_model import FOREIGN, ArmModel, Pass, over_time, phase_unknown
 from fitting.model.evaluation import without
 from fitting.model.export.graph import Curve, Graph, Node
-from fitting.preparation import Segment
 from fitting.residual.laws import Law
 from fitting.residual.surfaces import Surface
 from fitting.residual.terms import Term
 from fitting.residual.views import RodLaw
+from fitting.signals.preparation import Segment
 
 FloatArray = npt.NDArray[np.float64]
 #: A number or a node.
@@ -99,7 +99,7 @@ class _View(DriveView):
 
 
 def sign(graph: Graph, speed: Value, noise: float) -> Node:
-    """Expected sign of a speed: see :func:`fitting.expected.expected_sign`."""
+    """Expected sign of a speed: see :func:`fitting.arm.expected.expected_sign`."""
     speed = graph.of(speed)
     if noise <= 0:
         return graph.unary("sign", speed)
@@ -427,7 +427,7 @@ class Tracer:
 
 
 def linkage_of(linkage: Linkage, q: Value) -> tuple[Value, Value, Value]:
-    """Piston position, lever arm and its slope at a joint position: see :mod:`fitting.linkage`."""
+    """Piston position, lever arm and its slope at a joint position: see :mod:`fitting.arm.linkage`."""
     linkage = reduced(linkage)
     if isinstance(linkage, ThreePin):
         a, b, angle = linkage.a, linkage.b, q + linkage.offset
@@ -474,7 +474,7 @@ def newton_euler(
 
     Link ``i`` needs the force ``f = m a + w' x h + w x (w x h)`` and, about its frame's origin, the moment
     ``n = h x a + I w' + w x (I w)``, with ``h`` its first moments and ``I`` its inertia about that origin
-    (:mod:`fitting.dynamics` has the symbols and the sources).
+    (:mod:`fitting.arm.dynamics` has the symbols and the sources).
 
     Parameters
     ----------

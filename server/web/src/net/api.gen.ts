@@ -1747,7 +1747,7 @@ export interface components {
         };
         /**
          * IdentificationOptions
-         * @description Choices of an identification (:class:`fitting.session.Options`).
+         * @description Choices of an identification (:class:`fitting.loop.session.Options`).
          *
          *     ``loop``: look for what the model lacks. ``bandwidth_hz``: identification bandwidth, None: from the motion.
          *     ``bootstrap``: most replicas that a null distribution is drawn from. ``forgetting``: factor of stage 1's recursion,

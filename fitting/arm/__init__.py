@@ -1,0 +1,1 @@
+"""The arm: geometry, linkages, dynamics, base parameters."""

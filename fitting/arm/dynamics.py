@@ -1,0 +1,536 @@
+"""Rigid-body dynamics that are linear in the inertial parameters: ``tau = Y(q, q', q'') pi``.
+
+``tau = M(q) q'' + C(q, q') q' + G(q)`` by Newton and Euler, from the Denavit-Hartenberg table. The parameters
+of link ``i``, in its frame ``i`` (of whichever convention the table is in, :mod:`fitting.arm.geometry`), are in this
+order::
+
+    m  mx  my  mz  Ixx  Ixy  Ixz  Iyy  Iyz  Izz
+
+mass (kg), first moments ``m c`` (kg m), and the inertia about the frame's origin (kg m^2; ``Ixy`` is the
+matrix entry, ``-integral of x y dm``). Then ``pi`` is (10 n,), link after link. The *standard* parameters are
+13 per joint: these ten, then ``f_c`` (times sgn q'), ``f_v`` (times q') and the drive inertia ``J`` (times
+q''). A motor that turns with several joints (:attr:`fitting.arm.geometry.Geometry.coupled`) adds three: with
+``w = sum c_k q'_k`` its speed referred to its own joint, ``c_k (f_cm sgn w + f_vm w + Jm w')`` on every joint ``k``.
+
+How the regressor is computed. Link ``i`` needs the force ``f = m a + B h`` and, about the frame's origin, the
+moment ``n = h x a + I w' + w x (I w)``, where ``h`` are the first moments, ``a`` the acceleration of the
+origin less gravity, ``w`` the angular velocity and ``B = S(w') + S(w) S(w)``. A joint ``j <= i`` that gives
+link ``i`` the angular velocity ``u`` and its origin the velocity ``s`` per unit of joint speed feels ``s . f
++ u . n``; that is linear in the ten parameters, so::
+
+    m:  s . a        h:  B' s + a x u        I:  u . (I w' + w x (I w))
+
+where the second factors belong to the link alone and are computed once for all joints.
+
+Everything is kept as one array over the samples per vector component, and a component that is zero for every
+sample (half of them with twists of 0 and 90 degrees, nearly all of them for a planar arm) is the float 0.0
+and skipped.
+
+Sources: Khalil and Dombre, *Modeling, Identification and Control of Robots*, 2002, chapters 9 and 12;
+Siciliano et al.,
+*Robotics*, 7.3 (the velocities per unit of joint speed are the columns of the link's Jacobian).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from daq.machine_file import Machine
+from fitting.arm.expected import expected_sign
+from fitting.arm.geometry import Geometry, geometry_of, link_frames
+
+FloatArray = npt.NDArray[np.float64]
+Component = float | FloatArray  # one component of a vector, over the samples; exactly 0.0 where it vanishes
+Vector = tuple[Component, Component, Component]
+
+LINK_PARAMETERS = ("m", "mx", "my", "mz", "Ixx", "Ixy", "Ixz", "Iyy", "Iyz", "Izz")
+JOINT_PARAMETERS = (*LINK_PARAMETERS, "f_c", "f_v", "J")
+
+# Samples per pass: long enough that the arithmetic outweighs the calls, short enough for the caches.
+_CHUNK = 16384
+COUPLED_PARAMETERS = ("f_cm", "f_vm", "Jm")
+_ZERO: Vector = (0.0, 0.0, 0.0)
+_Units = list[tuple[Vector, Vector]]  # per joint: angular velocity of the link and velocity of its frame's origin
+
+
+def rigid_body_regressor(
+    machine: Machine | Geometry,
+    q: npt.ArrayLike,
+    qd: npt.ArrayLike,
+    qdd: npt.ArrayLike,
+    *,
+    columns: Sequence[int] | npt.NDArray[np.intp] | None = None,
+    gravity: npt.ArrayLike | None = None,
+) -> FloatArray:
+    """Regressor of the rigid-body dynamics, for all samples at once.
+
+    Parameters
+    ----------
+    machine
+        Arm of ``n`` joints.
+    q, qd, qdd
+        Joint positions, speeds and accelerations, shape (N, n); rad or m, per second, per second squared.
+    columns
+        Which of the ``10 n`` columns to compute (the independent ones of a base-parameter set, say); all if
+        None.
+    gravity
+        Acceleration of gravity in the base frame instead of the machine's, m/s^2; shape (3,), or (N, 3) where
+        the base tilts while it moves.
+
+    Returns
+    -------
+    ndarray
+        ``Y`` with ``tau = Y pi``, shape (N, n, number of columns), N m (N) per unit of the parameter. Its
+        memory runs along the samples, so that :func:`stacked` costs nothing.
+
+    Raises
+    ------
+    ValueError
+        If the shapes do not fit the machine.
+    """
+    geometry = geometry_of(machine)
+    n = geometry.joints
+    motion = [_samples(geometry, values, what) for values, what in ((q, "q"), (qd, "qd"), (qdd, "qdd"))]
+    chosen = np.arange(10 * n) if columns is None else np.asarray(columns, dtype=np.intp)
+    if chosen.size and (chosen.min() < 0 or chosen.max() >= 10 * n):
+        raise ValueError(f"columns must be 0 to {10 * n - 1}, not {chosen.min()} to {chosen.max()}")
+    g = geometry.gravity if gravity is None else np.asarray(gravity, dtype=float)
+    samples = motion[0].shape[0]
+    if g.shape not in ((3,), (samples, 3)):
+        raise ValueError(f"gravity has shape {g.shape}; it must be (3,) or ({samples}, 3)")
+    places: list[list[tuple[int, int]]] = [[] for _ in range(n)]  # per link: parameter, output column
+    for place, column in enumerate(chosen):
+        places[column // 10].append((int(column % 10), place))
+    out = np.zeros((len(chosen), n, samples))
+    for start in range(0, samples, _CHUNK):
+        part = slice(start, min(start + _CHUNK, samples))
+        states = _components(motion, part)
+        acceleration = _vector(-g if g.ndim == 1 else -g[part].T)
+        _fill(geometry, states, acceleration, places, out[:, :, part])
+    return out.transpose(2, 1, 0)
+
+
+def gravity_regressor(
+    machine: Machine | Geometry,
+    q: npt.ArrayLike,
+    direction: npt.ArrayLike,
+    *,
+    columns: Sequence[int] | npt.NDArray[np.intp] | None = None,
+) -> FloatArray:
+    """What a unit change of gravity along ``direction`` (base frame) adds to the regressor.
+
+    ``Y`` is linear in gravity: ``Y(g + e dg) = Y(g) + gravity_regressor(e) dg``. A base that tilts by small
+    angles ``t`` (rad, about the axis ``k``) changes gravity by ``-t k x g``. Shapes as in
+    :func:`rigid_body_regressor`; ``direction`` is (3,) or (N, 3), in units of choice.
+    """
+    still = np.zeros(np.shape(np.asarray(q, dtype=float)))
+    return rigid_body_regressor(machine, q, still, still, columns=columns, gravity=direction)
+
+
+def standard_regressor(
+    machine: Machine | Geometry,
+    q: npt.ArrayLike,
+    qd: npt.ArrayLike,
+    qdd: npt.ArrayLike,
+    *,
+    gravity: npt.ArrayLike | None = None,
+) -> FloatArray:
+    """Regressor of all standard parameters, shape (N, n, 13 n + 3 c), in the order of :func:`standard_names`."""
+    geometry = geometry_of(machine)
+    n = geometry.joints
+    rigid = rigid_body_regressor(machine, q, qd, qdd, gravity=gravity)
+    speed, acceleration = np.asarray(qd, dtype=float), np.asarray(qdd, dtype=float)
+    out = np.zeros((13 * n + 3 * len(geometry.coupled), n, rigid.shape[0]))
+    out[13 * n :] = coupled_regressor(geometry, speed, acceleration).transpose(2, 1, 0)
+    for i in range(n):
+        out[13 * i : 13 * i + 10] = rigid[:, :, 10 * i : 10 * i + 10].transpose(2, 1, 0)
+        out[13 * i + 10, i] = np.sign(speed[:, i])
+        out[13 * i + 11, i] = speed[:, i]
+        if i not in geometry.link_side:
+            out[13 * i + 12, i] = acceleration[:, i]
+    return out.transpose(2, 1, 0)
+
+
+def coupled_regressor(
+    machine: Machine | Geometry, qd: npt.ArrayLike, qdd: npt.ArrayLike, *, speed_noise: npt.ArrayLike | None = None
+) -> FloatArray:
+    """Regressor of motors that turn with several joints, shape (N, n, 3 c): ``f_cm, f_vm, Jm`` of each.
+
+    Parameters
+    ----------
+    machine
+        Arm of ``n`` joints, ``c`` of whose motors are coupled to other joints.
+    qd, qdd
+        Joint speeds and accelerations, (N, n).
+    speed_noise
+        Standard deviation of every joint's speed, (n,): the sign is then its expectation.
+    """
+    geometry = geometry_of(machine)
+    speed, acceleration = np.asarray(qd, dtype=float), np.asarray(qdd, dtype=float)
+    out = np.zeros((3 * len(geometry.coupled), geometry.joints, len(speed)))
+    noise = np.zeros(geometry.joints) if speed_noise is None else np.asarray(speed_noise, dtype=float)
+    felt = np.array([float(joint not in geometry.link_side) for joint in range(geometry.joints)])
+    for place, row in enumerate(geometry.coupling):
+        own = speed @ row
+        columns = (expected_sign(own, float(np.linalg.norm(noise * row))), own, acceleration @ row)
+        for number, column in enumerate(columns):
+            out[3 * place + number] = (felt * row)[:, None] * column
+    return out.transpose(2, 1, 0)
+
+
+def stacked(Y: FloatArray) -> FloatArray:
+    """The observation matrix ``W``, shape (n N, p): joint 1's samples first, then joint 2's, and so on.
+
+    A view, in Fortran order, of what the functions of this module return; a copy of anything else.
+    """
+    samples, n, p = Y.shape
+    return Y.transpose(2, 1, 0).reshape(p, n * samples).T
+
+
+def standard_names(machine: Machine | Geometry) -> tuple[str, ...]:
+    """Names of the ``13 n + 3 c`` standard parameters, per joint ten inertial, ``f_c f_v J``; then motors."""
+    geometry = geometry_of(machine)
+    own = tuple(f"{name}{i + 1}" for i in range(geometry.joints) for name in JOINT_PARAMETERS)
+    return (*own, *(f"{name}{i + 1}" for i in geometry.coupled for name in COUPLED_PARAMETERS))
+
+
+def inverse_dynamics(
+    machine: Machine | Geometry,
+    pi: npt.ArrayLike,
+    q: npt.ArrayLike,
+    qd: npt.ArrayLike,
+    qdd: npt.ArrayLike,
+    *,
+    gravity: npt.ArrayLike | None = None,
+) -> FloatArray:
+    """Joint efforts that a motion takes, shape (N, n), in N m (N).
+
+    Parameters
+    ----------
+    machine, q, qd, qdd, gravity
+        As in :func:`rigid_body_regressor`.
+    pi
+        Inertial parameters, (10 n,) or (n, 10), or standard parameters, (13 n,) or (n, 13).
+
+    Raises
+    ------
+    ValueError
+        If a shape does not fit the machine.
+    """
+    n = geometry_of(machine).joints
+    parameters = np.asarray(pi, dtype=float).ravel()
+    if parameters.size not in (10 * n, 13 * n):
+        raise ValueError(f"pi has {parameters.size} numbers; {n} joints take {10 * n} or {13 * n}")
+    table = parameters.reshape(n, -1)
+    used = np.flatnonzero(table[:, :10].ravel())
+    Y = rigid_body_regressor(machine, q, qd, qdd, columns=used, gravity=gravity)
+    tau = np.asarray(Y @ table[:, :10].ravel()[used])
+    if table.shape[1] == 13:
+        speed = np.asarray(qd, dtype=float)
+        tau += table[:, 10] * np.sign(speed) + table[:, 11] * speed + table[:, 12] * np.asarray(qdd, dtype=float)
+    return tau
+
+
+@dataclass(frozen=True)
+class SelfCheck:
+    """Outcome of :func:`self_check`.
+
+    Attributes
+    ----------
+    error
+        Largest difference of the two computations, relative to the largest effort of that joint.
+    samples
+        Number of random states that were compared.
+    """
+
+    error: float
+    samples: int
+
+    def __str__(self) -> str:
+        found = f"relative difference {self.error:.1e} over {self.samples} random states"
+        return f"inverse dynamics against Y pi: {found}"
+
+
+def self_check(machine: Machine | Geometry, *, samples: int = 20, seed: int = 0) -> SelfCheck:
+    """Compare ``Y pi`` with a Newton-Euler recursion that shares no code with it.
+
+    The recursion works in the base frame with the transforms of :func:`fitting.arm.geometry.link_frames`, centres
+    of mass and central inertias, one sample and one link at a time. Random links, states within the machine's
+    limits.
+    """
+    geometry = geometry_of(machine)
+    rng = np.random.default_rng(seed)
+    n = geometry.joints
+    q = rng.uniform(geometry.position_limits[:, 0], geometry.position_limits[:, 1], (samples, n))
+    qd = rng.uniform(-1, 1, (samples, n)) * geometry.velocity_limits
+    qdd = rng.uniform(-1, 1, (samples, n)) * geometry.acceleration_limits
+    mass = rng.uniform(1, 50, n)
+    centre = rng.uniform(-0.5, 0.5, (n, 3))
+    half = rng.normal(size=(n, 3, 3))
+    central = half @ half.transpose(0, 2, 1)
+    pi = np.array([_about_origin(mass[i], centre[i], central[i]) for i in range(n)])
+    expected = np.array(
+        [_newton_euler(geometry, mass, centre, central, *state) for state in zip(q, qd, qdd, strict=True)]
+    )
+    found = rigid_body_regressor(geometry, q, qd, qdd) @ pi.ravel()
+    scale = np.maximum(np.abs(expected).max(axis=0), np.finfo(float).tiny)
+    return SelfCheck(error=float((np.abs(found - expected) / scale).max()), samples=samples)
+
+
+def _about_origin(mass: float, centre: FloatArray, central: FloatArray) -> FloatArray:
+    """The ten parameters of a link from its mass, centre of mass and central inertia (parallel axes)."""
+    inertia = central + mass * (centre @ centre * np.eye(3) - np.outer(centre, centre))
+    return np.array([mass, *(mass * centre), *inertia[np.triu_indices(3)]])
+
+
+def _newton_euler(
+    geometry: Geometry,
+    mass: FloatArray,
+    centre: FloatArray,
+    central: FloatArray,
+    q: FloatArray,
+    qd: FloatArray,
+    qdd: FloatArray,
+) -> FloatArray:
+    frames = link_frames(geometry, q)
+
+    def joint_frame(joint: int) -> int:
+        return joint + 1 if geometry.modified else joint
+
+    w, wd, a = np.zeros(3), np.zeros(3), -geometry.gravity
+    forces, moments, centres = [], [], []
+    for i in range(geometry.joints):
+        axis = frames[joint_frame(i), :3, 2]
+        arm = frames[i + 1, :3, 3] - frames[i, :3, 3]
+        if geometry.modified:  # the way to joint i belongs to the link before
+            a = a + np.cross(wd, arm) + np.cross(w, np.cross(w, arm))
+        if geometry.revolute[i]:
+            wd = wd + axis * qdd[i] + np.cross(w, axis * qd[i])
+            w = w + axis * qd[i]
+        else:
+            a = a + axis * qdd[i] + 2 * np.cross(w, axis * qd[i])
+        if not geometry.modified:
+            a = a + np.cross(wd, arm) + np.cross(w, np.cross(w, arm))
+        rotation = frames[i + 1, :3, :3]
+        offset = rotation @ centre[i]
+        inertia = rotation @ central[i] @ rotation.T
+        forces.append(mass[i] * (a + np.cross(wd, offset) + np.cross(w, np.cross(w, offset))))
+        moments.append(inertia @ wd + np.cross(w, inertia @ w))
+        centres.append(frames[i + 1, :3, 3] + offset)
+    tau = np.zeros(geometry.joints)
+    for j in range(geometry.joints):
+        axis, origin = frames[joint_frame(j), :3, 2], frames[joint_frame(j), :3, 3]
+        for i in range(j, geometry.joints):
+            load = moments[i] + np.cross(centres[i] - origin, forces[i]) if geometry.revolute[j] else forces[i]
+            tau[j] += axis @ load
+    return tau
+
+
+def _samples(geometry: Geometry, values: npt.ArrayLike, what: str) -> FloatArray:
+    array = np.asarray(values, dtype=float)
+    if array.ndim != 2 or array.shape[1] != geometry.joints:
+        raise ValueError(f"{what} has shape {array.shape}; it must be (samples, {geometry.joints})")
+    return array
+
+
+def _components(motion: list[FloatArray], part: slice) -> list[list[Component]]:
+    """Per joint ``[q, qd, qdd]`` as contiguous arrays; a column of zeros becomes 0.0."""
+    columns = [np.ascontiguousarray(values[part].T) for values in motion]
+    if len({array.shape for array in columns}) != 1:
+        raise ValueError("q, qd and qdd must have the same number of samples")
+    return [[columns[0][i], *(row[i] if row[i].any() else 0.0 for row in columns[1:])] for i in range(len(columns[0]))]
+
+
+def _vector(values: FloatArray) -> Vector:
+    x, y, z = (
+        (float(row) if np.ndim(row) == 0 else np.ascontiguousarray(row)) if np.any(row) else 0.0 for row in values
+    )
+    return x, y, z
+
+
+# Arithmetic that skips zeros. The products with 1.0 are skipped too: cosines of 0 and sines of 90 degrees.
+
+
+def _mul(a: Component, b: Component) -> Component:
+    if isinstance(a, float):
+        if a == 0.0:
+            return 0.0
+        if a == 1.0:
+            return b
+    if isinstance(b, float):
+        if b == 0.0:
+            return 0.0
+        if b == 1.0:
+            return a
+    return a * b
+
+
+def _add(a: Component, b: Component) -> Component:
+    if isinstance(a, float) and a == 0.0:
+        return b
+    if isinstance(b, float) and b == 0.0:
+        return a
+    return a + b
+
+
+def _sub(a: Component, b: Component) -> Component:
+    if isinstance(b, float) and b == 0.0:
+        return a
+    if isinstance(a, float) and a == 0.0:
+        return -b
+    return a - b
+
+
+def _plus(a: Vector, b: Vector) -> Vector:
+    return _add(a[0], b[0]), _add(a[1], b[1]), _add(a[2], b[2])
+
+
+def _cross(a: Vector, b: Vector) -> Vector:
+    return (
+        _sub(_mul(a[1], b[2]), _mul(a[2], b[1])),
+        _sub(_mul(a[2], b[0]), _mul(a[0], b[2])),
+        _sub(_mul(a[0], b[1]), _mul(a[1], b[0])),
+    )
+
+
+@dataclass(frozen=True)
+class _Link:
+    """Link ``i`` at every sample, all in its own frame."""
+
+    w: Vector  # angular velocity
+    wd: Vector  # angular acceleration
+    a: Vector  # acceleration of the origin, less gravity
+    unit: tuple[tuple[Vector, Vector], ...]  # per joint j <= i: (u, s) per unit of joint speed
+
+
+def _links(geometry: Geometry, states: list[list[Component]], a: Vector) -> Iterator[_Link]:
+    """Forward recursion: velocities and accelerations of the links, base to tip."""
+    w: Vector = _ZERO
+    wd: Vector = _ZERO
+    unit: _Units = []
+    sines, cosines = geometry.sin_alpha, geometry.cos_alpha
+    for i, (q, qd, qdd) in enumerate(states):
+        sa, ca, along = float(sines[i]), float(cosines[i]), float(geometry.a[i])
+        revolute = bool(geometry.revolute[i])
+        angle = geometry.theta[i] + q if revolute else float(geometry.theta[i])
+        ct: Component = np.cos(angle) if revolute else _snap(np.cos(angle))
+        st: Component = np.sin(angle) if revolute else _snap(np.sin(angle))
+        d: Component = float(geometry.d[i]) if revolute else geometry.d[i] + q
+
+        def about_x(v: Vector, ca: float = ca, sa: float = sa) -> Vector:
+            """``Rx(alpha)' v``."""
+            return v[0], _add(_mul(ca, v[1]), _mul(sa, v[2])), _sub(_mul(ca, v[2]), _mul(sa, v[1]))
+
+        def about_z(v: Vector, ct: Component = ct, st: Component = st) -> Vector:
+            """``Rz(theta)' v``."""
+            return _add(_mul(ct, v[0]), _mul(st, v[1])), _sub(_mul(ct, v[1]), _mul(st, v[0])), v[2]
+
+        if geometry.modified:  # link i - 1 reaches to joint i before that moves
+            (w, wd, a), unit = _turned(about_x, (w, wd, a), unit)
+            a, unit = _carried((along, 0.0, d), (w, wd, a), unit)
+        if revolute:
+            # w x (z qd) = qd (w_y, -w_x, 0)
+            wd = _add(wd[0], _mul(qd, w[1])), _sub(wd[1], _mul(qd, w[0])), _add(wd[2], qdd)
+            w = w[0], w[1], _add(w[2], qd)
+        else:
+            double = _mul(2.0, qd)
+            a = _add(a[0], _mul(double, w[1])), _sub(a[1], _mul(double, w[0])), _add(a[2], qdd)
+        unit = [*unit, ((0.0, 0.0, 1.0), _ZERO) if revolute else (_ZERO, (0.0, 0.0, 1.0))]
+        (w, wd, a), unit = _turned(about_z, (w, wd, a), unit)
+        if not geometry.modified:
+            (w, wd, a), unit = _turned(about_x, (w, wd, a), unit)
+            a, unit = _carried((along, _mul(sa, d), _mul(ca, d)), (w, wd, a), unit)
+        yield _Link(w, wd, a, tuple(unit))
+
+
+def _turned(
+    turn: Callable[[Vector], Vector], moving: tuple[Vector, Vector, Vector], unit: _Units
+) -> tuple[tuple[Vector, Vector, Vector], _Units]:
+    """Motion ``(w, wd, a)`` and velocities per unit of joint speed in a frame that is turned."""
+    w, wd, a = moving
+    return (turn(w), turn(wd), turn(a)), [(turn(u), turn(s)) for u, s in unit]
+
+
+def _carried(arm: Vector, moving: tuple[Vector, Vector, Vector], unit: _Units) -> tuple[Vector, _Units]:
+    """Acceleration, and velocities per unit of joint speed, of the point at ``arm`` on the same body."""
+    w, wd, a = moving
+    a = _plus(a, _plus(_cross(wd, arm), _cross(w, _cross(w, arm))))
+    return a, [(u, _plus(s, _cross(u, arm))) for u, s in unit]
+
+
+def _snap(value: float) -> float:
+    return 0.0 if abs(value) < 1e-15 else float(value)
+
+
+def _fill(
+    geometry: Geometry,
+    states: list[list[Component]],
+    acceleration: Vector,
+    places: list[list[tuple[int, int]]],
+    out: FloatArray,
+) -> None:
+    """Write the wanted columns into ``out``, shape (columns, n, samples), which holds zeros."""
+    last = max((i for i, wanted in enumerate(places) if wanted), default=-1)
+    scratch = np.empty(out.shape[2])
+    for i, link in enumerate(_links(geometry, states[: last + 1], acceleration)):
+        a = link.a
+        B = _moment_matrix(link.w, link.wd)
+        for parameter, place in places[i]:
+            if parameter == 0:
+                for j, (_, s) in enumerate(link.unit):
+                    _accumulate(out[place, j], zip(s, a, strict=True), scratch)
+            elif parameter <= 3:
+                k, k1, k2 = parameter - 1, parameter % 3, (parameter + 1) % 3
+                minus = _sub(0.0, a[k2])
+                for j, (u, s) in enumerate(link.unit):
+                    terms = [*zip(s, B[k], strict=True), (a[k1], u[k2]), (minus, u[k1])]
+                    _accumulate(out[place, j], terms, scratch)
+            else:
+                moment = _moment_of_inertia(link.w, link.wd, *_INERTIA[parameter - 4])
+                for j, (u, _) in enumerate(link.unit):
+                    _accumulate(out[place, j], zip(u, moment, strict=True), scratch)
+
+
+def _accumulate(out: FloatArray, terms: Iterable[tuple[Component, Component]], scratch: FloatArray) -> None:
+    """Add the products of ``terms`` into ``out``, which holds zeros, without temporaries."""
+    first = True
+    for a, b in terms:
+        if (isinstance(a, float) and a == 0.0) or (isinstance(b, float) and b == 0.0):
+            continue
+        if first:
+            np.multiply(a, b, out=out)
+            first = False
+        elif isinstance(a, float) and a == 1.0:
+            out += b
+        elif isinstance(b, float) and b == 1.0:
+            out += a
+        else:
+            np.multiply(a, b, out=scratch)
+            out += scratch
+
+
+def _moment_matrix(w: Vector, wd: Vector) -> tuple[Vector, Vector, Vector]:
+    """Columns of ``B = S(wd) + S(w) S(w)``; ``S(w) S(w) = w w' - |w|^2 E``."""
+    xx, yy, zz = (_mul(c, c) for c in w)
+    xy, xz, yz = _mul(w[0], w[1]), _mul(w[0], w[2]), _mul(w[1], w[2])
+    return (
+        (_sub(0.0, _add(yy, zz)), _add(xy, wd[2]), _sub(xz, wd[1])),
+        (_sub(xy, wd[2]), _sub(0.0, _add(xx, zz)), _add(yz, wd[0])),
+        (_add(xz, wd[1]), _sub(yz, wd[0]), _sub(0.0, _add(xx, yy))),
+    )
+
+
+def _moment_of_inertia(w: Vector, wd: Vector, row: int, column: int) -> Vector:
+    """``E wd + w x (E w)`` for the symmetric unit inertia ``E`` with ones at (row, column)."""
+    Ew: list[Component] = [0.0, 0.0, 0.0]
+    Ewd: list[Component] = [0.0, 0.0, 0.0]
+    Ew[row], Ewd[row] = w[column], wd[column]
+    Ew[column], Ewd[column] = w[row], wd[row]
+    return _plus((Ewd[0], Ewd[1], Ewd[2]), _cross(w, (Ew[0], Ew[1], Ew[2])))
+
+
+_INERTIA = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))

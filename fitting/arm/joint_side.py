@@ -1,0 +1,173 @@
+"""Recordings as the fitting wants them: motion and efforts at the joints, and a pressure for every chamber.
+
+A machine file may say that motors are measured instead of joints. Motors stand at ``q_motor = R q``, and by virtual
+work (``tau dq = tau_motor dq_motor``) their efforts act on the joints as ``tau = R' tau_motor``. ``R`` is the
+diagonal of gear ratios, with a further entry in a row where a motor turns with another joint too (a coupled wrist:
+Khalil and Dombre, *Modeling, Identification and Control of Robots*, 2002, section 9.4).
+A chamber that is open to the air has the gauge pressure 0.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import numpy.typing as npt
+
+from daq.machine_file import Channel, Joint, Machine, Quantity
+from daq.quantities import MOTOR_QUANTITIES
+from daq.recording import Recording
+from fitting.arm.linkage import joint_position
+
+FloatArray = npt.NDArray[np.float64]
+
+
+def at_joints(machine: Machine, recordings: Sequence[Recording]) -> tuple[Machine, tuple[Recording, ...]]:
+    """The machine and its recordings with joint channels in place of motor channels.
+
+    Parameters
+    ----------
+    machine
+        As the machine file has it.
+    recordings
+        Of that machine; what a joint channel measures is kept, what only motors tell is computed. A row in which one
+        of the motors is missing is missing at every joint that the motor turns with.
+
+    Returns
+    -------
+    tuple
+        Both unchanged where the file has neither motor channels nor vented chambers.
+    """
+    vented = [j for j in machine.joints if j.cylinder is not None and j.cylinder.vented is not None]
+    if not vented and not any(channel.quantity in MOTOR_QUANTITIES for channel in machine.channels):
+        return machine, tuple(recordings)
+    derived = [*_positions(machine), *_velocities(machine), *_efforts(machine), *_chambers(machine)]
+    kept = [channel for channel in machine.channels if channel.quantity not in MOTOR_QUANTITIES]
+    joints = tuple(
+        j.model_copy(update={"cylinder": j.cylinder.model_copy(update={"vented": None})})
+        if j.cylinder is not None and j in vented
+        else j
+        for j in machine.joints
+    )
+    changed = machine.model_copy(update={"joints": joints, "channels": (*kept, *derived)})
+    return changed, tuple(_converted(machine, recording, kept, derived) for recording in recordings)
+
+
+def _positions(machine: Machine) -> list[Channel]:
+    return [
+        Channel(name=f"{joint.name}.from_motors", quantity="joint_position", joint=joint.name, unit=_unit(joint))
+        for n, joint in ((n, machine.joints[n]) for n in machine.at_motors)
+    ]
+
+
+def _velocities(machine: Machine) -> list[Channel]:
+    return [
+        Channel(
+            name=f"{joint.name}.velocity_from_motors",
+            quantity="joint_velocity",
+            joint=joint.name,
+            unit=f"{_unit(joint)}/s",
+        )
+        for joint in (machine.joints[n] for n in machine.turning_at_motors)
+    ]
+
+
+def _efforts(machine: Machine) -> list[Channel]:
+    return [
+        Channel(
+            name=f"{joint.name}.effort_of_motors", quantity="joint_effort", joint=joint.name, unit=joint.effort_unit
+        )
+        for joint in machine.joints
+        if joint.drive is not None and machine.channel("joint_effort", joint.name) is None
+    ]
+
+
+def _unit(joint: Joint) -> str:
+    return "rad" if joint.type == "revolute" else "m"
+
+
+def _chambers(machine: Machine) -> list[Channel]:
+    result = []
+    for joint in machine.joints:
+        if joint.cylinder is not None and joint.cylinder.vented is not None:
+            quantity: Quantity = "head_pressure" if joint.cylinder.vented == "head" else "rod_pressure"
+            result.append(Channel(name=f"{joint.name}.vented", quantity=quantity, joint=joint.name, unit="Pa"))
+    return result
+
+
+def _converted(
+    machine: Machine, recording: Recording, kept: Sequence[Channel], derived: Sequence[Channel]
+) -> Recording:
+    values = {channel.name: recording.values[channel.name] for channel in kept}
+    q = _joint_positions(machine, recording)
+    speeds = _joint_velocities(machine, recording)
+    efforts = _motor_efforts(machine, recording)
+    places = {joint.name: number for number, joint in enumerate(machine.joints)}
+    for channel in derived:
+        number = places[str(channel.joint)]
+        if channel.quantity == "joint_position":
+            made = q[:, number]
+        elif channel.quantity == "joint_velocity":
+            made = speeds[:, number]
+        elif channel.quantity == "joint_effort":
+            acting = np.flatnonzero(machine.ratios[:, number])
+            made = efforts[:, acting] @ machine.ratios[acting, number]
+        else:
+            made = np.zeros(len(recording))
+        made.flags.writeable = False
+        values[channel.name] = made
+    return replace(recording, values=values)
+
+
+def _joint_positions(machine: Machine, recording: Recording) -> FloatArray:
+    """Positions of all joints (N, n), NaN for one that no motor and no joint sensor tells."""
+    q = np.full((len(recording), len(machine.joints)), np.nan)
+    for number, joint in enumerate(machine.joints):
+        channel = machine.channel("joint_position", joint.name)
+        if channel is not None:
+            q[:, number] = recording.values[channel.name]
+        elif joint.cylinder is not None:
+            piston = machine.channel("piston_position", joint.name)
+            if piston is not None and any(machine.ratios[list(machine.at_motors), number]):
+                q[:, number] = joint_position(joint, recording.values[piston.name])
+    return _solved(machine, recording, q, machine.at_motors, "motor_position")
+
+
+def _joint_velocities(machine: Machine, recording: Recording) -> FloatArray:
+    """Velocities of all joints (N, n), NaN for one that no motor and no joint sensor tells."""
+    qd = np.full((len(recording), len(machine.joints)), np.nan)
+    for number, joint in enumerate(machine.joints):
+        channel = machine.channel("joint_velocity", joint.name)
+        if channel is not None:
+            qd[:, number] = recording.values[channel.name]
+    return _solved(machine, recording, qd, machine.turning_at_motors, "motor_velocity")
+
+
+def _solved(
+    machine: Machine, recording: Recording, known: FloatArray, unknown: Sequence[int], quantity: str
+) -> FloatArray:
+    """Joint values (N, n) with the columns ``unknown`` from what their motors' channels of ``quantity`` say."""
+    places = list(unknown)
+    if places:
+        R = machine.ratios[places]
+        motors = np.column_stack([recording.values[_channel(machine, quantity, n)] for n in places])
+        others = [n for n in range(len(machine.joints)) if n not in places and R[:, n].any()]
+        known[:, places] = np.linalg.solve(R[:, places], (motors - known[:, others] @ R[:, others].T).T).T
+    return known
+
+
+def _motor_efforts(machine: Machine, recording: Recording) -> FloatArray:
+    """Efforts of all motors (N, n), NaN where not measured."""
+    efforts = np.full((len(recording), len(machine.joints)), np.nan)
+    for number, joint in enumerate(machine.joints):
+        channel = machine.channel("motor_effort", joint.name)
+        if channel is not None:
+            efforts[:, number] = recording.values[channel.name]
+    return efforts
+
+
+def _channel(machine: Machine, quantity: str, number: int) -> str:
+    channel = machine.channel(quantity, machine.joints[number].name)
+    assert channel is not None  # the machine file guarantees it
+    return channel.name

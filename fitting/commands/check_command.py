@@ -1,0 +1,62 @@
+"""``hilfit check``: what may be wrong with recordings and a machine file, each with its cure."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from daq.console import print_json, reported
+from daq.errors import InputError
+
+Files = list[Path] | None
+
+
+def register(app: typer.Typer) -> None:
+    """Mount the command."""
+    app.command("check")(reported(check))
+
+
+def check(
+    recordings: Annotated[
+        Files, typer.Argument(help="Recordings; their role is the one they were recorded in, else train.")
+    ] = None,
+    machine: Annotated[Path, typer.Option("--machine", "-m", help="Machine file.")] = Path("machine.yaml"),
+    train: Annotated[Files, typer.Option(help="Training recording; may be given several times.")] = None,
+    validate: Annotated[Files, typer.Option(help="Recording of another motion.")] = None,
+    unloaded: Annotated[Files, typer.Option(help="Recording with the rods unpinned.")] = None,
+    repeat: Annotated[Files, typer.Option(help="The training motion once more.")] = None,
+    operation: Annotated[Files, typer.Option(help="Whatever the machine did that day.")] = None,
+    columns: Annotated[
+        Path | None,
+        typer.Option("--map", help="YAML file: which column of the recordings is which channel (channel: column)."),
+    ] = None,
+    resample: Annotated[
+        bool,
+        typer.Option("--resample", help="Bring recordings of another rate to the machine's before they are checked."),
+    ] = False,
+    json: Annotated[bool, typer.Option("--json", help="Print the findings as JSON.")] = False,
+) -> None:
+    """Say what may be wrong with recordings and machine file; exit code 1 if something is."""
+    from daq.column_map import load_map
+    from daq.machine_file import load_machine
+    from fitting.checks.check import check_files
+    from fitting.checks.reading import recorded_role
+    from fitting.pipeline.check_gate import lines
+
+    roles = {"unloaded": unloaded, "train": train, "repeat": repeat, "validate": validate, "operation": operation}
+    files = [(recorded_role(path), path) for path in recordings or ()]
+    files += [(role, path) for role, paths in roles.items() for path in paths or ()]
+    if not files:
+        raise InputError("check: no recording; give at least one file, or one with --train FILE")
+    described = load_machine(machine)
+    named = None if columns is None else load_map(columns, described)
+    found = check_files(described, files, machine, columns=named, resample=resample)
+    wrong = any(finding.severity == "mistake" for finding in found)
+    if json:
+        print_json({"machine": str(machine), "findings": [finding.to_json() for finding in found]})
+    else:
+        print("\n".join(lines(found)) or f"nothing was found to be wrong with {len(files)} recording(s)")
+    if wrong:
+        raise typer.Exit(1)

@@ -1,0 +1,331 @@
+"""The command ``hilfit excite``: design a motion and write its motion file."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+import numpy.typing as npt
+import typer
+
+from daq.console import print_json, progress_bar, reported
+from daq.errors import InputError
+from daq.machine_file import Machine, load_machine
+from daq.recording import Recording, read_recording
+from daq.recording_files import read_table
+from fitting.arm.base_parameters import BaseParameters, base_regressor, reduce_parameters
+from fitting.arm.geometry import geometry_of
+from fitting.arm.linkage import lever_arm
+from fitting.excitation import (
+    KINDS,
+    CylinderOptions,
+    ExcitationOptions,
+    HydraulicLimits,
+    LimitUse,
+    design_cylinder_motion,
+    design_sequence,
+    experiment,
+    information_of,
+    information_of_recording,
+    limits_of_machine,
+    limits_used,
+)
+from fitting.excitation.motion import SCHEMA, Motion, read_motion, write_motion
+from fitting.planning.excite_text import show
+from fitting.planning.guess import USUAL_SUPPLY, Guess, default_guess, guess_from_file, worst_friction
+
+FloatArray = npt.NDArray[np.float64]
+Criterion = Literal["condition", "determinant"]
+
+_LITRES_PER_MINUTE = 1e-3 / 60  # m^3/s
+_BAR = 1e5  # Pa
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command to ``app``."""
+    app.command()(reported(excite))
+
+
+@dataclass(frozen=True)
+class _Plan:
+    """What every kind of motion needs."""
+
+    machine: Machine
+    base: BaseParameters
+    joints: tuple[str, ...]
+    seconds: float | None
+    use: float | None
+    limits: HydraulicLimits
+    starts: int | None
+    seed: int
+    progress: Callable[[float, float], None]
+
+
+def excite(
+    machine: Annotated[Path, typer.Argument(help="The machine file.", metavar="MACHINE")],
+    output: Annotated[
+        Path, typer.Option("-o", "--output", help="Motion file to write (CSV); with --count NAME-1.csv and so on.")
+    ],
+    joint: Annotated[list[str] | None, typer.Option(help="Move only this joint; may be given again.")] = None,
+    seconds: Annotated[
+        float | None, typer.Option(help="Length; 30 pinned, 60 unpinned or an experiment.", min=1.0)
+    ] = None,
+    unpinned: Annotated[bool, typer.Option("--unpinned", help="Free cylinders, for stage 1.")] = False,
+    kind: Annotated[
+        str | None, typer.Option("--experiment", help=f"Instead, an experiment of one --joint: {', '.join(KINDS)}.")
+    ] = None,
+    count: Annotated[int, typer.Option(help="So many motions in sequence that complement each other.", min=1)] = 1,
+    after: Annotated[
+        list[Path] | None,
+        typer.Option(
+            "--after",
+            "--gathered",
+            help="Motion file or recording that is there already, to be complemented; may be given again.",
+        ),
+    ] = None,
+    max_flow: Annotated[
+        float | None, typer.Option(help="Supply flow in l/min; hydraulics.pump_flow of the machine file.", min=1e-6)
+    ] = None,
+    max_pressure: Annotated[
+        float | None,
+        typer.Option(help="Chamber pressure in bar; hydraulics.supply_pressure of the machine file.", min=1e-6),
+    ] = None,
+    parameters: Annotated[
+        Path | None,
+        typer.Option(help="report.json of an earlier identification, or a drawing, for pressures; guessed without."),
+    ] = None,
+    use: Annotated[float | None, typer.Option(help="Share of every limit to use; 0.95 pinned, 0.92 otherwise.")] = None,
+    criterion: Annotated[
+        str, typer.Option(help="condition (number of W) or determinant (D-optimality).")
+    ] = "condition",
+    max_frequency: Annotated[float | None, typer.Option(help="Highest frequency in Hz; 0.6.", min=1e-3)] = None,
+    starts: Annotated[int | None, typer.Option(help="Random starts; 6 pinned, 3 unpinned.", min=1, max=100)] = None,
+    seed: Annotated[int, typer.Option(help="Random seed of the starts.")] = 0,
+    effects: Annotated[
+        bool, typer.Option("--effects", help="Also forecast how well each effect and each parameter will show.")
+    ] = False,
+    json: Annotated[bool, typer.Option("--json", help="Print the result as JSON.")] = False,
+) -> None:
+    """Design a motion that tells the parameters: all joints, one joint's experiment, or free cylinders for stage 1."""
+    described = load_machine(machine)
+    base = reduce_parameters(geometry_of(described).uncoupled())
+    chosen: dict[str, Criterion] = {"condition": "condition", "determinant": "determinant"}
+    if criterion not in chosen:
+        raise InputError(f"--criterion {criterion}: write condition or determinant")
+    if kind is not None and (unpinned or count > 1 or not joint or len(joint) != 1):
+        raise InputError("--experiment: is a motion of one joint; give one --joint, and neither --unpinned nor --count")
+    if unpinned and (count > 1 or max_pressure is not None or (after and not effects)):
+        raise InputError("--unpinned: free cylinders carry no load; leave --count, --max-pressure and --after out")
+    guess = _guess(described, base, parameters)
+    limits, notes = _limits(described, guess, max_flow, max_pressure)
+    there = [_read(path, described) for path in after or ()]
+    with progress_bar("designing the motion", show=not json) as bar:
+
+        def progress(share: float, _condition: float) -> None:
+            bar(share, 1.0)
+
+        plan = _Plan(described, base, tuple(joint or ()), seconds, use, limits, starts, seed, progress)
+        if kind is not None:
+            found = [_experiment(plan, kind, guess)]
+        elif unpinned:
+            found = [_free_cylinders(plan)]
+        else:
+            options = replace(ExcitationOptions(), criterion=chosen[criterion])
+            if max_frequency is not None:
+                options = replace(options, max_frequency=max_frequency)
+            found = _whole_arm(plan, options, count, there, effects)
+    files = [output] if count == 1 else [output.with_stem(f"{output.stem}-{k + 1}") for k in range(count)]
+    for path, (motion, _) in zip(files, found, strict=True):
+        write_motion(path, motion)
+    result = {
+        "file": str(files[0]),
+        "machine": described.name,
+        "rods": found[0][0].rods,
+        **found[-1][1],
+        "notes": notes,
+        "motions": [{"file": str(path), **content} for path, (_, content) in zip(files, found, strict=True)],
+    }
+    if effects:
+        result["forecast"] = _forecast(described, base, [motion for motion, _ in found], guess, there)
+    if json:
+        print_json(result)
+    else:
+        show(result)
+
+
+def _guess(machine: Machine, base: BaseParameters, parameters: Path | None) -> Guess:
+    if parameters is not None:
+        return guess_from_file(parameters, machine, base)
+    hydraulics = machine.hydraulics
+    supply = None if hydraulics is None else hydraulics.supply_pressure
+    return default_guess(machine, base, supply or USUAL_SUPPLY)
+
+
+def _limits(
+    machine: Machine, guess: Guess, max_flow: float | None, max_pressure: float | None
+) -> tuple[HydraulicLimits, list[str]]:
+    """Hydraulic limits of the command line, or else of the machine file; and what is to be said of them."""
+    notes: list[str] = []
+    limits = limits_of_machine(
+        machine,
+        guess.base,
+        worst_friction(machine, guess),
+        flow=None if max_flow is None else max_flow * _LITRES_PER_MINUTE,
+        pressure=None if max_pressure is None else max_pressure * _BAR,
+    )
+    if all(joint.cylinder is None for joint in machine.joints):
+        if max_flow is not None or max_pressure is not None:
+            raise InputError(f"{machine.name}: no joint has a cylinder; leave --max-flow and --max-pressure out")
+        return limits, notes
+    if limits.flow is None:
+        notes.append("no limit on the supply flow: give --max-flow, or hydraulics.pump_flow in the machine file")
+    if limits.pressure is None:
+        notes.append(
+            "no limit on chamber pressures: give --max-pressure, or hydraulics.supply_pressure in the machine file"
+        )
+    else:
+        notes.append(f"chamber pressures are computed with {guess.statement}")
+    return limits, notes
+
+
+def _read(path: Path, machine: Machine) -> Motion | Recording:
+    """A motion file, or a recording in whatever role it was made; one that does not say may have parked joints."""
+    try:
+        with path.open("rb") as file:
+            is_motion = file.read(64).startswith(f"# {SCHEMA}".encode())
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror}); give a motion file or a recording") from None
+    if is_motion:
+        return read_motion(path, machine)
+    role = read_table(path).metadata.get("hilfit.role", "operation")
+    return read_recording(path, machine, "unloaded" if role == "unloaded" else "operation")
+
+
+def _unpinned(item: Motion | Recording) -> bool:
+    return item.rods == "unpinned" if isinstance(item, Motion) else item.role == "unloaded"
+
+
+def _whole_arm(
+    plan: _Plan, options: ExcitationOptions, count: int, there: Sequence[Motion | Recording], forecast: bool
+) -> list[tuple[Motion, dict[str, Any]]]:
+    options = replace(
+        options,
+        seconds=options.seconds if plan.seconds is None else plan.seconds,
+        use=options.use if plan.use is None else plan.use,
+        starts=options.starts if plan.starts is None else plan.starts,
+    )
+    gathered = np.zeros((len(plan.base), len(plan.base)))
+    for item in there:
+        if forecast and _unpinned(item):  # tells nothing of the links, but shows effects of the cylinders
+            continue
+        if isinstance(item, Recording):
+            gathered += information_of_recording(plan.machine, plan.base, item)
+        else:
+            gathered += information_of(plan.machine, plan.base, item)
+    found = design_sequence(
+        plan.machine,
+        plan.base,
+        count,
+        seed=plan.seed,
+        options=options,
+        joints=plan.joints or None,
+        gathered=gathered if gathered.any() else None,
+        hydraulic=plan.limits,
+        progress=plan.progress,
+    )
+    return [
+        (
+            each.motion,
+            {
+                "seconds": each.motion.seconds,
+                "condition_number": _finite(each.condition_number),
+                "own_condition_number": _finite(each.own_condition_number),
+                "base_parameters": len(plan.base),
+                "not_told": list(each.not_told),
+                "limits": [asdict(limit) for limit in each.limits],
+            },
+        )
+        for each in found
+    ]
+
+
+def _free_cylinders(plan: _Plan) -> tuple[Motion, dict[str, Any]]:
+    usual = CylinderOptions()
+    options = replace(
+        usual,
+        seconds=usual.seconds if plan.seconds is None else plan.seconds,
+        use=usual.use if plan.use is None else plan.use,
+        starts=usual.starts if plan.starts is None else plan.starts,
+    )
+    found = design_cylinder_motion(
+        plan.machine,
+        seed=plan.seed,
+        options=options,
+        joints=plan.joints or None,
+        flow=plan.limits.flow,
+        progress=plan.progress,
+    )
+    return found.motion, {
+        "seconds": found.motion.seconds,
+        "condition_number": max(found.condition_numbers.values()),
+        "condition_numbers": found.condition_numbers,
+        "limits": [asdict(limit) for limit in found.limits],
+    }
+
+
+def _experiment(plan: _Plan, kind: str, guess: Guess) -> tuple[Motion, dict[str, Any]]:
+    def holding(q: FloatArray) -> FloatArray:
+        tau = base_regressor(plan.machine, plan.base, q, np.zeros_like(q), np.zeros_like(q)) @ guess.base
+        return np.column_stack(
+            [
+                tau[:, j] if each.cylinder is None else tau[:, j] / lever_arm(each.cylinder.linkage, q[:, j])
+                for j, each in enumerate(plan.machine.joints)
+            ]
+        )
+
+    made = experiment(
+        plan.machine,
+        plan.joints[0],
+        kind,
+        seconds=plan.seconds or 60.0,
+        use=plan.use or 0.92,
+        holding=holding,
+        hydraulic=plan.limits,
+        base=plan.base,
+    )
+    plan.progress(1.0, 0.0)
+    limits: tuple[LimitUse, ...] = ()
+    if made.motion.rods == "pinned":
+        q = made.motion.joint_positions(plan.machine)
+        qd = np.gradient(q, made.motion.time, axis=0)
+        qdd = np.gradient(qd, made.motion.time, axis=0)
+        limits = limits_used(plan.machine, plan.limits, q, qd, qdd, plan.base)
+    return made.motion, {
+        "seconds": made.motion.seconds,
+        "experiment": kind,
+        "does": made.text,
+        "limits": [asdict(limit) for limit in limits],
+    }
+
+
+def _forecast(
+    machine: Machine,
+    base: BaseParameters,
+    motions: Sequence[Motion],
+    guess: Guess,
+    there: Sequence[Motion | Recording],
+) -> dict[str, Any]:
+    """What the plan, with what is there already, will show."""
+    from fitting.effects import effects as catalogue  # loads every effect: only where it is asked for
+    from fitting.planning.forecast import forecast, forecast_to_json
+
+    planned = [*motions, *(item for item in there if isinstance(item, Motion))]
+    recorded = [item for item in there if isinstance(item, Recording)]
+    return forecast_to_json(forecast(machine, base, planned, guess, catalogue(), recorded), guess)
+
+
+def _finite(value: float) -> float | None:
+    return value if np.isfinite(value) else None

@@ -1,0 +1,1 @@
+"""The residual loop on recordings: session, kinematics, attribution, long recordings."""

@@ -1,0 +1,106 @@
+"""What was found, confirmed once more where the final fit has equal weights.
+
+Where the model explains the recordings down to their noise, the loop's own confirmation on whitened rows stands. Where
+it does not (:mod:`fitting.loop.weighting`), whitened rows all but ignore slow errors, and what lowers them on the
+validation motion may raise the error of the effort there. So each finding is added again, in the order in which it was
+found, to least squares of joint efforts, and stays if the error of the efforts on ``validate`` falls: its
+block-bootstrap interval excludes zero, and no joint gets worse by more than
+:data:`~fitting.residual.confirmation.MOST_WORSE` and its interval.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import numpy.typing as npt
+
+from fitting.loop.residual_loop import SessionSignals
+from fitting.loop.session import Session
+from fitting.loop.weighting import Weighed, weighed
+from fitting.regression.design import effort_errors
+from fitting.residual.confirmation import MOST_WORSE, error_change
+from fitting.residual.findings import Accepted, Attribution, Candidate
+from fitting.residual.kinematics import Corrections
+from fitting.residual.terms import Model
+
+FloatArray = npt.NDArray[np.float64]
+Errors = tuple[FloatArray, ...]
+
+
+def confirmed_in_effort(session: Session, corrections: Corrections, found: Attribution) -> Attribution:
+    """The findings that hold where the final fit has equal weights; all of them where it is whitened.
+
+    Parameters
+    ----------
+    session : of all recordings
+    corrections : what kinematics found
+    found : what the loop accepted
+    """
+    signals = SessionSignals(session, corrections)
+    validate = session.plain.validate
+    items = [item for item in found.accepted if not item.score.term.confined]
+    if not items or not validate:
+        return found
+    if weighed(signals.refit([item.score.term for item in found.accepted]), session.prior).weights == "whitened":
+        return found
+    kept: list[Accepted] = [item for item in found.accepted if item.score.term.confined]
+    table = list(found.candidates)
+
+    def errors() -> Errors:
+        return _errors(weighed(signals.refit([k.score.term for k in kept]), session.prior), validate)
+
+    before = errors()
+    for item in items:
+        kept.append(item)
+        after = errors()
+        refused = _refused(session, before, after)
+        if refused is None:
+            before = after
+            continue
+        kept.pop()
+        family = item.score.term.family
+        table = [replace(c, status="rejected", reason=refused) if (c.id, c.joint) == family else c for c in table]
+    if len(kept) == len(found.accepted):
+        return found
+    model = signals.refit([item.score.term for item in kept])
+    # What was said of joints whose findings are gone goes with them.
+    places = {item.score.term.joint for item in kept}
+    names = [session.machine.joints[joint].name for joint in places if joint is not None]
+    warnings = tuple(w for w in found.warnings if w.partition(":")[0] in names)
+    table = _demoted(table, found, kept)
+    return replace(found, accepted=tuple(kept), candidates=tuple(table), model=model, warnings=warnings)
+
+
+def _errors(final: Weighed, validate: Sequence[int]) -> Errors:
+    model: Model = final.model
+    return effort_errors(model.design, model.fit.theta, validate, model.extra)
+
+
+def _refused(session: Session, before: Errors, after: Errors) -> str | None:
+    """Why the efforts on the validation motion do not confirm a finding; None where they do."""
+    rate = session.bank.reduced_rate_hz
+    change, _, high = error_change(before, after, rate, np.random.default_rng(22))
+    if not high < 0:
+        return f"the effort on the validation motion is not predicted better with it (error {change:+.1f} %)"
+    for joint, (first, second) in enumerate(zip(before, after, strict=True)):
+        if len(first) and len(first) == len(second):
+            own, low, _ = error_change([first], [second], rate, np.random.default_rng(23))
+            if own > 100 * MOST_WORSE and low > 0:
+                name = session.machine.joints[joint].name
+                return f"the effort of {name} on the validation motion is predicted worse with it (error {own:+.1f} %)"
+    return None
+
+
+def _demoted(table: Sequence[Candidate], found: Attribution, kept: Sequence[Accepted]) -> list[Candidate]:
+    """The table with the rivals of refused findings no longer called indistinguishable from them."""
+    standing = {rival.term.family for item in kept for rival in item.rivals}
+    fallen = {rival.term.family for item in found.accepted for rival in item.rivals} - standing
+    reason = "what it could not be told apart from is not confirmed by the efforts on the validation motion"
+    return [
+        replace(c, status="rejected", reason=reason)
+        if (c.id, c.joint) in fallen and c.status == "indistinguishable"
+        else c
+        for c in table
+    ]

@@ -1,0 +1,404 @@
+"""One identification's data: machine, recordings, and everything that is computed from them once.
+
+A :class:`Session` is built from files only, so any stage can be run in a process of its own: what earlier stages
+found is handed over as plain JSON, and what is large (signals, columns) is computed again from the recordings.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+from daq.column_map import load_map
+from daq.errors import InputError, RecordingError
+from daq.machine_file import Machine, load_machine
+from daq.recording import Recording, read_recording
+from daq.recording_checks import runs
+from daq.scratch import Scratch
+from fitting.arm.base_parameters import BaseParameters, base_regressor, reduce_parameters, unidentifiable
+from fitting.arm.joint_side import at_joints
+from fitting.loop.search_pieces import choose_pieces, thinned
+from fitting.loop.weighting import Weighed, Weights, weighed
+from fitting.regression.design import Design, NoiseModel, build_design, reduced_residual, with_efforts
+from fitting.regression.noise import Pairing, noise_model, pair_repeats
+from fitting.regression.prior import Prior, mass_prior
+from fitting.regression.stored import storing
+from fitting.regression.streamed import triangle
+from fitting.residual.kinematics import Corrections
+from fitting.residual.terms import Model, fit_model
+from fitting.signals.filters import FilterBank, edge_frequency, filter_bank, white_noise_std
+from fitting.signals.preparation import PIECE_SAMPLES, PositionNoise, pieces, position_noise, segments_of, with_delays
+from fitting.signals.rods import with_rods_as_said
+from fitting.signals.spectrum import unit_whitening
+
+FloatArray = npt.NDArray[np.float64]
+
+#: Roles that parameters are fitted on. `validate` is never among them.
+FITTED_ROLES = ("unloaded", "train", "repeat", "operation")
+#: s for which a joint has to move without a rest: noise alone passes for less.
+_MOVING_S = 0.5
+_BANDWIDTH_FACTOR = 5.0
+_LEAST_BANDWIDTH = 3.0
+#: Samples of all joints together above which signals and columns are kept in a file (eight minutes of six joints at
+#: 50 Hz, some 200 MB): each takes up to 1.5 kB in memory.
+LONG_SAMPLES = 150_000
+#: The same with the loop, whose candidates' columns take some 6 kB for each in memory (five minutes of six joints).
+LOOP_SAMPLES = 90_000
+#: Samples of all joints together in the pieces of longer ones that the loop searches (3.2 minutes of six joints).
+SEARCH_SAMPLES = 57_600
+
+
+@dataclass(frozen=True)
+class Options:
+    """Choices of an identification.
+
+    Attributes
+    ----------
+    loop : False stops after both stages
+    bandwidth_hz : identification bandwidth; None takes five times the motion's own, at least 3 Hz, at most an
+        eighth of the rate
+    bootstrap : most replicas of the recordings that a candidate's null distribution is drawn from; 0 for none
+    forgetting : forgetting factor of stage 1's recursion; 1 forgets nothing
+    estimator : id of stage 2's estimator; ``gls`` is the joint refit of both stages
+    covariance : what its deviations make of coloured residuals: ``hac``, ``bootstrap`` or ``white``
+    prior : file with what is believed of the links beforehand (:mod:`fitting.regression.body_prior`)
+    columns : file with a map of the recordings' columns (:mod:`daq.column_map`)
+    resample : whether recordings of other rates are brought to the machine's (:mod:`daq.resampling`)
+    """
+
+    loop: bool = True
+    bandwidth_hz: float | None = None
+    bootstrap: int = 18
+    forgetting: float = 1.0
+    estimator: str = "gls"
+    covariance: str = "hac"
+    prior: str | None = None
+    columns: str | None = None
+    resample: bool = False
+
+
+@dataclass(frozen=True)
+class Request:
+    """What to identify.
+
+    Attributes
+    ----------
+    machine : machine file
+    recordings : (role, file) in any order
+    output : directory of the results
+    options : choices
+    """
+
+    machine: Path
+    recordings: tuple[tuple[str, Path], ...]
+    output: Path
+    options: Options = field(default_factory=Options)
+
+
+@dataclass(frozen=True)
+class Prepared:
+    """A design with its noise, for one state of corrections."""
+
+    design: Design
+    pairs: tuple[Pairing, ...]
+    noise: NoiseModel
+    fitted: tuple[int, ...]
+    validate: tuple[int, ...]
+
+
+@dataclass(frozen=True)
+class Search:
+    """Where the loop searches.
+
+    Attributes
+    ----------
+    session : of the recordings, or of pieces of them on the recordings' own clocks
+    numbers : which recordings of the whole it has
+    pieces : how many stretches
+    seconds, of_seconds : how long they are, and how long the recordings are, s
+    gap : longest time between two pieces of a recording, s
+    """
+
+    session: Session
+    numbers: tuple[int, ...]
+    pieces: int
+    seconds: float
+    of_seconds: float
+    gap: float = 0.0
+
+    @property
+    def whole(self) -> bool:
+        """True where everything is searched."""
+        return self.seconds >= self.of_seconds
+
+
+class Described(Protocol):
+    """What has a machine: a session, or a model that one handed over."""
+
+    @property
+    def machine(self) -> Machine:
+        """The machine."""
+        ...
+
+
+class Session:
+    """Data of one identification; attributes are computed when first asked for.
+
+    Attributes
+    ----------
+    machine, described : with channels at the joints, and as the machine file has it
+    left_out : a line for each recording of which rows are left out
+    file : the machine file, if it came from one
+    """
+
+    def __init__(
+        self,
+        machine: Machine,
+        recordings: Sequence[Recording],
+        options: Options | None = None,
+        file: Path | None = None,
+    ) -> None:
+        options = options or Options()
+        self.described = machine
+        if not any(r.role in ("train", "operation") for r in recordings):
+            raise InputError("no training recording; give at least one with --train (or --operation)")
+        self.machine, measured = at_joints(machine, recordings)
+        self.recordings, self.left_out = with_rods_as_said(self.machine, measured)
+        self.options = options
+        self.file = file
+
+    @classmethod
+    def load(cls, request: Request) -> Session:
+        """Read the files of a request.
+
+        Raises
+        ------
+        InputError
+            One line that names file, key or channel.
+        """
+        machine = load_machine(request.machine)
+        columns = None if request.options.columns is None else load_map(request.options.columns, machine)
+        recordings = [
+            read_recording(path, machine, role, columns=columns, resample=request.options.resample)
+            for role, path in request.recordings
+        ]
+        for number, recording in enumerate(recordings):
+            for earlier in recordings[:number]:
+                if "validate" in (recording.role, earlier.role) and recording.sha256 == earlier.sha256:
+                    raise RecordingError(
+                        f"{recording.file}: is the same recording as {earlier.file} in role {earlier.role}; "
+                        "validate on another motion"
+                    )
+        return cls(machine, recordings, request.options, request.machine)
+
+    @cached_property
+    def bank(self) -> FilterBank:
+        """The filters."""
+        rate = self.machine.rate_hz
+        chosen = self.options.bandwidth_hz
+        if chosen is None:
+            least = min(_LEAST_BANDWIDTH, rate / 8)
+            chosen = float(np.clip(_BANDWIDTH_FACTOR * self.motion_frequency, least, rate / 8))
+        elif not 0 < chosen <= rate / 5:
+            raise InputError(
+                f"bandwidth {chosen:g} Hz must be above 0 and at most {rate / 5:g} Hz (a fifth of the rate)"
+            )
+        return filter_bank(rate, float(chosen))
+
+    @cached_property
+    def motion_frequency(self) -> float:
+        """Frequency in Hz below which 99 % of the fastest joint's speed is, its sensor's noise taken off."""
+        rate = self.machine.rate_hz
+        smooth = filter_bank(rate, min(8.0, rate / 8))
+        highest = 0.0
+        for recording in self.recordings:
+            if recording.role == "unloaded":
+                continue
+            for joint in self.machine.joints:
+                channel = self.machine.channel("joint_position", joint.name) or self.machine.channel(
+                    "piston_position", joint.name
+                )
+                assert channel is not None
+                values = recording.values[channel.name]
+                for part in recording.segments([channel.name]):
+                    if part.stop - part.start < 4 * smooth.margin:
+                        continue
+                    parts = pieces(part, smooth, PIECE_SAMPLES) if self.long else [part]
+                    speeds = [smooth.smooth(values[piece])[1] for piece in parts]
+                    noise = white_noise_std(values[part])
+                    highest = max(highest, edge_frequency(speeds, rate, 0.99, noise, smooth.first))
+        return highest
+
+    @property
+    def long(self) -> bool:
+        """True where the recordings' signals and columns are too many to be kept in memory.
+
+        The loop has thousands of columns, so with it that is sooner; it may search pieces only (:attr:`search`).
+        """
+        samples = sum(len(r) for r in self.recordings) * len(self.machine.joints)
+        return samples > (LOOP_SAMPLES if self.options.loop else LONG_SAMPLES)
+
+    @cached_property
+    def search(self) -> Search:
+        """What the loop searches on: the recordings themselves, or pieces of long ones."""
+        numbers = tuple(range(len(self.recordings)))
+        seconds = sum(r.duration for r in self.recordings)
+        if not self.long:
+            return Search(self, numbers, len(numbers), seconds, seconds)
+        budget = SEARCH_SAMPLES // len(self.machine.joints)
+        chosen = choose_pieces(self.machine, self.recordings, self.bank, budget)
+        recordings = [thinned(self.recordings[own.number], own.pieces) for own in chosen]
+        options = replace(self.options, bandwidth_hz=self.bank.bandwidth_hz)
+        return Search(
+            Session(self.machine, recordings, options),
+            tuple(own.number for own in chosen),
+            sum(len(own.pieces) for own in chosen),
+            sum(own.rows for own in chosen) / self.machine.rate_hz,
+            seconds,
+            max(own.gap for own in chosen) / self.machine.rate_hz,
+        )
+
+    def forget_search(self) -> None:
+        """Give the memory of :attr:`search` back."""
+        self.__dict__.pop("search", None)
+
+    @cached_property
+    def base(self) -> BaseParameters:
+        """The machine's base parameters."""
+        return reduce_parameters(self.machine)
+
+    @cached_property
+    def position_noise(self) -> tuple[PositionNoise, ...]:
+        """Noise of every joint's position."""
+        return position_noise(self.machine, self.recordings, self.bank)
+
+    @cached_property
+    def prior(self) -> Prior:
+        """What is known of the moving masses."""
+        return mass_prior(self.machine)
+
+    @cached_property
+    def plain(self) -> Prepared:
+        """Design without any correction."""
+        return self.prepared(Corrections(self.machine))
+
+    def prepared(
+        self, corrections: Corrections, latency: Mapping[str, float] | None = None, resampled: Collection[str] = ()
+    ) -> Prepared:
+        """Design with corrections of positions, linkages and delays rebuilt into the signals."""
+        machine = corrections.machine
+        segments = segments_of(
+            machine,
+            self.recordings,
+            self.bank,
+            noise=self.position_noise,
+            latency=latency,
+            resampled=resampled,
+            position_error=corrections.position_error,
+            play=corrections.play,
+            long=self.long,
+        )
+        store = storing(self.bank, Scratch()) if self.long else None
+        design = build_design(machine, self.base, self.bank, self.position_noise, segments, store)
+        pairs = pair_repeats(design)
+        fitted = design.indices(*FITTED_ROLES)
+        noise = noise_model(design, fitted, pairs)
+        return Prepared(design, pairs, noise, fitted, design.indices("validate"))
+
+    def delayed(self, prepared: Prepared, latency: Mapping[str, float], resampled: Collection[str] = ()) -> Prepared:
+        """A design without delays, in memory, with the efforts of some joints moved; all else is shared."""
+        design = prepared.design
+        segments = [
+            with_delays(design.machine, self.recordings[own.recording], own, self.bank, latency, resampled)
+            for own in design.segments
+        ]
+        late = [number for number, joint in enumerate(design.machine.joints) if joint.name in latency]
+        design = with_efforts(design, segments, late)
+        noise = noise_model(design, prepared.fitted, prepared.pairs, start=prepared.noise, anew=late)
+        return replace(prepared, design=design, noise=noise)
+
+    @cached_property
+    def base_model(self) -> Model:
+        """Joint fit of the base model on the uncorrected design."""
+        return self.fit(self.plain)
+
+    @cached_property
+    def handed_base(self) -> Weighed:
+        """The base model with the weights that suit it."""
+        return weighed(self.base_model, self.prior)
+
+    def base_with(self, weights: Weights) -> Model:
+        """The base model with given weights: what the errors before the loop are of."""
+        suited = self.handed_base
+        return suited.model if suited.weights == weights else weighed(self.base_model, self.prior, weights).model
+
+    @cached_property
+    def stage_noise(self) -> NoiseModel:
+        """What stage 1 in situ weighs its rows by: the noise, or each joint's own misfit where that is no noise."""
+        if self.handed_base.weights == "whitened":
+            return self.plain.noise
+        design, fit = self.plain.design, self.handed_base.model.fit
+        spread = []
+        for joint in range(len(design.machine.joints)):
+            rows = [
+                reduced_residual(design, fit.theta, joint, i)[design.blocks[joint][i].keep] for i in self.plain.fitted
+            ]
+            spread.append(float(np.sqrt(np.mean(np.concatenate(rows) ** 2))) if any(map(len, rows)) else 1.0)
+        return NoiseModel(tuple(unit_whitening(s) for s in spread), False)
+
+    def fit(self, prepared: Prepared) -> Model:
+        """Joint fit of the base model on a design."""
+        return fit_model(prepared.design, prepared.noise, prepared.fitted, (), self.prior)
+
+    def _require_motion(self, roles: tuple[str, ...], consequence: str) -> None:
+        """Refuse recordings in none of which a joint moves; noise alone seems to move for a moment now and then."""
+        design = self.plain.design
+        indices, least = design.indices(*roles), _MOVING_S * self.bank.reduced_rate_hz
+        if indices and not any(_longest(blocks[i].keep) >= least for i in indices for blocks in design.blocks):
+            files = ", ".join(r.file for r in self.recordings if r.role in roles)
+            raise RecordingError(
+                f"{files}: no joint moves, so {consequence}; record while the machine works, or let it follow a motion"
+            )
+
+    def require_excitation(self) -> None:
+        """Refuse recordings without motion, and a motion that cannot tell the base parameters.
+
+        Raises
+        ------
+        RecordingError
+            Naming the recordings in which nothing moves, or the parameters that cannot be told. Recordings of role
+            `operation` are not refused for what they cannot tell.
+        """
+        design = self.plain.design
+        self._require_motion(("train", "repeat", "operation"), "nothing can be fitted")
+        self._require_motion(("validate",), "nothing can be judged")
+        indices = design.indices("train", "repeat")
+        if not indices or design.indices("operation"):
+            return
+        triangles = []
+        for i in indices:
+            segment = design.segments[i]
+            # A joint that stands still has noise for an acceleration, and that would pass for excitation.
+            qd, qdd = (np.where(segment.rest, 0.0, motion) for motion in (segment.qd, segment.qdd))
+            body = base_regressor(self.machine, self.base, segment.q, qd, qdd) / segment.r[:, :, None]
+            rows = [self.bank.reduce(body[:, joint]) for joint in range(len(self.machine.joints))]
+            triangles.append(triangle([np.vstack(rows)]))
+        missing = unidentifiable(np.vstack(triangles), self.base, rtol=1e-4)
+        if missing:
+            files = ", ".join(r.file for r in self.recordings if r.role == "train")
+            names = ", ".join(missing[:6]) + (f" and {len(missing) - 6} more" if len(missing) > 6 else "")
+            raise RecordingError(
+                f"{files}: this motion does not excite {names}; move more joints, or design a motion with "
+                "'hilfit excite'"
+            )
+
+
+def _longest(chosen: npt.NDArray[np.bool_]) -> int:
+    """Length of the longest run of True."""
+    return max((run.stop - run.start for run in runs(chosen)), default=0)

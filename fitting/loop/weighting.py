@@ -1,0 +1,147 @@
+"""Which weights the fit that is handed out has: those of the measured noise, or equal ones.
+
+Generalised least squares weighs rows by the spectrum of the measurement noise. That is best where the model explains
+the efforts down to that noise. Where it does not, what is left is no noise, and those weights mislead: a repeated
+motion shows fast noise far below the slow error of the model, so the whitened rows all but ignore the slow error,
+although nearly all of the effort is slow.
+
+Equal weights minimise the error of the effort itself, whatever is left. A right model loses next to nothing on the
+training motion by the other weights, so what it loses tells which case this is::
+
+    ratio = error of the whitened fit / error of least squares,   training motions, both per degree of freedom,
+
+as the larger of two: the error of all efforts together, and each joint's in units of its own. Above
+:data:`MOST_LOST` least squares is handed out.
+
+Where the number comes from: sound simulated arms have at most 1.006, arms that lack an effect 1.0 to 1.08, measured
+machines 1.04 to 1.8 (``docs/decisions/0034-weights-on-measured-machines.md``).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from fitting.estimators.effort_fit import EffortRows
+from fitting.regression.design import Extra, Fit, WhiteRows
+from fitting.regression.prior import Prior
+from fitting.residual.terms import Model
+from fitting.residual.uncertainty import law_variances, shape_columns, with_doubts
+
+FloatArray = npt.NDArray[np.float64]
+Weights = Literal["whitened", "equal"]
+
+#: Training error of the whitened fit over that of least squares up to which its weights are believed.
+MOST_LOST = 1.02
+
+
+@dataclass(frozen=True)
+class Weighed:
+    """The fit that is handed out, and the others that were tried.
+
+    Attributes
+    ----------
+    model : with the chosen fit and its covariance
+    weights : which it is
+    ratio : training error of the whitened fit over that of least squares
+    tried : parameters (p,) by name: ``whitened``, ``scaled`` (a scale per joint, its own misfit), ``equal``
+    errors : (n,) training error of each of them, root mean square of every joint's effort
+    """
+
+    model: Model
+    weights: Weights
+    ratio: float
+    tried: Mapping[str, FloatArray] = field(repr=False)
+    errors: Mapping[str, FloatArray] = field(repr=False)
+
+
+def weighed(model: Model, prior: Prior, weights: Weights | None = None) -> Weighed:
+    """Decide the weights of a model's final fit.
+
+    Parameters
+    ----------
+    model : fitted on whitened rows
+    prior : what is known beforehand
+    weights : which they are to be; None decides. A base model is compared with what the loop made of it in the same
+        weights: it may look wrong for want of an effect that the loop then adds.
+    """
+    rows = EffortRows(model.design, model.fitted, model.extra)
+    equal = rows.solve(prior)[0]
+    own = rows.errors(equal)
+    scaled = rows.solve(prior, np.where(own > 0, own, 1.0))[0]
+    tried = {"whitened": model.fit.theta, "scaled": scaled, "equal": equal}
+    errors = {name: rows.errors(theta) for name, theta in tried.items()}
+    ratio = error_ratio(rows, errors["whitened"], errors["equal"], int(np.count_nonzero(model.fit.told)))
+    if weights is None:
+        weights = "equal" if ratio > MOST_LOST else "whitened"
+    if weights == "whitened":
+        return Weighed(with_doubts(model, prior), "whitened", ratio, tried, errors)
+    return Weighed(replace(model, fit=_equal(model, rows, prior)), "equal", ratio, tried, errors)
+
+
+def error_ratio(rows: EffortRows, whitened: FloatArray, equal: FloatArray, parameters: int) -> float:
+    """The larger of the two ratios of this module's text; 1 where nothing was fitted.
+
+    Parameters
+    ----------
+    rows : the rows
+    whitened, equal : (n,) root mean square errors of the joints
+    parameters : how many were fitted; least squares fits noise with each of them
+    """
+    counts = rows.rows.astype(float)
+    there = (counts > 0) & (equal > 0)
+    total = float(counts[there].sum())
+    if not there.any() or total <= parameters:
+        return 1.0
+    freedom = (total - parameters) / total
+    ratios = []
+    for unit in (np.ones(len(counts)), np.where(there, equal, 1.0)):
+        first, second = (float(np.sum(counts[there] * (e[there] / unit[there]) ** 2)) for e in (whitened, equal))
+        ratios.append(np.sqrt(first * freedom / second))
+    return float(max(ratios))
+
+
+def _equal(model: Model, rows: EffortRows, prior: Prior) -> Fit:
+    """Least squares with deviations that know shapes that were searched and laws that are unknown."""
+    fit = rows.fit(prior)
+    slopes = None if model.design.stored else shape_columns(model)
+    count = len(fit.theta)
+    if slopes is not None:
+        both = Extra(
+            (*model.extra.names, *slopes.names),
+            [
+                [
+                    _beside(first, second, len(model.extra.names), len(slopes.names))
+                    for first, second in zip(a, b, strict=True)
+                ]
+                for a, b in zip(model.extra.columns, slopes.columns, strict=True)
+            ],
+        )
+        wide = EffortRows(model.design, model.fitted, both).fit(prior)
+        fit = replace(fit, covariance=wide.covariance[:count, :count])
+    if not model.design.stored and any(term.id == "law" for term in model.terms):
+        white = []
+        for joint in range(len(model.design.machine.joints)):
+            parts = list(rows.parts(joint))
+            white.append(WhiteRows(np.vstack([A for A, _ in parts]), np.concatenate([b for _, b in parts]), ()))
+        fit = replace(fit, covariance=fit.covariance + np.diag(law_variances(replace(model, fit=fit), white)))
+    return fit
+
+
+def _beside(first: FloatArray | None, second: FloatArray | None, one: int, two: int) -> FloatArray | None:
+    """Columns side by side, zeros where one of the two has none."""
+    if first is None and second is None:
+        return None
+    there = first if first is not None else second
+    assert there is not None
+    rows = len(there)
+    return np.hstack(
+        [
+            np.zeros((rows, one)) if first is None else first,
+            np.zeros((rows, two)) if second is None else second,
+        ]
+    )

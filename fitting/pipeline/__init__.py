@@ -1,0 +1,1 @@
+"""From recordings to the report: the stages, their program, the verdict."""

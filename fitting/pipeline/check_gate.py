@@ -1,0 +1,75 @@
+"""The checks at the doors of other commands: what is said beside a refusal, and what an identification keeps."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any, TypeVar
+
+from daq.column_map import load_map
+from daq.errors import HilfitError, InputError
+from daq.machine_file import load_machine
+from fitting.checks.check import check_files, check_recordings
+from fitting.checks.findings import Finding
+from fitting.checks.places import Places
+from fitting.loop.session import Options, Request, Session
+
+_T = TypeVar("_T")
+_log = logging.getLogger(__name__)
+
+
+def explained(
+    error: InputError, machine_file: Path, files: Sequence[tuple[str, Path]], options: Options | None = None
+) -> InputError:
+    """The error, with what the checks make of the files if that is more than the error says; one line.
+
+    Never raises: a search for a cause must not hide what happened.
+    """
+    try:
+        machine = load_machine(machine_file)
+        how = options or Options()
+        columns = None if how.columns is None else load_map(how.columns, machine)
+        findings = check_files(machine, files, machine_file, columns=columns, resample=how.resample)
+    except HilfitError:
+        return error  # the machine file or a table itself cannot be read: that is what the error says
+    except Exception:
+        _log.exception("the checks failed on %s", machine_file)
+        return error
+    causes = [f for f in findings if f.severity == "mistake" and f.text not in str(error)]
+    if not causes:
+        return error
+    return type(error)(f"{error}; a check of the files says: {causes[0].line}")
+
+
+def with_explanation(request: Request, of: Callable[[], _T]) -> _T:
+    """What ``of`` gives for a request; its refusal of an input is explained as far as the checks can.
+
+    Raises
+    ------
+    InputError
+        As ``of`` does.
+    """
+    try:
+        return of()
+    except InputError as error:
+        raise explained(error, request.machine, request.recordings, request.options) from None
+
+
+def checked(session: Session) -> list[dict[str, Any]]:
+    """Findings on a session's recordings, as JSON."""
+    return [
+        finding.to_json()
+        for finding in check_recordings(session.machine, session.recordings, places=Places.of(session.file))
+    ]
+
+
+def for_report(findings: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
+    """``checks`` of report.json: findings with the keys of its schema, and how serious each is."""
+    kept = ("code", "severity", "joint", "channel", "recording", "text", "cure")
+    return [{key: finding.get(key) for key in kept} for finding in findings]
+
+
+def lines(findings: Sequence[Finding]) -> list[str]:
+    """One line each for people."""
+    return [f"{'MISTAKE' if own.severity == 'mistake' else 'note'} [{own.code}] {own.line}" for own in findings]

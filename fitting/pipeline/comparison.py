@@ -1,0 +1,184 @@
+"""Hierarchical against one-shot: the same machine, the same recordings, two orders of work, and what came out.
+
+Compared are the two stages (friction from each cylinder alone, frozen, then the rigid body), the one-shot regression of
+loaded recordings, the one-shot regression that also has the unloaded ones (so that order of work and amount of data do
+not get mixed up), and the joint refit (generalised least squares of everything). Measured: how well each is
+conditioned, what each leaves on a motion that none was fitted on, and how large each parameter's deviation is. Errors
+of parameters need a truth, which no recording holds: ``benchmarks/hierarchy.py`` measures those on simulated arms.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from fitting.arm.base_parameters import condition_number
+from fitting.regression.design import Design, effort_errors
+from fitting.regression.flags import FLAG_PERCENT
+from fitting.residual.confirmation import overall_change
+
+FloatArray = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Contender:
+    """One way to the parameters of the base model.
+
+    Attributes
+    ----------
+    theta, std, told : (p,) in the design's order
+    condition_number : of the regression with the most columns that this way has to solve
+    """
+
+    theta: FloatArray
+    std: FloatArray
+    told: npt.NDArray[np.bool_]
+    condition_number: float | None
+
+
+def cylinder_conditions(design: Design) -> dict[str, float]:
+    """Condition number of each cylinder's own regression, column-scaled; of the recordings that stage 1 uses."""
+    conditions = {}
+    used = design.indices("unloaded") or design.indices("train", "operation")
+    for joint, name in enumerate(design.parameters.joints):
+        part = design.parameters.drive_slice(joint)
+        blocks = [design.blocks[joint][index] for index in used]
+        W = np.vstack([block.reduced[block.keep, part] for block in blocks])
+        if len(W) > W.shape[1]:
+            conditions[name] = condition_number(W)
+    return conditions
+
+
+def compare(
+    design: Design, contenders: Mapping[str, Contender], floor: npt.ArrayLike, rng: np.random.Generator
+) -> dict[str, Any]:
+    """The comparison as plain JSON.
+
+    Parameters
+    ----------
+    design : design of the uncorrected recordings, on which all were fitted
+    contenders : by name; ``hierarchical`` and ``one_shot`` have to be among them, the latter with an unloaded recording
+        in it as ``one_shot_with_unloaded``
+    floor : (n,) noise floor per joint
+    rng : of the intervals' bootstrap
+
+    Returns
+    -------
+    dict
+        ``contenders``: per name ``condition_number``, ``overall`` (error of all joints in noise floors), ``errors``
+        (per joint, in its effort unit), ``flagged`` (how many parameters are poorly determined), ``untold``;
+        ``role``: which motion these errors are of; ``against``: per one-shot regression ``change_percent`` of the
+        error that the hierarchical way has over it, with ``ci95_percent``; ``deviation_ratio``: median over the
+        parameters of the hierarchical deviation over the one-shot's; ``apart``: parameters in which the two
+        differ by more than three deviations; ``said``: the outcome in words.
+    """
+    floor = np.asarray(floor, dtype=float)
+    held_out = bool(design.indices("validate"))
+    indices = design.indices("validate") if held_out else design.indices("train", "operation")
+    errors = {name: effort_errors(design, c.theta, indices) for name, c in contenders.items()}
+
+    def change(name: str) -> dict[str, Any]:
+        return overall_change(errors[name], errors["hierarchical"], floor, design.bank.reduced_rate_hz, rng)
+
+    changes = {name: change(name) for name in contenders}
+    first, second = contenders["hierarchical"], contenders["one_shot"]
+    both = first.told & second.told & (first.std > 0) & (second.std > 0)
+    ratio = first.std[both] / second.std[both]
+    apart = np.where(both, np.abs(first.theta - second.theta) / np.where(both, np.hypot(first.std, second.std), 1.0), 0)
+    result: dict[str, Any] = {
+        "role": "validate" if held_out else "train",
+        "contenders": {
+            name: {
+                "condition_number": c.condition_number,
+                "overall": changes[name]["before"],
+                "errors": {
+                    joint: float(np.std(own)) if len(own) else None
+                    for joint, own in zip(design.parameters.joints, errors[name], strict=True)
+                },
+                "flagged": int(np.count_nonzero(hardly_told(c.theta, c.std) & c.told)),
+                "untold": int(np.count_nonzero(~c.told)),
+            }
+            for name, c in contenders.items()
+        },
+        "cylinder_condition_numbers": cylinder_conditions(design),
+        "against": {
+            name: {key: changes[name][key] for key in ("change_percent", "ci95_percent")}
+            for name in contenders
+            if name.startswith("one_shot")
+        },
+        "deviation_ratio": float(np.median(ratio)) if len(ratio) else None,
+        "apart": [
+            {
+                "name": design.parameters.names[k],
+                "hierarchical": float(first.theta[k]),
+                "one_shot": float(second.theta[k]),
+                "sigmas": float(apart[k]),
+            }
+            for k in np.flatnonzero(apart > 3.0)
+        ],
+    }
+    return result | {"said": said(result)}
+
+
+def hardly_told(theta: FloatArray, std: FloatArray) -> npt.NDArray[np.bool_]:
+    """Where the standard deviation is above :data:`FLAG_PERCENT` of the value."""
+    return np.asarray(std > FLAG_PERCENT / 100.0 * np.abs(theta))
+
+
+def said(result: Mapping[str, Any]) -> str:
+    """The outcome in words: conditioning and held-out error, each for what it is."""
+    ways = result["contenders"]
+    numbers = {name: way["condition_number"] for name, way in ways.items()}
+    first, second = numbers["hierarchical"], numbers["one_shot"]
+    sentences = []
+    if first is not None and second is not None:
+        better = "better" if first < second else "worse"
+        sentences.append(
+            f"The two stages are {better} conditioned than the one-shot regression (condition number {first:.3g} "
+            f"against {second:.3g})."
+        )
+    motion = "on the validation motion" if result["role"] == "validate" else "on the motion that was fitted"
+    against = result["against"]
+    way, bounds = _way(against["one_shot"])
+    if way is None:
+        return " ".join([*sentences, "There is no error to compare."])
+    sentences.append(f"Their error {motion} is {way} that of the one-shot regression ({bounds}).")
+    if "one_shot_with_unloaded" in against:
+        other, bounds = _way(against["one_shot_with_unloaded"])
+        sentences.append(
+            f"With the unloaded recordings in the one-shot regression too, it is {other} that one's ({bounds}): "
+            + _reason(way, other)
+        )
+    return " ".join(sentences)
+
+
+_SAME, _LESS, _MORE = "the same within its uncertainty as", "smaller than", "larger than"
+
+
+def _way(change: Mapping[str, Any]) -> tuple[str | None, str]:
+    """How the hierarchical error stands to another, and the numbers behind it."""
+    value, interval = change["change_percent"], change["ci95_percent"]
+    if value is None or interval is None:
+        return None, ""
+    way = _LESS if interval[1] < 0 else _MORE if interval[0] > 0 else _SAME
+    return way, f"{value:+.1f} %, 95 % interval {interval[0]:+.1f} to {interval[1]:+.1f} %"
+
+
+def _reason(way: str | None, other: str | None) -> str:
+    if other == _LESS:
+        return "the order of work is worth it."
+    if other == _MORE:
+        return "the order of work costs accuracy."
+    if way == _LESS:
+        return "what helps is the unloaded recordings, not the order of work."
+    return "the order of work makes no difference."
+
+
+def stage_condition(cylinders: Mapping[str, float], rigid_body: float | None) -> float | None:
+    """Condition number of the hierarchical way: the worst of all its regressions."""
+    known: Sequence[float] = [c for c in (*cylinders.values(), rigid_body) if c is not None]
+    return max(known) if known else None

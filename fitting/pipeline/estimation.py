@@ -1,0 +1,83 @@
+"""The ways to the parameters that were tried on one identification, what each leaves, and why one is handed out."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from fitting.loop.session import Session
+from fitting.loop.weighting import MOST_LOST, Weighed
+from fitting.pipeline.plausibility import plausibility
+from fitting.regression.error_sizes import errors_of
+
+FloatArray = npt.NDArray[np.float64]
+Results = Mapping[str, dict[str, Any]]
+
+#: Names of the ways, in the order of the report's table, and what each is.
+WAYS = {
+    "whitened": "both stages at once, weighted by the measured noise",
+    "scaled": "both stages at once, each joint scaled by its own misfit",
+    "equal": "both stages at once, all efforts alike (least squares)",
+    "possible": "the same within what is physically possible",
+    "one_shot": "least squares of the training motions alone",
+    "two_stage": "two stages, friction frozen",
+}
+
+
+def estimation(session: Session, results: Results, final: Weighed) -> dict[str, Any]:
+    """The table of ways, of the base model on the uncorrected recordings.
+
+    Parameters
+    ----------
+    session, results : with the stages up to the second
+    final : the fit with everything that was found
+
+    Returns
+    -------
+    dict
+        ``chosen``: the weights of base and final model, decided on the latter; ``ratio`` and ``final_ratio`` of the two
+        (:mod:`fitting.loop.weighting`); ``tried``: per way ``name``, ``what``, ``training_error`` and
+        ``held_out_error`` (relative: norm of the error over that of the effort; null without a validation motion),
+        ``why`` in words. The way ``possible`` (the nearest parameters that physics allows) is there where the base
+        model violates it.
+    """
+    base, design = session.handed_base, session.plain.design
+    ways: dict[str, FloatArray] = dict(base.tried)
+    bound = plausibility(session.base_with(final.weights)).theta
+    if bound is not None:
+        ways["possible"] = bound
+    for name in ("one_shot", "two_stage"):
+        ways[name] = np.array(results["rigid_body_stage"][name]["theta"])
+    tried = []
+    for name, what in WAYS.items():
+        if name not in ways:
+            continue
+        relative = errors_of(design, ways[name])[2]
+        tried.append(
+            {"name": name, "what": what, "training_error": relative["train"], "held_out_error": relative["validate"]}
+        )
+    return {
+        "chosen": final.weights,
+        "ratio": base.ratio,
+        "final_ratio": final.ratio,
+        "tried": tried,
+        "why": why(final),
+    }
+
+
+def why(final: Weighed) -> str:
+    """One sentence that says which weights the parameters have, and why."""
+    percent = 100 * (final.ratio - 1)
+    if final.weights == "whitened":
+        return (
+            "Rows are weighted by the measured noise: on the training motions that costs "
+            f"{max(percent, 0.0):.1f} % of error against plain least squares, and the parameters are the most certain."
+        )
+    return (
+        "All efforts count alike (least squares): weights by the measured noise would raise the error on the training "
+        f"motions by {percent:.0f} %, more than the {100 * (MOST_LOST - 1):.0f} % that a right model allows, so what "
+        "is left is an error of the model and not noise."
+    )

@@ -1,0 +1,372 @@
+"""Is what was identified physically possible?
+
+Least squares knows nothing of physics. Asked of a fitted model:
+
+drive
+    moving mass, stiffness and drive inertia are not negative;
+friction
+    it opposes the motion at every speed that was used (:mod:`fitting.residual.friction_power`);
+links
+    there are bodies (pseudo-inertias that are positive semidefinite) with these base parameters, as far as those tell.
+
+The nearest possible parameters are sought in the metric of the estimate's own covariance ``S``,
+
+    minimise (theta - theta^)' S^-1 (theta - theta^)   subject to the above,
+
+a convex problem: cones of rank-one pseudo-inertias ``u u'`` are generated where the gradient asks for them (the most
+negative eigenvector of each link), and the rest is non-negative least squares. A violation is significant where the
+distance is one that an estimate of something possible has once in ten thousand machines; the cone's distance is at most
+a chi-square of as many degrees of freedom as parameters, so the test errs on the side of silence.
+
+Sources: Wensing, Kim and Slotine, IEEE RA-L 3 (2018) 60 (pseudo-inertia); Lawson and Hanson, *Solving Least Squares
+Problems*, 1974, ch. 22 and 23.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from scipy import linalg, optimize, stats
+
+from fitting.arm.geometry import geometry_of
+from fitting.estimators.consistent import link_map, scale_bodies
+from fitting.regression.design import Design
+from fitting.regression.drive import UNITS, direct_units
+from fitting.regression.error_sizes import errors_of
+from fitting.residual.friction_power import FrictionPower, driving, friction_power
+from fitting.residual.terms import Model
+
+FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.intp]
+
+#: Chance that a possible machine is called impossible, over all that is asked of it.
+ALARM = 1e-4
+_ROUNDS = 200
+_CONVERGED = 1e-3  # of the squared distance: far below the threshold's own meaning
+_EQUATION = 1e3  # weight of a slack's equation against a row of unit noise
+
+
+@dataclass(frozen=True)
+class Violation:
+    """One thing that cannot be.
+
+    Attributes
+    ----------
+    kind : ``drive``, ``friction`` or ``link``
+    joint : name of the joint, or None for a link's parameter
+    parameter : its name, or ``f(v)``
+    value, std, unit : of the estimate
+    sigmas : deviations beyond what is possible
+    possible : value in the nearest possible set
+    text, cause : for people
+    """
+
+    kind: str
+    joint: str | None
+    parameter: str
+    value: float
+    std: float
+    unit: str
+    sigmas: float
+    possible: float | None
+    text: str
+    cause: str
+
+
+@dataclass(frozen=True)
+class Plausibility:
+    """What of a model cannot be, and the nearest parameters that can.
+
+    Attributes
+    ----------
+    violations : significant ones, the worst first
+    theta : (p,) nearest possible parameters; None where nothing is violated significantly
+    """
+
+    violations: tuple[Violation, ...]
+    theta: FloatArray | None
+
+
+_CAUSES = {
+    "m": "the motion is too slow to show the mass, or position and effort have different signs",
+    "K": "gravity, a linkage or a pressure offset that differs from the machine file looks like a negative spring",
+    "J": "a torque sensor on the link side of the gear does not feel the drive's inertia: say so in the joint's drive",
+    "friction": "position and effort have different signs, the effort is taken on the other side of gear or cylinder, "
+    "or something else that turns with the direction of motion is missing in the model",
+    "link": "a wrong length, axis or gravity in the machine file, a wrong unit or sign of an effort, "
+    "or a motion that hardly shows this parameter while something else is missing in the model",
+}
+
+
+def plausibility(model: Model) -> Plausibility:
+    """Hold a fitted model against physics."""
+    joints = range(len(model.design.machine.joints))
+    friction = [friction_power(model, joint) for joint in joints]
+    questions = sum(len(f.speed) for f in friction) + 2 * len(joints) + 1
+    most = float(stats.norm.isf(ALARM / questions))
+    found = [*_drives(model, most), *_frictions(model, friction, most)]
+    links, base_distance = _links(model, ALARM / questions)
+    if not found and not links:
+        return Plausibility((), None)
+    nearest = _nearest(model, friction, whole=True)[0]
+    violations = [*found, *_named_links(model, nearest, base_distance)] if links else found
+    shown = tuple(sorted(violations, key=lambda v: -v.sigmas))
+    possible = tuple(_with_possible(model, v, nearest) for v in shown)
+    return Plausibility(possible, nearest)
+
+
+def _units(model: Model, joint: int) -> dict[str, str]:
+    own = model.design.machine.joints[joint]
+    return UNITS if own.cylinder is not None else direct_units(own.effort_unit)
+
+
+def _drives(model: Model, most: float) -> list[Violation]:
+    """Negative masses, stiffnesses and drive inertias."""
+    found = []
+    parameters, fit = model.design.parameters, model.fit
+    for joint, name in enumerate(parameters.joints):
+        start = parameters.drive_slice(joint).start
+        for number, parameter in enumerate(parameters.drive[joint]):
+            value, std = float(fit.theta[start + number]), float(fit.std[start + number])
+            if parameter not in ("m", "K", "J") or not fit.told[start + number] or not value < -most * std:
+                continue
+            unit = _units(model, joint)[parameter]
+            words = {"m": "moving mass", "K": "stiffness", "J": "drive inertia"}[parameter]
+            found.append(
+                Violation(
+                    "drive",
+                    name,
+                    parameter,
+                    value,
+                    std,
+                    unit,
+                    -value / std if std else np.inf,
+                    None,
+                    f"the {words} of {name} is negative",
+                    _CAUSES[parameter],
+                )
+            )
+    return found
+
+
+def _frictions(model: Model, friction: Sequence[FrictionPower], most: float) -> list[Violation]:
+    """Joints whose friction drives the motion at some speed."""
+    found = []
+    for own in friction:
+        worst = driving(own, model.fit, most)
+        if worst is None:
+            continue
+        joint = model.design.machine.joints[own.joint]
+        straight = joint.cylinder is not None or joint.type == "prismatic"
+        unit, speed = ("N", "m/s") if straight else ("N m", "rad/s")
+        found.append(
+            Violation(
+                "friction",
+                joint.name,
+                "f(v)",
+                worst.force,
+                worst.std,
+                unit,
+                worst.sigmas,
+                None,
+                f"the friction of {joint.name} drives the motion at {worst.speed:.3g} {speed} instead of opposing it",
+                _CAUSES["friction"],
+            )
+        )
+    return found
+
+
+def _links(model: Model, alarm: float) -> tuple[bool, float]:
+    """Whether no bodies have these base parameters, and their squared distance from those that have."""
+    base = model.design.parameters.base
+    if not base.inertial_columns:
+        return False, 0.0
+    _, distance, freedom = _nearest(model, (), whole=False)
+    return bool(distance > stats.chi2.isf(alarm, max(freedom, 1))), distance
+
+
+def _named_links(model: Model, nearest: FloatArray, distance: float) -> list[Violation]:
+    """The base parameter that has to move furthest, in its own deviations."""
+    part, base = model.design.parameters.base_slice, model.design.parameters.base
+    told = model.fit.told[part]
+    std = model.fit.std[part]
+    moved = np.where(told & (std > 0), (nearest[part] - model.fit.theta[part]) / np.where(std > 0, std, 1.0), 0.0)
+    worst = int(np.argmax(np.abs(moved)))
+    return [
+        Violation(
+            "link",
+            None,
+            base.names[worst],
+            float(model.fit.theta[part][worst]),
+            float(std[worst]),
+            base.units[worst],
+            float(np.sqrt(distance)),
+            None,
+            f"no links that can exist have {base.names[worst]} = "
+            f"{model.fit.theta[part][worst]:.3g} {base.units[worst]} together with the other base parameters",
+            _CAUSES["link"],
+        )
+    ]
+
+
+def _with_possible(model: Model, found: Violation, nearest: FloatArray) -> Violation:
+    """The violation with the value that its parameter has in the nearest possible set."""
+    parameters = model.design.parameters
+    if found.kind == "link":
+        place = parameters.base_slice.start + parameters.base.names.index(found.parameter)
+    elif found.kind == "drive" and found.joint is not None:
+        joint = parameters.joints.index(found.joint)
+        place = parameters.drive_slice(joint).start + parameters.drive[joint].index(found.parameter)
+    else:
+        return found
+    return replace(found, possible=float(nearest[place]))
+
+
+def _nearest(model: Model, friction: Sequence[FrictionPower], whole: bool) -> tuple[FloatArray, float, int]:
+    """Nearest possible parameters (p,), squared distance and its degrees of freedom.
+
+    ``whole`` asks for everything, otherwise for the links alone.
+    """
+    parameters, fit = model.design.parameters, model.fit
+    told = np.flatnonzero(fit.told)
+    asked = [parameters.base_slice.start + k for k in range(len(parameters.base))]
+    single: list[int] = []
+    if whole:
+        for joint in range(len(parameters.joints)):
+            start = parameters.drive_slice(joint).start
+            single += [start + n for n, name in enumerate(parameters.drive[joint]) if name in ("m", "K", "J")]
+        asked += single
+        asked += [int(k) for own in friction for k in np.flatnonzero(own.rows.any(axis=0))]
+    chosen = np.array(sorted(set(asked) & set(told.tolist())), dtype=np.intp)
+    if not len(chosen):
+        return fit.theta.copy(), 0.0, 0
+    S = fit.covariance[np.ix_(chosen, chosen)]
+    scale = np.sqrt(np.diag(S))
+    scale[scale == 0] = 1.0
+    root = _root(S / np.outer(scale, scale))
+    white = linalg.solve_triangular(root, np.diag(1.0 / scale), lower=True)
+    solution = _cone(model, chosen, white, [f for f in friction if len(f.speed)], single if whole else [])
+    # Parameters that nothing is asked of follow by their correlation.
+    others = np.setdiff1d(told, chosen)
+    theta = fit.theta.copy()
+    theta[chosen] = solution
+    if len(others):
+        moved = white.T @ (white @ (solution - fit.theta[chosen]))
+        theta[others] += fit.covariance[np.ix_(others, chosen)] @ moved
+    distance = float(np.sum((white @ (solution - fit.theta[chosen])) ** 2))
+    return theta, distance, len(chosen)
+
+
+def _root(correlation: FloatArray) -> FloatArray:
+    """Lower Cholesky factor of a correlation matrix that may be singular by rounding."""
+    return np.asarray(linalg.cholesky(correlation + 1e-10 * np.eye(len(correlation)), lower=True))
+
+
+def _cone(
+    model: Model, chosen: IntArray, white: FloatArray, friction: Sequence[FrictionPower], single: Sequence[int]
+) -> FloatArray:
+    """Parameters ``chosen`` of the nearest possible set, by column generation and non-negative least squares."""
+    parameters = model.design.parameters
+    base, geometry = parameters.base, geometry_of(model.design.machine)
+    count, target = len(chosen), model.fit.theta[chosen]
+    place = {int(k): n for n, k in enumerate(chosen)}
+    base_rows = np.array([place.get(parameters.base_slice.start + k, -1) for k in range(len(base))])
+    regrouping = np.zeros((count, base.regrouping.shape[1]))
+    for k, row in enumerate(base_rows):
+        if row >= 0:
+            regrouping[row] = base.regrouping[k]
+    fixed, extra_rows, extra_target = _fixed_columns(chosen, place, base_rows, regrouping, friction, single)
+    bodies = scale_bodies(geometry, base, model.fit.theta[parameters.base_slice], None)
+    maps = [regrouping[:, 10 * i : 10 * i + 10] @ link_map(np.linalg.cholesky(J)) for i, J in enumerate(bodies)]
+    rows = np.vstack([white @ fixed, extra_rows])
+    b = np.concatenate([white @ target, extra_target])
+    atoms: list[tuple[int, FloatArray]] = [(i, u) for i in range(len(maps)) for u in np.eye(4)]
+    before, y, A = np.inf, np.zeros(0), rows
+    for _ in range(_ROUNDS):
+        made = [white @ (maps[i] @ np.outer(u, u).ravel()) for i, u in atoms]
+        own = np.vstack([np.column_stack(made), np.zeros((len(extra_target), len(made)))])
+        A = np.hstack([rows, own])
+        size = np.maximum(np.linalg.norm(A, axis=0), 1e-300)
+        y = optimize.nnls(A / size, b, maxiter=50 * A.shape[1])[0] / size
+        residual = b - A @ y
+        distance = float(residual @ residual)
+        new = _steepest(maps, white, residual[:count])
+        if not new or before - distance < _CONVERGED * max(distance, 1.0):
+            break
+        before = distance
+        used = y[rows.shape[1] :] > 0
+        atoms = [atom for atom, keep in zip(atoms, used, strict=True) if keep] + new
+    made = [maps[i] @ np.outer(u, u).ravel() for i, u in atoms][: A.shape[1] - rows.shape[1]]
+    return np.asarray(np.hstack([fixed, np.column_stack(made)]) @ y)
+
+
+def _fixed_columns(
+    chosen: IntArray,
+    place: dict[int, int],
+    base_rows: npt.NDArray[np.int_],
+    regrouping: FloatArray,
+    friction: Sequence[FrictionPower],
+    single: Sequence[int],
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Columns that are there from the start, and the equations of friction's slacks.
+
+    Columns: motors' standard parameters (not negative), single parameters (not negative), every other parameter with
+    either sign, and one slack for each bin of friction.
+    """
+    count = len(chosen)
+    columns = [regrouping[:, k] for k in range(10 * (regrouping.shape[1] // 10), regrouping.shape[1])]
+    columns += [np.eye(count)[place[k]] for k in single if k in place]
+    bound = set(base_rows.tolist()) | {place[k] for k in single if k in place}
+    for n in range(count):
+        if n not in bound:
+            columns += [np.eye(count)[n], -np.eye(count)[n]]
+    bins = sum(len(f.speed) for f in friction)
+    fixed = np.column_stack([*columns, np.zeros((count, bins))]) if columns or bins else np.zeros((count, 0))
+    rows: list[FloatArray] = []
+    target: list[float] = []
+    for own in friction:
+        for k in range(len(own.speed)):
+            coefficients = own.rows[k, chosen]
+            size = max(float(np.linalg.norm(coefficients)), 1e-300)
+            row = coefficients @ fixed
+            row[len(columns) + len(rows)] -= size
+            rows.append(_EQUATION * row / size)
+            target.append(-_EQUATION * own.known[k] / size)
+    return fixed, np.array(rows).reshape(len(rows), fixed.shape[1]), np.array(target)
+
+
+def _steepest(maps: Sequence[FloatArray], white: FloatArray, residual: FloatArray) -> list[tuple[int, FloatArray]]:
+    """For each link the rank-one body that lowers the distance fastest, where there is one."""
+    slope, found = white.T @ residual, []
+    for i, own in enumerate(maps):
+        G = (own.T @ slope).reshape(4, 4)
+        values, vectors = np.linalg.eigh((G + G.T) / 2)
+        size = float(np.linalg.norm(G))
+        if values[-1] > 1e-9 * max(size, 1e-300) and values[-1] > 0:
+            found.append((i, vectors[:, -1]))
+    return found
+
+
+def physics(design: Design, model: Model) -> dict[str, Any]:
+    """:func:`plausibility` as plain JSON: what cannot be, and the constrained fit with its price in error.
+
+    Returns
+    -------
+    dict
+        ``violations``; where there are any, ``constrained`` with ``theta`` (p,), ``errors`` per role and joint, and
+        ``price_percent`` per role: how much larger the root mean square of the joints' errors becomes.
+    """
+    found = plausibility(model)
+    result: dict[str, Any] = {"violations": [asdict(v) for v in found.violations]}
+    if found.theta is None:
+        return result
+    free, bound = (errors_of(design, theta, model.extra)[0] for theta in (model.fit.theta, found.theta))
+    price = {}
+    for role in ("train", "validate"):
+        pairs = [(a, b) for a, b in zip(free[f"{role}_rms"], bound[f"{role}_rms"], strict=True) if a and b is not None]
+        price[role] = 100.0 * (float(np.sqrt(np.mean([(b / a) ** 2 for a, b in pairs]))) - 1.0) if pairs else None
+    return result | {"constrained": {"theta": found.theta.tolist(), "errors": bound, "price_percent": price}}

@@ -1,0 +1,95 @@
+"""A program that runs stages of an identification.
+
+It is started as ``python -m fitting.pipeline.stage_program [--stay] REQUEST.json STAGE``.
+
+It prints one JSON object a line: ``{"fraction", "text"}`` while it works, then ``{"summary"}`` or ``{"error"}``; exit
+code 0, 1 (failed) or 2 (input). With ``--stay`` it waits after ``{"summary", "stays": true}`` for
+``{"arguments": [REQUEST.json, STAGE], "log": FILE}`` on standard input, until that ends: libraries and recordings are
+then loaded once. ``log`` takes standard error from there on.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from daq.errors import HilfitError, InputError
+from fitting.loop.session import Options, Request, Session
+from fitting.pipeline.stages import run_stage
+
+
+def load_request(path: Path) -> Request:
+    """Read a request file: keys ``machine, recordings, options, output``."""
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+        return Request(
+            machine=Path(content["machine"]),
+            recordings=tuple((str(role), Path(file)) for role, file in content["recordings"]),
+            output=Path(content["output"]),
+            options=Options(**content.get("options", {})),
+        )
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise InputError(f"{path}: not a request of an identification ({error})") from None
+
+
+def _keeping() -> Callable[[Request], Session]:
+    """As ``Session.load``, but for the same input it gives the same session again."""
+    kept: list[tuple[Request, Session]] = []
+
+    def load(request: Request) -> Session:
+        key = replace(request, output=Path())
+        if not kept or kept[0][0] != key:
+            kept[:] = [(key, Session.load(request))]
+        return kept[0][1]
+
+    return load
+
+
+def main(arguments: Sequence[str], orders: Iterable[str] = ()) -> int:
+    """Entry of ``python -m fitting.pipeline.stage_program``.
+
+    Parameters
+    ----------
+    orders : lines that say what to do next, with ``--stay``
+    """
+    stays = arguments[:1] == ["--stay"]
+    load = _keeping() if stays else Session.load
+    code = _one(arguments[1:] if stays else arguments, load, stays)
+    for line in orders if stays and code == 0 else ():
+        order = json.loads(line)
+        with Path(order["log"]).open("ab") as log:
+            os.dup2(log.fileno(), sys.stderr.fileno())
+        code = _one(order["arguments"], load, stays)
+        if code:
+            break
+    return code
+
+
+def _one(arguments: Sequence[str], load: Callable[[Request], Session], stays: bool) -> int:
+    """Run one stage, and say how it goes; the exit code."""
+
+    def say(content: dict[str, Any]) -> None:
+        print(json.dumps(content), flush=True)
+
+    if len(arguments) != 2:
+        say({"error": "usage: python -m fitting.pipeline.stage_program [--stay] REQUEST.json STAGE"})
+        return 2
+    try:
+        request = load_request(Path(arguments[0]))
+        summary = run_stage(
+            arguments[1], request, lambda fraction, text: say({"fraction": fraction, "text": text}), load
+        )
+    except HilfitError as error:
+        say({"error": str(error)})
+        return 2 if isinstance(error, InputError) else 1
+    say({"summary": summary} | ({"stays": True} if stays else {}))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:], sys.stdin))

@@ -1,0 +1,1 @@
+"""What a motion will show: forecast, detection thresholds, the next experiment."""

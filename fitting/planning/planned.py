@@ -1,0 +1,141 @@
+"""Planned motions as if they had been recorded: what an experiment will tell, before anybody makes it.
+
+A motion program goes through the same filters as a recording, so its columns are those that the regression will have.
+Only the measured efforts are missing, and nothing here needs them: information is a matter of columns and noise.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+from scipy.interpolate import make_interp_spline
+
+from daq.errors import InputError
+from daq.machine_file import Machine
+from fitting.arm.linkage import lever_arm, piston_motion
+from fitting.excitation.motion import Motion
+from fitting.signals.filters import FilterBank
+from fitting.signals.preparation import REST_SECONDS, REST_SPEED, PositionNoise, Segment
+
+FloatArray = npt.NDArray[np.float64]
+BoolArray = npt.NDArray[np.bool_]
+#: Position, speed and acceleration, each (N, n).
+States = tuple[FloatArray, FloatArray, FloatArray]
+
+ROLE = "planned"
+
+
+def planned_segment(
+    machine: Machine, bank: FilterBank, noise: Sequence[PositionNoise], motion: Motion, recording: int = 0
+) -> Segment:
+    """The segment that preparation would make of a recording of a motion, without sensor noise and without efforts.
+
+    Parameters
+    ----------
+    machine, bank : the machine, and the filters of the identification
+    noise : position noise per joint: below some times its own noise a speed counts as rest
+    motion : the motion program; joints without a column stand mid-range
+    recording : number that the recording will have
+
+    Raises
+    ------
+    InputError
+        If the motion is shorter than the filters.
+    """
+    length = round(motion.seconds * bank.rate_hz) + 1
+    least = 2 * (bank.margin + bank.half) + 4 * bank.decimation
+    if length <= least:
+        raise InputError(
+            f"a motion of {motion.seconds:.3g} s is shorter than the filters; take {least / bank.rate_hz:.3g} s or more"
+        )
+    time = np.arange(length) / bank.rate_hz
+    samples = length - 2 * bank.margin
+    moved: dict[str, tuple[FloatArray, FloatArray, FloatArray]] = {
+        name: bank.smooth(_resampled(motion.time, column, time)) for name, column in motion.columns.items()
+    }
+    still = np.zeros(samples)
+    parked = [(still + sum(joint.limits.position) / 2, still, still) for joint in machine.joints]
+    if motion.rods == "pinned":
+        turning = [moved.get(joint.name, parked[j]) for j, joint in enumerate(machine.joints)]
+        return segment_of_states(machine, bank, noise, _stacked(turning), recording)
+    driving = [
+        moved.get(
+            joint.name, parked[j] if joint.cylinder is None else piston_motion(joint.cylinder.linkage, *parked[j])
+        )
+        for j, joint in enumerate(machine.joints)
+    ]
+    return _segment(machine, bank, noise, _stacked(parked), _stacked(driving), recording, loaded=False)
+
+
+def segment_of_states(
+    machine: Machine, bank: FilterBank, noise: Sequence[PositionNoise], states: States, recording: int = 0
+) -> Segment:
+    """As :func:`planned_segment`, from the states of all joints at the machine's rate, rods pinned."""
+    driving = [
+        column if joint.cylinder is None else piston_motion(joint.cylinder.linkage, *column)
+        for joint, column in zip(machine.joints, zip(*(part.T for part in states), strict=True), strict=True)
+    ]
+    return _segment(machine, bank, noise, states, _stacked(driving), recording, loaded=True)
+
+
+def _segment(
+    machine: Machine,
+    bank: FilterBank,
+    noise: Sequence[PositionNoise],
+    turning: States,
+    driving: States,
+    recording: int,
+    *,
+    loaded: bool,
+) -> Segment:
+    q, qd, qdd = turning
+    x, v, a = driving
+    levers = [
+        np.ones(len(q)) if joint.cylinder is None else lever_arm(joint.cylinder.linkage, q[:, j])
+        for j, joint in enumerate(machine.joints)
+    ]
+    nothing = np.full_like(q, np.nan)
+    return Segment(
+        recording=recording,
+        role=ROLE,
+        start=bank.margin,
+        t=(bank.margin + np.arange(len(q))) / bank.rate_hz,
+        q=q,
+        qd=qd,
+        qdd=qdd,
+        x=x,
+        v=v,
+        a=a,
+        r=np.stack(levers, axis=1),
+        effort=np.zeros_like(q),
+        p1=nothing,
+        p2=nothing,
+        rest=np.stack([_rest(v[:, j], noise[j].speed, bank.rate_hz) for j in range(len(machine.joints))], axis=1),
+        loaded=loaded,
+        temperature=None,
+        gap=nothing,
+    )
+
+
+def _stacked(columns: Sequence[tuple[FloatArray, FloatArray, FloatArray]]) -> States:
+    position, speed, acceleration = (np.stack(part, axis=1) for part in zip(*columns, strict=True))
+    return position, speed, acceleration
+
+
+def _resampled(time: FloatArray, values: FloatArray, wanted: FloatArray) -> FloatArray:
+    if len(time) == len(wanted) and np.allclose(time, wanted, rtol=0, atol=1e-9):
+        return values
+    return np.asarray(make_interp_spline(time, values, k=5)(np.minimum(wanted, time[-1])))
+
+
+def _rest(speed: FloatArray, noise: float, rate_hz: float) -> BoolArray:
+    """Where an element stands still for longer than a reversal takes, as in preparation."""
+    slow = np.abs(speed) <= max(REST_SPEED * noise, 1e-12)
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], slow.astype(np.int8), [0]])))
+    rest = np.zeros_like(slow)
+    for begin, end in zip(edges[::2], edges[1::2], strict=True):
+        if end - begin >= REST_SECONDS * rate_hz:
+            rest[begin:end] = True
+    return rest

@@ -1,0 +1,171 @@
+"""What is believed of the links before they are measured: from drawings (CAD), or from an earlier calibration.
+
+Two kinds of file are read. A *drawing* (YAML or JSON)::
+
+    schema: hilfit/body-prior/1
+    relative_std: 0.3            # how far the drawing may be off, as a share; 0.3 if absent
+    links:                       # base to tip, each in its own frame of the machine file's table
+      - {mass: 98.0, centre: [-0.51, 0.02, -0.03], inertia: [0.4, 0.0, 0.0, 6.9, 0.0, 6.9]}
+                                 # kg; m; kg m^2 about the centre of mass: XX XY XZ YY YZ ZZ (matrix entries)
+
+or the `report.json` of an earlier identification of the same machine, whose base parameters are taken with their
+standard deviations, widened by a tenth of the parameter's size: the arm may have changed since.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+import numpy.typing as npt
+import yaml
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from daq.errors import InputError
+from fitting.arm.base_parameters import BaseParameters
+
+FloatArray = npt.NDArray[np.float64]
+
+#: How far an arm may have moved from its last calibration, as a share of each parameter's size.
+REPORT_DRIFT = 0.1
+_DRAWING = "hilfit/body-prior/1"
+_REPORT = "hilfit/report/1"
+
+
+@dataclass(frozen=True)
+class BodyPrior:
+    """Expected base parameters.
+
+    Attributes
+    ----------
+    mean, std : (nb,) expectation and standard deviation, in the order and units of the base parameters; a deviation
+        is infinite where nothing is expected
+    standard : (10 n,) inertial parameters of the links as in :mod:`fitting.arm.dynamics`, None where only the base
+        parameters are known
+    source : name of the file
+    """
+
+    mean: FloatArray
+    std: FloatArray
+    standard: FloatArray | None
+    source: str
+
+
+class _Link(BaseModel):
+    model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
+    mass: float = Field(gt=0)
+    centre: tuple[float, float, float]
+    inertia: tuple[float, float, float, float, float, float]
+
+
+class _Drawing(BaseModel):
+    model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
+    schema_: Literal["hilfit/body-prior/1"] = Field(alias="schema")
+    relative_std: float = Field(default=0.3, gt=0)
+    links: list[_Link]
+
+
+def read_body_prior(path: Path, base: BaseParameters) -> BodyPrior:
+    """Read either kind of file for a machine with these base parameters.
+
+    Raises
+    ------
+    InputError
+        One line naming file and key: unreadable, of another schema, or of another machine.
+    """
+    try:
+        content = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+        what = " ".join(str(error).split())[:120]
+        raise InputError(f"{path}: cannot be read as YAML or JSON ({what})") from None
+    schema = content.get("schema") if isinstance(content, dict) else None
+    if schema == _REPORT:
+        return _from_report(path, content, base)
+    if schema == _DRAWING:
+        return _from_drawing(path, content, base)
+    raise InputError(f"{path}: schema is {json.dumps(schema)}; a prior is '{_DRAWING}' or a report, '{_REPORT}'")
+
+
+def _from_drawing(path: Path, content: Mapping[str, Any], base: BaseParameters) -> BodyPrior:
+    try:
+        drawing = _Drawing.model_validate(content)
+    except ValidationError as error:
+        first = error.errors()[0]
+        raise InputError(f"{path}: {'.'.join(str(p) for p in first['loc'])}: {first['msg']}") from None
+    links = base.inertial_columns // 10
+    if len(drawing.links) != links:
+        raise InputError(f"{path}: links: {len(drawing.links)} are given, the machine has {links}")
+    rows, spreads = [], []
+    for number, link in enumerate(drawing.links):
+        row = standard_of_link(link.mass, link.centre, link.inertia)
+        if np.linalg.eigvalsh(pseudo_inertia(row)).min() < -1e-9 * np.trace(pseudo_inertia(row)):
+            raise InputError(f"{path}: links.{number}.inertia: no body has these moments of inertia about its centre")
+        rows.append(row)
+        # Each kind of parameter is as uncertain in every direction as it is large: a drawing's zero is no promise.
+        sizes = [row[0], *[np.linalg.norm(row[1:4])] * 3, *[(row[4] + row[7] + row[9]) / 3] * 6]
+        spreads.append(drawing.relative_std * np.array(sizes))
+    standard, spread = np.concatenate(rows), np.concatenate(spreads)
+    of_links, of_motors = np.split(base.regrouping, [base.inertial_columns], axis=1)
+    std = np.maximum(np.sqrt(of_links**2 @ spread**2), 1e-12)
+    std[np.any(of_motors != 0, axis=1)] = np.inf  # a drawing of the links says nothing of a motor's friction
+    return BodyPrior(of_links @ standard, std, standard, path.name)
+
+
+def _from_report(path: Path, content: Mapping[str, Any], base: BaseParameters) -> BodyPrior:
+    entries = (content.get("rigid_body") or {}).get("parameters")
+    if not isinstance(entries, list) or len(entries) != len(base):
+        count = len(entries) if isinstance(entries, list) else 0
+        raise InputError(f"{path}: rigid_body.parameters: {count} are given, the machine has {len(base)}")
+    mean, own = np.zeros(len(base)), np.full(len(base), np.inf)
+    for number, (entry, expression) in enumerate(zip(entries, base.expressions, strict=True)):
+        if entry.get("expression") != expression:
+            raise InputError(
+                f"{path}: rigid_body.parameters.{number} is '{entry.get('expression')}', this machine's is "
+                f"'{expression}': the report is of another machine"
+            )
+        if entry.get("value") is not None and entry.get("std") is not None:
+            mean[number], own[number] = float(entry["value"]), float(entry["std"])
+    return BodyPrior(mean, np.sqrt(own**2 + (REPORT_DRIFT * _sizes(mean, base)) ** 2), None, path.name)
+
+
+def _sizes(mean: FloatArray, base: BaseParameters) -> FloatArray:
+    """Size of each parameter: root mean square of those of its link with its unit (``MX`` and ``MY`` together)."""
+    link = base.independent // 10
+    sizes = np.zeros(len(mean))
+    for i, unit in enumerate(base.units):
+        same = [k for k in range(len(mean)) if link[k] == link[i] and base.units[k] == unit]
+        sizes[i] = np.sqrt(np.mean(mean[same] ** 2))
+    return np.asarray(np.maximum(sizes, 1e-12))
+
+
+def standard_of_link(mass: float, centre: npt.ArrayLike, inertia: npt.ArrayLike) -> FloatArray:
+    """``[m, mx, my, mz, Ixx, Ixy, Ixz, Iyy, Iyz, Izz]`` about the frame's origin, from what drawings give.
+
+    ``centre`` (3,) of mass in the link's frame, ``inertia`` (6,) about it: ``XX XY XZ YY YZ ZZ``, matrix entries.
+    """
+    c = np.asarray(centre, dtype=float)
+    central = np.zeros((3, 3))
+    central[np.triu_indices(3)] = inertia
+    about = central + np.triu(mass * ((c @ c) * np.eye(3) - np.outer(c, c)))
+    return np.concatenate([[mass], mass * c, about[np.triu_indices(3)]])
+
+
+def pseudo_inertia(link: npt.ArrayLike) -> FloatArray:
+    """Pseudo-inertia (4, 4) of one link from its ten parameters: ``[[Sigma, h], [h', m]]``.
+
+    ``Sigma = tr(I) / 2 E - I`` is the second moment of mass about the origin. Ten numbers are those of a body that can
+    exist just if this matrix is positive definite (Wensing, Kim and Slotine, IEEE RA-L 3 (2018) 60).
+    """
+    m, h, moments = np.split(np.asarray(link, dtype=float), [1, 4])
+    inertia = np.zeros((3, 3))
+    inertia[np.triu_indices(3)] = moments
+    inertia = inertia + np.triu(inertia, 1).T
+    out = np.zeros((4, 4))
+    out[:3, :3] = np.trace(inertia) / 2 * np.eye(3) - inertia
+    out[:3, 3] = out[3, :3] = h
+    out[3, 3] = m[0]
+    return out

@@ -1,0 +1,450 @@
+"""The one linear regression behind stage 1, stage 2 and the loop.
+
+Rows are drive efforts (N at a piston), per joint and reduced sample; columns are every joint's drive parameters,
+then the base parameters, then whatever effects were added::
+
+    p1 A1 - p2 A2 - c v  =  D_i(x, v, a) theta_i  +  Y_b(q, q', q'') beta / r_i  +  E eta
+
+so a joint's block only touches its own drive columns, and `unloaded` rows have no base columns. Efforts at the piston
+are used, not joint efforts, because their noise is the same at every lever arm.
+
+Generalised least squares: each joint's rows are whitened by the spectrum of its measurement noise and divided by
+its innovation's standard deviation, so a residual is a standard normal number, and a sum of squares a chi-square.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Iterable, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+import numpy.typing as npt
+from scipy import linalg
+
+from daq.machine_file import Machine
+from fitting.arm.base_parameters import BaseParameters, base_regressor
+from fitting.regression.drive import drive_columns, drive_names, known_effort
+from fitting.signals.filters import FilterBank
+from fitting.signals.preparation import PositionNoise, Segment
+from fitting.signals.spectrum import Whitening, unit_whitening
+
+FloatArray = npt.NDArray[np.float64]
+BoolArray = npt.NDArray[np.bool_]
+
+# A reduced row is dropped when the element rests during more than this share of its filter window.
+REST_SHARE = 0.5
+
+
+@dataclass(frozen=True)
+class Parameters:
+    """Names of the columns of a regression, and where they are.
+
+    Attributes
+    ----------
+    joints : names of the joints
+    drive : per joint the names of its drive parameters
+    base : the base parameters
+    """
+
+    joints: tuple[str, ...]
+    drive: tuple[tuple[str, ...], ...]
+    base: BaseParameters
+
+    @property
+    def drive_count(self) -> int:
+        """Number of drive parameters of all joints."""
+        return sum(len(names) for names in self.drive)
+
+    def __len__(self) -> int:
+        return self.drive_count + len(self.base)
+
+    def drive_slice(self, joint: int) -> slice:
+        """Where joint number ``joint`` has its drive parameters."""
+        start = sum(len(names) for names in self.drive[:joint])
+        return slice(start, start + len(self.drive[joint]))
+
+    @property
+    def base_slice(self) -> slice:
+        """Where the base parameters are."""
+        return slice(self.drive_count, len(self))
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """``joint1.m``, ..., then the base parameters' expressions."""
+        drive = [f"{joint}.{name}" for joint, names in zip(self.joints, self.drive, strict=True) for name in names]
+        return (*drive, *self.base.expressions)
+
+
+@dataclass(frozen=True)
+class JointBlock:
+    """One joint in one segment: full-rate columns, and the same reduced.
+
+    Attributes
+    ----------
+    target, columns : (N,), (N, p) at full rate, ``p = len(parameters)``
+    known : (N,) effort that the machine file knows (already taken off ``target``)
+    reduced_target, reduced : the same through the identification filter, (M,), (M, p)
+    keep : (M,) False where the element rests
+    """
+
+    target: FloatArray
+    columns: FloatArray
+    known: FloatArray
+    reduced_target: FloatArray
+    reduced: FloatArray
+    keep: BoolArray
+
+    def effort(self, bank: FilterBank, r: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Target (M,) and columns (M, p) as joint efforts, with the lever arm ``r`` (N,), through the filter."""
+        both = bank.reduce(np.column_stack([self.target, self.columns]) * r[:, None])
+        return both[:, 0], both[:, 1:]
+
+
+@dataclass(frozen=True)
+class Design:
+    """All blocks of a set of segments; ``blocks[joint][segment]``.
+
+    ``stored`` says that recordings are long, and segments and blocks read their arrays from a file when asked
+    (:mod:`fitting.regression.stored`): whatever has a row for every sample is then to be worked on segment by segment.
+    """
+
+    machine: Machine
+    parameters: Parameters
+    bank: FilterBank
+    noise: tuple[PositionNoise, ...]
+    segments: tuple[Segment, ...]
+    blocks: tuple[tuple[JointBlock, ...], ...]
+    stored: bool = False
+
+    def indices(self, *roles: str) -> tuple[int, ...]:
+        """Indices of the segments with one of these roles."""
+        return tuple(i for i, segment in enumerate(self.segments) if segment.role in roles)
+
+
+#: Puts a segment and its blocks of all joints where they are to stay.
+Store = Callable[[Segment, list[JointBlock]], tuple[Segment, list[JointBlock]]]
+
+
+def build_design(
+    machine: Machine,
+    base: BaseParameters,
+    bank: FilterBank,
+    noise: Sequence[PositionNoise],
+    segments: Iterable[Segment],
+    store: Store | None = None,
+) -> Design:
+    """Columns of every joint in every segment; what ``store`` gives back for a segment and its blocks is kept."""
+    names = drive_names(machine)
+    parameters = Parameters(tuple(j.name for j in machine.joints), names, base)
+    kept, rows = [], []
+    for segment in segments:
+        row = _blocks(machine, parameters, bank, noise, segment)
+        if store is not None:
+            segment, row = store(segment, row)
+        kept.append(segment)
+        rows.append(row)
+    return Design(
+        machine,
+        parameters,
+        bank,
+        tuple(noise),
+        tuple(kept),
+        tuple(tuple(row[joint] for row in rows) for joint in range(len(machine.joints))),
+        store is not None,
+    )
+
+
+def with_efforts(design: Design, segments: Sequence[Segment], joints: Collection[int]) -> Design:
+    """A design whose ``segments`` differ from those of ``design`` in when the efforts of some joints were sampled.
+
+    Blocks of the other joints are those of ``design`` itself.
+    """
+    bank, blocks = design.bank, list(design.blocks)
+    for joint in joints:
+        drive, own = design.parameters.drive_slice(joint), []
+        for segment, before in zip(segments, design.blocks[joint], strict=True):
+            columns, reduced = before.columns.copy(), before.reduced.copy()
+            columns[:, drive] = _drive_columns(design.parameters, design.noise, segment, joint)
+            target = segment.effort[:, joint] - before.known
+            both = bank.reduce(np.column_stack([target, columns[:, drive]]))
+            reduced[:, drive] = both[:, 1:]
+            own.append(replace(before, target=target, columns=columns, reduced_target=both[:, 0], reduced=reduced))
+        blocks[joint] = tuple(own)
+    return replace(design, segments=tuple(segments), blocks=tuple(blocks))
+
+
+def _blocks(
+    machine: Machine, parameters: Parameters, bank: FilterBank, noise: Sequence[PositionNoise], segment: Segment
+) -> list[JointBlock]:
+    """The blocks of all joints in one segment."""
+    body = None
+    if segment.loaded:
+        speeds = np.array([own.speed for own in noise])
+        body = base_regressor(machine, parameters.base, segment.q, segment.qd, segment.qdd, speed_noise=speeds)
+        body /= segment.r[:, :, None]
+    blocks = []
+    for number, joint in enumerate(machine.joints):
+        columns = np.zeros((len(segment), len(parameters)))
+        columns[:, parameters.drive_slice(number)] = _drive_columns(parameters, noise, segment, number)
+        if body is not None:
+            columns[:, parameters.base_slice] = body[:, number]
+        external = None if segment.external is None else segment.external[:, number]
+        known = known_effort(joint, segment.v[:, number], segment.a[:, number], external)
+        target = segment.effort[:, number] - known
+        share = bank.reduce(segment.rest[:, number].astype(float))
+        keep = _driven(joint.cylinder is not None or segment.loaded, share < REST_SHARE)
+        reduced = bank.reduce(np.column_stack([target, columns]))
+        blocks.append(JointBlock(target, columns, known, reduced[:, 0], reduced[:, 1:], keep))
+    return blocks
+
+
+def _drive_columns(parameters: Parameters, noise: Sequence[PositionNoise], segment: Segment, joint: int) -> FloatArray:
+    """Columns (N, k) of a joint's own drive parameters in one segment."""
+    x, v, a = segment.x[:, joint], segment.v[:, joint], segment.a[:, joint]
+    late = segment.late[joint] if segment.late else 0.0
+    return drive_columns(parameters.drive[joint], x, v, a, noise[joint].speed, late)
+
+
+def _driven(says_something: bool, keep: BoolArray) -> BoolArray:
+    return keep if says_something else np.zeros_like(keep)
+
+
+@dataclass(frozen=True)
+class NoiseModel:
+    """Measurement noise of each joint's reduced effort.
+
+    Attributes
+    ----------
+    whitenings : per joint the whitening of its noise, in drive effort unit
+    measured : True if it comes from a repeated motion, False if it had to be estimated from residuals
+    """
+
+    whitenings: tuple[Whitening, ...]
+    measured: bool
+
+    @property
+    def std(self) -> FloatArray:
+        """Standard deviation of the noise after the identification filter, (n,), drive effort unit."""
+        return np.array([w.std for w in self.whitenings])
+
+    def whiten(self, joint: int, rows: FloatArray) -> FloatArray:
+        """Whitened and scaled rows of one joint in one segment."""
+        return self.whitenings[joint](rows)
+
+    def kept(self, joint: int, keep: BoolArray) -> BoolArray:
+        """Which whitened rows have only moving samples in their past."""
+        return self.whitenings[joint].kept(keep)
+
+
+def white_noise_model(joints: int) -> NoiseModel:
+    """Unit white noise for every joint: the start of an iteration, and ordinary least squares."""
+    return NoiseModel(tuple(unit_whitening() for _ in range(joints)), False)
+
+
+@dataclass(frozen=True)
+class Extra:
+    """Effect columns added to a design: ``columns[joint][segment]`` at full rate, (N, k), None where they are zero."""
+
+    names: tuple[str, ...]
+    columns: Sequence[Sequence[FloatArray | None]]
+
+
+@dataclass(frozen=True)
+class WhiteRows:
+    """Whitened rows of one joint over the fitted segments.
+
+    Attributes
+    ----------
+    A : (R, p) base columns, then the extra ones
+    b : (R,) target
+    sections : per fitted segment (index in the design, rows kept by position in the whitened series)
+    """
+
+    A: FloatArray
+    b: FloatArray
+    sections: tuple[tuple[int, BoolArray], ...]
+
+
+def whitened(
+    design: Design, noise: NoiseModel, fitted: Sequence[int], extra: Extra | None = None
+) -> tuple[WhiteRows, ...]:
+    """Whitened rows of every joint over the fitted segments."""
+    result = []
+    for joint in range(len(design.machine.joints)):
+        parts_A, parts_b, sections = [], [], []
+        for index in fitted:
+            block = design.blocks[joint][index]
+            columns = block.reduced
+            if extra is not None and extra.names:
+                own = extra.columns[joint][index]
+                more = np.zeros((len(columns), len(extra.names))) if own is None else design.bank.reduce(own)
+                columns = np.hstack([columns, more])
+            kept = noise.kept(joint, block.keep)
+            parts_A.append(noise.whiten(joint, columns)[kept])
+            parts_b.append(noise.whiten(joint, block.reduced_target)[kept])
+            sections.append((index, kept))
+        result.append(WhiteRows(np.vstack(parts_A), np.concatenate(parts_b), tuple(sections)))
+    return tuple(result)
+
+
+@dataclass(frozen=True)
+class Fit:
+    """Generalised least-squares fit of a design.
+
+    Attributes
+    ----------
+    theta : (p,) parameters: drive, base, extra
+    covariance : (p, p), from the whitened rows (unit noise)
+    told : (p,) False for parameters that these rows cannot tell (their value is 0)
+    orthonormal : per joint (R_j, rank) rows of an orthonormal basis of the column space
+    residual : per joint (R_j,) whitened residual
+    condition_number : of the column-scaled whitened matrix
+    """
+
+    theta: FloatArray
+    covariance: FloatArray
+    told: BoolArray
+    orthonormal: tuple[FloatArray, ...]
+    residual: tuple[FloatArray, ...]
+    condition_number: float
+    extra_names: tuple[str, ...] = field(default=())
+
+    @property
+    def std(self) -> FloatArray:
+        """Standard deviations of the parameters."""
+        return np.sqrt(np.diag(self.covariance))
+
+    @property
+    def chi_square(self) -> float:
+        """Sum of squares of the whitened residual."""
+        return float(sum(r @ r for r in self.residual))
+
+    @property
+    def rows(self) -> int:
+        """Number of whitened rows."""
+        return sum(len(r) for r in self.residual)
+
+
+@dataclass(frozen=True)
+class Factor:
+    """Pivoted QR of a least-squares problem, rank decided.
+
+    Attributes
+    ----------
+    Q, R : (N, rank), (rank, rank) of the columns that are told, at unit norm, in the order of ``told``
+    told : (rank,) numbers of these columns
+    root : (p, rank) with ``(A'A)^-1 = root root'`` on them, zero rows for the others
+    """
+
+    Q: FloatArray
+    R: FloatArray
+    told: npt.NDArray[np.intp]
+    root: FloatArray
+
+    @property
+    def condition_number(self) -> float:
+        """Of the columns that are told, each at unit norm."""
+        if not len(self.R):
+            return 1.0
+        singular = linalg.svdvals(self.R / np.linalg.norm(self.R, axis=0))
+        return float(singular[0] / singular[-1])
+
+
+def factor(A: FloatArray, extra: int = 0) -> Factor:
+    """Pivoted QR of ``A`` (N, p); columns that the rows cannot tell are left out, not guessed.
+
+    The rank is decided on unit columns at 1e-9 of the largest pivot; the last ``extra`` columns come last.
+    """
+    p = A.shape[1]
+    scale = np.linalg.norm(A, axis=0)
+    used = np.flatnonzero(scale > 0)
+    # Effects come last: where a law could stand in for a base column, the base keeps its meaning.
+    scale = np.where(np.arange(p) < p - extra, scale, 1e3 * scale)
+    Q, R, order = linalg.qr(A[:, used] / scale[used], mode="economic", pivoting=True)
+    pivots = np.abs(np.diag(R))
+    rank = int(np.count_nonzero(pivots > 1e-9 * pivots[0])) if len(pivots) else 0
+    Q, R, told = Q[:, :rank], R[:rank, :rank], used[order[:rank]]
+    root = np.zeros((p, rank))
+    root[told] = linalg.solve_triangular(R, np.eye(rank)) / scale[told][:, None]
+    return Factor(Q, R, told, root)
+
+
+def solve(rows: Sequence[WhiteRows], extra_names: tuple[str, ...] = ()) -> Fit:
+    """Least squares on whitened rows (:func:`factor`)."""
+    A = np.vstack([r.A for r in rows])
+    b = np.concatenate([r.b for r in rows])
+    found = factor(A, len(extra_names))
+    projected = found.Q.T @ b
+    told = np.zeros(A.shape[1], dtype=bool)
+    told[found.told] = True
+    residual = b - found.Q @ projected
+    ends = np.cumsum([len(r.b) for r in rows])[:-1]
+    return Fit(
+        theta=found.root @ projected,
+        covariance=found.root @ found.root.T,
+        told=told,
+        orthonormal=tuple(np.split(found.Q, ends)),
+        residual=tuple(np.split(residual, ends)),
+        condition_number=found.condition_number,
+        extra_names=extra_names,
+    )
+
+
+def full_residual(design: Design, theta: FloatArray, joint: int, index: int, extra: Extra | None = None) -> FloatArray:
+    """Measured less predicted drive effort of a joint in a segment, (N,), before any filter."""
+    block = design.blocks[joint][index]
+    p = len(design.parameters)
+    residual = block.target - block.columns @ theta[:p]
+    if extra is not None and extra.names:
+        own = extra.columns[joint][index]
+        if own is not None:
+            residual = residual - own @ theta[p:]
+    return residual
+
+
+def reduced_residual(
+    design: Design, theta: FloatArray, joint: int, index: int, extra: Extra | None = None
+) -> FloatArray:
+    """:func:`full_residual` through the identification filter, (M,)."""
+    block = design.blocks[joint][index]
+    p = len(design.parameters)
+    residual = block.reduced_target - block.reduced @ theta[:p]
+    own = None if extra is None else extra.columns[joint][index]
+    return residual if own is None else residual - design.bank.reduce(own @ theta[p:])
+
+
+def effort_residual(
+    design: Design, theta: FloatArray, joint: int, index: int, extra: Extra | None = None
+) -> FloatArray:
+    """Measured less predicted joint effort (N m or N) through the identification filter, (M,)."""
+    r = design.segments[index].r[:, joint]
+    if not design.stored:
+        return design.bank.reduce(r * full_residual(design, theta, joint, index, extra))
+    p = len(design.parameters)
+    target, columns = design.blocks[joint][index].effort(design.bank, r)
+    residual = target - columns @ theta[:p]
+    own = None if extra is None else extra.columns[joint][index]
+    return residual if own is None else residual - design.bank.reduce(r * (own @ theta[p:]))
+
+
+def predicted_effort(
+    design: Design, theta: FloatArray, joint: int, index: int, extra: Extra | None = None
+) -> FloatArray:
+    """The model's drive effort of a joint in a segment, (N,), known part included: ``F^``."""
+    block = design.blocks[joint][index]
+    return block.target + block.known - full_residual(design, theta, joint, index, extra)
+
+
+def effort_errors(
+    design: Design, theta: FloatArray, indices: Sequence[int], extra: Extra | None = None
+) -> tuple[FloatArray, ...]:
+    """Per joint the filtered joint-effort error (N m or N) over the rows that move, all segments in a row."""
+    result = []
+    for joint in range(len(design.machine.joints)):
+        parts = []
+        for index in indices:
+            if design.segments[index].loaded:
+                keep = design.blocks[joint][index].keep
+                parts.append(effort_residual(design, theta, joint, index, extra)[keep])
+        result.append(np.concatenate(parts) if parts else np.zeros(0))
+    return tuple(result)

@@ -1,0 +1,73 @@
+"""Student's t for parameters: a noise spectrum that was estimated from a minute is not known exactly.
+
+The error of a parameter is a weighted sum of whitened noise, ``c' e`` with ``c = A (A'A)^-1 e_j``. Where the estimated
+spectrum is wrong by a factor ``exp(d(f))``, its variance is wrong by the average of that factor over the power of
+``c`` at each frequency. With the covariance of ``d`` that the spectrum's estimate gives, the variance of a parameter
+has a relative variance ``rho``, and its error follows Student's t with ``2 / rho`` degrees of freedom (Satterthwaite).
+Slow parameters (a stiffness on a slow motion) live on a few lines of the spectrum and get wider intervals.
+
+Source: F. Satterthwaite, "An approximate distribution of estimates of variance components", Biometrics Bulletin 2,
+1946; JCGM 100:2008 (GUM), annex G.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+from scipy import stats
+
+from fitting.regression.design import NoiseModel, WhiteRows
+
+FloatArray = npt.NDArray[np.float64]
+
+_MOST_FREEDOM = 1e6
+_LEAST_FREEDOM = 3.0
+#: Two-sided level at which a multiple of the standard deviation is to be an interval, and that multiple.
+LEVEL, SIGMAS = 0.95, 1.959964
+
+
+def degrees_of_freedom(
+    rows: Sequence[WhiteRows], covariance: FloatArray, noise: NoiseModel, rate_hz: float
+) -> FloatArray:
+    """Degrees of freedom of each parameter's variance, (p,), at most a million.
+
+    Parameters
+    ----------
+    rows : whitened rows of every joint, with (R, p) columns
+    covariance : (p, p) of the parameters
+    noise : the noise that they were whitened by
+    rate_hz : rate of the rows
+    """
+    p = len(covariance)
+    relative = np.zeros(p)
+    variance = np.diag(covariance)
+    told = variance > 0
+    for joint, own in enumerate(rows):
+        left_open = noise.whitenings[joint].open
+        if left_open is None:
+            continue
+        weights = own.A @ covariance
+        start, power_variance = 0, np.zeros((p, 0))
+        frequencies = []
+        for _, kept in own.sections:
+            count = int(np.count_nonzero(kept))
+            if not count:
+                continue
+            stretch = np.zeros((len(kept), p))
+            stretch[kept] = weights[start : start + count]
+            start += count
+            power = np.abs(np.fft.rfft(stretch, axis=0)) ** 2 / len(kept)
+            power[1 : (len(kept) + 1) // 2] *= 2.0
+            power_variance = np.hstack([power_variance, power.T])
+            frequencies.append(np.fft.rfftfreq(len(kept), 1.0 / rate_hz))
+        if frequencies:
+            own_variance = left_open.variance(np.concatenate(frequencies), power_variance)
+            relative += np.where(told, own_variance / np.where(told, variance, 1.0) ** 2, 0.0)
+    return np.clip(2.0 / np.maximum(relative, 2.0 / _MOST_FREEDOM), _LEAST_FREEDOM, _MOST_FREEDOM)
+
+
+def coverage_factors(freedom: FloatArray) -> FloatArray:
+    """Factors that make :data:`SIGMAS` standard deviations an interval of :data:`LEVEL`, (p,), at least 1."""
+    return np.asarray(stats.t.ppf(0.5 + LEVEL / 2, freedom) / SIGMAS)

@@ -1,0 +1,171 @@
+"""Which parameters a recording can tell, and how well: for `operation` recordings, and for planned motions.
+
+A day's work is no excitation: joints that hardly moved, poses that were never left. A fit gives numbers for all
+parameters all the same. What may be said of each is decided by its standard deviation over its size:
+
+``told``         known to 30 %, by the recordings alone
+``assumed``      more than half of what is known of it was put in beforehand (a prior), not measured
+``poorly told``  known to its own size
+``not told``     less than that, or no row depends on it alone
+
+A parameter's size is its own value, or that of its kind where that is larger, so that one which happens to be near
+zero is not blamed for it: the first moments (or the moments of inertia) of a link together, and all of a cylinder's
+friction at the top speed that was seen.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+import numpy.typing as npt
+from scipy import linalg
+
+from fitting.regression.design import Design, NoiseModel, WhiteRows, whitened
+from fitting.regression.prior import Prior, with_prior
+
+FloatArray = npt.NDArray[np.float64]
+Verdict = Literal["told", "poorly told", "not told", "assumed"]
+
+#: Relative standard deviation above which a parameter is flagged, and above which it is not told at all.
+FLAGGED, HOPELESS = 0.3, 1.0
+_RANK = 1e-9  # of unit columns' singular values: as in the regression
+_CONCERNED = 1e-6  # share of a null direction's norm from which on a parameter takes part in it
+
+
+@dataclass(frozen=True)
+class Telling:
+    """What can be said of one parameter.
+
+    Attributes
+    ----------
+    name : as in the regression
+    verdict : see the module's text
+    std : standard deviation in the parameter's unit; infinite where rows do not tell it
+    relative : ``std`` over the parameter's size
+    effort_share : change of the effort by one standard deviation, over the effort of the joint where it shows most
+    """
+
+    name: str
+    verdict: Verdict
+    std: float
+    relative: float
+    effort_share: float
+
+
+def tellings(
+    design: Design,
+    noise: NoiseModel,
+    indices: Sequence[int],
+    theta: FloatArray,
+    prior: Prior | None = None,
+    inflation: float = 1.0,
+) -> tuple[Telling, ...]:
+    """What a motion tells of each drive and base parameter.
+
+    Parameters
+    ----------
+    design : of recordings or of planned motions
+    noise : of the efforts; a motion's information is nothing without it
+    indices : the segments to go by
+    theta : (p,) values of the parameters, as fitted or guessed: what their deviations are measured by
+    prior : what the fit also knows
+    inflation : factor on all standard deviations, the root of the residual's chi-square per row where that is above 1
+
+    Notes
+    -----
+    ``cov = (A'A)^-1`` over the directions that the rows tell; a parameter with a part in a direction that they do not
+    has no finite deviation.
+    """
+    size = len(design.parameters)
+    measured = np.zeros((size, size))
+    for index in indices:
+        measured += sum(own.A.T @ own.A for own in whitened(design, noise, (index,)))
+    both = measured
+    if prior is not None:
+        nothing = [WhiteRows(np.zeros((0, size)), np.zeros(0), ())] * len(design.blocks)
+        both = measured + sum(own.A.T @ own.A for own in with_prior(nothing, design.parameters, prior))
+    alone, together = inflation * np.sqrt(_variances(measured)), inflation * np.sqrt(_variances(both))
+    sizes = parameter_sizes(design, indices, theta)
+    shares = _effort_shares(design, indices, together, theta)
+    result = []
+    for k, name in enumerate(design.parameters.names):
+        relative = float(together[k] / sizes[k])
+        if alone[k] <= FLAGGED * sizes[k]:
+            verdict: Verdict = "told"
+        elif relative <= HOPELESS and together[k] ** 2 < 0.5 * alone[k] ** 2:
+            verdict = "assumed"
+        else:
+            verdict = "told" if relative <= FLAGGED else "poorly told" if relative <= HOPELESS else "not told"
+        result.append(Telling(name, verdict, float(together[k]), relative, float(shares[k])))
+    return tuple(result)
+
+
+def parameter_sizes(design: Design, indices: Sequence[int], theta: FloatArray) -> FloatArray:
+    """Size (p,) of each parameter, in its unit; see the module's text."""
+    parameters = design.parameters
+    sizes = np.abs(np.asarray(theta, dtype=float)[: len(parameters)])
+    for joint, names in enumerate(parameters.drive):
+        part = parameters.drive_slice(joint)
+        fastest = max(float(np.abs(design.segments[i].v[:, joint]).max()) for i in indices)
+        at_top = {"f_c": 1.0, "f_v": fastest, "f_s": float(np.cbrt(fastest))}
+        own = [(part.start + k, at_top[name]) for k, name in enumerate(names) if name in at_top]
+        friction = float(np.sqrt(sum((sizes[k] * force) ** 2 for k, force in own)))
+        for k, force in own:
+            sizes[k] = max(sizes[k], friction / force) if force > 0 else sizes[k]
+    base, values = parameters.base, sizes[parameters.base_slice].copy()
+    for k in range(len(base)):
+        if base.independent[k] >= base.inertial_columns:
+            continue
+        link = base.independent // 10
+        same = (link == link[k]) & (base.independent < base.inertial_columns)
+        alike = [i for i in np.flatnonzero(same) if base.units[i] == base.units[k]]
+        sizes[parameters.drive_count + k] = float(np.sqrt(np.mean(values[alike] ** 2)))
+    return np.asarray(np.maximum(sizes, 1e-12))
+
+
+def _variances(G: FloatArray) -> FloatArray:
+    """Diagonal of the inverse; infinite for parameters that take part in a direction without information."""
+    used = np.flatnonzero(np.diag(G) > 0)
+    result = np.full(len(G), np.inf)
+    if not len(used):
+        return result
+    scale = np.sqrt(np.diag(G)[used])
+    values, vectors = linalg.eigh(G[np.ix_(used, used)] / np.outer(scale, scale), check_finite=False)
+    told = values > max(_RANK**2 * values[-1], 1e-14 * values[-1])
+    inside = np.sum(vectors[:, told] ** 2 / values[told], axis=1) / scale**2
+    concerned = np.sum(vectors[:, ~told] ** 2, axis=1) > _CONCERNED**2
+    result[used] = np.where(concerned, np.inf, inside)
+    return result
+
+
+def _effort_shares(design: Design, indices: Sequence[int], std: FloatArray, theta: FloatArray) -> FloatArray:
+    """Effort that one standard deviation makes, over the effort that is there, at the joint where that is most."""
+    shares = np.zeros(len(std))
+    for row in design.blocks:
+        count, squares, efforts = 0, np.zeros(len(std)), 0.0
+        for i in indices:
+            table = row[i].reduced[row[i].keep]
+            count += len(table)
+            squares += np.sum(table**2, axis=0)
+            efforts += float(np.sum((table @ theta[: len(std)]) ** 2))
+        if not count:
+            continue
+        effort = max(float(np.sqrt(efforts / count)), 1e-12)
+        size = np.sqrt(squares / count)
+        with np.errstate(invalid="ignore"):  # an infinite deviation of a column that is zero here
+            shares = np.maximum(shares, np.where(size > 0, std * size / effort, 0.0))
+    return shares
+
+
+def statement(found: Sequence[Telling]) -> str:
+    """One sentence: how many parameters the motion tells, and which it does not."""
+    told = [t.name for t in found if t.verdict == "told"]
+    text = f"this motion tells {len(told)} of {len(found)} parameters"
+    for verdict in ("assumed", "poorly told", "not told"):
+        names = [t.name for t in found if t.verdict == verdict]
+        if names:
+            text += f"; {verdict}: {', '.join(names)}"
+    return text

@@ -1,0 +1,205 @@
+"""The noise floor: how much of a residual is measurement noise and disturbance.
+
+With a `repeat` recording it is measured: the same motion twice, so the difference of the two *residuals* (not of the
+raw signals, because the motion is never bit-identical) holds noise only, of twice the variance. Without one it
+is estimated from what a very flexible model leaves, and said to be an estimate.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
+from typing import TypeVar
+
+import numpy as np
+import numpy.typing as npt
+
+from daq.recording_checks import runs
+from fitting.regression.design import REST_SHARE, Design, Extra, NoiseModel, full_residual, white_noise_model
+from fitting.regression.streamed import fit_rows
+from fitting.signals.filters import lag_between
+from fitting.signals.spectrum import unit_whitening, whitening
+from fitting.signals.splines import spline_basis
+
+FloatArray = npt.NDArray[np.float64]
+_T = TypeVar("_T")
+
+#: Reduced rows that a repeated stretch needs to say something of the noise.
+_LEAST_ROWS = 20
+_MAX_LAG_SECONDS = 4.0
+#: Training segments that a repeated one is laid upon at most, and segments that a noise is heard on at most, of hours
+#: cut into pieces of minutes: its spectrum has six coefficients, which an hour tells. Fitted are all samples.
+_MOST_LAID, _MOST_SEGMENTS = 20, 12
+
+
+@dataclass(frozen=True)
+class Pairing:
+    """A stretch of a `repeat` segment and the stretch of a `train` segment with the same motion."""
+
+    train: int
+    repeat: int
+    train_start: int
+    repeat_start: int
+    length: int
+
+
+def pair_repeats(design: Design) -> tuple[Pairing, ...]:
+    """For each `repeat` segment the training segment it repeats, aligned in time.
+
+    A segment is paired only if, after alignment, its joint positions follow the training motion to within 2 % of
+    their spread.
+    """
+    pairs = []
+    for repeat in design.indices("repeat"):
+        best: tuple[float, Pairing] | None = None
+        place = design.segments[repeat].start
+        near = sorted(design.indices("train"), key=lambda train: abs(design.segments[train].start - place))
+        for train in sorted(near[:_MOST_LAID]):
+            a, b = design.segments[train], design.segments[repeat]
+            lag = lag_between(a.q, b.q, int(_MAX_LAG_SECONDS * design.bank.rate_hz))
+            start_a, start_b = max(0, -lag), max(0, lag)
+            length = min(len(a) - start_a, len(b) - start_b)
+            spread = np.maximum(a.q.std(axis=0), 1e-9)
+            apart = (a.q[start_a : start_a + length] - b.q[start_b : start_b + length]).std(axis=0) / spread
+            cost = float(np.max(apart))
+            if best is None or cost < best[0]:
+                best = (cost, Pairing(train, repeat, start_a, start_b, length))
+        if best is not None and best[0] < 0.02 and design.bank.rows(best[1].length) > _LEAST_ROWS:
+            pairs.append(best[1])
+    return tuple(pairs)
+
+
+def difference_noise(
+    design: Design, theta: FloatArray, pairs: Sequence[Pairing], joint: int, extra: Extra | None = None
+) -> list[FloatArray]:
+    """Noise of one joint at full rate, (N,) per pair: difference of the two residuals over the square root of two."""
+    result = []
+    for pair in pairs:
+        first = full_residual(design, theta, joint, pair.train, extra)
+        second = full_residual(design, theta, joint, pair.repeat, extra)
+        difference = (
+            first[pair.train_start : pair.train_start + pair.length]
+            - second[pair.repeat_start : pair.repeat_start + pair.length]
+        )
+        result.append(difference / np.sqrt(2.0))
+    return result
+
+
+def _difference_stretches(
+    design: Design, theta: FloatArray, pairs: Sequence[Pairing], joint: int, extra: Extra | None
+) -> list[FloatArray]:
+    """:func:`difference_noise` with what both runs spend at rest for long cut out."""
+    stretches = []
+    for pair, series in zip(pairs, difference_noise(design, theta, pairs, joint, extra), strict=True):
+        first = design.segments[pair.train].rest[pair.train_start : pair.train_start + pair.length, joint]
+        second = design.segments[pair.repeat].rest[pair.repeat_start : pair.repeat_start + pair.length, joint]
+        stretches += _moving(series, first | second, design)
+    return stretches
+
+
+def effort_floor(design: Design, theta: FloatArray, pairs: Sequence[Pairing], extra: Extra | None = None) -> FloatArray:
+    """Noise floor per joint in the joint's effort unit, (n,): std of (train less repeat) residual over root two."""
+    floors = []
+    for joint in range(len(design.machine.joints)):
+        values = []
+        for pair in pairs:
+            a, b = design.segments[pair.train], design.segments[pair.repeat]
+            left = slice(pair.train_start, pair.train_start + pair.length)
+            right = slice(pair.repeat_start, pair.repeat_start + pair.length)
+            first = (a.r[:, joint] * full_residual(design, theta, joint, pair.train, extra))[left]
+            second = (b.r[:, joint] * full_residual(design, theta, joint, pair.repeat, extra))[right]
+            kept = design.bank.reduce((a.rest[left, joint] | b.rest[right, joint]).astype(float)) < REST_SHARE
+            reduced = design.bank.reduce(first - second)
+            values.append(reduced[kept] if kept.any() else reduced)
+        floors.append(float(np.std(np.concatenate(values)) / np.sqrt(2.0)))
+    return np.array(floors)
+
+
+def noise_model(
+    design: Design,
+    fitted: Sequence[int],
+    pairs: Sequence[Pairing],
+    extra: Extra | None = None,
+    passes: int = 2,
+    start: NoiseModel | None = None,
+    anew: Collection[int] | None = None,
+) -> NoiseModel:
+    """Whitening of each joint's noise, alternating between fit and noise (feasible generalised least squares).
+
+    ``start`` is a noise that is known already, of which only that of the joints ``anew`` has changed.
+    """
+    joints = len(design.machine.joints)
+    model = white_noise_model(joints) if start is None else start
+    heard = fitted
+    if design.stored:
+        pairs, heard = _spread(pairs), _spread(fitted)
+    for _ in range(passes):
+        theta = fit_rows(design, model, fitted, extra).theta
+        found = []
+        for joint in range(joints):
+            if anew is not None and joint not in anew:
+                found.append(model.whitenings[joint])
+                continue
+            if pairs:
+                series = _difference_stretches(design, theta, pairs, joint, extra)
+            else:
+                series = _flexible_residual(design, theta, heard, joint, extra)
+            # A joint that stood still all the time has no rows to weigh.
+            found.append(whitening(series, design.bank) if series else unit_whitening())
+        model = NoiseModel(tuple(found), bool(pairs))
+    return model
+
+
+def _spread(items: Sequence[_T]) -> Sequence[_T]:
+    """At most :data:`_MOST_SEGMENTS` of them, evenly spread; all where there are not more."""
+    if len(items) <= _MOST_SEGMENTS:
+        return items
+    return [items[round(k)] for k in np.linspace(0, len(items) - 1, _MOST_SEGMENTS)]
+
+
+def _flexible_residual(
+    design: Design, theta: FloatArray, fitted: Sequence[int], joint: int, extra: Extra | None
+) -> list[FloatArray]:
+    """Full-rate residual of a joint after splines in its own position and speed, with and without the speed's sign.
+
+    Splines are fitted to filtered rows that move, and taken off rows at the full rate: directions that the former
+    hardly show would be made up on the latter. So a spline is expected to be no larger than the residual itself (one
+    row's worth of a ridge on columns of unit size), and long rests are cut out.
+    """
+    segments = [design.segments[i] for i in fitted]
+    rows = []
+    for variable in ("x", "v"):
+        values = np.concatenate([getattr(s, variable)[:, joint] for s in segments])
+        basis = spline_basis(values, 8)
+        sign = np.sign(np.concatenate([s.v[:, joint] for s in segments]))
+        rows.append(np.hstack([basis, basis * sign[:, None]]))
+    columns = np.hstack(rows)
+    ends = np.cumsum([len(s) for s in segments])
+    parts = np.split(columns, ends[:-1])
+    residuals = [full_residual(design, theta, joint, index, extra) for index in fitted]
+    keeps = [design.blocks[joint][index].keep for index in fitted]
+    A = np.vstack([design.bank.reduce(part)[keep] for part, keep in zip(parts, keeps, strict=True)])
+    b = np.concatenate([design.bank.reduce(r)[keep] for r, keep in zip(residuals, keeps, strict=True)])
+    if not len(b):
+        return []
+    scale = np.maximum(np.sqrt(np.mean(columns**2, axis=0)), 1e-12)
+    ridge = np.vstack([A / scale, np.eye(A.shape[1])])
+    coefficients = np.linalg.lstsq(ridge, np.concatenate([b, np.zeros(A.shape[1])]), rcond=None)[0] / scale
+    freedom = float(np.sqrt(len(b) / max(len(b) - A.shape[1], 1)))
+    return [
+        stretch
+        for residual, part, keep, segment in zip(residuals, parts, keeps, segments, strict=True)
+        if keep.any()
+        for stretch in _moving(freedom * (residual - part @ coefficients), segment.rest[:, joint], design)
+    ]
+
+
+def _moving(series: FloatArray, rest: npt.NDArray[np.bool_], design: Design) -> list[FloatArray]:
+    """Stretches of a series between long rests: those that fill the identification filter's whole window.
+
+    A drive at rest holds any effort up to its static friction; that is neither noise nor model.
+    """
+    dwells = [run for run in runs(rest) if run.stop - run.start > 2 * design.bank.half]
+    edges = [0, *(edge for run in dwells for edge in (run.start, run.stop)), len(series)]
+    stretches = [series[start:stop] for start, stop in zip(edges[::2], edges[1::2], strict=True)]
+    return [stretch for stretch in stretches if len(stretch)]

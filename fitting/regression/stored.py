@@ -1,0 +1,96 @@
+"""Segments and blocks of long recordings whose arrays lie in a scratch file.
+
+They look like any :class:`fitting.signals.preparation.Segment` and :class:`fitting.regression.design.JointBlock`; an
+array is read when it is asked for and belongs to who asked. So what walks through a design segment by segment needs the
+memory of one.
+"""
+
+from __future__ import annotations
+
+from dataclasses import fields
+from typing import Any
+
+import numpy as np
+
+from daq.scratch import Place, Scratch
+from fitting.regression.design import JointBlock, Store
+from fitting.signals.filters import FilterBank
+from fitting.signals.preparation import FloatArray, Segment
+
+
+class StoredSegment(Segment):
+    """A segment whose arrays are in a scratch file."""
+
+    def __init__(self, segment: Segment, scratch: Scratch) -> None:
+        places: dict[str, Place] = {}
+        own: dict[str, Any] = {"_scratch": scratch, "_places": places, "_length": len(segment)}
+        for item in fields(Segment):
+            value = getattr(segment, item.name)
+            if isinstance(value, np.ndarray):
+                places[item.name] = scratch.put(value)
+            else:
+                own[item.name] = value
+        self.__dict__.update(own)  # the class is frozen
+
+    def __len__(self) -> int:
+        return int(self.__dict__["_length"])
+
+    def __getattr__(self, name: str) -> Any:
+        own = self.__dict__
+        if name.startswith("_") or name not in own["_places"]:
+            raise AttributeError(name)
+        return own["_scratch"].read(own["_places"][name])
+
+
+def in_memory(segment: Segment) -> Segment:
+    """The same segment with its arrays read from the file; nothing is derived from it yet."""
+    names = [item.name for item in fields(Segment) if item.name != "derived"]
+    return Segment(**{name: getattr(segment, name) for name in names})
+
+
+class StoredBlock(JointBlock):
+    """A block whose arrays are in a scratch file, but for the rows that are kept.
+
+    Columns that are zero in a whole block (another joint's drive parameters) are not stored.
+    """
+
+    def __init__(self, block: JointBlock, effort: tuple[FloatArray, FloatArray], scratch: Scratch) -> None:
+        used = np.flatnonzero(np.any(block.columns != 0, axis=0))
+        places = {
+            "target": scratch.put(block.target),
+            "known": scratch.put(block.known),
+            "columns": scratch.put(block.columns[:, used]),
+            "reduced_target": scratch.put(block.reduced_target),
+            "reduced": scratch.put(block.reduced[:, used]),
+            "effort_target": scratch.put(effort[0]),
+            "effort_columns": scratch.put(effort[1][:, used]),
+        }
+        width = block.columns.shape[1]
+        own = {"_scratch": scratch, "_places": places, "_used": used, "_width": width, "keep": block.keep}
+        self.__dict__.update(own)  # the class is frozen
+
+    def __getattr__(self, name: str) -> Any:
+        own = self.__dict__
+        if name.startswith("_") or name not in own["_places"]:
+            raise AttributeError(name)
+        values = own["_scratch"].read(own["_places"][name])
+        if "columns" not in name and name != "reduced":
+            return values
+        wide = np.zeros((len(values), own["_width"]))
+        wide[:, own["_used"]] = values
+        return wide
+
+    def effort(self, bank: FilterBank, r: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """As :meth:`fitting.regression.design.JointBlock.effort`, with the lever arm that it was stored with."""
+        return self.effort_target, self.effort_columns
+
+
+def storing(bank: FilterBank, scratch: Scratch) -> Store:
+    """What :func:`fitting.regression.design.build_design` takes to keep its arrays in a scratch file."""
+
+    def store(segment: Segment, blocks: list[JointBlock]) -> tuple[Segment, list[JointBlock]]:
+        r = segment.r
+        kept: list[JointBlock] = [StoredBlock(b, b.effort(bank, r[:, j]), scratch) for j, b in enumerate(blocks)]
+        return StoredSegment(segment, scratch), kept
+
+    return store

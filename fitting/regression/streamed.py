@@ -1,0 +1,102 @@
+"""Least squares over more rows than fit in memory, segment by segment.
+
+Rows ``[A b]`` of a segment are folded into a triangle by orthogonal transformations (``[R; A_k] = Q_k R'``): it keeps
+all that least squares needs of any number of rows, and unlike normal equations it does not square the condition number.
+A second walk through the segments gives the residuals. Short recordings are solved with all rows at once.
+
+Source: G. Golub and C. Van Loan, *Matrix Computations*, 2013, section 6.5; J. Demmel et al., "Communication-optimal
+parallel and sequential QR and LU factorizations", SIAM J. Sci. Comput. 34, 2012 (sequential TSQR).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import fields
+from functools import cached_property
+
+import numpy as np
+import numpy.typing as npt
+
+from fitting.regression.design import Design, Extra, Fit, NoiseModel, WhiteRows, solve, whitened
+
+FloatArray = npt.NDArray[np.float64]
+#: What is put under the whitened rows of all joints: a prior's.
+Closing = Callable[[Sequence[WhiteRows]], Sequence[WhiteRows]]
+
+
+def triangle(parts: Iterable[FloatArray]) -> FloatArray:
+    """``R`` (at most p, p) with ``R'R = A'A`` for the rows ``A`` (.., p) that come in parts."""
+    R: FloatArray | None = None
+    for part in parts:
+        R = np.asarray(np.linalg.qr(part if R is None else np.vstack([R, part]), mode="r"))
+    if R is None:
+        raise ValueError("no rows at all")
+    return R
+
+
+def fit_rows(
+    design: Design,
+    noise: NoiseModel,
+    fitted: Sequence[int],
+    extra: Extra | None = None,
+    closing: Closing = lambda rows: rows,
+) -> Fit:
+    """Joint fit of the whitened rows of some segments (:func:`fitting.regression.design.solve`), in the memory that
+    there is.
+
+    Parameters
+    ----------
+    design, noise, fitted, extra : as in :func:`fitting.regression.design.whitened`
+    closing : adds a prior's rows at the end of each joint's
+    """
+    names = () if extra is None else extra.names
+    if not design.stored:
+        return solve(closing(whitened(design, noise, fitted, extra)), names)
+    walk = _Walk(design, noise, tuple(fitted), extra, closing)
+    R = _folded(walk)
+    return _LongFit(solve([WhiteRows(R[:, :-1], R[:, -1], ())], names), R[:, :-1], walk)
+
+
+def folded(
+    design: Design, noise: NoiseModel, fitted: Sequence[int], extra: Extra, closing: Closing = lambda rows: rows
+) -> FloatArray:
+    """Triangle of the whitened rows ``[A b]`` of all joints over some segments (as :func:`fit_rows` fits them)."""
+    return _folded(_Walk(design, noise, tuple(fitted), extra, closing))
+
+
+def _folded(walk: Iterable[Sequence[WhiteRows]]) -> FloatArray:
+    return triangle(np.vstack([np.column_stack([r.A, r.b]) for r in rows]) for rows in walk)
+
+
+class _Walk:
+    """Whitened rows of all joints, segment by segment, the prior's with the last; as often as asked."""
+
+    def __init__(
+        self, design: Design, noise: NoiseModel, fitted: tuple[int, ...], extra: Extra | None, closing: Closing
+    ) -> None:
+        self._design, self._noise, self._fitted = design, noise, fitted
+        self._extra, self._closing = extra, closing
+
+    def __iter__(self) -> Iterator[Sequence[WhiteRows]]:
+        for index in self._fitted:
+            rows: Sequence[WhiteRows] = whitened(self._design, self._noise, (index,), self._extra)
+            yield self._closing(rows) if index == self._fitted[-1] else rows
+
+
+class _LongFit(Fit):
+    """A fit whose orthonormal basis, as large as all rows together, is made when it is asked for."""
+
+    def __init__(self, found: Fit, R: FloatArray, walk: _Walk) -> None:
+        own = {item.name: getattr(found, item.name) for item in fields(Fit) if item.name != "orthonormal"}
+        parts = [[r.b - r.A @ found.theta for r in rows] for rows in walk]
+        own["residual"] = tuple(np.concatenate(joint) for joint in zip(*parts, strict=True))
+        # Q = A U on the whole rows with U of the triangle, whose own basis the small fit has.
+        own["_basis"] = np.linalg.lstsq(R[:, found.told], found.orthonormal[0], rcond=None)[0]
+        own["_walk"] = walk
+        self.__dict__.update(own)  # the class is frozen
+
+    @cached_property
+    def orthonormal(self) -> tuple[FloatArray, ...]:
+        """Per joint (R_j, rank) rows of an orthonormal basis of the column space."""
+        parts = [[r.A[:, self.told] @ self.__dict__["_basis"] for r in rows] for rows in self.__dict__["_walk"]]
+        return tuple(np.vstack(joint) for joint in zip(*parts, strict=True))

@@ -1,0 +1,278 @@
+"""What the report's figures show, computed from the models before and after."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from fitting.regression.design import effort_residual, full_residual
+from fitting.regression.drive import UNITS, drive_columns, effort_unit
+from fitting.report.joint_words import joint_words
+from fitting.report.model import FrictionCurve, Scatter, Worst
+from fitting.residual.laws import NEIGHBOUR, OWN, Law
+from fitting.residual.surfaces import Surface
+from fitting.residual.terms import Model
+from fitting.signals.splines import evaluate
+
+FloatArray = npt.NDArray[np.float64]
+
+_GRID = 61
+_ROWS = 7  # of a surface, over its second signal
+_FRICTION = ("f_c", "f_v", "f_s")
+
+
+def law_curve(law: Law, model: Model, part: slice) -> dict[str, Any]:
+    """A law of the model on a grid of its variable: value and standard deviation, in drive effort."""
+    return spline_curve(law, model.fit.theta[part], model.fit.covariance[part, part])
+
+
+def spline_curve(law: Law, values: FloatArray, covariance: FloatArray) -> dict[str, Any]:
+    """A law with these coefficients (k,) and their covariance (k, k), on a grid of its variable.
+
+    A law of two signals is given along its first one, at that end of the second where it is larger; ``second`` holds
+    the rest.
+    """
+    grid = np.linspace(law.knots[0], law.knots[-1], _GRID)
+    if isinstance(law, Surface):
+        rows = np.linspace(*law.second_range, _ROWS)
+        whole = [law.basis(grid, np.full(_GRID, row)) for row in rows]
+        shown = max((0, _ROWS - 1), key=lambda number: float(np.sum((whole[number] @ values) ** 2)))
+        curve = _with_band(whole[shown], values, covariance)
+        second = {
+            "signal": law.second,
+            "other": law.second_other,
+            "unit": law.along.unit,
+            "at": float(rows[shown]),
+            "grid": rows.tolist(),
+            "value": [(basis @ values).tolist() for basis in whole],
+        }
+        return {"grid": grid.tolist(), **curve, "second": second}
+    return {"grid": grid.tolist(), **_with_band(evaluate(np.asarray(law.knots), grid), values, covariance)}
+
+
+def _with_band(basis: FloatArray, values: FloatArray, covariance: FloatArray) -> dict[str, list[float]]:
+    std = np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", basis, covariance, basis), 0.0))
+    return {"value": (basis @ values).tolist(), "std": std.tolist()}
+
+
+def scatters(before: Model, after: Model, shown: Sequence[int]) -> tuple[Scatter, ...]:
+    """Residual drive effort against the variable of each term of the final model.
+
+    Two laws of one signal at one joint, one the same both ways and one that turns its sign with the direction of
+    motion, are drawn once: what was found is their sum forth and their difference back.
+    """
+    pairs = _pairs(after)
+    second = set(pairs.values())
+    return tuple(
+        _scatter(before, after, number, shown, pairs.get(number))
+        for number in range(len(after.terms))
+        if number not in second
+    )
+
+
+def _pairs(model: Model) -> dict[int, int]:
+    """Number of a law to that of the one with the other sign, of the same signal at the same joint."""
+    found: dict[tuple[Any, ...], int] = {}
+    pairs = {}
+    for number, term in enumerate(model.terms):
+        law = term.content
+        if not isinstance(law, Law) or isinstance(law, Surface):
+            continue
+        first = found.setdefault((term.joint, law.signal, law.other), number)
+        if first != number and first not in pairs and _law(model, first).signed != law.signed:
+            pairs[first] = number
+    return pairs
+
+
+def _law(model: Model, number: int) -> Law:
+    law = model.terms[number].content
+    assert isinstance(law, Law)
+    return law
+
+
+def _both_ways(model: Model, numbers: tuple[int, int]) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Grid, the law forth and back, and the larger of their standard deviations, of two laws that add up."""
+    laws = [_law(model, number) for number in numbers]
+    grid = np.linspace(max(law.knots[0] for law in laws), min(law.knots[-1] for law in laws), _GRID)
+    part = np.concatenate([np.arange(s.start, s.stop) for s in map(model.term_slice, numbers)])
+    theta, covariance = model.fit.theta[part], model.fit.covariance[np.ix_(part, part)]
+    bases = [evaluate(np.asarray(law.knots), grid) for law in laws]
+    ways = [
+        _with_band(
+            np.hstack([way * b if law.signed else b for b, law in zip(bases, laws, strict=True)]), theta, covariance
+        )
+        for way in (1.0, -1.0)
+    ]
+    std = np.maximum(*(np.asarray(way["std"]) for way in ways))
+    return grid, np.asarray(ways[0]["value"]), np.asarray(ways[1]["value"]), std
+
+
+def _scatter(before: Model, after: Model, number: int, shown: Sequence[int], other: int | None) -> Scatter:
+    """Residual against the variable of term ``number``, and of the law ``other`` that adds to it."""
+    term = after.terms[number]
+    design = after.design
+    joint = _joint_of(after, number)
+    name = design.machine.joints[joint].name
+    variable, unit = _variable(after, number, joint)
+    x, direction, columns = [], [], []
+    first: list[FloatArray] = []
+    second: list[FloatArray] = []
+    part = after.term_slice(number)
+    for index in shown:
+        pick = slice(design.bank.half, len(design.segments[index]) - design.bank.half, design.bank.decimation)
+        keep = design.blocks[joint][index].keep
+        x.append(_signal(after, number, index, joint)[pick][keep])
+        direction.append(np.sign(after.views[index][joint].s[pick][keep]))
+        for model, target in ((before, first), (after, second)):
+            residual = full_residual(model.design, model.fit.theta, joint, index, model.extra)
+            target.append(model.design.bank.reduce(residual)[keep])
+        columns.append(after.contribution(number, joint, index)[pick][keep])
+    law_x, law_y = _binned(np.concatenate(x), np.concatenate(columns))
+    odd = isinstance(term.content, Law) and term.content.signed
+    if not isinstance(term.content, Law):
+        odd = term.content.parity.startswith("odd")
+    law_back = None
+    law_std = np.zeros(0)
+    if other is not None:
+        law_x, law_y, law_back, law_std = _both_ways(after, (number, other))
+    elif isinstance(term.content, Law):
+        curve = law_curve(term.content, after, part)
+        law_x, law_y, law_std = (np.asarray(curve[key]) for key in ("grid", "value", "std"))
+        law_back = -law_y if odd else None
+    elif odd:
+        forth = np.concatenate(direction) > 0
+        law_x, law_y = _binned(np.concatenate(x)[forth], np.concatenate(columns)[forth])
+        _, law_back = _binned(np.concatenate(x)[~forth], np.concatenate(columns)[~forth], law_x)
+    return Scatter(
+        joint=name,
+        variable=variable,
+        unit=unit,
+        x=np.concatenate(x),
+        before=np.concatenate(first),
+        after=np.concatenate(second),
+        law_x=law_x,
+        law_y=law_y,
+        law_std=law_std if len(law_std) else np.zeros_like(law_x),
+        effort_unit=effort_unit(design.machine.joints[joint]),
+        direction=None if law_back is None else np.concatenate(direction),
+        law_back=law_back,
+    )
+
+
+def _joint_of(model: Model, number: int) -> int:
+    """The joint a term is drawn on: its own, or where a machine-wide effect changes the efforts most."""
+    term = model.terms[number]
+    if term.joint is not None:
+        return term.joint
+    sizes = []
+    for joint in range(len(model.design.machine.joints)):
+        total = sum(float(np.sum(model.contribution(number, joint, index) ** 2)) for index in model.fitted)
+        sizes.append(np.sqrt(total) / model.noise.std[joint])
+    return int(np.argmax(sizes))
+
+
+def _variable(model: Model, number: int, joint: int) -> tuple[str, str]:
+    """What a term is drawn against, and its unit, in the words of the joint whose signal it is."""
+    term = model.terms[number]
+    joints = model.design.machine.joints
+    if isinstance(term.content, Law):
+        name, other, unit = term.content.signal, term.content.other, term.content.unit
+    else:
+        name, other = term.content.variable, None
+        if name.startswith("other."):
+            name, other = name[6:], int(term.shape["other"])
+        if other is not None or name == "joint_position":
+            unit = NEIGHBOUR[name][0]
+        else:
+            unit = OWN[name][0]
+    words = joint_words(joints[joint if other is None else other])
+    own = words.signal(name)
+    return (own if other is None else f"{joints[other].name}.{own}"), words.unit(unit)
+
+
+def _signal(model: Model, number: int, index: int, joint: int) -> FloatArray:
+    term, view = model.terms[number], model.views[index][joint]
+    if isinstance(term.content, Law):
+        return term.content.values(view)
+    name = term.content.variable
+    if name.startswith("other."):
+        return NEIGHBOUR[name[6:]][1](view, int(term.shape["other"]))
+    if name == "joint_position":
+        return view.q
+    return OWN[name][1](view)
+
+
+def _binned(x: FloatArray, y: FloatArray, centres: FloatArray | None = None) -> tuple[FloatArray, FloatArray]:
+    """Mean of ``y`` in thirty bins of ``x`` (or around given centres): how an effect looks along its variable."""
+    if centres is None:
+        edges = np.linspace(x.min(), x.max(), 31)
+        centres = 0.5 * (edges[1:] + edges[:-1])
+    half = 0.5 * float(centres[1] - centres[0])
+    means = np.array([np.mean(y[np.abs(x - c) <= half]) if np.any(np.abs(x - c) <= half) else np.nan for c in centres])
+    good = np.isfinite(means)
+    if not good.any():
+        return centres, means
+    return centres, np.interp(centres, centres[good], means[good])
+
+
+def worst_seconds(before: Model, after: Model, shown: Sequence[int], floor: Sequence[float]) -> Worst:
+    """The ten seconds and the joint where the error before is largest in noise floors."""
+    best: tuple[float, int, int, int] = (-1.0, 0, shown[0], 0)
+    design = before.design
+    window = max(2, round(10.0 * design.bank.reduced_rate_hz))
+    for joint in range(len(design.machine.joints)):
+        for index in shown:
+            error = effort_residual(design, before.fit.theta, joint, index, before.extra)
+            power = (
+                np.convolve(error**2, np.ones(window), mode="valid")
+                if len(error) > window
+                else np.array([np.sum(error**2)])
+            )
+            start = int(np.argmax(power))
+            score = float(power[start]) / max(floor[joint], 1e-12) ** 2
+            if score > best[0]:
+                best = (score, joint, index, start)
+    _, joint, index, start = best
+    segment = design.segments[index]
+    pick = slice(start, start + window)
+    time = segment.t[design.bank.half : len(segment) - design.bank.half : design.bank.decimation][pick]
+    r = segment.r[:, joint]
+    measured = design.bank.reduce(r * segment.effort[:, joint])[pick]
+
+    def predicted(model: Model) -> FloatArray:
+        return measured - effort_residual(model.design, model.fit.theta, joint, index, model.extra)[pick]
+
+    machine_joint = design.machine.joints[joint]
+    return Worst(machine_joint.name, machine_joint.effort_unit, time, measured, predicted(before), predicted(after))
+
+
+def friction_curves(before: Model, after: Model) -> tuple[FrictionCurve, ...]:
+    """Friction against speed of every joint, with the band of its standard deviation."""
+    curves = []
+    parameters = after.design.parameters
+    for joint, machine_joint in enumerate(after.design.machine.joints):
+        names = tuple(n for n in parameters.drive[joint] if n in _FRICTION)
+        part = np.arange(parameters.drive_slice(joint).start, parameters.drive_slice(joint).stop)
+        part = part[[n in _FRICTION for n in parameters.drive[joint]]]
+        top = max(float(np.abs(after.design.segments[i].v[:, joint]).max()) for i in after.fitted)
+        speed = np.concatenate([np.linspace(-top, -1e-9, 60), np.linspace(1e-9, top, 60)])
+        columns = drive_columns(names, speed, speed, speed, 0.0)
+        std = np.sqrt(np.einsum("ij,jk,ik->i", columns, after.fit.covariance[np.ix_(part, part)], columns).clip(0))
+        straight = machine_joint.cylinder is not None or machine_joint.type == "prismatic"
+        force = columns @ before.fit.theta[part]
+        final = columns @ after.fit.theta[part]
+        curves.append(
+            FrictionCurve(
+                joint=machine_joint.name,
+                unit_x="m/s" if straight else "rad/s",
+                unit_y=UNITS["f_c"] if straight else "N m",
+                speed=speed,
+                force=force if after.terms else final,
+                std=std,
+                after=final if after.terms else None,
+            )
+        )
+    return tuple(curves)

@@ -1,0 +1,1 @@
+"""Measured signals: filters, preparation, spectra."""

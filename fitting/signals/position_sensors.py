@@ -1,0 +1,67 @@
+"""How well a joint's motion is measured: noise of its position sensors, and what each of them weighs."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from daq.machine_file import Joint, Machine
+from daq.recording import Recording
+from fitting.arm.linkage import joint_position, lever_arm
+from fitting.signals.filters import FilterBank, white_noise_of
+from fitting.signals.velocities import VelocityShare, velocity_share
+
+
+def joint_velocity_share(
+    machine: Machine, joint: Joint, recording: Recording, bank: FilterBank
+) -> VelocityShare | None:
+    """Weight of the joint's velocity channel; None where there is none, or the rod is off its pin."""
+    speed = machine.channel("joint_velocity", joint.name)
+    if speed is None or (joint.cylinder is not None and recording.role == "unloaded"):
+        return None
+    angle = machine.channel("joint_position", joint.name)
+    piston = machine.channel("piston_position", joint.name)
+    places, positions = [speed.name], []
+    for channel in (angle, piston):
+        if channel is not None:
+            places.append(channel.name)
+            values = recording.values[channel.name]
+            positions.append(values if channel is angle else joint_position(joint, values))
+    weight = piston_weight(machine, joint, recording)
+    q = positions[0] if len(positions) == 1 else (1 - weight) * positions[0] + weight * positions[1]
+    std = np.sqrt(1.0 / sum(1.0 / v for v in position_variances(machine, joint, recording).values()))
+    if joint.cylinder is not None:
+        std /= np.sqrt(np.nanmean(lever_arm(joint.cylinder.linkage, q) ** 2))
+    velocity = recording.values[speed.name]
+    parts = recording.segments(places)
+    return velocity_share(q, velocity, parts, bank, float(std), channel_noise(recording, speed.name))
+
+
+def piston_weight(machine: Machine, joint: Joint, recording: Recording) -> float:
+    """Weight of the piston's sensor where the joint has one too; NaN where there is nothing to fuse."""
+    variances = position_variances(machine, joint, recording)
+    if len(variances) < 2:
+        return np.nan
+    return variances["joint"] / (variances["joint"] + variances["piston"])
+
+
+def position_variances(machine: Machine, joint: Joint, recording: Recording) -> dict[str, float]:
+    """White-noise variance of each position sensor that says something, in the piston's unit squared."""
+    angle = machine.channel("joint_position", joint.name)
+    piston = machine.channel("piston_position", joint.name)
+    result = {}
+    if piston is not None:
+        result["piston"] = max(channel_noise(recording, piston.name) ** 2, 1e-18)
+    if angle is not None and (recording.role != "unloaded" or piston is None):
+        values = recording.values[angle.name]
+        values = values[np.isfinite(values)]
+        scale = 1.0
+        if joint.cylinder is not None:
+            scale = float(np.sqrt(np.mean(lever_arm(joint.cylinder.linkage, values) ** 2)))
+        result["joint"] = max((scale * channel_noise(recording, angle.name)) ** 2, 1e-18)
+    return result
+
+
+def channel_noise(recording: Recording, channel: str) -> float:
+    """White noise of a channel, between its gaps."""
+    values = recording.values[channel]
+    return white_noise_of([values[part] for part in recording.segments([channel])])

@@ -1,0 +1,464 @@
+"""From recordings to the smooth motion and the measured drive effort that regressions are built on.
+
+A :class:`Segment` is one gap-free stretch of one recording. Positions are fused where a joint has both kinds: each
+weighted by the inverse variance of its own white noise; a measured velocity is fused with the position's derivative
+(:mod:`fitting.signals.velocities`). The drive effort of a joint with a cylinder is
+``p1 A1 - p2 A2`` in N (positive extends), of a joint driven directly its measured effort.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cache
+from typing import Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from daq.errors import RecordingError
+from daq.machine_file import Joint, Machine
+from daq.recording import Recording
+from fitting.arm.linkage import joint_motion, joint_position, lever_arm, piston_motion
+from fitting.signals.filters import FilterBank, advanced
+from fitting.signals.position_sensors import channel_noise, joint_velocity_share, piston_weight, position_variances
+from fitting.signals.velocities import Motion, VelocityShare
+
+FloatArray = npt.NDArray[np.float64]
+BoolArray = npt.NDArray[np.bool_]
+PositionError = Callable[[FloatArray], FloatArray]
+#: Play between a joint's two position sensors. In the pin: piston and joint move apart, and each sensor is right for
+#: its own. In the piston's sensor: both move as the joint's sensor says.
+Play = Literal["pin", "sensor"]
+
+# A speed below so many times its own noise has no sign worth using; five is the usual margin.
+REST_SPEED = 5.0
+# Rest shorter than this is a reversal; the expected sign (see `expected_sign`) handles it.
+REST_SECONDS = 0.3
+# The first stretch of a recording that tells at what speed it begins.
+_FIRST_SECONDS = 0.2
+# Samples of all joints together in one piece of a long recording: 80 s of six joints at 50 Hz, some 24 MB.
+PIECE_SAMPLES = 24_000
+
+
+@dataclass(frozen=True)
+class PositionNoise:
+    """White noise of one joint's fused position, as seen by the regressors.
+
+    Attributes
+    ----------
+    position : std of the position that ``x`` and ``v`` come from, in the piston's (or joint's) unit
+    speed : std of the smoothed speed ``v``
+    acceleration : std of the smoothed acceleration ``a``
+    """
+
+    position: float
+    speed: float
+    acceleration: float
+
+
+@dataclass(frozen=True)
+class Segment:
+    """One gap-free stretch of a recording, smoothed; ``N`` samples at the recording's rate, ``n`` joints.
+
+    Attributes
+    ----------
+    recording : index among the recordings that were prepared together
+    role : role of that recording
+    start : row of the recording that sample 0 stands on
+    t : (N,) s
+    q, qd, qdd : (N, n) joint motion, rad (m), zero speed where the joint is parked
+    x, v, a : (N, n) motion of the driving element: the piston (m), or the joint itself where there is none
+    r : (N, n) lever arm dx/dq, m/rad; 1 where there is no cylinder
+    effort : (N, n) measured drive effort, unfiltered; N at a piston, the joint's effort unit elsewhere
+    p1, p2 : (N, n) smoothed chamber pressures in Pa; NaN where there are none
+    rest : (N, n) True where the driving element stands still
+    loaded : False for `unloaded` recordings (F_l = 0)
+    temperature : (N,) K, or None
+    gap : (N, n) m, smoothed piston position less x(joint position), NaN where one of the two is not measured
+    external : (N, n) N, smoothed measured forces from outside the arm, positive against extension; None without any
+    lead : (M, n) joint accelerations up to sample 0, over the samples that the filter loses at the start, for what
+        remembers them; the machine went on at constant speed, or stood, before. None: it stood
+    late : per joint by how many samples its effort was sampled late and was moved; empty: none was
+    derived : what was derived from the motion alone, by name: it stays when a model changes
+    """
+
+    recording: int
+    role: str
+    start: int
+    t: FloatArray
+    q: FloatArray
+    qd: FloatArray
+    qdd: FloatArray
+    x: FloatArray
+    v: FloatArray
+    a: FloatArray
+    r: FloatArray
+    effort: FloatArray
+    p1: FloatArray
+    p2: FloatArray
+    rest: BoolArray
+    loaded: bool
+    temperature: FloatArray | None
+    gap: FloatArray
+    # Made by a function: a default of the class would be found before what a stored segment reads.
+    external: FloatArray | None = field(default_factory=lambda: None)
+    lead: FloatArray | None = field(default_factory=lambda: None)
+    late: tuple[float, ...] = field(default_factory=tuple)
+    derived: dict[str, FloatArray] = field(default_factory=dict, repr=False, compare=False)
+
+    def __len__(self) -> int:
+        return len(self.t)
+
+
+def position_noise(machine: Machine, recordings: Sequence[Recording], bank: FilterBank) -> tuple[PositionNoise, ...]:
+    """Noise of each joint's driving element, from the high-frequency part of the position channels."""
+    result = []
+    for joint in machine.joints:
+        variances, shares = [], []
+        for recording in recordings:
+            sources = position_variances(machine, joint, recording)
+            if sources:
+                variances.append(1.0 / sum(1.0 / v for v in sources.values()))
+            share = joint_velocity_share(machine, joint, recording, bank)
+            if share is not None:
+                shares.append(share)
+        std = float(np.sqrt(np.median(variances))) if variances else 0.0
+        speed, acceleration = bank.speed_noise(std), bank.acceleration_noise(std)
+        if shares:
+            usual = VelocityShare(*np.median([(s.speed, s.acceleration) for s in shares], axis=0).tolist())
+            speed, acceleration = usual.noise(speed, acceleration)
+        result.append(PositionNoise(std, speed, acceleration))
+    return tuple(result)
+
+
+def position_channel_noise(machine: Machine, recordings: Sequence[Recording]) -> dict[str, float]:
+    """Standard deviation of the white noise of every channel of a motion, SI: median over the recordings."""
+    result = {}
+    for channel in machine.channels:
+        if channel.quantity in ("joint_position", "joint_velocity", "piston_position"):
+            stds = [channel_noise(recording, channel.name) for recording in recordings]
+            result[channel.name] = float(np.median(stds))
+    return result
+
+
+def prepare(
+    machine: Machine,
+    recordings: Sequence[Recording],
+    bank: FilterBank,
+    *,
+    noise: Sequence[PositionNoise] | None = None,
+    latency: Mapping[str, float] | None = None,
+    resampled: Collection[str] = (),
+    position_error: Mapping[str, PositionError] | None = None,
+    play: Mapping[str, Play] | None = None,
+) -> tuple[Segment, ...]:
+    """Smooth all recordings, segment by segment.
+
+    Parameters
+    ----------
+    machine : the machine (with corrected linkages, if the loop found them wrong)
+    recordings : in any order
+    bank : filters
+    noise : per joint; estimated from the recordings if not given
+    latency : joint name to seconds by which its effort channels are late
+    resampled : joints whose effort was not sampled late, but handed on late and interpolated
+    position_error : joint name to a callable ``q -> error`` that is subtracted from the measured joint position
+    play : joints between whose two position sensors there is play, and where: they are not fused
+
+    Raises
+    ------
+    RecordingError
+        If no segment of a recording is longer than the filters.
+    """
+    return tuple(
+        segments_of(
+            machine,
+            recordings,
+            bank,
+            noise=noise,
+            latency=latency,
+            resampled=resampled,
+            position_error=position_error,
+            play=play,
+        )
+    )
+
+
+def segments_of(
+    machine: Machine,
+    recordings: Sequence[Recording],
+    bank: FilterBank,
+    *,
+    noise: Sequence[PositionNoise] | None = None,
+    latency: Mapping[str, float] | None = None,
+    resampled: Collection[str] = (),
+    position_error: Mapping[str, PositionError] | None = None,
+    play: Mapping[str, Play] | None = None,
+    long: bool = False,
+) -> Iterator[Segment]:
+    """The segments of :func:`prepare` one after another; those of ``long`` recordings in pieces (:func:`pieces`)."""
+    noise = position_noise(machine, recordings, bank) if noise is None else noise
+    used = [c.name for c in machine.channels if c.joint is not None]
+    least = 2 * (bank.margin + bank.half) + 4 * bank.decimation
+    for index, recording in enumerate(recordings):
+        parts = [part for part in recording.segments(used) if part.stop - part.start > least]
+        if not parts:
+            raise RecordingError(
+                f"{recording.file}: no stretch of {least / bank.rate_hz:.1f} s without a gap; record again or raise "
+                "the bandwidth"
+            )
+        weights = tuple(piston_weight(machine, joint, recording) for joint in machine.joints)
+        shares = tuple(joint_velocity_share(machine, joint, recording, bank) for joint in machine.joints)
+        if long:
+            most = PIECE_SAMPLES // len(machine.joints)
+            parts = [piece for whole in parts for piece in pieces(whole, bank, most)]
+        for part in parts:
+            segment = _segment(
+                machine,
+                recording.cut(part),
+                index,
+                part.start,
+                bank,
+                noise=noise,
+                weights=weights,
+                shares=shares,
+                position_error=position_error or {},
+                play=play or {},
+            )
+            yield with_delays(machine, recording, segment, bank, latency, resampled) if latency else segment
+
+
+def pieces(whole: slice, bank: FilterBank, most: int) -> list[slice]:
+    """A stretch in pieces of at most about ``most`` samples that overlap by what both filters lose.
+
+    They start on the decimated grid: together they give the very reduced rows of the whole stretch, each once.
+    """
+    lost = 2 * (bank.margin + bank.half)
+    count = -(-(whole.stop - whole.start - lost) // most)
+    step = -(-(whole.stop - whole.start - lost) // count)
+    step += -step % bank.decimation
+    return [slice(start, min(start + step + lost, whole.stop)) for start in range(whole.start, whole.stop - lost, step)]
+
+
+def _segment(
+    machine: Machine,
+    recording: Recording,
+    index: int,
+    start: int,
+    bank: FilterBank,
+    *,
+    noise: Sequence[PositionNoise],
+    weights: Sequence[float],
+    shares: Sequence[VelocityShare | None],
+    position_error: Mapping[str, PositionError],
+    play: Mapping[str, Play],
+) -> Segment:
+    """The segment of a whole recording that is free of gaps; it starts at row ``start`` of what it was cut from."""
+    part = slice(0, len(recording))
+    loaded = recording.role != "unloaded"
+    columns: dict[str, list[FloatArray]] = {
+        key: [] for key in ("q", "qd", "qdd", "x", "v", "a", "r", "y", "p1", "p2", "gap")
+    }
+    rest, lead = [], []
+    before = _with_start(machine, recording, bank)
+    for number, joint in enumerate(machine.joints):
+        error = position_error.get(joint.name)
+        own = play.get(joint.name)
+        weight, share = weights[number], shares[number]
+        motion, gap = _motion(machine, joint, recording, part, bank, weight, share, error, own)
+        lead.append(_motion(machine, joint, *before, bank, weight, share, error, own)[0][2])
+        for key, value in zip(("q", "qd", "qdd", "x", "v", "a"), motion, strict=True):
+            columns[key].append(value)
+        columns["gap"].append(gap)
+        linkage = joint.cylinder.linkage if joint.cylinder else None
+        columns["r"].append(np.ones_like(motion[0]) if linkage is None else lever_arm(linkage, motion[0]))
+        measured = _effort(machine, joint, recording, part, bank, 0.0, columns["r"][-1])
+        for key, value in zip(("y", "p1", "p2"), measured, strict=True):
+            columns[key].append(value)
+        rest.append(_rest(motion[4], noise[number].speed, bank.rate_hz))
+    stacked = {key: np.stack(value, axis=1) for key, value in columns.items()}
+    temperature = next((c.name for c in machine.channels if c.quantity == "oil_temperature"), None)
+    return Segment(
+        recording=index,
+        role=recording.role,
+        start=start + bank.margin,
+        t=bank.trimmed(recording.time[part]),
+        q=stacked["q"],
+        qd=stacked["qd"],
+        qdd=stacked["qdd"],
+        x=stacked["x"],
+        v=stacked["v"],
+        a=stacked["a"],
+        r=stacked["r"],
+        effort=stacked["y"],
+        p1=stacked["p1"],
+        p2=stacked["p2"],
+        rest=np.stack(rest, axis=1),
+        loaded=loaded,
+        temperature=None if temperature is None else bank.smoothed(recording.values[temperature][part]),
+        gap=stacked["gap"],
+        external=_external(machine, recording, part, bank),
+        lead=np.stack(lead, axis=1),
+    )
+
+
+def with_delays(
+    machine: Machine,
+    recording: Recording,
+    segment: Segment,
+    bank: FilterBank,
+    latency: Mapping[str, float],
+    resampled: Collection[str],
+) -> Segment:
+    """A segment of ``recording`` that was prepared without any delay, with some joints' efforts moved in time.
+
+    ``latency`` and ``resampled`` as :func:`prepare` takes them; the motion stays, and what was derived from it.
+    """
+    first = segment.start - bank.margin
+    part = slice(first, first + len(segment) + 2 * bank.margin)
+    effort, p1, p2 = segment.effort.copy(), segment.p1.copy(), segment.p2.copy()
+    for number, joint in enumerate(machine.joints):
+        if joint.name in latency:
+            late, lever = latency[joint.name], segment.r[:, number]
+            own = _effort(machine, joint, recording, part, bank, late, lever)
+            effort[:, number], p1[:, number], p2[:, number] = own
+    sampled_late = (0.0 if j.name in resampled else latency.get(j.name, 0.0) * bank.rate_hz for j in machine.joints)
+    return replace(segment, effort=effort, p1=p1, p2=p2, late=tuple(sampled_late))
+
+
+def _with_start(machine: Machine, recording: Recording, bank: FilterBank) -> tuple[Recording, slice]:
+    """The recording's start and the straight line that leads there: smoothed, it gives the samples up to the first."""
+    count = max(2, round(_FIRST_SECONDS * bank.rate_hz))
+    values = {}
+    for channel in machine.channels:
+        if channel.quantity in ("joint_position", "piston_position"):
+            own = recording.values[channel.name]
+            first = own[:count]
+            line = np.polynomial.Polynomial.fit(np.arange(len(first)), first, 1)
+            values[channel.name] = np.concatenate([line(np.arange(-bank.margin, 0)), own[: 2 * bank.margin]])
+        elif channel.quantity == "joint_velocity":
+            own = recording.values[channel.name]
+            values[channel.name] = np.concatenate([np.full(bank.margin, own[:count].mean()), own[: 2 * bank.margin]])
+    return replace(recording, values=values), slice(0, 3 * bank.margin)
+
+
+def _external(machine: Machine, recording: Recording, part: slice, bank: FilterBank) -> FloatArray | None:
+    """Forces from outside that a load cell measures, (N, n), zero where there is none; None for a machine without."""
+    channels = [machine.channel("external_force", joint.name) for joint in machine.joints]
+    if not any(channels):
+        return None
+    nothing = np.zeros(part.stop - part.start - 2 * bank.margin)
+    forces = [nothing if c is None else bank.smoothed(recording.values[c.name][part]) for c in channels]
+    return np.stack(forces, axis=1)
+
+
+def _motion(
+    machine: Machine,
+    joint: Joint,
+    recording: Recording,
+    part: slice,
+    bank: FilterBank,
+    weight: float,
+    share: VelocityShare | None,
+    position_error: PositionError | None,
+    play: Play | None,
+) -> tuple[tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray, FloatArray], FloatArray]:
+    angle = machine.channel("joint_position", joint.name)
+    piston = machine.channel("piston_position", joint.name)
+    speed = machine.channel("joint_velocity", joint.name)
+    q_raw = None if angle is None else recording.values[angle.name][part]
+    if q_raw is not None and position_error is not None:
+        q_raw = q_raw - position_error(q_raw)
+    nothing = np.full(part.stop - part.start - 2 * bank.margin, np.nan)
+
+    def fused(motion: Motion) -> Motion:
+        if share is None or speed is None:
+            return motion
+        return share.fused(motion, recording.values[speed.name][part], bank)
+
+    if joint.cylinder is None:
+        assert q_raw is not None  # the machine file guarantees a position
+        motion = fused(bank.smooth(q_raw))
+        return (*motion, *motion), nothing
+    linkage = joint.cylinder.linkage
+    if piston is None:
+        assert q_raw is not None
+        motion = fused(bank.smooth(q_raw))
+        return (*motion, *piston_motion(linkage, *motion)), nothing
+    x_raw = recording.values[piston.name][part]
+    smooth_x = bank.smooth(x_raw)
+    if recording.role == "unloaded":
+        # The rod is off its pin: the joint stands where its encoder says (or mid-range), the piston moves alone.
+        parked = np.mean(joint.limits.position) if q_raw is None else float(np.mean(q_raw))
+        q = np.full_like(smooth_x[0], parked)
+        return (q, np.zeros_like(q), np.zeros_like(q), *smooth_x), nothing
+    if q_raw is None:
+        motion = fused(joint_motion(joint, *smooth_x))
+        return (*motion, *(smooth_x if share is None else piston_motion(linkage, *motion))), nothing
+    gap = smooth_x[0] - bank.smoothed(linkage.piston_position(q_raw))
+    if play == "pin":
+        return (*fused(bank.smooth(q_raw)), *smooth_x), gap
+    fraction = 0.0 if play == "sensor" else weight
+    motion = fused(bank.smooth((1 - fraction) * q_raw + fraction * joint_position(joint, x_raw)))
+    return (*motion, *piston_motion(linkage, *motion)), gap
+
+
+def _effort(
+    machine: Machine,
+    joint: Joint,
+    recording: Recording,
+    part: slice,
+    bank: FilterBank,
+    latency: float,
+    lever: FloatArray,
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Measured drive effort (unfiltered, trimmed) and smoothed chamber pressures (NaN where not measured).
+
+    What was measured as a torque is divided by the ``lever`` (N,) of the joint's cylinder.
+    """
+
+    @cache
+    def channel(quantity: str) -> FloatArray | None:
+        found = machine.channel(quantity, joint.name)
+        return None if found is None else advanced(recording.values[found.name][part], latency * bank.rate_hz)
+
+    effort = drive_effort(joint, channel)
+    if effort is None:
+        raise RecordingError(f"{recording.file}: {joint.name} has no effort channel")
+    nothing = np.full(part.stop - part.start - 2 * bank.margin, np.nan)
+    head, rod = channel("head_pressure"), channel("rod_pressure")
+    if joint.cylinder is not None and head is not None and rod is not None:
+        return bank.trimmed(effort), bank.smoothed(head), bank.smoothed(rod)
+    torque = joint.cylinder is not None and channel("cylinder_force") is None
+    return bank.trimmed(effort) / lever if torque else bank.trimmed(effort), nothing, nothing
+
+
+def drive_effort(joint: Joint, channel: Callable[[str], FloatArray | None]) -> FloatArray | None:
+    """Effort of a joint's drive in N or N m: of both pressures if they are measured; None if nothing is.
+
+    Parameters
+    ----------
+    channel : the joint's measured values of a quantity, or None
+    """
+    head, rod = channel("head_pressure"), channel("rod_pressure")
+    if joint.cylinder is not None and head is not None and rod is not None:
+        return head * joint.cylinder.head_area - rod * joint.cylinder.rod_area
+    for quantity in ("cylinder_force", "joint_effort"):
+        measured = channel(quantity)
+        if measured is not None:
+            return measured
+    return None
+
+
+def _rest(speed: FloatArray, speed_noise: float, rate_hz: float) -> BoolArray:
+    """Where the element stands still for longer than a reversal takes."""
+    slow = np.abs(speed) < REST_SPEED * speed_noise
+    if not slow.any():
+        return slow
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], slow.astype(np.int8), [0]])))
+    rest = np.zeros_like(slow)
+    for begin, end in zip(edges[::2], edges[1::2], strict=True):
+        if end - begin >= REST_SECONDS * rate_hz:
+            rest[begin:end] = True
+    return rest

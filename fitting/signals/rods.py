@@ -1,0 +1,191 @@
+"""Rows in which the rods are not where the recording's role says: on the arm, or off it (`unloaded`).
+
+A recording is often started before the pins are in, or before the last one is out. Where a joint and its piston are
+both measured, that shows: a piston on the arm stands where the linkage says; and a cylinder that is free holds nothing.
+Such rows belong to another machine, and a few of them are larger than anything that the loop looks for, so they are
+left out, and said.
+"""
+
+from __future__ import annotations
+
+from collections import ChainMap
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from daq.errors import RecordingError
+from daq.machine_file import Joint, Machine
+from daq.recording import Recording
+from daq.recording_checks import runs
+from fitting.signals.preparation import drive_effort
+
+FloatArray = npt.NDArray[np.float64]
+BoolArray = npt.NDArray[np.bool_]
+
+#: A rod is off where its piston is farther from its usual place than this share of the stroke (linkage and encoder
+#: errors, play and latency stay below it) and than so many robust deviations of that distance (they are part of those).
+_APART, _DEVIATIONS = 0.02, 20.0
+#: It is off before and after that, too, until the distance is an ordinary one again, and for so many seconds more.
+_ORDINARY, _GUARD_S = 5.0, 0.5
+#: s; a shorter one is a fault of a sensor.
+_LEAST_S = 0.2
+#: A piston that moves by this share of its stroke tells whether its joint follows: what is left of its motion then is
+#: less than the first share if the rod is on, and more than the second if it is off.
+_MOVES, _FOLLOWS, _ALONE = 0.01, 0.2, 0.5
+#: An effort at the beginning or end of an `unloaded` recording is the arm's where it is farther from the middle of the
+#: moving cylinder's than so many times their range (all but a fifth of them): at rest a free cylinder needs no more.
+_HELD = 2.5
+#: s, in which motion is looked at.
+_WINDOW_S = 0.5
+
+
+def with_rods_as_said(
+    machine: Machine, recordings: Sequence[Recording]
+) -> tuple[tuple[Recording, ...], tuple[str, ...]]:
+    """Recordings without the rows in which the rods are not as the role says, and a line about each that has some.
+
+    Parameters
+    ----------
+    machine : joints of which one position is measured only tell nothing here
+    recordings : of that machine, in SI; those rows get a missing value, all others stay
+
+    Raises
+    ------
+    RecordingError
+        If the rods are not as the role says in all of a recording in which anything tells.
+    """
+    kept, lines = [], []
+    for recording in recordings:
+        wrong, joints, apart = np.zeros(len(recording), dtype=bool), list[str](), 0.0
+        for joint in machine.joints:
+            piston = machine.channel("piston_position", joint.name)
+            if joint.cylinder is None or piston is None:
+                continue
+            if recording.role == "unloaded":
+                found = _still_on(machine, joint, recording)
+            else:
+                found, farthest = _off(machine, joint, recording)
+                apart = max(apart, farthest)
+            if found.any():
+                joints.append(joint.name)
+                wrong |= found
+        if not wrong.any():
+            kept.append(recording)
+            continue
+        channel = machine.channel("piston_position", joints[0])
+        assert channel is not None
+        values = np.where(wrong, np.nan, recording.values[channel.name])
+        kept.append(replace(recording, values=ChainMap({channel.name: values}, recording.values)))  # type: ignore[arg-type]
+        lines.append(_line(recording, wrong, joints, apart))
+    return tuple(kept), tuple(lines)
+
+
+def _positions(machine: Machine, joint: Joint, recording: Recording) -> tuple[FloatArray, FloatArray | None]:
+    """Where the piston is, and how far that is from where the linkage says, m; None if only one is measured."""
+    angle = machine.channel("joint_position", joint.name)
+    piston = machine.channel("piston_position", joint.name)
+    assert joint.cylinder is not None and piston is not None
+    x = recording.values[piston.name]
+    if angle is None:
+        return x, None
+    return x, np.asarray(x - joint.cylinder.linkage.piston_position(recording.values[angle.name]))
+
+
+def _off(machine: Machine, joint: Joint, recording: Recording) -> tuple[BoolArray, float]:
+    """Rows in which the rod is off, and how far the piston is away there, m."""
+    assert joint.cylinder is not None
+    nowhere = np.zeros(len(recording), dtype=bool)
+    x, distance = _positions(machine, joint, recording)
+    if distance is None or not np.isfinite(distance).any():
+        return nowhere, 0.0
+    stroke = joint.cylinder.stroke
+    if _range(x) > 2 * _MOVES * stroke and _range(distance) > _ALONE * _range(x):
+        raise RecordingError(
+            f"{recording.file}: the piston of {joint.name} moves and its joint does not follow; put the rod on the "
+            f"arm, say that the recording is 'unloaded' instead of '{recording.role}', or correct the linkage in the "
+            "machine file"
+        )
+    away = np.abs(distance - np.nanmedian(distance))
+    usual = 1.4826 * float(np.nanmedian(away))
+    hard = away > max(_APART * stroke, _DEVIATIONS * usual)
+    if not hard.any():
+        return nowhere, 0.0
+    least = round(_LEAST_S * recording.rate_hz)
+    guard = round(_GUARD_S * recording.rate_hz)
+    off = nowhere
+    for run in runs(~(away <= max(_ORDINARY * usual, 1e-9))):  # a missing value ends nothing
+        if np.count_nonzero(hard[run]) >= least:
+            off[max(run.start - guard, 0) : run.stop + guard] = True
+    return off, float(np.nanmax(away[off], initial=0.0))
+
+
+def _still_on(machine: Machine, joint: Joint, recording: Recording) -> BoolArray:
+    """Rows in which the rod is on: joint and piston move together, or an end holds what no free cylinder needs."""
+    assert joint.cylinder is not None
+    x, distance = _positions(machine, joint, recording)
+    on, moving = np.zeros(len(recording), dtype=bool), np.zeros(len(recording), dtype=bool)
+    window, least = round(_WINDOW_S * recording.rate_hz), _MOVES * joint.cylinder.stroke
+    alone = False
+    for start in range(0, len(recording) - window + 1, window):
+        part = slice(start, start + window)
+        moved = _span(x[part])
+        if moved <= least:
+            continue
+        if distance is not None and _span(distance[part]) < _FOLLOWS * moved:
+            on[max(start - window, 0) : start + 2 * window] = True
+            continue
+        moving[part] = True
+        alone = alone or (distance is not None and _span(distance[part]) > _ALONE * moved)
+    if on.any() and not alone:
+        raise RecordingError(
+            f"{recording.file}: {joint.name} moves with its piston, so its rod is on the arm; take it off for an "
+            "'unloaded' recording, or say 'train'"
+        )
+    return np.asarray(on | _loaded_ends(machine, joint, recording, moving))
+
+
+def _loaded_ends(machine: Machine, joint: Joint, recording: Recording, moving: BoolArray) -> BoolArray:
+    """Rows at either end whose effort is far outside of that in the ``moving`` rows."""
+
+    def channel(quantity: str) -> FloatArray | None:
+        found = machine.channel(quantity, joint.name)
+        return None if found is None else recording.values[found.name]
+
+    loaded, effort = np.zeros(len(recording), dtype=bool), drive_effort(joint, channel)
+    if effort is None or not moving.any():
+        return loaded
+    low, high = np.nanpercentile(effort[moving], [10, 90])
+    outside = ~(np.abs(effort - (low + high) / 2) <= _HELD * (high - low))
+    guard, least = (round(seconds * recording.rate_hz) for seconds in (_GUARD_S, _LEAST_S))
+    for run in runs(outside):
+        if run.stop - run.start >= least and (run.start == 0 or run.stop == len(outside)):
+            loaded[max(run.start - guard, 0) : run.stop + guard] = True
+    return loaded
+
+
+def _range(values: FloatArray) -> float:
+    """Range of all but a tenth of the values."""
+    low, high = np.nanpercentile(values, [5, 95])
+    return float(high - low)
+
+
+def _span(values: FloatArray) -> float:
+    finite = values[np.isfinite(values)]
+    return float(np.ptp(finite)) if len(finite) else 0.0
+
+
+def _line(recording: Recording, wrong: BoolArray, joints: Sequence[str], apart: float) -> str:
+    parts = runs(wrong)
+    times = [f"{recording.time[p.start]:.1f} to {recording.time[p.stop - 1]:.1f} s" for p in parts[:3]]
+    when = ", ".join(times) + (f" and {len(parts) - 3} more" if len(parts) > 3 else "")
+    who = ", ".join(joints[:3]) + (f" and {len(joints) - 3} more" if len(joints) > 3 else "")
+    why = (
+        "the cylinders hold or move the arm there, so the rods were on"
+        if recording.role == "unloaded"
+        else f"the piston is up to {1e3 * apart:.0f} mm from where its joint says, so the rods were not on the arm"
+    )
+    # A report may go further than the place where recordings are kept.
+    return f"{Path(recording.file).name} ({recording.role}): {when} left out: {why} ({who})"
