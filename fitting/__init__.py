@@ -18,8 +18,7 @@
 ``commands``    the commands of identification
 ==============  ====================================================================================================
 
-A room imports those above it only, but for ``loop``, ``model`` and ``pipeline``, which stand above ``report`` (a contract
-in ``pyproject.toml`` says the order).
+A room imports only those above it; a contract in ``pyproject.toml`` says the order.
 
 Everything here is small matrices: one BLAS thread is fastest, and two processes with two threads each on two cores
 spend most of their time waiting for one another. So, unless the environment says otherwise, BLAS is asked for one

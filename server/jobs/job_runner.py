@@ -1,7 +1,7 @@
 """Jobs as durable workflows (DBOS): each stage is a step that is recorded once it is done.
 
 After a crash, at whatever moment, the next start goes on with the first stage that has no recorded result.
-What a person sees of a job is in our own store (:class:`server.store.Jobs`); the engine's tables are its
+What a person sees of a job is in our own store (:class:`server.jobs.job_store.Jobs`); the engine's tables are its
 private business. Inputs and results are kept as JSON, never as pickles.
 """
 
