@@ -12,7 +12,8 @@ from fitting.effects.base import Effect
 from fitting.residual.findings import Accepted, Hypothesis
 from fitting.residual.laws import Law
 from fitting.residual.surfaces import Surface
-from fitting.selection.rating import Rated, believed, family
+from fitting.selection.decision import believed
+from fitting.selection.rated import Rated, family
 
 #: Alternatives of one place that are named, and explanations that are listed.
 MOST_NAMED, MOST_LISTED = 3, 8

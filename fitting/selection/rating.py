@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
 from scipy.linalg import block_diag
-from scipy.stats import norm
 
 from fitting.effects.base import Effect
 from fitting.residual.laws import Law
@@ -17,6 +16,7 @@ from fitting.residual.scoring import Candidates, Score
 from fitting.residual.surfaces import Surface
 from fitting.residual.terms import Model, Term
 from fitting.selection import priors
+from fitting.selection.decision import by_formula
 from fitting.selection.evidence import (
     curve_evidence,
     curve_roots,
@@ -26,9 +26,10 @@ from fitting.selection.evidence import (
     named_evidence,
     whitened_parts,
 )
+from fitting.selection.gains import averaged, efforts, orders, plausible, shares
+from fitting.selection.rated import Family, Rated, family
 
 FloatArray = npt.NDArray[np.float64]
-Family = tuple[object, ...]
 
 #: Share of a curve that the base has to leave for it to tell of anything.
 FAINT = 0.01
@@ -38,40 +39,6 @@ MOST_BESIDE = 2.0
 LEAST_CURVE = 4
 #: Shapes of a name that are compared with a bent formula, and the least gain for which that can matter.
 MOST_SHAPES, SMALLEST_GAIN = 4, 12.0
-
-
-@dataclass(frozen=True)
-class Rated:
-    """One explanation: an effect on a joint with its best shape, or a law of one signal.
-
-    Attributes
-    ----------
-    score : its best shape, with what a least-squares fit of it takes
-    log_odds : log posterior odds against nothing more than leftovers, shapes and sizes averaged out
-    log_bayes : log Bayes factor alone
-    exact : log odds if its formula is exactly nature's, so that what is left of it is free to be something else
-    leftover : log Bayes factor of the same as what is left of effects that were found
-    refuted : the same of effects that were found, and of names that did not hold elsewhere
-    """
-
-    score: Score
-    log_odds: float
-    log_bayes: float
-    exact: float
-    leftover: float
-    refuted: float
-
-    @property
-    def term(self) -> Term:
-        return self.score.term
-
-
-def family(term: Term) -> Family:
-    """What counts as one explanation: an effect on a joint; a law of one signal on a joint, or of a pair of them."""
-    law = term.content
-    if isinstance(law, Law):
-        return ("law", term.joint, frozenset(law.signals), law.signed, law.loaded_only)
-    return (term.id, term.joint)
 
 
 class Rating:
@@ -92,7 +59,7 @@ class Rating:
         self._failed = np.zeros_like(visible) if failed is None else failed
         self._mixed: dict[int, int] = {}
         self._trust: dict[int, float] = {}
-        self._largest = _efforts(model)
+        self._largest = efforts(model)
         self._laws: dict[tuple[object, ...], int] = {}
         for number, term in enumerate(candidates.terms):
             if isinstance(term.content, Law) and not isinstance(term.content, Surface):
@@ -113,7 +80,7 @@ class Rating:
                 names.setdefault(family(term), []).append(number)
         self._trust = {}
         for own in (*names.values(), *laws.values()):
-            self._trust |= _shares(own, scores)
+            self._trust |= shares(own, scores)
         self._share_bias(names, scores)
         catalogued = sum(f[0] != "law" for f in names)
         unknown = sum(len(own) for own in laws.values()) + len(names) - catalogued
@@ -164,7 +131,7 @@ class Rating:
             best = sorted(own, key=lambda n: -scores[n].gain)[:MOST_SHAPES]
             joints.setdefault(term.joint, []).extend(best)
         result: dict[int, float] = {}
-        orders = self._plain({n: scores[n] for own in joints.values() for n in own})
+        by_order = self._plain({n: scores[n] for own in joints.values() for n in own})
         for joint, numbers in joints.items():
             most = max(scores[n].gain for n in numbers)
             near = [n for n in numbers if scores[n].gain > max(0.5 * most, SMALLEST_GAIN)]
@@ -189,8 +156,8 @@ class Rating:
                 result[n] = curved
                 # What is won where a series needs its first terms only is won with curves beside it as well.
                 gain, live = np.array([scores[n].gain * share]), np.array([float(scores[n].live)])
-                whole = _averaged(gain, live, np.array([self._limit(scores[n])]))[0]
-                result[n] += max(0.0, orders[n] - float(whole))
+                whole = averaged(gain, live, np.array([self._limit(scores[n])]))[0]
+                result[n] = max(result[n] + max(0.0, by_order[n] - float(whole)), by_order[n])
         return result
 
     def _beside(self, number: int, term: Term) -> list[int]:
@@ -274,13 +241,13 @@ class Rating:
         own = [scores[n] for n in numbers]
         limits = np.array([self._limit(s) for s in own])
         trust = np.array([self._trust.get(n, 1.0) for n in numbers])
-        orders = [_orders(s) for s in own]
+        series = [orders(s) for s in own]
         found = []
-        for order in range(max((len(o) for o in orders), default=0)):
-            gain = np.array([o[min(order, len(o) - 1)][0] for o in orders]) * trust
-            live = np.array([float(o[min(order, len(o) - 1)][1]) for o in orders])
-            found.append(_averaged(gain, live, limits))
-        counts = np.array([len(o) for o in orders])
+        for order in range(max((len(o) for o in series), default=0)):
+            gain = np.array([o[min(order, len(o) - 1)][0] for o in series]) * trust
+            live = np.array([float(o[min(order, len(o) - 1)][1]) for o in series])
+            found.append(averaged(gain, live, limits))
+        counts = np.array([len(o) for o in series])
         weights = np.arange(len(found))[:, None] < counts[None, :]
         total = log_sum(np.array(found), axis=0, weights=weights / counts) if found else np.zeros(0)
         return dict(zip(numbers, total.tolist(), strict=True))
@@ -293,10 +260,10 @@ class Rating:
         exact: Mapping[int, float],
         bent: Mapping[int, float],
     ) -> Rated:
-        plausible = np.array([_plausible(scores[n]) for n in numbers])
-        total = np.array([bent[n] for n in numbers]) + plausible
+        believable = np.array([plausible(scores[n]) for n in numbers])
+        total = np.array([bent[n] for n in numbers]) + believable
         best = scores[numbers[int(np.argmax(total))]]
-        bayes, plain = float(log_mean(total)), float(log_mean(np.array([exact[n] for n in numbers]) + plausible))
+        bayes, plain = float(log_mean(total)), float(log_mean(np.array([exact[n] for n in numbers]) + believable))
         share = self._trust.get(numbers[int(np.argmax(total))], 1.0)
         leftover, refuted = (self._as_leftover(best, share, laws) for laws in (True, False))
         return Rated(best, prior + bayes, bayes, prior + plain, leftover, refuted)
@@ -382,111 +349,6 @@ class Rating:
         ]
 
 
-def _averaged(gain: FloatArray, live: FloatArray, limits: FloatArray) -> FloatArray:
-    """Log evidence (T,) of exact formulas, amplitudes averaged out up to each one's limit."""
-    sizes = priors.amplitudes(float(limits.max(initial=0.0)))
-    allowed = sizes[None, :] <= np.maximum(limits, priors.SMALLEST)[:, None] * priors.RATIO
-    return log_sum(named_evidence(gain, live, sizes), weights=allowed / allowed.sum(axis=1, keepdims=True))
-
-
-def _orders(score: Score) -> list[tuple[float, int]]:
-    """Gain and live directions of the first parameters of a series, one order after the other; else of all at once."""
-    effect = score.term.content
-    whole = (score.gain, score.live)
-    if not (isinstance(effect, Effect) and effect.series) or score.live < 2:
-        return [whole]
-    products = score.information @ np.asarray(score.values)
-    result = []
-    for order in range(1, len(score.values)):
-        root = whitened_parts(score.information[:order, :order])
-        if root.shape[1]:
-            result.append((float(np.sum((root.T @ products[:order]) ** 2)), root.shape[1]))
-    return [*result, whole]
-
-
-def _shares(numbers: Sequence[int], scores: Mapping[int, Score]) -> dict[int, float]:
-    """Share of each gain of one explanation that is believed; shapes without replicas as those with them."""
-    drawn = {n: trusted(scores[n]) for n in numbers if scores[n].null is not None}
-    law = isinstance(scores[numbers[0]].term.content, Law)
-    usual = min(drawn.values()) if drawn and not law else 1.0
-    return {n: drawn.get(n, usual) for n in numbers}
-
-
-def trusted(score: Score) -> float:
-    """Share of a gain that is believed, once replicas have shown what noise in the regressors makes of it."""
-    if score.null is None or not score.gain > 0:
-        return 1.0
-    if not isinstance(score.term.content, Effect):
-        return 1.0 / score.null.inflation
-    return score.null.weight(np.asarray(score.values), score.information) / score.gain
-
-
-def _plausible(score: Score) -> float:
-    """Log share of the posterior that lies where values are plausible, over the prior's."""
-    effect = score.term.content
-    if not isinstance(effect, Effect):
-        return 0.0
-    inside, before = 1.0, 1.0
-    for parameter, value, std in zip(effect.parameters, score.values, score.stds, strict=True):
-        if not (np.isfinite(parameter.low) or np.isfinite(parameter.high)):
-            continue
-        std = max(std, 1e-300)
-        inside *= float(norm.cdf((parameter.high - value) / std) - norm.cdf((parameter.low - value) / std))
-        if not parameter.low < 0 < parameter.high:
-            before *= 0.5  # a prior about zero has half of its mass on the right side
-    if not effect.plausible(score.values, score.stds):
-        inside = 0.0
-    return float(np.log((1 - priors.OUTSIDE) * inside / before + priors.OUTSIDE))
-
-
-def _efforts(model: Model) -> FloatArray:
-    """Whitened size of each joint's whole effort, (n,)."""
-    sizes = []
-    for joint in range(len(model.design.machine.joints)):
-        total = 0.0
-        for index in model.fitted:
-            block = model.design.blocks[joint][index]
-            kept = model.noise.kept(joint, block.keep)
-            total += float(np.sum(model.noise.whiten(joint, block.reduced_target)[kept] ** 2))
-        sizes.append(np.sqrt(total))
-    return np.array(sizes)
-
-
-def by_formula(rated: Sequence[Rated]) -> list[Rated]:
-    """Names of one joint compared by their exact formulas, the best of them lifted to what the best has with a curve.
-
-    What a curve beside a name makes up for counts for names against laws, not for one name against another.
-    """
-    places: dict[int | None, list[Rated]] = {}
-    for r in rated:
-        places.setdefault(None if r.term.everywhere else r.term.joint, []).append(r)
-    result = []
-    for own in places.values():
-        names = [r for r in own if isinstance(r.term.content, Effect)]
-        lift = max((r.log_odds for r in names), default=0.0) - max((r.exact for r in names), default=0.0)
-        result += [replace(r, log_odds=r.exact + lift) if isinstance(r.term.content, Effect) else r for r in own]
-    return sorted(result, key=lambda r: -r.log_odds)
-
-
-def believed(rated: Sequence[Rated]) -> list[tuple[Rated, float]]:
-    """Explanations of one place with their log odds, best first; names differ as far as formulas can be believed.
-
-    Whichever name is right, its own formula leaves chi-square, :data:`~fitting.selection.priors.INEXACT` squared of
-    what is there; differences of that size are chance, so those of names shrink by as much as it outweighs what noise
-    alone asks for. A law has no formula; names are compared with it with a curve beside them.
-    """
-    if not rated:
-        return []
-    near = [r for r in rated if r.log_odds > 0 and _same_place(r.term, rated[0].term)] or [rated[0]]
-    head = next((r for r in near if isinstance(r.term.content, Effect)), near[0])
-    share = 1.0 / (1.0 + priors.INEXACT**2 * head.score.gain / priors.CLOSE)
-    result = [
-        (r, head.log_odds - share * (head.log_odds - r.log_odds) if isinstance(r.term.content, Effect) else r.log_odds)
-        for r in near
-    ]
-    return sorted(result, key=lambda pair: -pair[1])
-
-
 def _signal(term: Term) -> tuple[str, int | None]:
     """The signal of an effect as laws name it, and the neighbour that has it."""
     assert isinstance(term.content, Effect)
@@ -494,19 +356,3 @@ def _signal(term: Term) -> tuple[str, int | None]:
     if name.startswith("other."):
         return name[6:], int(term.shape["other"])
     return "piston_position" if name == "joint_position" else name, None
-
-
-def _same_place(one: Term, other: Term) -> bool:
-    return one.joint == other.joint or one.everywhere or other.everywhere
-
-
-def decided(rated: Sequence[Rated]) -> Rated:
-    """What is to be said of explanations of one place: the best name, unless laws are too probable beside all names."""
-    head = rated[0]
-    if isinstance(head.term.content, Law):
-        return head
-    near = believed(rated)
-    laws = [(r, odds) for r, odds in near if isinstance(r.term.content, Law)]
-    if laws and log_sum([odds for _, odds in laws]) > log_sum([odds for _, odds in near]) + np.log(1 - priors.NAMED):
-        return laws[0][0]
-    return head

@@ -24,9 +24,11 @@ from fitting.residual.terms import Model, Term
 from fitting.residual.trials import Signals, Trials
 from fitting.selection import priors
 from fitting.selection.confirm import LEAST_Z_ALONE, Gate
+from fitting.selection.decision import by_formula, decided
 from fitting.selection.evidence import least_gain, named_evidence
 from fitting.selection.posterior import Slot, hypotheses
-from fitting.selection.rating import Rated, Rating, by_formula, decided, family
+from fitting.selection.rated import Rated, family
+from fitting.selection.rating import Rating
 from fitting.selection.resolution import resolved
 
 FloatArray = npt.NDArray[np.float64]
@@ -93,6 +95,7 @@ class Search:
         self.model, self.accepted = base, list(known)
         self.known = len(known)
         self.refused: set[tuple[object, ...]] = set()
+        self.lawless: set[int | None] = set()
         self.waiting: set[tuple[object, ...]] = set()
         self.failed: list[tuple[int | None, float]] = []
         self.table: dict[Family, Candidate] = {
@@ -150,8 +153,16 @@ class Search:
 
     def _open(self, rated: Sequence[Rated]) -> list[Rated]:
         """Those that are neither there nor refused."""
-        there = {family(term) for term in self.model.terms}
-        return [r for r in rated if family(r.term) not in there | self.refused]
+        return self._beside(rated, self.model.terms)
+
+    def _beside(self, rated: Sequence[Rated], there: Sequence[Term]) -> list[Rated]:
+        """Explanations that may stand beside some terms: not one of them, and not refused."""
+        closed = {family(term) for term in there} | self.refused
+        return [
+            r
+            for r in rated
+            if family(r.term) not in closed and not (isinstance(r.term.content, Law) and r.term.joint in self.lawless)
+        ]
 
     def _visible(self, model: Model) -> FloatArray:
         """Amplitude per joint of the effects in a model, and of what was refused."""
@@ -233,8 +244,8 @@ class Search:
         seen[joint] = np.hypot(seen[joint], np.sqrt(first.score.gain))
         scores = self.candidates.scores(model, [joint])
         rated = Rating(self.candidates, model, seen, self._failed()).rated(scores)
-        there = {family(term) for term in (*self.model.terms, first.term)}
-        return max((r.log_odds for r in rated if family(r.term) not in there | self.refused), default=0.0)
+        open_ = self._beside(rated, (*self.model.terms, first.term))
+        return max((r.log_odds for r in open_), default=0.0)
 
     def _try(self, choice: Rated) -> None:
         """Add the choice, its shape searched, if nothing is against it elsewhere."""
@@ -248,10 +259,12 @@ class Search:
         if said.reason:
             self.refused.add(family(choice.term))
             self.table[place] = Candidate(*place, score.score, "rejected", said.reason)
-            if not said.faint:
+            if not said.faint and isinstance(score.term.content, Law):
+                # A curve that does not hold elsewhere: no other curve of this joint is believed, but names are.
+                self.lawless.add(score.term.joint)
+                self.unconfirmed.append(Unconfirmed(score, said.held_out, said.validate_gain or 0.0))
+            elif not said.faint:
                 self.failed.append((score.term.joint, score.gain))
-                if isinstance(score.term.content, Law):
-                    self.unconfirmed.append(Unconfirmed(score, said.held_out, said.validate_gain or 0.0))
             return
         # What is in the model itself is no other name any more for what was found before.
         self.accepted = [
@@ -325,8 +338,7 @@ class Search:
         rest = [a.score.term for a in others]
         model = self.base if tuple(rest) == self.base.terms else self.signals.refit(rest)
         all_, self.accepted = self.accepted, others
-        there = {family(term) for term in rest}
-        rated = [r for r in self._rated(model) if family(r.term) not in there | self.refused]
+        rated = self._beside(self._rated(model), rest)
         own = next((r for r in rated if family(r.term) == family(item.score.term)), None)
         rated = self._sharp(rated, model)
         slot = Slot.of(item, rated)

@@ -1,0 +1,66 @@
+"""What is to be said of explanations of one place: which name, or a law."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from fitting.effects.base import Effect
+from fitting.residual.laws import Law
+from fitting.residual.terms import Term
+from fitting.selection import priors
+from fitting.selection.evidence import log_sum
+from fitting.selection.rated import Rated
+
+
+def by_formula(rated: Sequence[Rated]) -> list[Rated]:
+    """Names of one joint compared by their exact formulas, the best of them lifted to what the best has with a curve.
+
+    What a curve beside a name makes up for counts for names against laws, not for one name against another.
+    """
+    places: dict[int | None, list[Rated]] = {}
+    for r in rated:
+        places.setdefault(None if r.term.everywhere else r.term.joint, []).append(r)
+    result = []
+    for own in places.values():
+        names = [r for r in own if isinstance(r.term.content, Effect)]
+        lift = max((r.log_odds for r in names), default=0.0) - max((r.exact for r in names), default=0.0)
+        result += [replace(r, log_odds=r.exact + lift) if isinstance(r.term.content, Effect) else r for r in own]
+    return sorted(result, key=lambda r: -r.log_odds)
+
+
+def believed(rated: Sequence[Rated]) -> list[tuple[Rated, float]]:
+    """Explanations of one place with their log odds, best first; names differ as far as formulas can be believed.
+
+    Whichever name is right, its own formula leaves chi-square, :data:`~fitting.selection.priors.INEXACT` squared of
+    what is there; differences of that size are chance, so those of names shrink by as much as it outweighs what noise
+    alone asks for. A law has no formula; names are compared with it with a curve beside them.
+    """
+    if not rated:
+        return []
+    near = [r for r in rated if r.log_odds > 0 and _same_place(r.term, rated[0].term)] or [rated[0]]
+    head = next((r for r in near if isinstance(r.term.content, Effect)), near[0])
+    share = 1.0 / (1.0 + priors.INEXACT**2 * head.score.gain / priors.CLOSE)
+    result = [
+        (r, head.log_odds - share * (head.log_odds - r.log_odds) if isinstance(r.term.content, Effect) else r.log_odds)
+        for r in near
+    ]
+    return sorted(result, key=lambda pair: -pair[1])
+
+
+def _same_place(one: Term, other: Term) -> bool:
+    return one.joint == other.joint or one.everywhere or other.everywhere
+
+
+def decided(rated: Sequence[Rated]) -> Rated:
+    """What is to be said of explanations of one place: the best name, unless laws are too probable beside all names."""
+    head = rated[0]
+    if isinstance(head.term.content, Law):
+        return head
+    near = believed(rated)
+    laws = [(r, odds) for r, odds in near if isinstance(r.term.content, Law)]
+    if laws and log_sum([odds for _, odds in laws]) > log_sum([odds for _, odds in near]) + np.log(1 - priors.NAMED):
+        return laws[0][0]
+    return head

@@ -1,0 +1,88 @@
+"""What is believed of a candidate's gain before its evidence is taken: bias, order, plausible values, sizes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+import numpy.typing as npt
+from scipy.stats import norm
+
+from fitting.effects.base import Effect
+from fitting.residual.laws import Law
+from fitting.residual.scoring import Score
+from fitting.residual.terms import Model
+from fitting.selection import priors
+from fitting.selection.evidence import log_sum, named_evidence, whitened_parts
+
+FloatArray = npt.NDArray[np.float64]
+
+
+def averaged(gain: FloatArray, live: FloatArray, limits: FloatArray) -> FloatArray:
+    """Log evidence (T,) of exact formulas, amplitudes averaged out up to each one's limit."""
+    sizes = priors.amplitudes(float(limits.max(initial=0.0)))
+    allowed = sizes[None, :] <= np.maximum(limits, priors.SMALLEST)[:, None] * priors.RATIO
+    return log_sum(named_evidence(gain, live, sizes), weights=allowed / allowed.sum(axis=1, keepdims=True))
+
+
+def orders(score: Score) -> list[tuple[float, int]]:
+    """Gain and live directions of the first parameters of a series, one order after the other; else of all at once."""
+    effect = score.term.content
+    whole = (score.gain, score.live)
+    if not (isinstance(effect, Effect) and effect.series) or score.live < 2:
+        return [whole]
+    products = score.information @ np.asarray(score.values)
+    result = []
+    for order in range(1, len(score.values)):
+        root = whitened_parts(score.information[:order, :order])
+        if root.shape[1]:
+            result.append((float(np.sum((root.T @ products[:order]) ** 2)), root.shape[1]))
+    return [*result, whole]
+
+
+def shares(numbers: Sequence[int], scores: Mapping[int, Score]) -> dict[int, float]:
+    """Share of each gain of one explanation that is believed; shapes without replicas as those with them."""
+    drawn = {n: trusted(scores[n]) for n in numbers if scores[n].null is not None}
+    law = isinstance(scores[numbers[0]].term.content, Law)
+    usual = min(drawn.values()) if drawn and not law else 1.0
+    return {n: drawn.get(n, usual) for n in numbers}
+
+
+def trusted(score: Score) -> float:
+    """Share of a gain that is believed, once replicas have shown what noise in the regressors makes of it."""
+    if score.null is None or not score.gain > 0:
+        return 1.0
+    if not isinstance(score.term.content, Effect):
+        return 1.0 / score.null.inflation
+    return score.null.weight(np.asarray(score.values), score.information) / score.gain
+
+
+def plausible(score: Score) -> float:
+    """Log share of the posterior that lies where values are plausible, over the prior's."""
+    effect = score.term.content
+    if not isinstance(effect, Effect):
+        return 0.0
+    inside, before = 1.0, 1.0
+    for parameter, value, std in zip(effect.parameters, score.values, score.stds, strict=True):
+        if not (np.isfinite(parameter.low) or np.isfinite(parameter.high)):
+            continue
+        std = max(std, 1e-300)
+        inside *= float(norm.cdf((parameter.high - value) / std) - norm.cdf((parameter.low - value) / std))
+        if not parameter.low < 0 < parameter.high:
+            before *= 0.5  # a prior about zero has half of its mass on the right side
+    if not effect.plausible(score.values, score.stds):
+        inside = 0.0
+    return float(np.log((1 - priors.OUTSIDE) * inside / before + priors.OUTSIDE))
+
+
+def efforts(model: Model) -> FloatArray:
+    """Whitened size of each joint's whole effort, (n,)."""
+    sizes = []
+    for joint in range(len(model.design.machine.joints)):
+        total = 0.0
+        for index in model.fitted:
+            block = model.design.blocks[joint][index]
+            kept = model.noise.kept(joint, block.keep)
+            total += float(np.sum(model.noise.whiten(joint, block.reduced_target)[kept] ** 2))
+        sizes.append(np.sqrt(total))
+    return np.array(sizes)
