@@ -56,4 +56,5 @@ def write(table: Table, units: dict[str, str], target: Path) -> None:
             file.save(named, overwrite=True, compression=2)
             named.replace(target)
         finally:
-            named.unlink(missing_ok=True)
+            if named != target:
+                named.unlink(missing_ok=True)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import binom
 
@@ -13,6 +13,7 @@ from benchmarks.attribution import summary
 from benchmarks.targets import Check, clopper_pearson, lines_of, missed, rate
 
 
+@settings(deadline=None)
 @given(st.integers(1, 400), st.data())
 def test_the_interval_of_a_share_holds_its_definition(of: int, data: st.DataObject) -> None:
     count = data.draw(st.integers(0, of))
