@@ -9,7 +9,7 @@ from typing import Any, Literal, NotRequired, TypedDict, Unpack
 from hilfit_client.transport import Transport
 
 #: SHA-256 of the description that this was made from.
-SOURCE_SHA256 = "4e1d4bb1fa9090814941a757c08b926d8506673a95011e733729f4a52a9a14ac"
+SOURCE_SHA256 = "540fdc7c6ef26feec8fdf82a51a67416d736e543bb33b62803c9dd1e904ee45a"
 
 
 class AcquisitionWish(TypedDict):
