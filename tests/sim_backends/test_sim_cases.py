@@ -67,6 +67,8 @@ def test_effects_outside_the_catalogue_say_which_signals_show_them(plan) -> None
         for variable in built.variables():
             joint, _, signal = variable.rpartition(".")
             assert signal in {"piston_position", "piston_speed", "piston_acceleration", "joint_position"} | {
-                "time_since_reversal"
+                "time_since_reversal",
+                "total_flow",
+                "link_angle",
             }
             assert joint in {"", *(j.name for j in plan.machine.joints)} - {"joint3"}

@@ -38,17 +38,19 @@ SIZES = {
     "sensor_latency": 0.02, "encoder_offset": 0.01, "encoder_eccentricity": 0.003, "backlash": 0.5e-3,
     "linkage_geometry": 2.0e-3, "base_tilt": 0.03, "payload": 15.0, "bent_guide": 120.0, "threshold_spring": 150.0,
     "neighbour_product_friction": 80.0, "saturating_coupling": 80.0, "dwell_stiction": 60.0,
+    "neighbour_inertia": 200.0, "dented_rod": 120.0, "return_line": 200.0, "hanging_hose": 120.0,
 }  # fmt: skip
 # Gone when the rods are unpinned: they come from the load, act on the joint, or need the neighbours out of mid-pose.
 LOADED_ONLY = {
     "load_dependent_friction", "counterbalance_valve", "pose_dependent_friction", "hose_stiffness",
     "actuator_inertia", "carried_liquid", "structural_flexibility", "linkage_geometry", "base_tilt", "payload",
-    "backlash", "neighbour_product_friction",
+    "backlash", "neighbour_product_friction", "hanging_hose",
 }  # fmt: skip
 PRESSURES_ONLY = {"supply_ripple", "pressure_offset", "pressure_gain", "pressure_drift", "sensor_latency"}
 ENCODER_ONLY = {"encoder_offset", "encoder_eccentricity"}
 CATALOGUE = set(SIZES) - {
     "bent_guide", "threshold_spring", "neighbour_product_friction", "saturating_coupling", "dwell_stiction",
+    "neighbour_inertia", "dented_rod", "return_line", "hanging_hose",
 }  # fmt: skip
 
 

@@ -19,7 +19,7 @@ from sim_bus_client import SYNC, connect, receive
 
 from daq.acquisition import AcquisitionProcess
 from daq.errors import InputError
-from daq.machine_file import load_machine, parse_machine
+from daq.machine_file import load_machine
 from daq.recorder import Recorder
 from daq.recording import read_recording
 from sim_backends import (
@@ -284,10 +284,6 @@ def test_what_cannot_be_simulated_is_refused(tmp_path):
     other = MACHINE.model_copy(update={"joints": bare.joints})
     with pytest.raises(InputError, match="what this machine really weighs is not known"):
         SimulatedMachine(other, workdir=tmp_path)
-    text = (Path(folding_arm.__code__.co_filename).parent / "folding_arm.yaml").read_text()
-    serial = text.replace("type: modbus_tcp\n    host: 127.0.0.1\n    port: 5020", "type: modbus_rtu\n    port: /dev/x")
-    with pytest.raises(InputError, match="modbus_rtu is not simulated"):
-        SimulatedMachine(parse_machine(serial), TRUTH, workdir=tmp_path)
 
 
 def test_truth_survives_the_journey():
