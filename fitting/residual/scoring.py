@@ -178,10 +178,6 @@ class Candidates:
                     result[chosen[member]] = score
         return result
 
-    def numbers(self, place: int | None) -> tuple[int, ...]:
-        """Candidates that act on one joint alone (None: those that act on several)."""
-        return tuple(self._groups.get(place, ()))
-
     def width(self, number: int) -> int:
         """Number of a candidate's columns."""
         return self._widths[number]
