@@ -123,13 +123,8 @@ def _refused(
 
 def worth(model: Model, number: int) -> float:
     """Chi-square that dropping a term would cost, less the price of its parameters (Wald's)."""
-    part = model.term_slice(number)
-    told = model.fit.told[part]
-    if not told.any():
-        return -np.inf
-    values = model.fit.theta[part] + np.asarray(model.terms[number].rebuilt or np.zeros(part.stop - part.start))
-    inverse = np.linalg.pinv(model.fit.covariance[part, part][np.ix_(told, told)], hermitian=True)
-    return float(values[told] @ inverse @ values[told]) - PARAMETER_PRICE * int(told.sum())
+    count = _count(model, number)
+    return model.wald(number) - PARAMETER_PRICE * count if count else -np.inf
 
 
 def _with_rivals(

@@ -44,7 +44,6 @@ LEAST_GAP_SHARE = 0.9
 LEFT_SHARE = 0.01
 #: Share of the best gain from which on an explanation is rebuilt, to be compared by what it really leaves.
 NEAR = 0.5
-SAID_ODDS = float(np.log(priors.SAID / (1 - priors.SAID)))
 
 
 @dataclass(frozen=True)
@@ -132,7 +131,7 @@ def _of_joint(session: Session, start: _State, joint: int) -> tuple[list[Kinemat
         there = {f.effect.id for f in found}
         rated = states[-1].rated(joint, sum(f.gain for f in found))
         usable = [r for r in rated if r.score.effect.id not in there]
-        if not usable or log_sum([r.log_odds for r in usable]) < SAID_ODDS:
+        if not usable or log_sum([r.log_odds for r in usable]) < priors.SAID_ODDS:
             break
         following = _rebuilt(session, states[-1], usable)
         if following is None:

@@ -182,35 +182,17 @@ class Candidates:
         """Number of a candidate's columns."""
         return self._widths[number]
 
-    def products(self, model: Model, place: int | None, numbers: Sequence[int]) -> tuple[FloatArray, FloatArray]:
+    def products(self, model: Model, joint: int, numbers: Sequence[int]) -> tuple[FloatArray, FloatArray]:
         """Gram matrix (p, p) of candidates' columns less what the model explains, and products with its residual.
 
-        Columns are those of ``numbers`` one after the other. All are of one joint ``place``; with None, the rows are
-        those of all joints, and candidates of one joint are zero on the others.
+        Columns are those of ``numbers`` one after the other; all act on this joint alone.
         """
-        if place is not None:
-            group, columns = self._groups[place], self._columns[place]
-            starts = dict(zip(group, np.cumsum([0, *(self._widths[n] for n in group)]).tolist(), strict=False))
-            C = columns[:, np.concatenate([np.arange(starts[n], starts[n] + self._widths[n]) for n in numbers])]
-            Q, residual = model.fit.orthonormal[place], model.fit.residual[place]
-        else:
-            ends = np.cumsum([0, *(len(r) for r in model.fit.residual)])
-            C = np.zeros((int(ends[-1]), sum(self._widths[n] for n in numbers)))
-            start = 0
-            for n in numbers:
-                joint = None if self.terms[n].everywhere else self.terms[n].joint or 0
-                rows = slice(None) if joint is None else slice(int(ends[joint]), int(ends[joint + 1]))
-                C[rows, start : start + self._widths[n]] = self._own(joint, n)
-                start += self._widths[n]
-            Q, residual = np.vstack(model.fit.orthonormal), np.concatenate(model.fit.residual)
-        shadow = Q.T @ C
-        return C.T @ C - shadow.T @ shadow, C.T @ residual
-
-    def _own(self, place: int | None, number: int) -> FloatArray:
-        """Whitened columns of a candidate."""
-        group = self._groups[place]
-        start = sum(self._widths[n] for n in group[: group.index(number)])
-        return self._columns[place][:, start : start + self._widths[number]]
+        group = self._groups[joint]
+        starts = dict(zip(group, np.cumsum([0, *(self._widths[n] for n in group)]).tolist(), strict=False))
+        into = np.concatenate([np.arange(starts[n], starts[n] + self._widths[n]) for n in numbers])
+        C = self._columns[joint][:, into]
+        shadow = model.fit.orthonormal[joint].T @ C
+        return C.T @ C - shadow.T @ shadow, C.T @ model.fit.residual[joint]
 
     def _built(self, model: Model, place: int | None, numbers: Sequence[int]) -> FloatArray:
         joints = range(len(model.views[0])) if place is None else range(place, place + 1)

@@ -136,6 +136,16 @@ class Model:
         rows = whitened(self.design, self.noise, self.fitted, self.extra)
         return with_prior(rows, self.design.parameters, prior)
 
+    def wald(self, number: int) -> float:
+        """Chi-square that dropping term ``number`` would cost, what was moved into the signals included (Wald's)."""
+        part = self.term_slice(number)
+        told = self.fit.told[part]
+        if not told.any():
+            return 0.0
+        values = self.fit.theta[part] + np.asarray(self.terms[number].rebuilt or np.zeros(part.stop - part.start))
+        inverse = np.linalg.pinv(self.fit.covariance[part, part][np.ix_(told, told)], hermitian=True)
+        return float(values[told] @ inverse @ values[told])
+
     def contribution(self, number: int, joint: int, index: int) -> FloatArray:
         """What term ``number`` adds to a joint's drive effort in a segment, (N,)."""
         own = self.extra.columns[joint][index]

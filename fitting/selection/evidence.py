@@ -21,7 +21,7 @@ Machine Learning, 2006 (curves).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from functools import cache
 
 import numpy as np
 import numpy.typing as npt
@@ -66,7 +66,8 @@ def named_evidence(gain: FloatArray, live: FloatArray, amplitudes: FloatArray) -
     return np.asarray(0.5 * gain[:, None] * g / (1.0 + g) - 0.5 * live * np.log1p(g))
 
 
-def curve_roots(functions: int, lengths: Sequence[float]) -> FloatArray:
+@cache
+def curve_roots(functions: int, lengths: tuple[float, ...]) -> FloatArray:
     """Roots (lengths, n, n) of the prior covariances of a spline's coefficients.
 
     Coefficients ``d`` sixteenths of the range apart have the correlation ``exp(-d^2 / (2 length^2))``. Their mean is
@@ -128,10 +129,9 @@ def least_gain(live: int, choices: int = 1) -> float:
     """Chi-square from which on an effect of ``live`` parameters, one of ``choices`` shapes, is said."""
     sizes = priors.amplitudes(priors.USUAL_EFFORT)
     prior = np.log(priors.CATALOGUE / priors.NOTHING / priors.USUAL_FAMILIES / choices)
-    wanted = np.log(priors.SAID / (1 - priors.SAID))
 
     def missing(gain: float) -> float:
         own = named_evidence(np.array([gain]), np.array([float(live)]), sizes)[0]
-        return float(log_mean(own) + prior - wanted)
+        return float(log_mean(own) + prior - priors.SAID_ODDS)
 
     return float(optimize.brentq(missing, 0.0, 1e4))

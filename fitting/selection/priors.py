@@ -30,13 +30,15 @@ FAILED = 3.0
 OUTSIDE = 0.01
 #: Probability from which on something is said.
 SAID = 0.95
+#: The same as log odds.
+SAID_ODDS = float(np.log(SAID / (1 - SAID)))
 #: Probability, beside unknown laws, from which on a name is given: a wrong name sends somebody to the wrong part, which
 #: costs several times what an unnamed law does.
 NAMED = 0.8
 #: A machine as it usually is, for what it takes before any data: effects times joints, and the whitened effort.
 USUAL_FAMILIES, USUAL_EFFORT = 120, 2000.0
 #: Difference of chi-square at which one explanation is that probable beside another.
-CLOSE = float(2.0 * np.log(SAID / (1 - SAID)))
+CLOSE = 2.0 * SAID_ODDS
 #: How far a formula is from nature as a rule, as share of what is visible of the effect.
 INEXACT = 0.15
 #: Most effects that are looked for.

@@ -44,7 +44,6 @@ SHARED_Z = 4.0
 MOST_CONTENDERS = 12
 #: Gain beyond which no noise in regressors makes it: 17 standard deviations.
 BEYOND_BIAS = 300.0
-_SAID = float(np.log(priors.SAID / (1 - priors.SAID)))
 
 
 def attribute(
@@ -122,7 +121,7 @@ class Search:
             self.limits = tuple(best_scores(rated))
         self._record(rated)
         self.open = rated
-        if _log_total(rated) < _SAID:
+        if _log_total(rated) < priors.SAID_ODDS:
             return False
         self._try(self._ahead(self._sharp(rated, self.model)))
         return True
@@ -138,7 +137,9 @@ class Search:
         scores = self.candidates.scores(model)
         rating = self._rating(model)
         first = rating.rated(scores)
-        contending = [r for r in first if r.log_odds > -_SAID and r.score.gain < BEYOND_BIAS][:MOST_CONTENDERS]
+        contending = [r for r in first if r.log_odds > -priors.SAID_ODDS and r.score.gain < BEYOND_BIAS][
+            :MOST_CONTENDERS
+        ]
         if not contending or not self.draws.wanted:
             return first
         ids = {r.term.id for r in contending if r.term.uses_model and isinstance(r.term.content, Effect)}
@@ -172,7 +173,7 @@ class Search:
             if term.id == "supply_ripple":
                 continue
             item = next((a for a in self.accepted if a.score.term.family == term.family), None)
-            size = _worth(model, number) if item is None else max(_worth(model, number), item.score.gain)
+            size = model.wald(number) if item is None else max(model.wald(number), item.score.gain)
             for joint in range(joints) if term.everywhere else [term.joint or 0]:
                 share = 1.0
                 if term.everywhere and item is not None and item.score.places:
@@ -283,7 +284,7 @@ class Search:
         if joint is None or joint == choice.term.joint or family(choice.term) in self.waiting:
             return False
         own = [r for r in self._open(self._rated(self.model)) if r.term.joint == joint]
-        if not own or own[0].log_odds < _SAID:
+        if not own or own[0].log_odds < priors.SAID_ODDS:
             return False
         self.waiting.add(family(choice.term))
         self._try(self._ahead(self._sharp(own, self.model)))
@@ -302,7 +303,7 @@ class Search:
             float(named_evidence(np.array([s.gain]), np.array([float(s.live)]), np.array([np.sqrt(s.gain)]))[0, 0])
             for s in (law, found)
         )
-        return found if two - np.log(found.grid) > one + _SAID else law
+        return found if two - np.log(found.grid) > one + priors.SAID_ODDS else law
 
     def settle(self) -> None:
         """Hold every term against all others in its place; what is not needed goes, what is beaten is replaced."""
@@ -323,7 +324,7 @@ class Search:
         if len(self.accepted) == self.known:
             return
         for number in reversed(range(self.known)):
-            if _worth(self.model, number) >= least_gain(2):
+            if self.model.wald(number) >= least_gain(2):
                 continue
             place = self.accepted.pop(number).score.term.family
             self.known -= 1
@@ -450,17 +451,6 @@ def beside(model: Model, term: Term) -> Model:
     ends = np.cumsum([len(r) for r in fit.residual])[:-1]
     orthonormal = tuple(np.hstack([q, more]) for q, more in zip(fit.orthonormal, np.split(basis, ends), strict=True))
     return replace(model, fit=replace(fit, orthonormal=orthonormal, residual=tuple(np.split(residual, ends))))
-
-
-def _worth(model: Model, number: int) -> float:
-    """Chi-square that dropping a term would cost (Wald's)."""
-    fit, part = model.fit, model.term_slice(number)
-    told = fit.told[part]
-    values = fit.theta[part][told]
-    if model.terms[number].rebuilt:
-        values = values + np.asarray(model.terms[number].rebuilt)[told]
-    covariance = fit.covariance[part, part][np.ix_(told, told)]
-    return float(values @ np.linalg.pinv(covariance) @ values) if told.any() else 0.0
 
 
 def _log_total(rated: Sequence[Rated]) -> float:
