@@ -31,6 +31,11 @@ class Seam:
         """Names of all that are installed, sorted."""
         return tuple(sorted(point.name for point in self._points()))
 
+    def all(self, wanted: Any) -> tuple[Any, ...]:
+        """Objects of all that are installed, sorted by name, as :meth:`make` gives them; the metadata is read once."""
+        points = self._points()
+        return tuple(self._made(point, wanted) for point in sorted(points, key=lambda point: point.name))
+
     def load(self, name: str) -> Any:
         """What the entry point names.
 
@@ -39,27 +44,38 @@ class Seam:
         InputError
             One line, if there is none of that name, or it cannot be imported.
         """
-        found = {point.name: point for point in self._points()}
-        if name not in found:
-            raise InputError(f"there is no {self.kind} '{name}'; use one of {', '.join(sorted(found))}")
-        try:
-            return found[name].load()
-        except (ImportError, AttributeError) as error:
-            raise InputError(
-                f"{self.kind} '{name}' ({found[name].value}) cannot be loaded: {error}; "
-                "install what it needs, or reinstall the package it is from"
-            ) from error
+        return self._loaded(self._point(name))
 
     def make(self, name: str, wanted: Any) -> Any:
         """What the named class gives without arguments: an object of the type ``wanted`` (``InputError`` if not)."""
-        loaded = self.load(name)
+        return self._made(self._point(name), wanted)
+
+    def _point(self, name: str) -> EntryPoint:
+        found = {point.name: point for point in self._points()}
+        if name not in found:
+            raise InputError(f"there is no {self.kind} '{name}'; use one of {', '.join(sorted(found))}")
+        return found[name]
+
+    def _loaded(self, point: EntryPoint) -> Any:
+        try:
+            return point.load()
+        except (ImportError, AttributeError) as error:
+            raise InputError(
+                f"{self.kind} '{point.name}' ({point.value}) cannot be loaded: {error}; "
+                "install what it needs, or reinstall the package it is from"
+            ) from error
+
+    def _made(self, point: EntryPoint, wanted: Any) -> Any:
+        loaded = self._loaded(point)
         try:
             made = loaded()
         except TypeError as error:  # of an abstract class that lacks a method
-            raise InputError(f"{self.kind} '{name}' cannot be made: {error}") from error
+            raise InputError(f"{self.kind} '{point.name}' cannot be made: {error}") from error
         if not isinstance(made, wanted):
             type_name = f"{wanted.__module__}.{wanted.__qualname__}"
-            raise InputError(f"{self.kind} '{name}' is no {type_name}; its package has to be mended, or uninstalled")
+            raise InputError(
+                f"{self.kind} '{point.name}' is no {type_name}; its package has to be mended, or uninstalled"
+            )
         return made
 
     def _points(self) -> list[EntryPoint]:

@@ -17,7 +17,7 @@ __all__ = ["DriveView", "Effect", "Parameter", "effect", "effects"]
 @lru_cache(maxsize=1)
 def effects() -> tuple[Effect, ...]:
     """All registered effects, sorted by id."""
-    return tuple(EFFECTS.make(name, Effect) for name in EFFECTS.names())
+    return EFFECTS.all(Effect)
 
 
 def effect(name: str) -> Effect:

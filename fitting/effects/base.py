@@ -175,7 +175,9 @@ class DriveView:
     @property
     def p2(self) -> FloatArray:
         """Expected rod pressure, Pa: what motion and model force tell of it, without its own noise."""
-        return self.rod_pressures()[:, self.joint]
+        if "rod_pressures" not in self.shared:
+            self.shared["rod_pressures"] = self.rod_pressures()
+        return self.shared["rod_pressures"][:, self.joint]
 
     @property
     def range(self) -> Ranges:

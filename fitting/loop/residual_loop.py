@@ -107,10 +107,11 @@ class SessionSignals:
         ]
 
     def _on_replica(self, replicas: Replicas, number: int, model: Model, terms: Sequence[Term]) -> dict[int, Score]:
-        """Scores of terms on one replica, which is gone afterwards."""
+        """Scores of terms on one replica, which is gone afterwards; its noise is the model's own."""
         design, known = model.design, [replace(term, rebuilt=()) for term in model.terms]
         recordings = replicas.draw(np.random.default_rng([17, number]))
-        plain = Session(design.machine, recordings, Options(bandwidth_hz=design.bank.bandwidth_hz)).plain
+        session = Session(design.machine, recordings, Options(bandwidth_hz=design.bank.bandwidth_hz))
+        plain = session.prepared(Corrections(design.machine), noise=model.noise)
         passes = 2 if known else 1
         fitted = fit_model(plain.design, plain.noise, plain.fitted, known, self.prior, passes=passes)
         return Candidates(fitted, terms, [1] * len(terms)).scores(fitted)

@@ -289,9 +289,16 @@ class Session:
         return self.prepared(Corrections(self.machine))
 
     def prepared(
-        self, corrections: Corrections, latency: Mapping[str, float] | None = None, resampled: Collection[str] = ()
+        self,
+        corrections: Corrections,
+        latency: Mapping[str, float] | None = None,
+        resampled: Collection[str] = (),
+        noise: NoiseModel | None = None,
     ) -> Prepared:
-        """Design with corrections of positions, linkages and delays rebuilt into the signals."""
+        """Design with corrections of positions, linkages and delays rebuilt into the signals.
+
+        Where the ``noise`` is known, no runs of one motion are looked for: there are no pairs.
+        """
         machine = corrections.machine
         segments = segments_of(
             machine,
@@ -306,9 +313,10 @@ class Session:
         )
         store = storing(self.bank, Scratch()) if self.long else None
         design = build_design(machine, self.base, self.bank, self.position_noise, segments, store)
-        pairs = pair_repeats(design)
+        pairs = pair_repeats(design) if noise is None else ()
         fitted = design.indices(*FITTED_ROLES)
-        noise = noise_model(design, fitted, pairs)
+        if noise is None:
+            noise = noise_model(design, fitted, pairs)
         return Prepared(design, pairs, noise, fitted, design.indices("validate"))
 
     def delayed(self, prepared: Prepared, latency: Mapping[str, float], resampled: Collection[str] = ()) -> Prepared:
