@@ -3,20 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 import numpy.typing as npt
 
 from daq.machine_file import Machine
 from daq.recording import Recording
-from fitting.loop.kinematic_check import kinematic_findings
+from fitting.loop.kinematic_check import KinematicFinding, kinematic_findings
 from fitting.loop.residual_loop import run_attribution
 from fitting.loop.session import Options, Session
+from fitting.residual.findings import Attribution
 from fitting.residual.laws import Law
+from fitting.residual.terms import Term
 
 FloatArray = npt.NDArray[np.float64]
 Place = tuple[str, str | None]
+Stated = tuple[str, str | None, float]
 
 
 @dataclass(frozen=True)
@@ -27,14 +30,19 @@ class Said:
     ----------
     sets : per finding the effects that it may be, as (effect id, joint; None: the whole machine), the best first
     laws : (variable, joint) of each law of an unknown effect
-    stated : per finding of the efforts what stands first (effect id, or variable of a law; joint), and its probability
     values : parameter name to (value, standard deviation); ``joint1.f_c`` and base-parameter names
+    stated : per finding what is said with its probability, the best first: (effect id, or variable of a law; joint;
+        probability)
+    unknown : joint to the probability that it has an effect of no catalogue, where that is more than nothing
+    nothing : probability that nothing is missing, where nothing was found; else None
     """
 
     sets: tuple[tuple[Place, ...], ...]
     laws: tuple[tuple[str, str | None], ...]
     values: Mapping[str, tuple[float, float]]
-    stated: tuple[tuple[str, str | None, float], ...] = ()
+    stated: tuple[tuple[Stated, ...], ...] = ()
+    unknown: Mapping[str, float] = field(default_factory=dict)
+    nothing: float | None = None
 
 
 def recordings_of(machine: Machine, tables: Mapping[str, Mapping[str, FloatArray]]) -> list[Recording]:
@@ -86,9 +94,42 @@ def judge(machine: Machine, recordings: Sequence[Recording], bootstrap: int) -> 
         for name, value, std, told in zip(parameters.names, fit.theta, fit.std, fit.told, strict=False)
         if told
     }
-    stated = tuple(
-        (t.content.variable(names) if isinstance(t.content, Law) else t.id, place(t.joint), item.probability)
+    return Said(tuple(sets), tuple(laws), values, _stated(found, findings, names), *_beyond(found, names))
+
+
+def _stated(
+    found: Attribution, findings: Sequence[KinematicFinding], names: Sequence[str]
+) -> tuple[tuple[Stated, ...], ...]:
+    """What is said of kinematics and efforts, with probabilities; spectral lines have none."""
+
+    def shown(term: Term, probability: float) -> Stated:
+        content, joint = term.content, None if term.joint is None else names[term.joint]
+        return (content.variable(tuple(names)) if isinstance(content, Law) else term.id), joint, probability
+
+    moved = [
+        tuple(
+            (effect, names[f.joint], p)
+            for effect, p in zip((f.effect.id, *f.rivals), (f.probability, *f.rival_probabilities), strict=True)
+        )
+        for f in findings
+    ]
+    efforts = [
+        tuple(
+            shown(score.term, p)
+            for score, p in zip((item.score, *item.rivals), (item.probability, *item.rival_probabilities), strict=False)
+        )
         for item in found.accepted
-        if (t := item.score.term).id != "supply_ripple"
-    )
-    return Said(tuple(sets), tuple(laws), values, stated)
+        if item.score.term.id != "supply_ripple"
+    ]
+    return (*moved, *efforts)
+
+
+def _beyond(found: Attribution, names: Sequence[str]) -> tuple[dict[str, float], float | None]:
+    """Per joint the probability of an effect of no catalogue; and of nothing, where nothing was found."""
+    unknown: dict[str, float] = {}
+    total = sum(h.probability for h in found.hypotheses)
+    for hypothesis in found.hypotheses:
+        for joint in {t.joint for t in hypothesis.terms if isinstance(t.content, Law) and t.joint is not None}:
+            unknown[names[joint]] = unknown.get(names[joint], 0.0) + hypothesis.probability / total
+    empty = [h.probability for h in found.hypotheses if not h.terms]
+    return unknown, None if found.accepted or not empty else empty[0]

@@ -111,7 +111,13 @@ def run_case(order: Order) -> Line:
     seconds = time.process_time() - made
     outcome = verdict(key.kind, case.effects, said)
     line |= asdict(outcome)
-    line["said"] = {"sets": said.sets, "laws": said.laws, "stated": said.stated}
+    line["said"] = {
+        "sets": said.sets,
+        "laws": said.laws,
+        "stated": said.stated,
+        "unknown": said.unknown,
+        "nothing": said.nothing,
+    }
     line["seconds"] = seconds
     if outcome.result == "right" and not outcome.surplus:
         estimates = intervals(said.values, true_values(case.machine, case.truth))

@@ -38,7 +38,8 @@ def verdict(kind: str, effects: tuple[TrueEffect, ...], said: Said) -> Verdict:
     a law, no name. ``silent``: nothing. ``wrong``: a name alone that is not there; ``wrong set``: a set without it.
     Of pairs, ``partly`` is one of two. Nothing missing: ``right`` if nothing was said, else ``accused``. Outside the
     catalogue: ``right`` if only laws were said, all at the right joint and one of them in a variable that shows the
-    effect; ``elsewhere`` if joint or variable differ; any name is ``wrong``.
+    effect, or an effect of no catalogue is at least as probable there as not; ``elsewhere`` if joint or variable
+    differ; any name is ``wrong``.
     """
     true = {(e.id, e.reported) for e in effects}
     sets = [set(members) for members in said.sets]
@@ -59,7 +60,10 @@ def verdict(kind: str, effects: tuple[TrueEffect, ...], said: Said) -> Verdict:
         elif not said.laws:
             result = "silent"
         else:
-            fits = all(joint in joints for _, joint in said.laws) and any(v in variables for v, _ in said.laws)
+            seen = any(v in variables for v, _ in said.laws) or any(
+                said.unknown.get(j, 0.0) >= 0.5 for j in joints if j
+            )
+            fits = all(joint in joints for _, joint in said.laws) and seen
             result = "right" if fits else "elsewhere"
     elif found:
         surplus = len(false_sets) + len(said.laws)
