@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,7 @@ from fitting.regression.drive import UNITS, drive_columns, effort_unit
 from fitting.report.joint_words import joint_words
 from fitting.report.model import FrictionCurve, Scatter, Worst
 from fitting.residual.laws import NEIGHBOUR, OWN, Law
+from fitting.residual.simple_formulas import nearest_formula
 from fitting.residual.surfaces import Surface
 from fitting.residual.terms import Model
 from fitting.signals.splines import evaluate
@@ -33,7 +35,7 @@ def spline_curve(law: Law, values: FloatArray, covariance: FloatArray) -> dict[s
     """A law with these coefficients (k,) and their covariance (k, k), on a grid of its variable.
 
     A law of two signals is given along its first one, at that end of the second where it is larger; ``second`` holds
-    the rest.
+    the rest. One of a single signal has the simple formula that comes nearest to it.
     """
     grid = np.linspace(law.knots[0], law.knots[-1], _GRID)
     if isinstance(law, Surface):
@@ -50,7 +52,9 @@ def spline_curve(law: Law, values: FloatArray, covariance: FloatArray) -> dict[s
             "value": [(basis @ values).tolist() for basis in whole],
         }
         return {"grid": grid.tolist(), **curve, "second": second}
-    return {"grid": grid.tolist(), **_with_band(evaluate(np.asarray(law.knots), grid), values, covariance)}
+    curve = _with_band(evaluate(np.asarray(law.knots), grid), values, covariance)
+    formula = nearest_formula(grid, curve["value"], curve["std"])
+    return {"grid": grid.tolist(), **curve, "formula": None if formula is None else asdict(formula)}
 
 
 def _with_band(basis: FloatArray, values: FloatArray, covariance: FloatArray) -> dict[str, list[float]]:

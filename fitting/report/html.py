@@ -137,6 +137,7 @@ def _environment() -> jinja2.Environment:
         title_of=wording.title,
         capital=wording.capital,
         follows=wording.follows,
+        nearest=wording.nearest,
         lower_first=wording.lower,
         place=wording.place,
         chance=wording.as_chance,

@@ -193,12 +193,26 @@ class AddedEffect(Likely):
     evidence: dict[str, Any] = {}
 
 
+class SimpleFormula(_Part):
+    """The simple formula nearest to a law: its shape (an exponent, or in the signal's unit) and the share it explains.
+
+    ``rising`` is false of a threshold that acts below its place, and of an exponential that falls.
+    """
+
+    kind: Literal["power", "exponential", "threshold", "sine", "step"]
+    shape: float
+    rising: bool
+    amplitude: float
+    share: float
+
+
 class Law(_Part):
-    """A measured law: value and standard deviation over a grid of its variable."""
+    """A measured law: value and standard deviation over a grid of its variable, and the nearest simple formula."""
 
     grid: list[float] = []
     value: list[float] = []
     std: list[float] = []
+    formula: SimpleFormula | None = None
 
 
 class Unexplained(_Part):

@@ -231,6 +231,27 @@ def follows(law: Mapping[str, Any]) -> str:
     return f"the error {place(law.get('joint'))} follows the {_signals(law)}{turns}"
 
 
+def nearest(law: Mapping[str, Any]) -> str:
+    """The simple formula that comes nearest to a measured law, in a sentence; nothing where there is none."""
+    formula = law["law"].get("formula")
+    if formula is None:
+        return ""
+    signal, shape = words(str(law["variable"])), number(formula["shape"])
+    place_ = f"{shape} {unit(law['unit'])}".rstrip() if law.get("unit") else shape
+    kind = str(formula["kind"])
+    if kind == "power":
+        said = f"a power of the {signal} with the exponent {shape}"
+    elif kind == "threshold":
+        said = f"a straight line {'above' if formula['rising'] else 'below'} a threshold of {place_}"
+    elif kind == "exponential":
+        said = f"an exponential that {'rises' if formula['rising'] else 'falls'} over {place_}"
+    elif kind == "sine":
+        said = f"a sine with the wavelength {place_}"
+    else:
+        said = f"a step at {place_}"
+    return f"The nearest simple formula is {said}; it explains {100 * formula['share']:.0f} % of the curve."
+
+
 def label(loop: Mapping[str, Any]) -> str:
     """The verdict in a few words, of the report's ``loop``."""
     return LABELS[loop["verdict"] if looked(loop) else _unlooked(loop)]

@@ -26,7 +26,7 @@ from fitting.report import (
     write_report,
 )
 from fitting.report.text import moment, moved, number, percent, unit, with_std
-from fitting.report.wording import as_chance, chance, explanation, follows, readable, sizes
+from fitting.report.wording import as_chance, chance, explanation, follows, nearest, readable, sizes
 
 JOINTS = tuple(f"joint{i}" for i in range(1, 7))
 FLOORS = (41.0, 52.3, 30.1, 11.2, 4.31, 0.874)
@@ -712,6 +712,23 @@ def test_a_law_that_turns_with_the_motion_says_so() -> None:
         "the error at joint1 follows the piston position together with the oil temperature, "
         "and turns its sign with the direction of motion"
     )
+
+
+@pytest.mark.parametrize(
+    ("kind", "shape", "rising", "words"),
+    [
+        ("power", 1.5, True, "a power of the piston position with the exponent 1.50"),
+        ("threshold", 0.31, False, "a straight line below a threshold of 0.310 m"),
+        ("exponential", 0.1, True, "an exponential that rises over 0.100 m"),
+        ("sine", 0.2, True, "a sine with the wavelength 0.200 m"),
+        ("step", 0.3, True, "a step at 0.300 m"),
+    ],
+)
+def test_the_nearest_formula_of_a_law_is_said_with_its_share(kind: str, shape: float, rising: bool, words: str) -> None:
+    formula = {"kind": kind, "shape": shape, "rising": rising, "amplitude": 3.0, "share": 0.966}
+    law = {"variable": "piston_position", "unit": "m", "law": {"formula": formula}}
+    assert nearest(law) == f"The nearest simple formula is {words}; it explains 97 % of the curve."
+    assert nearest({**law, "law": {}}) == ""
 
 
 def test_a_number_without_a_unit_has_none() -> None:
