@@ -28,7 +28,7 @@ def counted(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     def fake(order: runs.Order) -> dict[str, Any]:
         done.append(order.key.text)
         key = order.key
-        selection = {"only": order.selection.only, "arm": order.selection.arm, "seconds": order.selection.seconds}
+        selection = order.selection.as_json()
         return {"kind": key.kind, "number": key.number, "seed": key.seed, "selection": selection, "result": "right"}
 
     monkeypatch.setattr(runs, "run_case", fake)
