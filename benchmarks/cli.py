@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable
-from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -15,6 +14,7 @@ from daq.errors import InputError
 
 if TYPE_CHECKING:
     from benchmarks.targets import Outcome
+    from sim_backends.machines import ArmKind
 
 ARMS: tuple[Literal["folding", "slewing"], ...] = ("folding", "slewing")
 DATABASES: tuple[Literal["sqlite", "postgresql"], ...] = ("sqlite", "postgresql")
@@ -79,6 +79,16 @@ def _counts(text: str) -> dict[str, int]:
     return counts
 
 
+def _arms(text: str | None) -> tuple[ArmKind, ...]:
+    from sim_backends.machines import ARMS as ALL
+
+    chosen = [part.strip() for part in (text or "").split(",") if part.strip()]
+    for part in chosen:
+        if part not in ALL:
+            raise InputError(f"--arms {part}: is no kind of arm; one of {', '.join(ALL)}, with commas")
+    return tuple(kind for part in dict.fromkeys(chosen) for kind in ALL if kind == part)
+
+
 def attribution(
     cases: Annotated[
         str, typer.Option(help="How many of each class: null, large, medium, small, kinematic, outside, pairs.")
@@ -96,7 +106,15 @@ def attribution(
         bool, typer.Option(help="Also how far each case's data are from nothing and from other names of the catalogue.")
     ] = False,
     only: Annotated[str | None, typer.Option(help="Only this effect.")] = None,
-    arm: Annotated[str | None, typer.Option(help="Only this arm: folding or slewing.")] = None,
+    arms: Annotated[
+        str | None,
+        typer.Option(
+            "--arms", "--arm", help="Only these arms, in turn: folding, slewing, excavator, telescope, with commas."
+        ),
+    ] = None,
+    recipe: Annotated[
+        int | None, typer.Option(help="Make the cases of an earlier recipe: 3 has folding and slewing arms only.")
+    ] = None,
     seconds: Annotated[float, typer.Option(help="Length of each recording in s.", min=20.0)] = 60.0,
     bootstrap: Annotated[
         int | None,
@@ -108,7 +126,7 @@ def attribution(
     for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
         os.environ[variable] = "1"
     from benchmarks.attribution import summary
-    from benchmarks.attribution.recipe import KINDS, CaseKey, Selection
+    from benchmarks.attribution.recipe import KINDS, RECIPE, RECIPES, CaseKey, Selection
     from benchmarks.attribution.runs import Order, plan_of, read_lines, run
     from benchmarks.targets import lines_of, missed
     from fitting.loop.session import Options
@@ -116,8 +134,8 @@ def attribution(
 
     if only is not None and only not in UNDECLARED:
         raise InputError(f"--only {only}: is no effect of the plant; one of {', '.join(sorted(UNDECLARED))}")
-    if arm not in (None, "folding", "slewing"):
-        raise InputError(f"--arm {arm}: write folding or slewing")
+    if recipe is not None and recipe not in RECIPES:
+        raise InputError(f"--recipe {recipe}: is no recipe; one of {', '.join(map(str, RECIPES))}")
     if only_make and cache is None:
         raise InputError("--only-make: fills a cache; name it with --cache")
     if compare is not None and not compare.is_file():
@@ -129,7 +147,7 @@ def attribution(
         keys = [CaseKey(kind, int(number), seed)]
     else:
         keys = plan_of(_counts(cases), seed)
-    selection = Selection(only, arm, seconds)
+    selection = Selection(only, _arms(arms), seconds, recipe or RECIPE)
     if cache is not None:
         cache.mkdir(parents=True, exist_ok=True)
     replicas = Options.bootstrap if bootstrap is None else bootstrap
@@ -144,7 +162,7 @@ def attribution(
     if json:
         content = {
             "benchmark": "attribution",
-            "selection": asdict(selection),
+            "selection": selection.as_json(),
             "checks": [check.as_json() for check in checks],
             "found_against_lambda": summary.found_against_size(lines),
             "cases": lines,

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from sim_backends.cases import Case, make_case, simulate_case
-    from sim_backends.machines import default_machine, folding_arm, slewing_arm
+    from sim_backends.machines import default_machine, excavator_front, folding_arm, slewing_arm, telescopic_crane
     from sim_backends.motion import Motion, random_motion, read_motion, write_motion
     from sim_backends.plant import Plant, record
     from sim_backends.simulated_machine import SimulatedMachine, SimulationError
@@ -29,6 +29,7 @@ __all__ = [
     "SimulationError",
     "Truth",
     "default_machine",
+    "excavator_front",
     "folding_arm",
     "load_truth",
     "make_case",
@@ -37,12 +38,13 @@ __all__ = [
     "record",
     "simulate_case",
     "slewing_arm",
+    "telescopic_crane",
     "write_motion",
 ]
 
 _HOME = {
     "cases": ("Case", "make_case", "simulate_case"),
-    "machines": ("default_machine", "folding_arm", "slewing_arm"),
+    "machines": ("default_machine", "excavator_front", "folding_arm", "slewing_arm", "telescopic_crane"),
     "motion": ("Motion", "random_motion", "read_motion", "write_motion"),
     "plant": ("Plant", "record"),
     "simulated_machine": ("SimulatedMachine", "SimulationError"),

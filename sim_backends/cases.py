@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -13,7 +12,7 @@ import yaml
 
 from daq.machine_file import Machine, machine_to_yaml
 from daq.recording import write_recording
-from sim_backends.machines import folding_arm, slewing_arm
+from sim_backends.machines import ARMS, ArmKind
 from sim_backends.motion import Motion, random_motion
 from sim_backends.plant import record_beside_ideal
 from sim_backends.truth import SensorQuality, Truth
@@ -63,11 +62,9 @@ class Case:
     recordings: Mapping[str, Mapping[str, FloatArray]]
 
 
-def plan_case(
-    arm: Literal["folding", "slewing"] | tuple[Machine, Truth] = "folding", seed: int = 0, seconds: float = 60.0
-) -> CasePlan:
+def plan_case(arm: ArmKind | tuple[Machine, Truth] = "folding", seed: int = 0, seconds: float = 60.0) -> CasePlan:
     """The machine and the motions of a case, before anything is recorded."""
-    machine, truth = arm if isinstance(arm, tuple) else (folding_arm if arm == "folding" else slewing_arm)(seed)
+    machine, truth = arm if isinstance(arm, tuple) else ARMS[arm](seed)
     rng = np.random.default_rng([seed, 11])
     motions: dict[str, Motion] = {"unloaded": random_motion(machine, rng, seconds, rods="unpinned")}
     for stem in ("train-1", "train-2", "validate"):
@@ -77,7 +74,7 @@ def plan_case(
 
 
 def simulate_case(
-    arm: Literal["folding", "slewing"] | tuple[Machine, Truth] = "folding",
+    arm: ArmKind | tuple[Machine, Truth] = "folding",
     seed: int = 0,
     undeclared: Effects = (),
     quality: SensorQuality | None = None,
@@ -96,7 +93,7 @@ def simulate_case(
 
 def make_case(
     folder: str | Path,
-    arm: Literal["folding", "slewing"] | tuple[Machine, Truth] = "folding",
+    arm: ArmKind | tuple[Machine, Truth] = "folding",
     seed: int = 0,
     undeclared: Effects = (),
     quality: SensorQuality | None = None,

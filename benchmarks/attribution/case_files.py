@@ -18,9 +18,6 @@ from daq.recording_files import read_table
 from sim_backends.cases import STEMS
 from sim_backends.truth import SensorQuality, load_truth, truth_to_yaml
 
-#: Raised whenever the same key would give another case.
-RECIPE = 3
-
 
 def stored_case(folder: Path, key: CaseKey, selection: Selection | None = None) -> BenchCase:
     """The case from ``folder``, made and kept there if it is not there yet."""
@@ -28,11 +25,11 @@ def stored_case(folder: Path, key: CaseKey, selection: Selection | None = None) 
     description = place / "case.json"
     if description.is_file():
         content = json.loads(description.read_text(encoding="utf-8"))
-        if content["recipe"] == RECIPE:
+        if content["recipe"] == (selection or Selection()).recipe:
             return _read(place, key, content)
     case = make_case(key, selection)
     shutil.rmtree(place, ignore_errors=True)
-    _write(place, case)
+    _write(place, case, (selection or Selection()).recipe)
     return case
 
 
@@ -52,7 +49,7 @@ def _place(folder: Path, key: CaseKey, selection: Selection | None) -> Path:
     return folder / f"seed{key.seed}-{key.kind}-{key.number:04d}{(selection or Selection()).text}"
 
 
-def _write(place: Path, case: BenchCase) -> None:
+def _write(place: Path, case: BenchCase, recipe: int) -> None:
     place.mkdir(parents=True)
     (place / "machine.yaml").write_text(machine_to_yaml(case.machine), encoding="utf-8")
     for stem, table in case.recordings.items():
@@ -60,7 +57,7 @@ def _write(place: Path, case: BenchCase) -> None:
         write_recording(place / f"{stem}.parquet", case.machine, stem.partition("-")[0], table["time"], values)
     (place / "truth.yaml").write_text(truth_to_yaml(case.truth), encoding="utf-8")
     content = {
-        "recipe": RECIPE,
+        "recipe": recipe,
         "quality": asdict(case.quality),
         "effects": [asdict(e) for e in case.effects],
         "redrawn": [asdict(r) for r in case.redrawn],

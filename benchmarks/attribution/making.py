@@ -5,15 +5,15 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Literal, cast
 
 import numpy as np
 import numpy.typing as npt
 
 from benchmarks.attribution.recipe import (
+    FULL_SCALE,
     INSIDE,
     KINEMATIC,
-    OUTSIDE,
+    RECIPES,
     SIGNED,
     TARGETS,
     CaseKey,
@@ -27,7 +27,7 @@ from daq.machine_file import Machine
 from sim_backends.cases import STEMS, CasePlan, plan_case
 from sim_backends.plant import Plant
 from sim_backends.truth import SensorQuality, Truth
-from sim_backends.undeclared import UNDECLARED, EffectSpec
+from sim_backends.undeclared import UNDECLARED, EffectSpec, obstacle
 
 FloatArray = npt.NDArray[np.float64]
 Tables = Mapping[str, Mapping[str, FloatArray]]
@@ -90,10 +90,12 @@ def undisturbed(quality: SensorQuality) -> SensorQuality:
 def opened(key: CaseKey, selection: Selection) -> tuple[np.random.Generator, CasePlan, SensorQuality]:
     """The machine, its motions and its measurement chain, and the generator that draws the rest of the case."""
     rng = generator(key)
-    arm = str(rng.choice(["folding", "slewing"]))
-    chosen = cast(Literal["folding", "slewing"], selection.arm or arm)
-    plan = plan_case(chosen, int(rng.integers(2**31)), selection.seconds)
-    return rng, plan, draw_quality(rng)
+    arms = RECIPES[selection.recipe].arms
+    arm = arms[int(rng.choice(len(arms)))]
+    if selection.arms:
+        arm = selection.arms[key.number % len(selection.arms)]
+    plan = plan_case(arm, int(rng.integers(2**31)), selection.seconds)
+    return rng, plan, draw_quality(rng, FULL_SCALE[arm])
 
 
 def make_case(key: CaseKey, selection: Selection | None = None) -> BenchCase:
@@ -124,6 +126,10 @@ def make_case(key: CaseKey, selection: Selection | None = None) -> BenchCase:
             sign = float(rng.choice([-1.0, 1.0])) if effect in SIGNED else 1.0
             if any((effect, joint) == (s.id, s.joint) for s in specs):
                 continue
+            unfit = None if joint is None else obstacle(UNDECLARED[effect], plan.machine.joint(joint))
+            if unfit is not None:
+                redrawn.append(Redrawn(effect, joint, unfit))
+                continue
             found = bench.scaled([replace(s, size=0.0) for s in specs], EffectSpec(effect, joint, sign), target)
             if not isinstance(found, str):
                 break
@@ -150,7 +156,7 @@ def make_case(key: CaseKey, selection: Selection | None = None) -> BenchCase:
 
 
 def _draw(rng: np.random.Generator, kind: str, plan: CasePlan, selection: Selection) -> tuple[str, str | None]:
-    pool = {"kinematic": KINEMATIC, "outside": OUTSIDE}.get(kind, INSIDE)
+    pool = {"kinematic": KINEMATIC, "outside": RECIPES[selection.recipe].outside}.get(kind, INSIDE)
     effect = pool[int(rng.integers(len(pool)))]
     joint = plan.machine.joints[int(rng.integers(len(plan.machine.joints)))].name
     effect = selection.only or effect

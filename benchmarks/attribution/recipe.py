@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, field
+from typing import Any
 
 import numpy as np
 
 from sim_backends.cases import CasePlan
+from sim_backends.machines import ARMS, ArmKind
 from sim_backends.truth import CylinderTruth, SensorQuality
-from sim_backends.undeclared import UNDECLARED, outside
+from sim_backends.undeclared import OUTSIDE, UNDECLARED, outside
 
 #: Classes of cases, and the interval their sizes are drawn from (log-uniform): lambda, or, for effects that bend an
 #: encoder, the root mean square of the mismatch in noise widths of one sample.
@@ -24,7 +26,6 @@ TARGETS: dict[str, tuple[float, float]] = {
 }
 KINDS = tuple(TARGETS)
 KINEMATIC = ("encoder_offset", "encoder_eccentricity", "linkage_geometry", "backlash")
-OUTSIDE = tuple(effect for effect, kind in UNDECLARED.items() if kind.__module__ == outside.__name__)
 #: Effects of the catalogue that show in the efforts.
 INSIDE = tuple(e for e in UNDECLARED if e not in KINEMATIC and e not in OUTSIDE)
 #: Effects whose size may have either sign: errors of transducers and mountings.
@@ -37,6 +38,22 @@ SIGNED = (
     "linkage_geometry",
     "base_tilt",
 )
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """What cases are drawn from: kinds of arms, and effects outside the catalogue. Their order counts."""
+
+    arms: tuple[ArmKind, ...]
+    outside: tuple[str, ...]
+
+
+#: By number; a number is added whenever the same key would give another case, and makes its own cases for ever.
+RECIPES = {
+    3: Recipe(("folding", "slewing"), tuple(e for e in OUTSIDE if UNDECLARED[e].__module__ == outside.__name__)),
+    4: Recipe(tuple(ARMS), OUTSIDE),
+}
+RECIPE = max(RECIPES)
 
 
 @dataclass(frozen=True)
@@ -55,17 +72,31 @@ class CaseKey:
 
 @dataclass(frozen=True)
 class Selection:
-    """What a run is restricted to: one effect, one arm; ``seconds`` is the length of each recording."""
+    """What a run is restricted to.
+
+    Attributes
+    ----------
+    only : one effect
+    arms : kinds of arms, which take turns by a case's number; none: drawn from all of the recipe
+    seconds : length of each recording
+    recipe : number in :data:`RECIPES`
+    """
 
     only: str | None = None
-    arm: str | None = None
+    arms: tuple[ArmKind, ...] = ()
     seconds: float = 60.0
+    recipe: int = field(default=RECIPE)
 
     @property
     def text(self) -> str:
-        """Part of a file name; empty for an unrestricted run."""
-        parts = [self.only, self.arm, None if self.seconds == 60.0 else f"{self.seconds:g}s"]
+        """Part of a file name; empty for an unrestricted run of today's recipe."""
+        parts = [self.only, "-".join(self.arms), None if self.seconds == 60.0 else f"{self.seconds:g}s"]
+        parts.append(None if self.recipe == RECIPE else f"recipe{self.recipe}")
         return "".join(f"-{part}" for part in parts if part)
+
+    def as_json(self) -> dict[str, Any]:
+        """As it is read back from a line of results."""
+        return asdict(self) | {"arms": list(self.arms)}
 
 
 def generator(key: CaseKey) -> np.random.Generator:
@@ -73,12 +104,16 @@ def generator(key: CaseKey) -> np.random.Generator:
     return np.random.default_rng([77, key.seed, KINDS.index(key.kind), key.number])
 
 
-def draw_quality(rng: np.random.Generator) -> SensorQuality:
+#: Where pressure transducers end, Pa: 250 bar, and 400 on the machines of tonnes.
+FULL_SCALE: dict[ArmKind, float] = {"folding": 25.0e6, "slewing": 25.0e6, "excavator": 40.0e6, "telescope": 40.0e6}
+
+
+def draw_quality(rng: np.random.Generator, full_scale: float = 25.0e6) -> SensorQuality:
     """A measurement chain and a restlessness, each property log-uniform over what machines have.
 
     The disturbance is 3 to 30 % of Coulomb friction with 0.05 to 0.6 s of memory; a knock comes every 50 to 2000 s;
-    pressures have 14 to 16 bits and 0.5 to 5 kPa of noise, joint encoders 17 to 20 bits, piston encoders steps of 1 to
-    10 micrometres.
+    pressures have 14 to 16 bits of ``full_scale`` Pa and noise of 20 to 200 millionths of it, joint encoders 17 to 20
+    bits, piston encoders steps of 1 to 10 micrometres.
     """
 
     def between(low: float, high: float) -> float:
@@ -89,8 +124,8 @@ def draw_quality(rng: np.random.Generator) -> SensorQuality:
         encoder_resolution=2 * float(np.pi) / 2 ** int(rng.integers(17, 21)),
         piston_std=between(1.5e-6, 8e-6),
         piston_resolution=float(rng.choice([1e-6, 2e-6, 5e-6, 1e-5])),
-        pressure_std=between(500.0, 5000.0),
-        pressure_resolution=25.0e6 / 2 ** int(rng.integers(14, 17)),
+        pressure_std=between(500.0, 5000.0) * (full_scale / 25.0e6),
+        pressure_resolution=full_scale / 2 ** int(rng.integers(14, 17)),
         disturbance=between(0.03, 0.3),
         disturbance_time=between(0.05, 0.6),
         knock_rate=between(0.0005, 0.02),
@@ -123,11 +158,18 @@ def largest(effect: str, plan: CasePlan, joint: str | None) -> float:
     if effect in ("hose_stiffness", "pose_dependent_friction"):
         return (10.0 if effect == "hose_stiffness" else 3.0) * law.f_c * arm
     outer = sum(link.mass for link in plan.truth.links[number:])
+    size = 1.0 if plan.machine.joints[number].type == "prismatic" else _size(plan)
     if effect in ("actuator_inertia", "carried_liquid"):
-        return 0.5 * outer
+        return 0.5 * outer * size**2
     if effect == "structural_flexibility":
-        return 0.02 / (9.81 * outer)  # 20 mrad of sag under the weight of what it carries at one metre
+        # 20 mrad (or mm of a slide) of sag under the weight of what it carries at one metre, or what that is here
+        return 0.02 / (9.81 * outer * size)
     raise KeyError(effect)
+
+
+def _size(plan: CasePlan) -> float:
+    """How many times longer the arm's longest link is than those that the estimates were made for (up to 1.3 m)."""
+    return max(1.0, max(abs(joint.dh.a) for joint in plan.machine.joints) / 1.3)
 
 
 def _lever(plan: CasePlan, joint: int) -> float:
@@ -178,4 +220,10 @@ _OF_THE_LAW: dict[str, Callable[[CylinderTruth], float]] = {
     "dented_rod": _friction(5.0),
     "return_line": _friction(5.0),
     "hanging_hose": _friction(15.0),
+    "squeezed_guide": _friction(3.0),
+    "wiped_film": _friction(4.0),
+    "lying_rod": _friction(5.0),
+    "starved_inflow": _friction(10.0),
+    "shared_gallery": _friction(10.0),
+    "pilot_line": _friction(8.0),
 }

@@ -12,7 +12,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from benchmarks.attribution.case_files import RECIPE, stored_apart, stored_case
+from benchmarks.attribution.case_files import stored_apart, stored_case
 from benchmarks.attribution.coverage import intervals, true_values
 from benchmarks.attribution.judging import judge, recordings_of
 from benchmarks.attribution.making import make_case
@@ -80,8 +80,9 @@ def key_of(line: Line) -> CaseKey:
 def run_case(order: Order) -> Line:
     """Make one case and judge it; failures are results, not hidden."""
     key = order.key
-    line: Line = {"kind": key.kind, "number": key.number, "seed": key.seed, "selection": asdict(order.selection)}
-    line |= {"bootstrap": order.bootstrap, "recipe": RECIPE, "result": "error"}
+    line: Line = {"kind": key.kind, "number": key.number, "seed": key.seed}
+    line |= {"selection": order.selection.as_json(), "bootstrap": order.bootstrap}
+    line |= {"recipe": order.selection.recipe, "result": "error"}
     started = time.process_time()
     try:
         if order.cache is not None:
@@ -166,7 +167,7 @@ def run(
         part = output.with_name(output.name + ".part")
         part.write_text(text, encoding="utf-8")
         part.replace(output)
-        wanted = {order.key: (asdict(order.selection), order.bootstrap) for order in orders}
+        wanted = {order.key: (order.selection.as_json(), order.bootstrap) for order in orders}
         for key, line in known.items():
             if key in wanted and (line.get("selection"), line.get("bootstrap", Options.bootstrap)) != wanted[key]:
                 raise InputError(

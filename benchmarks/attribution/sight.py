@@ -113,7 +113,7 @@ class Sight:
     def _gap(self, tables: Mapping[str, Table], stem: str, joint: int) -> FloatArray:
         described = self._machine.joints[joint]
         assert described.cylinder is not None
-        angle = tables[stem][f"{described.name}.angle"]
+        angle = tables[stem][_encoder(self._machine, described.name)]
         return np.asarray(
             tables[stem][f"{described.name}.piston_position"] - described.cylinder.linkage.piston_position(angle)
         )
@@ -157,7 +157,7 @@ class Sight:
         rows: list[list[FloatArray]] = [[] for _ in range(count)]
         for stem in FITTED:
             loaded = stem != "unloaded"
-            q = np.stack([bare[stem][f"{j.name}.angle"] for j in machine.joints], axis=1)
+            q = np.stack([bare[stem][_encoder(machine, j.name)] for j in machine.joints], axis=1)
             q, qd, qdd = _derivatives(q, machine.rate_hz)
             x = np.stack([bare[stem][f"{j.name}.piston_position"] for j in machine.joints], axis=1)
             x, v, a = _derivatives(x, machine.rate_hz)
@@ -235,6 +235,13 @@ def _effort(machine: Machine, table: Table, joint: int) -> FloatArray:
         table[f"{described.name}.head_pressure"] * described.cylinder.head_area
         - table[f"{described.name}.rod_pressure"] * described.cylinder.rod_area
     )
+
+
+def _encoder(machine: Machine, joint: str) -> str:
+    """Name of the channel with the joint's position."""
+    channel = machine.channel("joint_position", joint)
+    assert channel is not None
+    return channel.name
 
 
 def _derivatives(values: FloatArray, rate: float) -> Sequence[FloatArray]:

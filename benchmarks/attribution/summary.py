@@ -324,8 +324,8 @@ def compared(old: Sequence[Line], new: Sequence[Line]) -> list[str]:
     rows, changes, both = [], Counter[str](), 0
     for line in new:
         earlier = before.get((line["kind"], line["number"], line["seed"]))
-        if earlier is None:
-            continue
+        if earlier is None or earlier.get("recipe") != line.get("recipe"):
+            continue  # another recipe makes another case of the same key
         both += 1
         if outcome(earlier) != outcome(line):
             rows.append(f"  {line['kind']}:{line['number']} {truth_text(line)}")

@@ -6,16 +6,20 @@ parameters, which only the plant reads.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
-import yaml
 
-from daq.machine_file import Machine, load_machine, parse_machine
+from daq.machine_file import Machine, load_machine
+from sim_backends.machines.heavy import excavator_front, telescopic_crane
+from sim_backends.machines.parts import box_link, measured_machine
 from sim_backends.truth import CylinderTruth, LinkTruth, Truth, load_truth
 
-__all__ = ["default_machine", "folding_arm", "slewing_arm"]
+__all__ = ["ARMS", "ArmKind", "default_machine", "excavator_front", "folding_arm", "slewing_arm", "telescopic_crane"]
+
+ArmKind = Literal["folding", "slewing", "excavator", "telescope"]
 
 TRAVEL = (-0.65, 0.65)  # rad
 LIMITS = {"position": list(TRAVEL), "velocity": 0.6, "acceleration": 1.5}
@@ -36,7 +40,9 @@ def folding_arm(seed: int) -> tuple[Machine, Truth]:
     lengths = np.array([0.95, 0.78, 0.58, 0.45, 0.36, 0.27]) * rng.uniform(0.88, 1.12, 6)
     rows = [{"a": float(a), "alpha": 0.0, "d": 0.0, "theta": 0.0} for a in lengths]
     masses = np.array([98.0, 74.0, 45.0, 28.0, 16.0, 8.5]) * rng.uniform(0.8, 1.2, 6)
-    links = [_link(rng, mass, (-0.5 * a, 0.0, 0.0), (a, 0.18, 0.14)) for mass, a in zip(masses, lengths, strict=True)]
+    links = [
+        box_link(rng, mass, (-0.5 * a, 0.0, 0.0), (a, 0.18, 0.14)) for mass, a in zip(masses, lengths, strict=True)
+    ]
     return _machine("folding-arm", [0.0, -9.81, 0.0], rows, links, rng)
 
 
@@ -58,52 +64,20 @@ def slewing_arm(seed: int) -> tuple[Machine, Truth]:
                (-0.5 * wrist, 0.0, 0.0), (0.0, 0.0, 0.08), (0.0, 0.0, -0.12)]  # fmt: skip
     shapes = [(0.35, 0.6, 0.35), (boom, 0.2, 0.16), (stick, 0.18, 0.14), (wrist, 0.14, 0.14),
               (0.15, 0.15, 0.2), (0.14, 0.14, 0.28)]  # fmt: skip
-    links = [_link(rng, m, c, s) for m, c, s in zip(masses, centres, shapes, strict=True)]
+    links = [box_link(rng, m, c, s) for m, c, s in zip(masses, centres, shapes, strict=True)]
     return _machine("slewing-arm", [0.0, 0.0, -9.81], rows, links, rng)
-
-
-def _link(rng: np.random.Generator, mass: float, centre: tuple[float, ...], shape: tuple[float, ...]) -> LinkTruth:
-    """A box of edge lengths ``shape`` (m), a little askew and off ``centre``, about its distal frame's origin."""
-    size = np.array(shape) * rng.uniform(0.85, 1.15, 3)
-    c = np.array(centre) * rng.uniform(0.9, 1.1, 3) + rng.normal(0.0, 0.025, 3)
-    tilt, _ = np.linalg.qr(np.eye(3) + rng.normal(0.0, 0.04, (3, 3)))
-    principal = mass / 12 * (size @ size - size**2)
-    about_origin = tilt @ np.diag(principal) @ tilt.T + mass * (c @ c * np.eye(3) - np.outer(c, c))
-    i = about_origin
-    moment = mass * c
-    return LinkTruth(
-        float(mass),
-        (float(moment[0]), float(moment[1]), float(moment[2])),
-        tuple(float(v) for v in (i[0, 0], i[0, 1], i[0, 2], i[1, 1], i[1, 2], i[2, 2])),  # type: ignore[arg-type]
-    )
 
 
 def _machine(
     name: str, gravity: list[float], rows: list[dict[str, float]], links: list[LinkTruth], rng: np.random.Generator
 ) -> tuple[Machine, Truth]:
     joints: list[dict[str, Any]] = []
-    channels: list[dict[str, Any]] = []
-    cylinders: dict[str, CylinderTruth] = {}
+    laws: list[CylinderTruth] = []
     for k, row in enumerate(rows):
-        joint, bore = f"joint{k + 1}", BORES[k]
-        cylinder, law = _cylinder(bore, 0.35 * (0.9 if k else 1.0), rng)
-        joints.append({"name": joint, "dh": row, "limits": LIMITS, "cylinder": cylinder})
-        cylinders[joint] = law
-        channels += [
-            {"name": f"{joint}.angle", "quantity": "joint_position", "joint": joint, "unit": "rad"},
-            {"name": f"{joint}.piston_position", "quantity": "piston_position", "joint": joint, "unit": "m"},
-            {"name": f"{joint}.head_pressure", "quantity": "head_pressure", "joint": joint, "unit": "Pa"},
-            {"name": f"{joint}.rod_pressure", "quantity": "rod_pressure", "joint": joint, "unit": "Pa"},
-        ]
-    content = {
-        "schema": "hilfit/machine/1",
-        "name": name,
-        "rate_hz": 50,
-        "gravity": gravity,
-        "joints": joints,
-        "channels": channels,
-    }
-    return parse_machine(yaml.safe_dump(content)), Truth(tuple(links), cylinders)
+        cylinder, law = _cylinder(BORES[k], 0.35 * (0.9 if k else 1.0), rng)
+        joints.append({"name": f"joint{k + 1}", "dh": row, "limits": LIMITS, "cylinder": cylinder})
+        laws.append(law)
+    return measured_machine(name, gravity, joints, laws, links)
 
 
 def _cylinder(bore: float, spread: float, rng: np.random.Generator) -> tuple[dict[str, Any], CylinderTruth]:
@@ -135,3 +109,12 @@ def _cylinder(bore: float, spread: float, rng: np.random.Generator) -> tuple[dic
         f_s=float(f_c * rng.uniform(0.45, 0.95)),
     )
     return declared, law
+
+
+#: Arms drawn at random, by kind; each is made from a seed.
+ARMS: dict[ArmKind, Callable[[int], tuple[Machine, Truth]]] = {
+    "folding": folding_arm,
+    "slewing": slewing_arm,
+    "excavator": excavator_front,
+    "telescope": telescopic_crane,
+}

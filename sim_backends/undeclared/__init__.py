@@ -8,18 +8,36 @@ from dataclasses import dataclass
 
 from daq.errors import InputError
 from daq.linkages import ThreePin, reduced
-from daq.machine_file import Machine
-from sim_backends.undeclared import forces, friction, mounting, outside, sensing
+from daq.machine_file import Joint, Machine
+from sim_backends.undeclared import forces, friction, mounting, outside, outside_later, sensing
 from sim_backends.undeclared.base import Block, Place, Readings, UndeclaredEffect
 
-__all__ = ["UNDECLARED", "Block", "EffectSpec", "Place", "Readings", "UndeclaredEffect", "check_spec", "parse_spec"]
+__all__ = [
+    "OUTSIDE",
+    "UNDECLARED",
+    "Block",
+    "EffectSpec",
+    "Place",
+    "Readings",
+    "UndeclaredEffect",
+    "check_spec",
+    "obstacle",
+    "parse_spec",
+]
 
 UNDECLARED: dict[str, type[UndeclaredEffect]] = {
     effect.id: effect
-    for module in (friction, forces, sensing, mounting, outside)
+    for module in (friction, forces, sensing, mounting, outside, outside_later)
     for effect in vars(module).values()
     if isinstance(effect, type) and issubclass(effect, UndeclaredEffect) and effect is not UndeclaredEffect
 }
+#: Effects that stand in no catalogue, in the order in which they were written.
+OUTSIDE = tuple(
+    effect
+    for module in (outside, outside_later)
+    for effect, kind in UNDECLARED.items()
+    if kind.__module__ == module.__name__
+)
 
 
 @dataclass(frozen=True)
@@ -65,9 +83,19 @@ def check_spec(spec: EffectSpec, machine: Machine) -> EffectSpec:
     names = [joint.name for joint in machine.joints]
     if spec.joint not in names:
         raise InputError(f"undeclared {spec.id}: there is no joint '{spec.joint}'; one of {', '.join(names)}")
-    cylinder = machine.joint(spec.joint).cylinder
-    if effect.needs_cylinder and cylinder is None:
-        raise InputError(f"undeclared {spec.id}: {spec.joint} has no cylinder; choose a joint that has one")
-    if effect.needs_three_pin and not (cylinder is not None and isinstance(reduced(cylinder.linkage), ThreePin)):
-        raise InputError(f"undeclared {spec.id}: {spec.joint} has no three-pin linkage; choose a joint that has one")
+    found = obstacle(effect, machine.joint(spec.joint))
+    if found is not None:
+        raise InputError(f"undeclared {spec.id}: {spec.joint} {found}")
     return spec
+
+
+def obstacle(effect: type[UndeclaredEffect], joint: Joint) -> str | None:
+    """Why ``joint`` cannot have the effect, as the end of a sentence about it; None if it can."""
+    cylinder = joint.cylinder
+    if effect.needs_cylinder and cylinder is None:
+        return "has no cylinder; choose a joint that has one"
+    if effect.needs_three_pin and not (cylinder is not None and isinstance(reduced(cylinder.linkage), ThreePin)):
+        return "has no three-pin linkage; choose a joint that has one"
+    if effect.needs_rotation and joint.type == "prismatic":
+        return "slides; choose a joint that turns"
+    return None

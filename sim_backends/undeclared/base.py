@@ -83,6 +83,7 @@ class UndeclaredEffect:
     base_wide: ClassVar[bool] = False  # belongs to no joint
     needs_cylinder: ClassVar[bool] = True
     needs_three_pin: ClassVar[bool] = False
+    needs_rotation: ClassVar[bool] = False  # a sliding joint cannot have it
 
     def __init__(self, place: Place, size: float) -> None:
         self.place = place

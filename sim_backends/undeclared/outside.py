@@ -176,6 +176,7 @@ class HangingHose(UndeclaredEffect):
     id = "hanging_hose"
     unit = "N"
     meaning = "largest pull along the piston"
+    needs_rotation = True
 
     def prepare(self, rng: np.random.Generator) -> None:
         self.harmonic, self.phase = float(rng.choice([2.0, 3.0])), rng.uniform(0, 2 * np.pi)

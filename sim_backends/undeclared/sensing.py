@@ -107,6 +107,7 @@ class EncoderEccentricity(UndeclaredEffect):
     unit = "rad"
     meaning = "eccentricity over radius: amplitude of the reading's error over a turn"
     needs_cylinder = False
+    needs_rotation = True
 
     def prepare(self, rng: np.random.Generator) -> None:
         self.bearing = rng.uniform(0, 2 * np.pi)

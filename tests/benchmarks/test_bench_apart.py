@@ -16,7 +16,7 @@ from benchmarks.attribution.sight import FITTED, Sight
 from benchmarks.attribution.summary import inseparable, untellable
 from sim_backends.undeclared import EffectSpec
 
-KEY, SHORT = CaseKey("large", 2), Selection(arm="slewing", seconds=30.0)
+KEY, SHORT = CaseKey("large", 2), Selection(arms=("slewing",), seconds=30.0)
 
 
 def case_with(effect: str, joint: str, size: float) -> BenchCase:

@@ -11,11 +11,21 @@ import numpy as np
 import pytest
 
 from benchmarks.attribution import case_files, runs
-from benchmarks.attribution.making import BenchCase, make_case
-from benchmarks.attribution.recipe import KINDS, OUTSIDE, CaseKey, Selection, draw_quality, generator, largest
+from benchmarks.attribution.making import BenchCase, _draw, make_case, opened
+from benchmarks.attribution.recipe import (
+    KINDS,
+    RECIPE,
+    RECIPES,
+    CaseKey,
+    Selection,
+    draw_quality,
+    generator,
+    largest,
+)
 from daq.errors import InputError
 from sim_backends.cases import plan_case
-from sim_backends.undeclared import UNDECLARED
+from sim_backends.machines import ARMS
+from sim_backends.undeclared import OUTSIDE, UNDECLARED, obstacle
 
 SHORT = Selection(seconds=20.0)
 
@@ -28,7 +38,7 @@ def counted(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     def fake(order: runs.Order) -> dict[str, Any]:
         done.append(order.key.text)
         key = order.key
-        selection = {"only": order.selection.only, "arm": order.selection.arm, "seconds": order.selection.seconds}
+        selection = order.selection.as_json()
         return {"kind": key.kind, "number": key.number, "seed": key.seed, "selection": selection, "result": "right"}
 
     monkeypatch.setattr(runs, "run_case", fake)
@@ -89,12 +99,69 @@ def test_qualities_differ_and_are_plausible() -> None:
     assert len({q.piston_resolution for q in qualities}) == 4
 
 
-@pytest.mark.parametrize("arm", ["folding", "slewing"])
+@pytest.mark.parametrize("arm", list(ARMS))
 def test_every_effect_has_a_largest_size_on_every_joint(arm: Any) -> None:
     plan = plan_case(arm, 3, seconds=20.0)
     for effect, kind in UNDECLARED.items():
-        for joint in [None] if kind.base_wide else [j.name for j in plan.machine.joints]:
+        able = [joint.name for joint in plan.machine.joints if obstacle(kind, joint) is None]
+        assert able
+        for joint in [None] if kind.base_wide else able:
             assert largest(effect, plan, joint) > 0
+
+
+# Drawn by the benchmark when recipe 3 was its only one: arm, and the effect and joint that were drawn first.
+OF_RECIPE_3 = {
+    ("large", 0, 0): ("folding-arm", "pose_dependent_friction", "joint4"),
+    ("large", 0, 77): ("slewing-arm", "carried_liquid", "joint6"),
+    ("kinematic", 1, 0): ("folding-arm", "linkage_geometry", "joint6"),
+    ("outside", 0, 77): ("slewing-arm", "hanging_hose", "joint1"),
+    ("outside", 2, 77): ("folding-arm", "saturating_coupling", "joint5"),
+    ("outside", 3, 0): ("folding-arm", "return_line", "joint6"),
+    ("pairs", 2, 0): ("slewing-arm", "pressure_gain", "joint1"),
+}
+
+
+@pytest.mark.parametrize("key", list(OF_RECIPE_3))
+def test_the_third_recipe_still_makes_its_cases(key: tuple[str, int, int]) -> None:
+    kind, number, seed = key
+    selection = Selection(seconds=20.0, recipe=3)
+    rng, plan, quality = opened(CaseKey(kind, number, seed), selection)
+    assert (plan.machine.name, *_draw(rng, kind, plan, selection)) == OF_RECIPE_3[key]
+    assert quality.pressure_resolution in {25.0e6 / 2**bits for bits in (14, 15, 16)}
+
+
+def test_recipes_stay_as_they_are() -> None:
+    first = ("bent_guide", "threshold_spring", "neighbour_product_friction", "saturating_coupling", "dwell_stiction",
+             "neighbour_inertia", "dented_rod", "return_line", "hanging_hose")  # fmt: skip
+    later = ("squeezed_guide", "wiped_film", "lying_rod", "starved_inflow", "shared_gallery", "pilot_line")
+    assert RECIPES[3].arms == ("folding", "slewing") and RECIPES[3].outside == first
+    assert RECIPES[4].arms == ("folding", "slewing", "excavator", "telescope") and RECIPES[4].outside == first + later
+    assert RECIPE == 4 and set(OUTSIDE) == set(first + later)
+
+
+def test_a_recipe_draws_all_of_its_arms_and_chosen_ones_take_turns() -> None:
+    def arms(selection: Selection) -> list[str]:
+        return [opened(CaseKey("null", n, 5), selection)[1].machine.name for n in range(24)]
+
+    assert set(arms(Selection(seconds=20.0, recipe=3))) == {"folding-arm", "slewing-arm"}
+    assert len(set(arms(Selection(seconds=20.0)))) == 4
+    heavy = arms(Selection(seconds=20.0, arms=("telescope", "excavator")))
+    assert heavy == ["telescopic-crane", "excavator-front"] * 12
+
+
+def test_the_transducers_of_heavy_machines_end_at_400_bar() -> None:
+    for arm, full in (("excavator", 400e5), ("folding", 250e5)):
+        _, _, quality = opened(CaseKey("null", 0, 5), Selection(seconds=20.0, arms=(arm,)))
+        assert quality.pressure_resolution in {full / 2**bits for bits in (14, 15, 16)}
+        assert 2.0e-5 <= quality.pressure_std / full <= 2.0e-4
+
+
+@pytest.mark.slow
+def test_what_a_joint_cannot_have_is_drawn_again() -> None:
+    selection = Selection(only="linkage_geometry", arms=("telescope",), seconds=20.0)
+    case = make_case(CaseKey("kinematic", 2, 5), selection)
+    assert case.effects[0].joint in ("boom", "knuckle")
+    assert {r.joint for r in case.redrawn if "linkage" in r.why} <= {"slew", "telescope"}
 
 
 @pytest.mark.slow

@@ -143,6 +143,8 @@ def test_comparison_names_the_cases_that_changed() -> None:
     assert rows[0] == "compared on 2 cases; 1 say something else than before"
     assert any("large:1" in row for row in rows) and not any("large:0" in row for row in rows)
     assert rows[-1].strip() == "1 large: silent -> right"
+    other = [one | {"recipe": 4} for one in new]  # another recipe's cases of the same keys are other cases
+    assert summary.compared(old, other)[0] == "compared on 0 cases; 0 say something else than before"
 
 
 def test_everything_is_printed_for_people() -> None:

@@ -10,7 +10,7 @@ import pytest
 from sim_backends import UNDECLARED, EffectSpec, SensorQuality, simulate_case
 from sim_backends.cases import STEMS, plan_case
 from sim_backends.plant import Plant
-from sim_backends.undeclared import outside
+from sim_backends.undeclared import OUTSIDE
 
 QUALITY = SensorQuality()
 
@@ -58,17 +58,20 @@ def test_an_effect_keeps_its_hidden_shape_behind_one_of_size_zero(plan) -> None:
 
 @pytest.mark.slow
 def test_effects_outside_the_catalogue_say_which_signals_show_them(plan) -> None:
-    ids = {effect for effect, kind in UNDECLARED.items() if kind.__module__ == outside.__name__}
     rng = np.random.default_rng(0)
     for effect, kind in UNDECLARED.items():
         spec = EffectSpec(effect, None if kind.base_wide else "joint3", 1e-3)
         (built,) = Plant(plan.machine, plan.truth, undeclared=[spec], rng=rng).effects
-        assert bool(built.variables()) == (effect in ids)
+        assert bool(built.variables()) == (effect in OUTSIDE)
         for variable in built.variables():
             joint, _, signal = variable.rpartition(".")
             assert signal in {"piston_position", "piston_speed", "piston_acceleration", "joint_position"} | {
                 "time_since_reversal",
+                "distance_since_reversal",
                 "total_flow",
                 "link_angle",
+                "cylinder_force",
+                "head_pressure",
+                "rod_pressure",
             }
             assert joint in {"", *(j.name for j in plan.machine.joints)} - {"joint3"}

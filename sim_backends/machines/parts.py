@@ -1,0 +1,60 @@
+"""What simulated machines are put together from: links of steel, cylinders' linkages in a machine file, channels."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import yaml
+
+from daq.machine_file import Machine, parse_machine
+from sim_backends.truth import CylinderTruth, Hydraulics, LinkTruth, Truth
+
+
+def box_link(rng: np.random.Generator, mass: float, centre: tuple[float, ...], shape: tuple[float, ...]) -> LinkTruth:
+    """A box of edge lengths ``shape`` (m), a little askew and off ``centre``, about its distal frame's origin."""
+    size = np.array(shape) * rng.uniform(0.85, 1.15, 3)
+    c = np.array(centre) * rng.uniform(0.9, 1.1, 3) + rng.normal(0.0, 0.025, 3)
+    tilt, _ = np.linalg.qr(np.eye(3) + rng.normal(0.0, 0.04, (3, 3)))
+    principal = mass / 12 * (size @ size - size**2)
+    about_origin = tilt @ np.diag(principal) @ tilt.T + mass * (c @ c * np.eye(3) - np.outer(c, c))
+    i = about_origin
+    moment = mass * c
+    return LinkTruth(
+        float(mass),
+        (float(moment[0]), float(moment[1]), float(moment[2])),
+        tuple(float(v) for v in (i[0, 0], i[0, 1], i[0, 2], i[1, 1], i[1, 2], i[2, 2])),  # type: ignore[arg-type]
+    )
+
+
+def measured_machine(
+    name: str,
+    gravity: list[float],
+    joints: Sequence[Mapping[str, Any]],
+    laws: Sequence[CylinderTruth],
+    links: Sequence[LinkTruth],
+    hydraulics: Hydraulics | None = None,
+) -> tuple[Machine, Truth]:
+    """The machine of these joints (as a machine file has them) with both positions and both pressures of each."""
+    channels: list[dict[str, Any]] = []
+    for joint in joints:
+        own = str(joint["name"])
+        straight = joint.get("type") == "prismatic"
+        channels += [
+            {"name": f"{own}.{'extension' if straight else 'angle'}", "quantity": "joint_position", "joint": own,
+             "unit": "m" if straight else "rad"},
+            {"name": f"{own}.piston_position", "quantity": "piston_position", "joint": own, "unit": "m"},
+            {"name": f"{own}.head_pressure", "quantity": "head_pressure", "joint": own, "unit": "Pa"},
+            {"name": f"{own}.rod_pressure", "quantity": "rod_pressure", "joint": own, "unit": "Pa"},
+        ]  # fmt: skip
+    content = {
+        "schema": "hilfit/machine/1",
+        "name": name,
+        "rate_hz": 50,
+        "gravity": gravity,
+        "joints": [dict(joint) for joint in joints],
+        "channels": channels,
+    }
+    cylinders = {str(joint["name"]): law for joint, law in zip(joints, laws, strict=True)}
+    return parse_machine(yaml.safe_dump(content)), Truth(tuple(links), cylinders, {}, hydraulics or Hydraulics())
