@@ -46,6 +46,8 @@ NEIGHBOUR: dict[str, tuple[str, Callable[[DriveView, int], FloatArray]]] = {
 OWN_FORCE = "cylinder_force"
 #: Basis functions of a spline law of the joint's own signals, and of others'.
 OWN_FUNCTIONS, OTHER_FUNCTIONS = 16, 8
+#: Own signals whose laws may be gone when the arm is off: what bears its weight.
+GONE_UNLOADED = ("piston_position", "link_angle", "cylinder_force")
 #: Signals that are the model's own, not measured.
 OF_THE_MODEL = ("cylinder_force", "force_rate", "head_pressure", "rod_pressure")
 #: Deviations of the speed's noise above which its sign is sure.
@@ -125,7 +127,7 @@ def laws(views: Views, joint: int, fitted: tuple[int, ...]) -> Iterator[Law]:
         if signal == "total_flow" and not any(j.cylinder is not None for j in machine.joints):
             continue
         values = np.concatenate([own(views[i][joint]) for i in fitted])
-        for loaded_only in (False, True) if signal in ("piston_position", "cylinder_force") else (False,):
+        for loaded_only in (False, True) if signal in GONE_UNLOADED else (False,):
             # Without the sign of speed, a law of the own force would predict the effort from itself.
             signs = (True,) if signal == OWN_FORCE else (False, True)
             yield from _family(values, signal, None, loaded_only, signs)

@@ -57,6 +57,14 @@ def trusted(score: Score) -> float:
     return score.null.weight(np.asarray(score.values), score.information) / score.gain
 
 
+def biased_gain(score: Score) -> float:
+    """The gain before the bias that replicas showed was taken off, or as it is where nothing was."""
+    if score.null is None:
+        return score.gain
+    values = np.asarray(score.values) + score.null.bias
+    return max(score.gain, float(values @ score.information @ values))
+
+
 def plausible(score: Score) -> float:
     """Log share of the posterior that lies where values are plausible, over the prior's."""
     effect = score.term.content

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import numpy.typing as npt
@@ -26,7 +27,7 @@ from fitting.selection.evidence import (
     named_evidence,
     whitened_parts,
 )
-from fitting.selection.gains import averaged, efforts, orders, plausible, shares
+from fitting.selection.gains import averaged, biased_gain, efforts, orders, plausible, shares
 from fitting.selection.rated import Family, Rated, family
 
 FloatArray = npt.NDArray[np.float64]
@@ -35,6 +36,8 @@ FloatArray = npt.NDArray[np.float64]
 FAINT = 0.01
 #: Standard deviations of what is expected of a curve beside a name that one may be large.
 MOST_BESIDE = 2.0
+#: Laws of a joint that share the bias of a name.
+MOST_LAWS = 12
 #: Fewer columns are no curve.
 LEAST_CURVE = 4
 #: Shapes of a name that are compared with a bent formula, and the least gain for which that can matter.
@@ -96,15 +99,33 @@ class Rating:
         return by_formula(self._against_leftovers(result))
 
     def _share_bias(self, names: Mapping[Family, Sequence[int]], scores: Mapping[int, Score]) -> None:
-        """What noise in the regressors makes of a name it makes of the laws of its signal as well."""
+        """What noise in the regressors makes of a name it makes of the laws of its joint, as far as they are alike."""
         for own in names.values():
-            drawn = [n for n in own if scores[n].null is not None]
-            if not drawn or not isinstance(scores[drawn[0]].term.content, Effect):
+            drawn = [n for n in own if scores[n].null is not None and isinstance(scores[n].term.content, Effect)]
+            if not drawn or scores[drawn[0]].term.everywhere:
                 continue
             best = max(drawn, key=lambda n: scores[n].gain)
-            lost = scores[best].gain * (1.0 - self._trust[best])
-            for law in (n for n in self._laws_of_signal(scores[best].term) if n in scores and scores[n].gain > 0):
-                self._trust[law] = min(self._trust.get(law, 1.0), max(0.0, 1.0 - lost / scores[law].gain))
+            lost = biased_gain(scores[best]) - scores[best].gain * self._trust[best]
+            joint = scores[best].term.joint or 0
+            near = [n for key, n in self._laws.items() if key[0] == joint and n in scores and scores[n].gain > lost]
+            near = sorted(near, key=lambda n: -scores[n].gain)[:MOST_LAWS] if lost > priors.SMALLEST**2 else []
+            if not near:
+                continue
+            alike = self._overlap(best, scores[best], near, joint)
+            for law, share in zip(near, alike, strict=True):
+                self._trust[law] = min(self._trust.get(law, 1.0), 1.0 - share * lost / scores[law].gain)
+
+    def _overlap(self, name: int, score: Score, laws: Sequence[int], joint: int) -> FloatArray:
+        """Share (L,) of what a name contributes that each law could contribute as well."""
+        S, _ = self._candidates.products(self._model, joint, [name, *laws])
+        starts = np.cumsum([0, *(self._candidates.width(n) for n in (name, *laws))])
+        values = np.asarray(score.values)
+        whole = float(values @ S[: starts[1], : starts[1]] @ values)
+        found = []
+        for first, last in pairwise(starts[1:]):
+            root = whitened_parts(S[first:last, first:last])
+            found.append(float(np.sum((root.T @ (S[first:last, : starts[1]] @ values)) ** 2)))
+        return np.clip(np.array(found) / max(whole, 1e-300), 0.0, 1.0)
 
     def _against_leftovers(self, rated: Sequence[Rated]) -> list[Rated]:
         """Odds against nothing but what found effects leave: in the direction of any candidate, by its prior."""
@@ -298,12 +319,6 @@ class Rating:
             values[beside > MOST_BESIDE * np.tile(priors.EPSILONS, len(near)) * shown] = -np.inf
             found.append(log_sum(values) - np.log(len(sizes)))
         return float(log_mean(found)) if np.isfinite(found).any() else -np.inf
-
-    def _laws_of_signal(self, term: Term) -> list[int]:
-        """Numbers of all laws of the signal that an effect is one of."""
-        name, other = _signal(term)
-        keys = [(term.joint, name, other, signed, loaded) for signed in (False, True) for loaded in (False, True)]
-        return [self._laws[key] for key in keys if key in self._laws]
 
     def _own_laws(self, term: Term) -> list[int]:
         """Numbers of the laws of its signal that an effect's formula may be off by: of its parity, one of each sign."""

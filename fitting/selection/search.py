@@ -42,6 +42,8 @@ NEAR = 0.25
 SHARED_Z = 4.0
 #: Contenders whose null is drawn.
 MOST_CONTENDERS = 12
+#: Times that contenders are drawn which came up because others lost.
+MOST_ROUNDS = 3
 #: Gain beyond which no noise in regressors makes it: 17 standard deviations.
 BEYOND_BIAS = 300.0
 
@@ -136,21 +138,21 @@ class Search:
             self.candidates.refresh(model, near)
         scores = self.candidates.scores(model)
         rating = self._rating(model)
-        first = rating.rated(scores)
-        contending = [r for r in first if r.log_odds > -priors.SAID_ODDS and r.score.gain < BEYOND_BIAS][
-            :MOST_CONTENDERS
-        ]
-        if not contending or not self.draws.wanted:
-            return first
-        ids = {r.term.id for r in contending if r.term.uses_model and isinstance(r.term.content, Effect)}
+        rated = rating.rated(scores)
+        if not self.draws.wanted:
+            return rated
         number = {score.term.label: n for n, score in scores.items()}
-        chosen = contending + [r for r in first if r.term.id in ids and r not in contending][:MOST_CONTENDERS]
-        unbiased = self.draws.unbiased(model, [r.score for r in chosen])
-        if all(score.null is None for score in unbiased):
-            return first
-        for score in unbiased:
-            scores[number[score.term.label]] = score
-        return rating.rated(scores)
+        drawn: set[tuple[object, ...]] = set()
+        for _ in range(MOST_ROUNDS):
+            # What was drawn may lose by it, and others contend then: they are drawn as well.
+            chosen = [r for r in _contending(rated) if r.term.label not in drawn]
+            if not chosen:
+                break
+            drawn |= {r.term.label for r in chosen}
+            for score in self.draws.unbiased(model, [r.score for r in chosen]):
+                scores[number[score.term.label]] = score
+            rated = rating.rated(scores)
+        return rated
 
     def _open(self, rated: Sequence[Rated]) -> list[Rated]:
         """Those that are neither there nor refused."""
@@ -428,6 +430,13 @@ class Search:
             else:
                 reason = "significant, but another effect explains the same better"
             self.table[place] = Candidate(*place, r.score.score, "rejected", reason)
+
+
+def _contending(rated: Sequence[Rated]) -> list[Rated]:
+    """Explanations whose odds noise in the regressors may decide; of a name that contends, those of other joints."""
+    first = [r for r in rated if r.log_odds > -priors.SAID_ODDS and r.score.gain < BEYOND_BIAS][:MOST_CONTENDERS]
+    ids = {r.term.id for r in first if r.term.uses_model and isinstance(r.term.content, Effect)}
+    return first + [r for r in rated if r.term.id in ids and r not in first][:MOST_CONTENDERS]
 
 
 def best_scores(rated: Sequence[Rated]) -> list[Score]:
