@@ -27,9 +27,10 @@ from fitting.excitation.series import Series, random_series, varied
 from fitting.planning.guess import Guess, worst_friction
 from fitting.planning.planned import States, planned_segment, segment_of_states
 from fitting.planning.planned_views import chamber_models, planned_views
-from fitting.planning.separation import Separation, products, projected, separation
+from fitting.planning.separation import Rival, Separation, leads, products, projected, separation
 from fitting.regression.design import build_design, whitened
 from fitting.regression.prior import Prior, with_prior
+from fitting.residual.laws import Law
 from fitting.residual.terms import Model, Term, extra_columns
 from fitting.signals.preparation import Segment
 
@@ -37,9 +38,15 @@ FloatArray = npt.NDArray[np.float64]
 
 #: Chance of a single name from which on an experiment is worth making.
 ENOUGH = 0.8
+#: Chance of a single name below which a motion is not worth the time of a machine that can be asked at any moment.
+_LEAST = 0.05
+#: Chi-square between rivals that it has to add: what only the number of their parameters decides needs no motion.
+_LEAST_GROWTH = 1.0
 #: Repetitions beyond which a motion does not separate the rivals for practical purposes.
 MOST_RECORDINGS = 4
 _GENERATIONS, _PER_GENERATION = 3, 8
+#: Shapes of a rival's grid that are looked at.
+_MOST_SHAPES = 16
 _SHRINKS = 12  # by 0.85: what is left of a motion after that says nothing
 # Standard deviations that a motion of the menu may be behind: people see what it does.
 _SIMPLER = 0.25
@@ -87,15 +94,29 @@ class NextExperiment:
         """The experiment to make; None if no motion separates the rivals."""
         return self.options[0] if self.recordings is not None else None
 
+    @property
+    def attempt(self) -> Option | None:
+        """The best motion for somebody who can record at little cost, also where it may well not be enough.
+
+        None if no motion improves the chance of a single name.
+        """
+        for option in self.options:
+            if option.motion is None or option.expected.probability < _LEAST:
+                continue
+            pairs = zip(option.expected.pairs, self.now.pairs, strict=True)
+            helps = any(then.chi_square - now.chi_square > _LEAST_GROWTH for then, now in pairs)
+            return option if helps and option.expected.margin > self.now.margin else None
+        return None
+
     def to_json(self, machine: Machine, motion_file: str | None = None) -> dict[str, Any]:
         """As ``loop.next_experiment`` of the report; ``motion_file`` is where the motion was written."""
         names = [joint.name for joint in machine.joints]
-        ids = [term.id for term in self.rivals]
+        ids = self._labels(names)
         joint = self.rivals[0].joint
         best = self.best
         return {
             "motion": self._text(),
-            "why": self._why(),
+            "why": self._why(names),
             "separates": ids,
             "joint": None if joint is None else names[joint],
             "kind": None if best is None else best.kind,
@@ -118,21 +139,37 @@ class NextExperiment:
             return "; or ".join(self.advice)
         return best.text if self.recordings == 1 else f"{best.text}; record it {self.recordings} times"
 
-    def _why(self) -> str:
-        ids = " and ".join(term.id for term in self.rivals)
+    def _labels(self, names: Sequence[str]) -> list[str]:
+        return [term_label(term, names) for term in self.rivals]
+
+    def _why(self, names: Sequence[str]) -> str:
+        ids = " and ".join(self._labels(names))
         d = self.now.standard_deviations
         first = f"{ids} differ by {d:.1f} standard deviations in these recordings ({_own(self.now)})"
         best = self.best
         if best is None:
-            most = self.options[0].expected
+            attempt = self.attempt
+            if attempt is None:
+                most = self.options[0].expected
+                return (
+                    f"{first}, and by {most.standard_deviations:.1f} ({_own(most)}) with the best motion that this arm "
+                    "may make: no motion tells them apart"
+                )
             return (
-                f"{first}, and by {most.standard_deviations:.1f} ({_own(most)}) with the best motion that this arm may "
-                "make: no motion tells them apart"
+                f"{first}, and by {attempt.expected.standard_deviations:.1f} ({_own(attempt.expected)}) with "
+                f"{attempt.text}, which leaves a chance of only {100 * attempt.expected.probability:.0f} % of a "
+                "single name"
             )
         return (
             f"{first}; with this experiment once by {best.expected.standard_deviations:.1f} "
             f"({_own(best.expected)}), a {100 * best.expected.probability:.0f} % chance of a single name"
         )
+
+
+def term_label(term: Term, joints: Sequence[str]) -> str:
+    """A term in a word or two: an effect's id, or the law's variable."""
+    content = term.content
+    return f"law of {content.variable(tuple(joints))}" if isinstance(content, Law) else term.id
 
 
 def _own(value: Separation) -> str:
@@ -154,10 +191,10 @@ def design_next(
     rivals: Sequence[Term],
     prior: Prior,
     *,
+    chances: Sequence[float] | None = None,
     seconds: float = 30.0,
     use: float = 0.92,
     hydraulic: HydraulicLimits | None = None,
-    needed: tuple[float, float] = (7.0, 0.02),
     seed: int = 0,
     generations: int = _GENERATIONS,
 ) -> NextExperiment:
@@ -168,9 +205,9 @@ def design_next(
     model : the fitted model; if it holds one of the rivals already, that one is taken out first
     rivals : two or more terms that explain the same residual
     prior : what the fit knew beforehand
+    chances : that each of them is right; the same for all if None
     seconds, use : length of the motions, and the share of every limit that they may use
     hydraulic : supply flow and chamber pressures; those of the machine file for the fitted parameters if None
-    needed : lead that the right rival must have to stand alone: a chi-square, and a share of the effect's own size
     seed, generations : of the search for a motion of its own; 0 generations leave it out
 
     Raises
@@ -180,7 +217,7 @@ def design_next(
     """
     if len(rivals) < 2:
         raise ValueError("an experiment tells two rivals or more apart")
-    question = _Question(model, tuple(rivals), prior, hydraulic or supply_of(model), needed)
+    question = _Question(model, tuple(rivals), prior, hydraulic or supply_of(model), _normed(chances))
     machine, base = model.design.machine, model.design.parameters.base
     experiments = [
         each
@@ -225,6 +262,34 @@ def _advice(rivals: Sequence[Term]) -> tuple[str, ...]:
     return tuple(dict.fromkeys(t.content.experiment for t in rivals if isinstance(t.content, Effect)))
 
 
+def _normed(chances: Sequence[float] | None) -> tuple[float, ...] | None:
+    """Chances that add up to one, none of them nothing."""
+    if chances is None:
+        return None
+    shares = np.maximum(np.asarray(chances, dtype=float), 1e-3)
+    return tuple((shares / shares.sum()).tolist())
+
+
+def _fitted(apart: FloatArray, rival: Term, place: slice) -> FloatArray:
+    """Values of a rival fitted without the others; what was moved into the signals is put back first."""
+    S, target = apart[:-1, :-1], apart[:-1, -1]
+    if rival.rebuilt:
+        target = target + S[:, place] @ np.asarray(rival.rebuilt)
+    return np.asarray(np.linalg.pinv(S[place, place], rcond=1e-8, hermitian=True) @ target[place])
+
+
+def _shapes(model: Model, rival: Term) -> list[Term]:
+    """A rival in its fitted shape, and in others of its grid: a wrong one adapts itself to a new recording."""
+    effect = rival.content
+    if not isinstance(effect, Effect):
+        return [rival]
+    chosen = {key: value for key, value in rival.shape.items() if key in ("other", "recording")}
+    grid = effect.shapes(model.views[model.fitted[0]][rival.joint or 0])
+    step = max(1, len(grid) // _MOST_SHAPES)
+    others = [replace(rival, shape={**shape, **chosen}, rebuilt=()) for shape in grid[::step]]
+    return [rival, *(term for term in others if term.shape != rival.shape)]
+
+
 class _Question:
     """The rivals in the light of what is recorded; weighs motions."""
 
@@ -234,41 +299,40 @@ class _Question:
         rivals: tuple[Term, ...],
         prior: Prior,
         hydraulic: HydraulicLimits,
-        needed: tuple[float, float],
+        chances: tuple[float, ...] | None,
     ) -> None:
-        self.model, self.rivals, self.hydraulic, self.needed = model, rivals, hydraulic, needed
+        self.model, self.rivals, self.hydraulic, self.chances = model, rivals, hydraulic, chances
         design = model.design
         families = {rival.family for rival in rivals}
         # Effects that are not in question belong to the base.
-        self.terms = (*(term for term in model.terms if term.family not in families), *rivals)
+        known = [term for term in model.terms if term.family not in families]
+        shapes = [_shapes(model, rival) for rival in rivals]
+        self.terms = (*known, *(term for own in shapes for term in own))
         widths = [len(term.names(design.parameters.joints)) for term in self.terms]
         ends = np.cumsum([len(design.parameters), *widths]).tolist()
-        self.fixed = ends[len(self.terms) - len(rivals)]
-        self.parts = [slice(e - w - self.fixed, e - self.fixed) for e, w in zip(ends[1:], widths, strict=True)]
-        self.parts = self.parts[-len(rivals) :]
+        self.fixed = ends[len(known)]
+        places = [slice(e - w - self.fixed, e - self.fixed) for e, w in zip(ends[1:], widths, strict=True)]
+        rest = iter(places[len(known) :])
+        parts = [tuple(next(rest) for _ in own) for own in shapes]
         extra = extra_columns(design, model.views, self.terms)
         rows = whitened(design, model.noise, model.fitted, extra)
         self.recorded = products(with_prior(rows, design.parameters, prior))
         trained = [i for i in model.fitted if design.segments[i].role in ("train", "repeat", "operation")]
         length = sum(len(design.segments[i]) for i in trained) / design.bank.rate_hz
         self.training = products(whitened(design, model.noise, trained, extra)) / length  # per second
-        self.sizes = self._sizes()
+        apart = projected(self.recorded, self.fixed)
+        self.questioned = [
+            Rival(tuple(terms), places, _fitted(apart, rival, places[0]))
+            for rival, terms, places in zip(rivals, shapes, parts, strict=True)
+        ]
+        self._leads = leads(apart[:-1, :-1], self.questioned)
         self.now = self._separation(self.recorded)
         self.chambers = chamber_models(model)
         self.next_recording = 1 + max(segment.recording for segment in design.segments)
 
-    def _sizes(self) -> list[FloatArray]:
-        """Values of each rival fitted without the others; what was moved into the signals is put back first."""
-        apart = projected(self.recorded, self.fixed)
-        S, target = apart[:-1, :-1], apart[:-1, -1].copy()
-        for term, part in zip(self.rivals, self.parts, strict=True):
-            if term.rebuilt:
-                target += S[:, part] @ np.asarray(term.rebuilt)
-        return [np.linalg.pinv(S[part, part], rcond=1e-8, hermitian=True) @ target[part] for part in self.parts]
-
     def _separation(self, total: FloatArray) -> Separation:
-        apart = projected(total, self.fixed)[:-1, :-1]
-        return separation(apart, self.parts, self.sizes, *self.needed)
+        then = leads(projected(total, self.fixed)[:-1, :-1], self.questioned)
+        return separation(self._leads, then, self.questioned, self.chances)
 
     @property
     def suspects(self) -> list[int]:
@@ -276,11 +340,11 @@ class _Question:
         named = list(dict.fromkeys(term.joint for term in self.rivals if term.joint is not None))
         if named:
             return named[:2]
-        extra = extra_columns(self.model.design, self.model.views, self.rivals)
+        extra = extra_columns(self.model.design, self.model.views, self.terms)
         felt = []
         for rows in whitened(self.model.design, self.model.noise, self.model.fitted, extra):
-            own = rows.A[:, len(self.model.design.parameters) :]
-            felt.append(max(float(np.sum((own[:, p] @ s) ** 2)) for p, s in zip(self.parts, self.sizes, strict=True)))
+            own = rows.A[:, self.fixed :]
+            felt.append(max(float(np.sum((own[:, r.places[0]] @ r.values) ** 2)) for r in self.questioned))
         return [int(joint) for joint in np.argsort(felt)[::-1][:2]]
 
     def holding(self, q: FloatArray) -> FloatArray:
@@ -319,15 +383,8 @@ class _Question:
         return [self._separation(self.recorded + more) for more in self.gathered(segments)] if segments else []
 
     def again(self, seconds: float) -> Separation:
-        """Separation with ``seconds`` more of the training motions.
-
-        More of the same makes effect and difference grow alike: what part of the effect is its own stays as it is.
-        """
-        found = self._separation(self.recorded + seconds * self.training)
-        if self.now.share <= 0:
-            return found
-        size = max(found.size, found.chi_square / self.now.share)
-        return replace(found, size=size, needed=max(self.needed[0], self.needed[1] * size))
+        """Separation with ``seconds`` more of the training motions."""
+        return self._separation(self.recorded + seconds * self.training)
 
     def recordings(self, option: Option, seconds: float) -> int | None:
         """How often an experiment has to be recorded to be enough; None if more often than is sensible."""
