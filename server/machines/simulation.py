@@ -103,7 +103,11 @@ class SimulatedController:
 
     def send(self, name: str, excitation: str) -> None:
         """Hand it the motion of an excitation under a name."""
-        write_atomically(self._directory / "inbox" / f"{name}.csv", self._motion(excitation).read_bytes())
+        self.send_file(name, self._motion(excitation))
+
+    def send_file(self, name: str, motion: Path) -> None:
+        """Hand it a motion file under a name."""
+        write_atomically(self._directory / "inbox" / f"{name}.csv", motion.read_bytes())
 
     def follows(self, name: str) -> bool:
         """Whether it began to follow the motion.

@@ -24,7 +24,8 @@ from server.platform.database.engine import Database
 from server.platform.files import DataDirectory, write_atomically
 from server.platform.processes.children import ChildResult
 from server.recalibrations.recalibration_comparison import sentence
-from server.recalibrations.recalibration_recording import RecalibratedMachines, record
+from server.recalibrations.recalibration_recording import RecalibratedMachines, Scene, later, record
+from server.recalibrations.recalibration_resolving import resolved
 from server.recalibrations.recalibration_store import Plan, Recalibration, Recalibrations
 from server.recordings.recording_store import Recordings
 
@@ -131,20 +132,46 @@ class RecalibrationKind:
         return ChildResult("stopped") if found is None else ChildResult("done", summary={"recordings": found})
 
     def _identify(self, run: StageRun, this: Recalibration) -> ChildResult:
+        first = self._identified(run, this, {})
+        if first is None:
+            return ChildResult("stopped")
+        last = resolved(
+            self._scene(run, this),
+            this,
+            first,
+            self._results.directory,
+            lambda more: self._identified(run, this, more),
+        )
+        return ChildResult("stopped") if last is None else ChildResult("done", summary={"identification": last})
+
+    def _scene(self, run: StageRun, this: Recalibration) -> Scene:
+        around = self._around
+        return Scene(
+            run,
+            around.machines,
+            self._recordings,
+            self._recalibrations,
+            around.pause,
+            later(around.machines.now(), this.plan.deadline_s),
+        )
+
+    def _identified(self, run: StageRun, this: Recalibration, more: dict[str, tuple[str, str]]) -> str | None:
+        """Fit the recordings and these more (id and role by key) and wait; the id, None if told to stop."""
+        recordings = [(id, role) for role, id in this.recordings.items() if not role.startswith("resolve-")]
         wish = Wish(
             machine=this.machine,
-            recordings=tuple((id, role) for role, id in this.recordings.items()),
+            recordings=(*recordings, *more.values()),
             options=this.plan.options,
             label=this.label,
         )
-        identification = self._around.identify(wish, f"recalibration {this.id}")
+        identification = self._around.identify(wish, " ".join([f"recalibration {this.id}", *more]))
         self._recalibrations.note(this.id, identification=identification.id)
         said = ""
         while (job := self._jobs.get(identification.job)).state not in FINAL:
             if run.should_stop():
                 if self._jobs.cancelling(run.job.id):
                     self._around.cancel(job.id)
-                return ChildResult("stopped")
+                return None
             if job.text != said:
                 said = job.text
                 run.progress(job.fraction, said)
@@ -153,7 +180,7 @@ class RecalibrationKind:
             raise JobError(f"its identification {identification.id} was cancelled; run the schedule again")
         if job.state == "failed":
             raise JobError(job.error or "its identification failed")
-        return ChildResult("done", summary={"identification": identification.id})
+        return identification.id
 
     def _compare(self, run: StageRun, this: Recalibration) -> ChildResult:
         assert this.identification is not None

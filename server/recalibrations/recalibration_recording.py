@@ -7,7 +7,10 @@ person; on a real machine a person lets the arm's own controller follow it and r
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from datetime import datetime, timedelta
+from functools import partial
+from pathlib import Path
 from typing import Any, Protocol
 
 from server.jobs.job_kinds import JobError, StageRun
@@ -33,6 +36,9 @@ class Controller(Protocol):
 
     def send(self, name: str, excitation: str) -> None:
         """Hand it the motion of an excitation under a name."""
+
+    def send_file(self, name: str, motion: Path) -> None:
+        """Hand it a motion file under a name."""
 
     def follows(self, name: str) -> bool:
         """Whether it began to follow it; UnavailableError if it refused."""
@@ -79,43 +85,103 @@ def record(
     if asked is None:
         asked = machines.now()
         store.note(this.id, asked=asked)
-    deadline = _later(asked, this.plan.deadline_s)
+    deadline = later(asked, this.plan.deadline_s)
     wanted = _wanted(this, machines)
     controller = machines.controller(this.machine)
     if this.plan.motion == "standard" and controller is None:
         return _by_a_person(run, this, machines, recordings, store, pause, asked, deadline)
     found = dict(this.recordings)
+    scene = Scene(run, machines, recordings, store, pause, deadline)
     for number, (role, seconds, excitation) in enumerate(wanted):
-        if role in found and _whole(recordings.get(found[role]), seconds * machines.rate_hz(this.machine)):
-            continue
+        send = None
+        if excitation is not None and controller is not None:
+            send = partial(controller.send, excitation=excitation)
         said = _Said(run, number / len(wanted), 1 / len(wanted))
-        for attempt in range(1, TRIES + 1):
-            if excitation is not None and controller is not None:
-                name = f"{this.id}-{role}-{machines.now().replace(':', '')}"
-                controller.send(name, excitation)
-                while not controller.follows(name):
-                    if run.should_stop():
-                        return None
-                    _in_time(machines, deadline, "the simulated controller did not begin the motion")
-                    said(0.0, "The arm moves to the start of the motion")
-                    pause(LOOK_S)
-            begun = _started(run, this, machines, role, seconds, deadline, said, pause)
-            if begun is None:
-                return None
-            found[role] = begun.id
-            store.note(this.id, recordings=found)
-            ended = _until_sealed(run, machines, recordings, begun.id, seconds, said, pause)
-            if ended is None:
-                return None
-            if _whole(ended, seconds * machines.rate_hz(this.machine)):
-                break
-            reason = ended.error or f"recording {ended.id} ended early"
-            if attempt == TRIES:
-                raise JobError(f"{reason}, {TRIES} times over; check the machine and run the schedule again")
-            said(0.0, f"Recording again: {reason}")
-            pause(LOOK_S)
-            _in_time(machines, deadline, reason)
+        if not make(scene, this, found, Wanted(role, role, seconds, send), said):
+            return None
     return found
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """A recording to make.
+
+    Attributes
+    ----------
+    key : what it is called among the recordings of the recalibration
+    role, seconds : of the recording
+    send : hands the simulated machine's controller its motion under a name; None: the machine does what it does
+    """
+
+    key: str
+    role: str
+    seconds: float
+    send: Callable[[str], None] | None
+
+
+@dataclass(frozen=True)
+class Scene:
+    """Where recordings are made, and until when."""
+
+    run: StageRun
+    machines: RecalibratedMachines
+    recordings: Recordings
+    store: Recalibrations
+    pause: Callable[[float], Any]
+    deadline: str
+
+
+def make(
+    scene: Scene, this: Recalibration, found: dict[str, str], wanted: Wanted, said: Callable[[float, str], None]
+) -> bool:
+    """Make one recording, again if it was cut, and note it in ``found`` and in the store; False if told to stop.
+
+    Raises
+    ------
+    JobError
+        If it cannot be recorded before the deadline.
+    """
+    run, machines, recordings, pause = scene.run, scene.machines, scene.recordings, scene.pause
+    rows = wanted.seconds * machines.rate_hz(this.machine)
+    if wanted.key in found and _whole(recordings.get(found[wanted.key]), rows):
+        return True
+    for attempt in range(1, TRIES + 1):
+        if wanted.send is not None and not _following(scene, this, wanted, said):
+            return False
+        begun = _started(run, this, machines, wanted.role, wanted.seconds, scene.deadline, said, pause)
+        if begun is None:
+            return False
+        found[wanted.key] = begun.id
+        scene.store.note(this.id, recordings=dict(found))
+        ended = _until_sealed(run, machines, recordings, begun.id, wanted.seconds, said, pause)
+        if ended is None:
+            return False
+        if _whole(ended, rows):
+            break
+        reason = ended.error or f"recording {ended.id} ended early"
+        if attempt == TRIES:
+            raise JobError(f"{reason}, {TRIES} times over; check the machine and run the schedule again")
+        said(0.0, f"Recording again: {reason}")
+        pause(LOOK_S)
+        _in_time(machines, scene.deadline, reason)
+    return True
+
+
+def _following(scene: Scene, this: Recalibration, wanted: Wanted, said: Callable[[float, str], None]) -> bool:
+    """Hand the controller the motion and wait until it follows it; False if told to stop."""
+    machines = scene.machines
+    controller = machines.controller(this.machine)
+    if controller is None or wanted.send is None:
+        return True
+    name = f"{this.id}-{wanted.key}-{machines.now().replace(':', '')}"
+    wanted.send(name)
+    while not controller.follows(name):
+        if scene.run.should_stop():
+            return False
+        _in_time(machines, scene.deadline, "the simulated controller did not begin the motion")
+        said(0.0, "The arm moves to the start of the motion")
+        scene.pause(LOOK_S)
+    return True
 
 
 def _wanted(this: Recalibration, machines: RecalibratedMachines) -> list[tuple[str, float, str | None]]:
@@ -155,7 +221,7 @@ def _started(
     role: str,
     seconds: float,
     deadline: str,
-    said: _Said,
+    said: Callable[[float, str], None],
     pause: Callable[[float], Any],
 ) -> RecordingRow | None:
     """A recording that has begun; None if told to stop. Waits while the machine is not there or is being recorded."""
@@ -176,7 +242,7 @@ def _until_sealed(
     recordings: Recordings,
     id: str,
     seconds: float,
-    said: _Said,
+    said: Callable[[float, str], None],
     pause: Callable[[float], Any],
 ) -> RecordingRow | None:
     """The recording once it is over, however long it became; None if told to stop."""
@@ -228,7 +294,8 @@ def _by_a_person(
         pause(LOOK_S)
 
 
-def _later(time: str, seconds: float) -> str:
+def later(time: str, seconds: float) -> str:
+    """A time of the store, seconds later."""
     moved = datetime.fromisoformat(time) + timedelta(seconds=seconds)
     return moved.isoformat(timespec="milliseconds").replace("+00:00", "Z")
 

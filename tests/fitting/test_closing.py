@@ -11,6 +11,8 @@ from daq.recording import Recording
 from fitting.effects import effect
 from fitting.excitation.motion import Motion
 from fitting.loop.closing import Asked, close, rivals_of, settled
+from fitting.report.schema import ResolutionStep
+from fitting.report.wording import resolution
 from fitting.residual.cross_validation import HeldOut
 from fitting.residual.findings import Accepted, Attribution, Hypothesis
 from fitting.residual.laws import Law
@@ -159,3 +161,32 @@ def test_a_name_beside_another_finding_keeps_its_own_place():
 def test_what_has_95_percent_has_no_rivals():
     item = accepted(LOAD, 0.97)
     assert rivals_of(item, attribution(item, stated(0.97, 0.02, 0.01))) == ((LOAD,), (0.97,))
+
+
+# --- in the report ------------------------------------------------------------------------------------------------
+
+
+def test_the_report_says_what_was_ambiguous_what_was_recorded_and_what_it_is_now():
+    def hypothesis(id: str, probability: float) -> dict[str, object]:
+        return {"effects": [{"id": id, "joint": "joint2"}], "laws": [], "probability": probability}
+
+    motion = {
+        "text": "a staircase of constant speeds of joint2",
+        "rods": "pinned",
+        "seconds": 60.0,
+        "recording": "resolve-1.parquet",
+        "separates": ["load_dependent_friction", "pressure_dependent_friction"],
+        "chance": 0.4,
+    }
+    before = [hypothesis(LOAD.id, 0.53), hypothesis(PRESSURE.id, 0.44), hypothesis("stribeck", 0.01)]
+    step = {"before": before, "motion": motion, "after": [hypothesis(LOAD.id, 0.97)]}
+    ResolutionStep.model_validate(step)
+    titles = {LOAD.id: "Friction by load", PRESSURE.id: "Friction by pressure"}
+    assert resolution({"resolution": [step]}, titles) == [
+        {
+            "before": "friction by load at joint2 (53 %) or friction by pressure at joint2 (44 %)",
+            "motion": "a staircase of constant speeds of joint2, 60 s",
+            "after": "friction by load at joint2 (97 %)",
+        }
+    ]
+    assert resolution({}, titles) == []
