@@ -1,8 +1,9 @@
 """The next experiment, designed: which motion tells rivals apart, and how far.
 
-For every motion of a menu, and for motions searched for the purpose, the separation of the rivals is predicted at the
-size that was fitted (:mod:`fitting.planning.separation`): the motion goes through the filters, the rivals' columns are
-built on it with the model's own forces, and the base model is projected out together with everything recorded so far.
+For every motion of a menu, and for motions searched for the purpose, the odds that the loop would then state are
+predicted, for the sizes that were fitted (:mod:`fitting.planning.separation`): the motion goes through the filters, the
+rivals' columns are built on it with the model's own forces, and the base model is projected out together with
+everything recorded so far (:mod:`fitting.planning.question`).
 The best is named with its expected separation, and can be run. Where no motion of this arm separates them, that is
 said, and the catalogue's other experiments are given (another load, vented chambers, an inclinometer).
 """
@@ -17,22 +18,17 @@ import numpy as np
 import numpy.typing as npt
 
 from daq.machine_file import Machine
-from fitting.arm.base_parameters import base_regressor
-from fitting.arm.linkage import lever_arm
 from fitting.effects.base import Effect
 from fitting.excitation.experiments import menu
 from fitting.excitation.limits import HydraulicLimits, limits_of_machine, limits_used
 from fitting.excitation.motion import Motion
 from fitting.excitation.series import Series, random_series, varied
 from fitting.planning.guess import Guess, worst_friction
-from fitting.planning.planned import States, planned_segment, segment_of_states
-from fitting.planning.planned_views import chamber_models, planned_views
-from fitting.planning.separation import Rival, Separation, leads, products, projected, separation
-from fitting.regression.design import build_design, whitened
-from fitting.regression.prior import Prior, with_prior
+from fitting.planning.question import Question
+from fitting.planning.separation import Separation
+from fitting.regression.prior import Prior
 from fitting.residual.laws import Law
-from fitting.residual.terms import Model, Term, extra_columns
-from fitting.signals.preparation import Segment
+from fitting.residual.terms import Model, Term
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -45,8 +41,6 @@ _LEAST_GROWTH = 1.0
 #: Repetitions beyond which a motion does not separate the rivals for practical purposes.
 MOST_RECORDINGS = 4
 _GENERATIONS, _PER_GENERATION = 3, 8
-#: Shapes of a rival's grid that are looked at.
-_MOST_SHAPES = 16
 _SHRINKS = 12  # by 0.85: what is left of a motion after that says nothing
 # Standard deviations that a motion of the menu may be behind: people see what it does.
 _SIMPLER = 0.25
@@ -217,7 +211,7 @@ def design_next(
     """
     if len(rivals) < 2:
         raise ValueError("an experiment tells two rivals or more apart")
-    question = _Question(model, tuple(rivals), prior, hydraulic or supply_of(model), _normed(chances))
+    question = Question(model, tuple(rivals), prior, hydraulic or supply_of(model), _normed(chances))
     machine, base = model.design.machine, model.design.parameters.base
     experiments = [
         each
@@ -244,7 +238,7 @@ def design_next(
         options.append(designed)
     options.sort(key=lambda option: -option.expected.margin + (_SIMPLER if option.kind == "designed" else 0.0))
     return NextExperiment(
-        tuple(rivals), question.now, tuple(options), question.recordings(options[0], seconds), _advice(rivals)
+        tuple(rivals), question.now, tuple(options), _recordings(question, options[0], seconds), _advice(rivals)
     )
 
 
@@ -270,136 +264,22 @@ def _normed(chances: Sequence[float] | None) -> tuple[float, ...] | None:
     return tuple((shares / shares.sum()).tolist())
 
 
-def _fitted(apart: FloatArray, rival: Term, place: slice) -> FloatArray:
-    """Values of a rival fitted without the others; what was moved into the signals is put back first."""
-    S, target = apart[:-1, :-1], apart[:-1, -1]
-    if rival.rebuilt:
-        target = target + S[:, place] @ np.asarray(rival.rebuilt)
-    return np.asarray(np.linalg.pinv(S[place, place], rcond=1e-8, hermitian=True) @ target[place])
-
-
-def _shapes(model: Model, rival: Term) -> list[Term]:
-    """A rival in its fitted shape, and in others of its grid: a wrong one adapts itself to a new recording."""
-    effect = rival.content
-    if not isinstance(effect, Effect):
-        return [rival]
-    chosen = {key: value for key, value in rival.shape.items() if key in ("other", "recording")}
-    grid = effect.shapes(model.views[model.fitted[0]][rival.joint or 0])
-    step = max(1, len(grid) // _MOST_SHAPES)
-    others = [replace(rival, shape={**shape, **chosen}, rebuilt=()) for shape in grid[::step]]
-    return [rival, *(term for term in others if term.shape != rival.shape)]
-
-
-class _Question:
-    """The rivals in the light of what is recorded; weighs motions."""
-
-    def __init__(
-        self,
-        model: Model,
-        rivals: tuple[Term, ...],
-        prior: Prior,
-        hydraulic: HydraulicLimits,
-        chances: tuple[float, ...] | None,
-    ) -> None:
-        self.model, self.rivals, self.hydraulic, self.chances = model, rivals, hydraulic, chances
-        design = model.design
-        families = {rival.family for rival in rivals}
-        # Effects that are not in question belong to the base.
-        known = [term for term in model.terms if term.family not in families]
-        shapes = [_shapes(model, rival) for rival in rivals]
-        self.terms = (*known, *(term for own in shapes for term in own))
-        widths = [len(term.names(design.parameters.joints)) for term in self.terms]
-        ends = np.cumsum([len(design.parameters), *widths]).tolist()
-        self.fixed = ends[len(known)]
-        places = [slice(e - w - self.fixed, e - self.fixed) for e, w in zip(ends[1:], widths, strict=True)]
-        rest = iter(places[len(known) :])
-        parts = [tuple(next(rest) for _ in own) for own in shapes]
-        extra = extra_columns(design, model.views, self.terms)
-        rows = whitened(design, model.noise, model.fitted, extra)
-        self.recorded = products(with_prior(rows, design.parameters, prior))
-        trained = [i for i in model.fitted if design.segments[i].role in ("train", "repeat", "operation")]
-        length = sum(len(design.segments[i]) for i in trained) / design.bank.rate_hz
-        self.training = products(whitened(design, model.noise, trained, extra)) / length  # per second
-        apart = projected(self.recorded, self.fixed)
-        self.questioned = [
-            Rival(tuple(terms), places, _fitted(apart, rival, places[0]))
-            for rival, terms, places in zip(rivals, shapes, parts, strict=True)
-        ]
-        self._leads = leads(apart[:-1, :-1], self.questioned)
-        self.now = self._separation(self.recorded)
-        self.chambers = chamber_models(model)
-        self.next_recording = 1 + max(segment.recording for segment in design.segments)
-
-    def _separation(self, total: FloatArray) -> Separation:
-        then = leads(projected(total, self.fixed)[:-1, :-1], self.questioned)
-        return separation(self._leads, then, self.questioned, self.chances)
-
-    @property
-    def suspects(self) -> list[int]:
-        """Joints to move: those of the rivals; for effects of the whole machine the two that feel them most."""
-        named = list(dict.fromkeys(term.joint for term in self.rivals if term.joint is not None))
-        if named:
-            return named[:2]
-        extra = extra_columns(self.model.design, self.model.views, self.terms)
-        felt = []
-        for rows in whitened(self.model.design, self.model.noise, self.model.fitted, extra):
-            own = rows.A[:, self.fixed :]
-            felt.append(max(float(np.sum((own[:, r.places[0]] @ r.values) ** 2)) for r in self.questioned))
-        return [int(joint) for joint in np.argsort(felt)[::-1][:2]]
-
-    def holding(self, q: FloatArray) -> FloatArray:
-        """Load forces (N, n) of the fitted arm at rest."""
-        design = self.model.design
-        still = np.zeros_like(q)
-        values = self.model.fit.theta[design.parameters.base_slice]
-        tau = base_regressor(design.machine, design.parameters.base, q, still, still) @ values
-        levers = [
-            np.ones(len(q)) if joint.cylinder is None else lever_arm(joint.cylinder.linkage, q[:, j])
-            for j, joint in enumerate(design.machine.joints)
-        ]
-        return np.asarray(tau / np.column_stack(levers))
-
-    def segment(self, motion: Motion) -> Segment:
-        """A motion as it would be recorded."""
-        design = self.model.design
-        return planned_segment(design.machine, design.bank, design.noise, motion, self.next_recording)
-
-    def segment_of(self, states: States) -> Segment:
-        """The same from exact states."""
-        design = self.model.design
-        return segment_of_states(design.machine, design.bank, design.noise, states, self.next_recording)
-
-    def gathered(self, segments: Sequence[Segment]) -> list[FloatArray]:
-        """What each segment would add to the products."""
-        known = self.model.design
-        design = build_design(known.machine, known.parameters.base, known.bank, known.noise, segments)
-        like = self.model.views[self.model.fitted[0]][0]
-        views = planned_views(design, self.model.fit.theta, self.chambers, self.model.terms, like)
-        extra = extra_columns(design, views, self.terms)
-        return [products(whitened(design, self.model.noise, [index], extra)) for index in range(len(segments))]
-
-    def separations(self, segments: Sequence[Segment]) -> list[Separation]:
-        """Separation by all data with each of the segments added."""
-        return [self._separation(self.recorded + more) for more in self.gathered(segments)] if segments else []
-
-    def again(self, seconds: float) -> Separation:
-        """Separation with ``seconds`` more of the training motions."""
-        return self._separation(self.recorded + seconds * self.training)
-
-    def recordings(self, option: Option, seconds: float) -> int | None:
-        """How often an experiment has to be recorded to be enough; None if more often than is sensible."""
-        if option.expected.probability >= ENOUGH:
-            return 1
-        more = None if option.motion is None else self.gathered([self.segment(option.motion)])[0]
-        for times in range(2, MOST_RECORDINGS + 1):
-            found = self.again(times * seconds) if more is None else self._separation(self.recorded + times * more)
-            if found.probability >= ENOUGH:
-                return times
-        return None
+def _recordings(question: Question, option: Option, seconds: float) -> int | None:
+    """How often an experiment has to be recorded to be enough; None if more often than is sensible."""
+    if option.expected.probability >= ENOUGH:
+        return 1
+    for times in range(2, MOST_RECORDINGS + 1):
+        if option.motion is None:
+            found = question.again(times * seconds)
+        else:
+            found = question.repeated(option.motion, times)
+        if found.probability >= ENOUGH:
+            return times
+    return None
 
 
 def _designed(
-    question: _Question, rng: np.random.Generator, seconds: float, use: float, generations: int
+    question: Question, rng: np.random.Generator, seconds: float, use: float, generations: int
 ) -> Option | None:
     """A motion of all joints that was searched for the separation itself: random series, the best of them varied.
 
@@ -423,7 +303,7 @@ def _designed(
     return Option("designed", "a motion of all joints that was designed to tell them apart", motion, expected)
 
 
-def _allowed(question: _Question, series: Series, use: float) -> Series | None:
+def _allowed(question: Question, series: Series, use: float) -> Series | None:
     """The series inside all limits: shrunk about its home, and its home towards the middle; None if that is no use."""
     limits = question.hydraulic
     if limits.flow is None and limits.pressure is None:
