@@ -123,7 +123,6 @@ def run_demo(
     resolve : whether the machine makes the designed motion where the recordings leave more than one explanation
     progress : called with the share done and what is being done
     """
-    from daq.acquisition import AcquisitionProcess
     from fitting.loop.session import Request
     from fitting.pipeline.resolving import identify_and_resolve
     from fitting.pipeline.stages import identify, require_writable
@@ -142,22 +141,33 @@ def run_demo(
                 machine, None, _effects(undeclared, machine), seed, speed, output / "machine", faults=script
             )
         )
-        motions = design_motions(simulated.machine_path, seconds, seed, lambda s, t: progress(_DESIGN * s, t))
-        for name, motion in motions.items():
-            save_motion(output / "motions" / f"{name}.csv", motion)
-        with AcquisitionProcess(simulated.machine_path) as acquisition:
-            acquired = record_all(
-                simulated,
-                acquisition,
-                motions,
-                output / "recordings",
-                lambda s, t: progress(_DESIGN + (_RECORD - _DESIGN) * s, t),
-            )
+        acquired = _acquired(simulated, output, seconds, seed, lambda s, t: progress(_RECORD * s, t))
         request = Request(output / "machine" / "machine.yaml", acquired.recordings, output)
-        identifying: Progress = lambda s, t: progress(_RECORD + (1 - _RECORD) * s, t)  # noqa: E731
+
+        def identifying(share: float, text: str) -> None:
+            progress(_RECORD + (1 - _RECORD) * share, text)
+
         if resolve:
             return identify_and_resolve(request, DemoRecorder(simulated, output), identifying), acquired
     return identify(request, identifying), acquired
+
+
+def _acquired(simulated: SimulatedMachine, output: Path, seconds: float, seed: int, progress: Progress) -> Acquired:
+    """Design the motions, and record them all."""
+    from daq.acquisition import AcquisitionProcess
+
+    design = _DESIGN / _RECORD
+    motions = design_motions(simulated.machine_path, seconds, seed, lambda s, t: progress(design * s, t))
+    for name, motion in motions.items():
+        save_motion(output / "motions" / f"{name}.csv", motion)
+    with AcquisitionProcess(simulated.machine_path) as acquisition:
+        return record_all(
+            simulated,
+            acquisition,
+            motions,
+            output / "recordings",
+            lambda s, t: progress(design + (1 - design) * s, t),
+        )
 
 
 def design_motions(machine_path: Path, seconds: float, seed: int, progress: Progress) -> dict[str, Motion]:
