@@ -7,7 +7,7 @@ knows neither a plant nor a bus: whoever can record a motion is a :class:`Record
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol, Self, TypeVar
 
@@ -24,8 +24,6 @@ from fitting.residual.laws import Law
 from fitting.residual.terms import Term
 from fitting.selection import priors
 from fitting.selection.posterior import MOST_NAMED
-
-Progress = Callable[[float, str], None]
 
 #: Motions that are made at most.
 MOST_MOTIONS = 2
@@ -115,9 +113,7 @@ def settled(hypotheses: Sequence[Hypothesis]) -> bool:
     return bool(hypotheses) and hypotheses[0].probability >= priors.SAID
 
 
-def close(
-    first: Kind, record: Recorder, most: int = MOST_MOTIONS, progress: Progress = lambda fraction, text: None
-) -> tuple[Kind, tuple[Step, ...]]:
+def close(first: Kind, record: Recorder, most: int = MOST_MOTIONS) -> tuple[Kind, tuple[Step, ...]]:
     """Record designed motions until one hypothesis has 95 %.
 
     Parameters
@@ -125,7 +121,6 @@ def close(
     first : what was identified
     record : whoever can record a motion
     most : motions that are made at most
-    progress : told before each motion the share done, and what is recorded
 
     Returns
     -------
@@ -138,7 +133,6 @@ def close(
         asked = last.question()
         if asked is None:
             break
-        progress(len(steps) / most, f"recording {asked.text}")
         recording = record(asked, len(steps) + 1)
         after = last.with_recording(recording)
         steps.append(Step(last.hypotheses, asked, recording.file, after.hypotheses))

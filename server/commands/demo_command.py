@@ -8,7 +8,7 @@ model lacks is known to the plant alone.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
@@ -97,6 +97,20 @@ def demo(
         f"{time.monotonic() - started:.0f} s in all"
     )
     print_summary(report, output)
+    if resolve:
+        print(_asked_of_the_machine(report["loop"]))
+
+
+def _asked_of_the_machine(loop: Mapping[str, Any]) -> str:
+    """What became of ``--resolve``, in a line."""
+    made, hypotheses = len(loop["resolution"]), loop["hypotheses"]
+    motions = {0: "no motion was", 1: "one motion was"}.get(made, f"{made} motions were") + " recorded to resolve it"
+    if not loop["effects"] and not loop["unexplained"]:
+        return "nothing is ambiguous: nothing was found"
+    if hypotheses and hypotheses[0]["probability"] >= 0.95:
+        return f"one explanation has 95 %: {motions}"
+    why = (loop["next_experiment"] or {}).get("why", "no motion tells what is left apart")
+    return f"it stays ambiguous: {motions}; {why}"
 
 
 def run_demo(

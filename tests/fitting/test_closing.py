@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,6 +12,9 @@ from daq.recording import Recording
 from fitting.effects import effect
 from fitting.excitation.motion import Motion
 from fitting.loop.closing import Asked, close, rivals_of, settled
+from fitting.loop.residual_loop import term_to_json
+from fitting.loop.session import Request
+from fitting.pipeline import resolving
 from fitting.report.schema import ResolutionStep
 from fitting.report.wording import resolution
 from fitting.residual.cross_validation import HeldOut
@@ -190,3 +194,49 @@ def test_the_report_says_what_was_ambiguous_what_was_recorded_and_what_it_is_now
         }
     ]
     assert resolution({}, titles) == []
+
+
+def test_the_program_identifies_again_with_every_motion_and_reports_once(monkeypatch, tmp_path):
+    """Its stages stand in: what is checked is which recordings they see, and what the report is made of."""
+
+    @dataclass(frozen=True)
+    class Data:
+        recordings: tuple[str, ...] = ("train",)
+        machine = SimpleNamespace(name="arm")
+
+        def with_recording(self, recording: Recording) -> Data:
+            return replace(self, recordings=(*self.recordings, recording.file))
+
+    seen: list[tuple[tuple[str, ...], tuple[str, ...]]] = []
+    motion = asked().motion
+    program = {"rods": motion.rods, "time": motion.time.tolist(), "columns": {"joint2": [0.0] * 31}}
+    chances = {1: (0.6, 0.3), 2: (0.98, 0.01)}
+
+    def computed(stages, request, session, results, progress):
+        seen.append((tuple(stages), session.recordings))
+        states = stated(*chances[len(session.recordings)])
+        found = {
+            "accepted": [{}],
+            "hypotheses": [{"terms": [term_to_json(t) for t in h.terms], "probability": h.probability} for h in states],
+            "next_experiment": {"separates": [LOAD.id], "program": program | {"text": "a swing", "chance": 0.4}},
+        }
+        return {**results, "attribution": found, **({"refit": {}} if "refit" in stages else {})}
+
+    monkeypatch.setattr(resolving, "opened", lambda request: Data())
+    monkeypatch.setattr(resolving, "computed", computed)
+    monkeypatch.setattr(resolving, "reported", lambda request, session, results, progress: results)
+    content = resolving.identify_and_resolve(Request(tmp_path, (), tmp_path), Operator())
+    before_refit = ("check", "cylinder_stage", "rigid_body_stage", "residual", "attribution")
+    both = ("train", "motion-1")
+    assert seen == [(before_refit, ("train",)), (before_refit, both), (("refit",), both)]
+    (step,) = content["resolution"]["steps"]
+    assert [h["probability"] for h in step["before"]] == [0.6, 0.3]
+    assert [h["probability"] for h in step["after"]] == [0.98, 0.01]
+    assert step["motion"] == {
+        "text": "a swing",
+        "rods": "pinned",
+        "seconds": 30.0,
+        "recording": "motion-1",
+        "separates": [LOAD.id],
+        "chance": 0.4,
+    }
