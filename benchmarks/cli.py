@@ -21,6 +21,7 @@ DATABASES: tuple[Literal["sqlite", "postgresql"], ...] = ("sqlite", "postgresql"
 #: Name and what it shows; in the order of the list.
 BENCHMARKS = {
     "attribution": "How often the loop is right on random arms, effects, joints and sizes.",
+    "resolve": "Ambiguous cases: how many end in the single right name after at most two designed motions.",
     "samples": "What the identification says of the sample recordings of an independent plant.",
     "demo": "The demonstration: cycles, rate, effect found, error before and after.",
     "stages": "Two stages against one, and what the intervals of parameters are worth, on simulated arms.",
@@ -46,8 +47,8 @@ def register(app: typer.Typer) -> None:
     bench = typer.Typer(help="Benchmarks with targets; exit code 1 if a target is missed.", invoke_without_command=True)
     bench.callback()(_list)
     commands: tuple[Callable[..., None], ...] = (
-        attribution, samples, demo, stages, speed, long, regressor, excitation, measured, mistakes, model, service,
-        faults, soak, channels, storm,
+        attribution, resolve, samples, demo, stages, speed, long, regressor, excitation, measured, mistakes, model,
+        service, faults, soak, channels, storm,
     )  # fmt: skip
     for name, command in zip(BENCHMARKS, commands, strict=True):
         bench.command(name, help=BENCHMARKS[name])(reported(command))
@@ -172,6 +173,52 @@ def attribution(
         print("\n".join([*summary.text(lines), "", *lines_of(checks)]))
         if compare is not None:
             print("\n".join(["", *summary.compared(read_lines(compare), lines)]))
+    if missed(checks):
+        raise typer.Exit(1)
+
+
+def resolve(
+    cases: Annotated[int, typer.Option(help="Ambiguous cases to find and close.", min=1)] = 20,
+    seed: Annotated[int, typer.Option(help="Seed of the cases; those of 'attribution' with --only.")] = 0,
+    most: Annotated[int | None, typer.Option(help="Cases to look at, at most; ten for each if absent.", min=1)] = None,
+    output: Annotated[
+        Path | None, typer.Option("-o", "--output", help="Results, a line for each ambiguous case.")
+    ] = None,
+    seconds: Annotated[float, typer.Option(help="Length of each recording in s.", min=20.0)] = 60.0,
+    bootstrap: Annotated[
+        int | None,
+        typer.Option(help="Most replicas of a null distribution, 0 for none; as 'identify' if absent.", min=0),
+    ] = None,
+    json: Annotated[bool, typer.Option("--json", help="Print checks and results as JSON.")] = False,
+) -> None:
+    """Ambiguous cases of effects that resemble others, closed by motions that the plant makes."""
+    for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+        os.environ[variable] = "1"
+    from benchmarks.attribution import resolving
+    from benchmarks.targets import lines_of, missed
+    from fitting.loop.session import Options
+
+    if output is not None and output.exists():
+        raise InputError(f"{output}: is there already; give another file to -o")
+    replicas = Options.bootstrap if bootstrap is None else bootstrap
+    lines: list[dict[str, Any]] = []
+    looked_at = 0
+    for line in resolving.ambiguous(seed, seconds, replicas, most or 10 * cases):
+        looked_at += 1
+        if line is None:
+            continue
+        lines.append(line)
+        if output is not None:
+            resolving.append(output, line)
+        if not json:
+            print(resolving.text(line), flush=True)
+        if len(lines) >= cases:
+            break
+    checks = resolving.checks(lines, looked_at)
+    if json:
+        print_json({"benchmark": "resolve", "checks": [check.as_json() for check in checks], "cases": lines})
+    else:
+        print("\n".join(lines_of(checks)))
     if missed(checks):
         raise typer.Exit(1)
 

@@ -10,8 +10,8 @@ import numpy.typing as npt
 
 from daq.machine_file import Machine
 from daq.recording import Recording
-from fitting.loop.kinematic_check import KinematicFinding, kinematic_findings
-from fitting.loop.residual_loop import run_attribution
+from fitting.loop.closing import Examined
+from fitting.loop.kinematic_check import KinematicFinding
 from fitting.loop.session import Options, Session
 from fitting.residual.findings import Attribution
 from fitting.residual.laws import Law
@@ -57,10 +57,13 @@ def recordings_of(machine: Machine, tables: Mapping[str, Mapping[str, FloatArray
 
 def judge(machine: Machine, recordings: Sequence[Recording], bootstrap: int) -> Said:
     """Run the loop on recordings, with at most so many replicas, and put what it found into plain names."""
-    session = Session(machine, recordings, Options(bootstrap=bootstrap))
-    findings, corrections = kinematic_findings(session)
-    found = run_attribution(session, corrections)
-    names = tuple(joint.name for joint in machine.joints)
+    return said_of(Examined.of(Session(machine, recordings, Options(bootstrap=bootstrap))))
+
+
+def said_of(examined: Examined) -> Said:
+    """What the loop found, in plain names."""
+    findings, found = examined.kinematics, examined.attribution
+    names = tuple(joint.name for joint in examined.session.machine.joints)
 
     def place(joint: int | None) -> str | None:
         return None if joint is None else names[joint]

@@ -153,6 +153,7 @@ class Session:
     Attributes
     ----------
     machine, described : with channels at the joints, and as the machine file has it
+    given : the recordings as they were given
     left_out : a line for each recording of which rows are left out
     file : the machine file, if it came from one
     """
@@ -168,6 +169,7 @@ class Session:
         self.described = machine
         if not any(r.role in ("train", "operation") for r in recordings):
             raise InputError("no training recording; give at least one with --train (or --operation)")
+        self.given = tuple(recordings)
         self.machine, measured = at_joints(machine, recordings)
         self.recordings, self.left_out = with_rods_as_said(self.machine, measured)
         self.options = options
@@ -196,6 +198,10 @@ class Session:
                         "validate on another motion"
                     )
         return cls(machine, recordings, request.options, request.machine)
+
+    def with_recording(self, recording: Recording) -> Session:
+        """The same machine and options with one recording more; everything is computed anew."""
+        return Session(self.described, (*self.given, recording), self.options, self.file)
 
     @cached_property
     def bank(self) -> FilterBank:

@@ -355,17 +355,21 @@ def _loop(session: Session, results: Results, model: Model, terms: list[Term]) -
             }
             for limit in found["limits"]
         ],
-        "hypotheses": _hypotheses(found, names),
+        "hypotheses": _hypotheses(found["hypotheses"], names),
         "changes": found["changes"],
         "looked": found.get("looked", True),
         "next_experiment": experiment or _next_experiment(effects),
+        "resolution": [
+            {**step, "before": _hypotheses(step["before"], names), "after": _hypotheses(step["after"], names)}
+            for step in results.get("resolution", {}).get("steps", [])
+        ],
     }
 
 
-def _hypotheses(found: Mapping[str, Any], names: Sequence[str]) -> list[dict[str, Any]]:
+def _hypotheses(found: Sequence[Mapping[str, Any]], names: Sequence[str]) -> list[dict[str, Any]]:
     """Explanations of the efforts, the most probable first; one without effects and laws is "nothing"."""
     result = []
-    for hypothesis in found["hypotheses"]:
+    for hypothesis in found:
         terms = [term_from_json(term) for term in hypothesis["terms"]]
         places = [None if term.joint is None else names[term.joint] for term in terms]
         both = list(zip(terms, places, strict=True))

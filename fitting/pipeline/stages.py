@@ -11,7 +11,7 @@ from __future__ import annotations
 import json
 import os
 import tempfile
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from itertools import zip_longest
 from pathlib import Path
 from typing import Any
@@ -23,6 +23,7 @@ from daq.errors import HilfitError, InputError
 from fitting.arm.dynamics import self_check
 from fitting.estimators.effort_fit import EffortRows, mean_levers, parameter_error
 from fitting.excitation.motion import Motion, write_motion
+from fitting.loop.closing import next_experiment
 from fitting.loop.effort_confirmation import confirmed_in_effort
 from fitting.loop.everything import held_against_everything, said
 from fitting.loop.kinematic_check import corrections_from_json, kinematic_findings, step_to_json
@@ -45,7 +46,6 @@ from fitting.pipeline.stage_names import NEXT_MOTION, STAGES, WORDS
 from fitting.pipeline.stage_two import choice, chosen_refit, comparison, rigid_body_stage, std
 from fitting.pipeline.verdict import MOST_NOISE
 from fitting.planning.detection import visible_size
-from fitting.planning.next_experiment import design_next
 from fitting.regression.design import Design, reduced_residual
 from fitting.regression.error_sizes import ROLES, errors_of, independent_rows, overall_errors
 from fitting.regression.noise import effort_floor
@@ -254,19 +254,19 @@ def _called(family: Family, names: tuple[str, ...]) -> str:
 
 
 def _next_experiment(session: Session, found: Attribution) -> dict[str, Any] | None:
-    """The motion that best separates the members of the first set, with the motion itself."""
-    for item in found.accepted:
-        if not item.rivals:
-            continue
-        designed = design_next(found.model, [item.score.term, *(r.term for r in item.rivals)], session.prior)
-        best = designed.best
-        motion = None if best is None else best.motion
-        content = designed.to_json(session.machine, None if motion is None else NEXT_MOTION)
-        if motion is None:
-            return content
-        columns = {name: np.round(column, 7).tolist() for name, column in motion.columns.items()}
-        return content | {"program": {"rods": motion.rods, "time": motion.time.tolist(), "columns": columns}}
-    return None
+    """The experiment that best separates the members of the first set; ``program`` is a motion worth an attempt."""
+    designed = next_experiment(session, found)
+    if designed is None:
+        return None
+    best, attempt = designed.best, designed.attempt
+    recommended = best is not None and best.motion is not None
+    content = designed.to_json(session.machine, NEXT_MOTION if recommended else None)
+    if attempt is None or attempt.motion is None:
+        return content
+    motion = attempt.motion
+    columns = {name: np.round(column, 7).tolist() for name, column in motion.columns.items()}
+    program = {"rods": motion.rods, "time": motion.time.tolist(), "columns": columns}
+    return content | {"program": program | {"text": attempt.text, "chance": attempt.expected.probability}}
 
 
 def _accepted(item: Accepted) -> dict[str, Any]:
@@ -392,12 +392,37 @@ def identify(request: Request, progress: Progress = _quiet) -> dict[str, Any]:
     InputError
         One line about the machine file or a recording; nothing is written then.
     """
+    session = opened(request)
+    results = computed(STEPS, request, session, {}, progress)
+    return reported(request, session, results, progress)
+
+
+def opened(request: Request) -> Session:
+    """The session of a request whose output can be written and whose options make sense.
+
+    Raises
+    ------
+    InputError
+        As :func:`identify` does.
+    """
     require_writable(request.output)
     session = with_explanation(request, lambda: Session.load(request))
     choice(session)  # a wrong option is said before any work
-    results: dict[str, dict[str, Any]] = {}
-    for number, stage in enumerate(STEPS):
-        results[stage] = _computed(stage, request, session, results, _part(progress, number))
+    return session
+
+
+def computed(
+    stages: Iterable[str], request: Request, session: Session, results: Results, progress: Progress
+) -> dict[str, dict[str, Any]]:
+    """Earlier results, and those of these stages."""
+    found = dict(results)
+    for stage in stages:
+        found[stage] = _computed(stage, request, session, found, _part(progress, STAGES.index(stage)))
+    return found
+
+
+def reported(request: Request, session: Session, results: Results, progress: Progress) -> dict[str, Any]:
+    """The report of these results, written to ``request.output``."""
     progress((len(STAGES) - 1) / len(STAGES), WORDS["report"])
     content, _, _ = _write_results(session, results, request.output)
     progress(1.0, "done")
@@ -420,12 +445,15 @@ def _write_results(session: Session, results: Results, output: Path) -> tuple[di
     paths = write_report(content, figures, output)
     save_model(output / MODEL_FILE, hand_over(session, final.steps, final.model, content))
     experiment = results["attribution"]["next_experiment"]
-    if experiment is not None and "program" in experiment:
-        program = experiment["program"]
-        columns = {name: np.array(column) for name, column in program["columns"].items()}
-        motion = Motion(session.machine.name, program["rods"], np.array(program["time"]), columns)
-        write_motion(output / NEXT_MOTION, motion)
+    if experiment is not None and experiment.get("motion_file"):
+        write_motion(output / NEXT_MOTION, motion_of(experiment["program"], session.machine.name))
     return content, *paths
+
+
+def motion_of(program: Mapping[str, Any], machine: str) -> Motion:
+    """The motion of ``next_experiment["program"]``."""
+    columns = {name: np.array(column) for name, column in program["columns"].items()}
+    return Motion(machine, program["rods"], np.array(program["time"]), columns)
 
 
 def require_writable(directory: Path) -> None:

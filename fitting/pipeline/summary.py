@@ -13,7 +13,7 @@ from rich.table import Table
 def print_summary(report: Mapping[str, Any], output: Path) -> None:
     """Print the table of errors, the verdict and where the report is."""
     from fitting.report.text import share
-    from fitting.report.wording import RELATIVE_OF, verdict_sentence
+    from fitting.report.wording import RELATIVE_OF, readable, resolution, verdict_sentence
 
     console = Console()
     role = "validate" if any(e["after"]["validate"] is not None for e in report["errors"].values()) else "train"
@@ -44,7 +44,12 @@ def print_summary(report: Mapping[str, Any], output: Path) -> None:
             soft_wrap=True,
             highlight=False,
         )
-    titles = {entry["id"]: entry["title"] for entry in report["loop"]["effects"]}
+    loop = report["loop"]
+    titles = {e["id"]: e["title"] for e in (*loop["candidates"], *loop["effects"]) if e.get("title")}
+    for step in resolution(loop, titles):
+        console.print(f"ambiguous: {step['before']}", soft_wrap=True, markup=False, highlight=False)
+        console.print(f"recorded:  {readable(step['motion'])}", soft_wrap=True, markup=False, highlight=False)
+        console.print(f"now:       {step['after']}", soft_wrap=True, markup=False, highlight=False)
     console.print(verdict_sentence(report, titles), soft_wrap=True)
     if report.get("one_shot", {}).get("comparison"):
         console.print(report["one_shot"]["comparison"]["said"], soft_wrap=True, markup=False)

@@ -1,8 +1,9 @@
 """The next experiment, designed: which motion tells rivals apart, and how far.
 
-For every motion of a menu, and for motions searched for the purpose, the separation of the rivals is predicted at the
-size that was fitted (:mod:`fitting.planning.separation`): the motion goes through the filters, the rivals' columns are
-built on it with the model's own forces, and the base model is projected out together with everything recorded so far.
+For every motion of a menu, and for motions searched for the purpose, the odds that the loop would then state are
+predicted, for the sizes that were fitted (:mod:`fitting.planning.separation`): the motion goes through the filters, the
+rivals' columns are built on it with the model's own forces, and the base model is projected out together with
+everything recorded so far (:mod:`fitting.planning.question`).
 The best is named with its expected separation, and can be run. Where no motion of this arm separates them, that is
 said, and the catalogue's other experiments are given (another load, vented chambers, an inclinometer).
 """
@@ -17,26 +18,26 @@ import numpy as np
 import numpy.typing as npt
 
 from daq.machine_file import Machine
-from fitting.arm.base_parameters import base_regressor
-from fitting.arm.linkage import lever_arm
 from fitting.effects.base import Effect
 from fitting.excitation.experiments import menu
 from fitting.excitation.limits import HydraulicLimits, limits_of_machine, limits_used
 from fitting.excitation.motion import Motion
 from fitting.excitation.series import Series, random_series, varied
 from fitting.planning.guess import Guess, worst_friction
-from fitting.planning.planned import States, planned_segment, segment_of_states
-from fitting.planning.planned_views import chamber_models, planned_views
-from fitting.planning.separation import Separation, products, projected, separation
-from fitting.regression.design import build_design, whitened
-from fitting.regression.prior import Prior, with_prior
-from fitting.residual.terms import Model, Term, extra_columns
-from fitting.signals.preparation import Segment
+from fitting.planning.question import Question
+from fitting.planning.separation import Separation
+from fitting.regression.prior import Prior
+from fitting.residual.laws import Law
+from fitting.residual.terms import Model, Term
 
 FloatArray = npt.NDArray[np.float64]
 
 #: Chance of a single name from which on an experiment is worth making.
 ENOUGH = 0.8
+#: Chance of a single name below which a motion is not worth the time of a machine that can be asked at any moment.
+_LEAST = 0.05
+#: Chi-square between rivals that it has to add: what only the number of their parameters decides needs no motion.
+_LEAST_GROWTH = 1.0
 #: Repetitions beyond which a motion does not separate the rivals for practical purposes.
 MOST_RECORDINGS = 4
 _GENERATIONS, _PER_GENERATION = 3, 8
@@ -87,15 +88,29 @@ class NextExperiment:
         """The experiment to make; None if no motion separates the rivals."""
         return self.options[0] if self.recordings is not None else None
 
+    @property
+    def attempt(self) -> Option | None:
+        """The best motion for somebody who can record at little cost, also where it may well not be enough.
+
+        None if no motion improves the chance of a single name.
+        """
+        for option in self.options:
+            if option.motion is None or option.expected.probability < _LEAST:
+                continue
+            pairs = zip(option.expected.pairs, self.now.pairs, strict=True)
+            helps = any(then.chi_square - now.chi_square > _LEAST_GROWTH for then, now in pairs)
+            return option if helps and option.expected.margin > self.now.margin else None
+        return None
+
     def to_json(self, machine: Machine, motion_file: str | None = None) -> dict[str, Any]:
         """As ``loop.next_experiment`` of the report; ``motion_file`` is where the motion was written."""
         names = [joint.name for joint in machine.joints]
-        ids = [term.id for term in self.rivals]
+        ids = self._labels(names)
         joint = self.rivals[0].joint
         best = self.best
         return {
             "motion": self._text(),
-            "why": self._why(),
+            "why": self._why(names),
             "separates": ids,
             "joint": None if joint is None else names[joint],
             "kind": None if best is None else best.kind,
@@ -118,21 +133,37 @@ class NextExperiment:
             return "; or ".join(self.advice)
         return best.text if self.recordings == 1 else f"{best.text}; record it {self.recordings} times"
 
-    def _why(self) -> str:
-        ids = " and ".join(term.id for term in self.rivals)
+    def _labels(self, names: Sequence[str]) -> list[str]:
+        return [term_label(term, names) for term in self.rivals]
+
+    def _why(self, names: Sequence[str]) -> str:
+        ids = " and ".join(self._labels(names))
         d = self.now.standard_deviations
         first = f"{ids} differ by {d:.1f} standard deviations in these recordings ({_own(self.now)})"
         best = self.best
         if best is None:
-            most = self.options[0].expected
+            attempt = self.attempt
+            if attempt is None:
+                most = self.options[0].expected
+                return (
+                    f"{first}, and by {most.standard_deviations:.1f} ({_own(most)}) with the best motion that this arm "
+                    "may make: no motion tells them apart"
+                )
             return (
-                f"{first}, and by {most.standard_deviations:.1f} ({_own(most)}) with the best motion that this arm may "
-                "make: no motion tells them apart"
+                f"{first}, and by {attempt.expected.standard_deviations:.1f} ({_own(attempt.expected)}) with "
+                f"{attempt.text}, which leaves a chance of only {100 * attempt.expected.probability:.0f} % of a "
+                "single name"
             )
         return (
             f"{first}; with this experiment once by {best.expected.standard_deviations:.1f} "
             f"({_own(best.expected)}), a {100 * best.expected.probability:.0f} % chance of a single name"
         )
+
+
+def term_label(term: Term, joints: Sequence[str]) -> str:
+    """A term in a word or two: an effect's id, or the law's variable."""
+    content = term.content
+    return f"law of {content.variable(tuple(joints))}" if isinstance(content, Law) else term.id
 
 
 def _own(value: Separation) -> str:
@@ -154,10 +185,10 @@ def design_next(
     rivals: Sequence[Term],
     prior: Prior,
     *,
+    chances: Sequence[float] | None = None,
     seconds: float = 30.0,
     use: float = 0.92,
     hydraulic: HydraulicLimits | None = None,
-    needed: tuple[float, float] = (7.0, 0.02),
     seed: int = 0,
     generations: int = _GENERATIONS,
 ) -> NextExperiment:
@@ -168,9 +199,9 @@ def design_next(
     model : the fitted model; if it holds one of the rivals already, that one is taken out first
     rivals : two or more terms that explain the same residual
     prior : what the fit knew beforehand
+    chances : that each of them is right; the same for all if None
     seconds, use : length of the motions, and the share of every limit that they may use
     hydraulic : supply flow and chamber pressures; those of the machine file for the fitted parameters if None
-    needed : lead that the right rival must have to stand alone: a chi-square, and a share of the effect's own size
     seed, generations : of the search for a motion of its own; 0 generations leave it out
 
     Raises
@@ -180,7 +211,7 @@ def design_next(
     """
     if len(rivals) < 2:
         raise ValueError("an experiment tells two rivals or more apart")
-    question = _Question(model, tuple(rivals), prior, hydraulic or supply_of(model), needed)
+    question = Question(model, tuple(rivals), prior, hydraulic or supply_of(model), _normed(chances))
     machine, base = model.design.machine, model.design.parameters.base
     experiments = [
         each
@@ -207,7 +238,7 @@ def design_next(
         options.append(designed)
     options.sort(key=lambda option: -option.expected.margin + (_SIMPLER if option.kind == "designed" else 0.0))
     return NextExperiment(
-        tuple(rivals), question.now, tuple(options), question.recordings(options[0], seconds), _advice(rivals)
+        tuple(rivals), question.now, tuple(options), _recordings(question, options[0], seconds), _advice(rivals)
     )
 
 
@@ -225,124 +256,30 @@ def _advice(rivals: Sequence[Term]) -> tuple[str, ...]:
     return tuple(dict.fromkeys(t.content.experiment for t in rivals if isinstance(t.content, Effect)))
 
 
-class _Question:
-    """The rivals in the light of what is recorded; weighs motions."""
-
-    def __init__(
-        self,
-        model: Model,
-        rivals: tuple[Term, ...],
-        prior: Prior,
-        hydraulic: HydraulicLimits,
-        needed: tuple[float, float],
-    ) -> None:
-        self.model, self.rivals, self.hydraulic, self.needed = model, rivals, hydraulic, needed
-        design = model.design
-        families = {rival.family for rival in rivals}
-        # Effects that are not in question belong to the base.
-        self.terms = (*(term for term in model.terms if term.family not in families), *rivals)
-        widths = [len(term.names(design.parameters.joints)) for term in self.terms]
-        ends = np.cumsum([len(design.parameters), *widths]).tolist()
-        self.fixed = ends[len(self.terms) - len(rivals)]
-        self.parts = [slice(e - w - self.fixed, e - self.fixed) for e, w in zip(ends[1:], widths, strict=True)]
-        self.parts = self.parts[-len(rivals) :]
-        extra = extra_columns(design, model.views, self.terms)
-        rows = whitened(design, model.noise, model.fitted, extra)
-        self.recorded = products(with_prior(rows, design.parameters, prior))
-        trained = [i for i in model.fitted if design.segments[i].role in ("train", "repeat", "operation")]
-        length = sum(len(design.segments[i]) for i in trained) / design.bank.rate_hz
-        self.training = products(whitened(design, model.noise, trained, extra)) / length  # per second
-        self.sizes = self._sizes()
-        self.now = self._separation(self.recorded)
-        self.chambers = chamber_models(model)
-        self.next_recording = 1 + max(segment.recording for segment in design.segments)
-
-    def _sizes(self) -> list[FloatArray]:
-        """Values of each rival fitted without the others; what was moved into the signals is put back first."""
-        apart = projected(self.recorded, self.fixed)
-        S, target = apart[:-1, :-1], apart[:-1, -1].copy()
-        for term, part in zip(self.rivals, self.parts, strict=True):
-            if term.rebuilt:
-                target += S[:, part] @ np.asarray(term.rebuilt)
-        return [np.linalg.pinv(S[part, part], rcond=1e-8, hermitian=True) @ target[part] for part in self.parts]
-
-    def _separation(self, total: FloatArray) -> Separation:
-        apart = projected(total, self.fixed)[:-1, :-1]
-        return separation(apart, self.parts, self.sizes, *self.needed)
-
-    @property
-    def suspects(self) -> list[int]:
-        """Joints to move: those of the rivals; for effects of the whole machine the two that feel them most."""
-        named = list(dict.fromkeys(term.joint for term in self.rivals if term.joint is not None))
-        if named:
-            return named[:2]
-        extra = extra_columns(self.model.design, self.model.views, self.rivals)
-        felt = []
-        for rows in whitened(self.model.design, self.model.noise, self.model.fitted, extra):
-            own = rows.A[:, len(self.model.design.parameters) :]
-            felt.append(max(float(np.sum((own[:, p] @ s) ** 2)) for p, s in zip(self.parts, self.sizes, strict=True)))
-        return [int(joint) for joint in np.argsort(felt)[::-1][:2]]
-
-    def holding(self, q: FloatArray) -> FloatArray:
-        """Load forces (N, n) of the fitted arm at rest."""
-        design = self.model.design
-        still = np.zeros_like(q)
-        values = self.model.fit.theta[design.parameters.base_slice]
-        tau = base_regressor(design.machine, design.parameters.base, q, still, still) @ values
-        levers = [
-            np.ones(len(q)) if joint.cylinder is None else lever_arm(joint.cylinder.linkage, q[:, j])
-            for j, joint in enumerate(design.machine.joints)
-        ]
-        return np.asarray(tau / np.column_stack(levers))
-
-    def segment(self, motion: Motion) -> Segment:
-        """A motion as it would be recorded."""
-        design = self.model.design
-        return planned_segment(design.machine, design.bank, design.noise, motion, self.next_recording)
-
-    def segment_of(self, states: States) -> Segment:
-        """The same from exact states."""
-        design = self.model.design
-        return segment_of_states(design.machine, design.bank, design.noise, states, self.next_recording)
-
-    def gathered(self, segments: Sequence[Segment]) -> list[FloatArray]:
-        """What each segment would add to the products."""
-        known = self.model.design
-        design = build_design(known.machine, known.parameters.base, known.bank, known.noise, segments)
-        like = self.model.views[self.model.fitted[0]][0]
-        views = planned_views(design, self.model.fit.theta, self.chambers, self.model.terms, like)
-        extra = extra_columns(design, views, self.terms)
-        return [products(whitened(design, self.model.noise, [index], extra)) for index in range(len(segments))]
-
-    def separations(self, segments: Sequence[Segment]) -> list[Separation]:
-        """Separation by all data with each of the segments added."""
-        return [self._separation(self.recorded + more) for more in self.gathered(segments)] if segments else []
-
-    def again(self, seconds: float) -> Separation:
-        """Separation with ``seconds`` more of the training motions.
-
-        More of the same makes effect and difference grow alike: what part of the effect is its own stays as it is.
-        """
-        found = self._separation(self.recorded + seconds * self.training)
-        if self.now.share <= 0:
-            return found
-        size = max(found.size, found.chi_square / self.now.share)
-        return replace(found, size=size, needed=max(self.needed[0], self.needed[1] * size))
-
-    def recordings(self, option: Option, seconds: float) -> int | None:
-        """How often an experiment has to be recorded to be enough; None if more often than is sensible."""
-        if option.expected.probability >= ENOUGH:
-            return 1
-        more = None if option.motion is None else self.gathered([self.segment(option.motion)])[0]
-        for times in range(2, MOST_RECORDINGS + 1):
-            found = self.again(times * seconds) if more is None else self._separation(self.recorded + times * more)
-            if found.probability >= ENOUGH:
-                return times
+def _normed(chances: Sequence[float] | None) -> tuple[float, ...] | None:
+    """Chances that add up to one, none of them nothing."""
+    if chances is None:
         return None
+    shares = np.maximum(np.asarray(chances, dtype=float), 1e-3)
+    return tuple((shares / shares.sum()).tolist())
+
+
+def _recordings(question: Question, option: Option, seconds: float) -> int | None:
+    """How often an experiment has to be recorded to be enough; None if more often than is sensible."""
+    if option.expected.probability >= ENOUGH:
+        return 1
+    for times in range(2, MOST_RECORDINGS + 1):
+        if option.motion is None:
+            found = question.again(times * seconds)
+        else:
+            found = question.repeated(option.motion, times)
+        if found.probability >= ENOUGH:
+            return times
+    return None
 
 
 def _designed(
-    question: _Question, rng: np.random.Generator, seconds: float, use: float, generations: int
+    question: Question, rng: np.random.Generator, seconds: float, use: float, generations: int
 ) -> Option | None:
     """A motion of all joints that was searched for the separation itself: random series, the best of them varied.
 
@@ -366,7 +303,7 @@ def _designed(
     return Option("designed", "a motion of all joints that was designed to tell them apart", motion, expected)
 
 
-def _allowed(question: _Question, series: Series, use: float) -> Series | None:
+def _allowed(question: Question, series: Series, use: float) -> Series | None:
     """The series inside all limits: shrunk about its home, and its home towards the middle; None if that is no use."""
     limits = question.hydraulic
     if limits.flow is None and limits.pressure is None:

@@ -1,14 +1,18 @@
-"""How far apart rivals will be: the chi-square by which the wrong one fits worse, before it is measured.
+"""How far apart rivals will be on a motion, before it is made: in chi-square, and in the odds that the loop will state.
 
 With everything whitened, base columns ``A`` (and the effects that are not in question), and rivals ``a`` and ``b`` with
 values ``eta``, a fit of base and ``b`` to data that ``a`` made leaves on average, beyond the noise,
 
     d^2 = eta_a' (S_aa - S_ab S_bb^-1 S_ba) eta_a,     S = C'C - (A'C)' (A'A)^-1 (A'C)
 
-which for one column each is ``lambda^2 (1 - rho^2)``: the size of the effect times what of it is its own. The two
-residual sums of squares then differ by ``d^2 +- 2 d`` (mean and standard deviation, from the normal noise along the
-difference of the two fits). Products of whitened rows add up over recordings, so a new motion is judged together with
-all that is there already.
+which for one column each is ``lambda^2 (1 - rho^2)``: the size of the effect times what of it is its own. Products of
+whitened rows add up over recordings, so a new motion is judged together with all that is there already.
+
+From the same products follow the scores that the loop would have if ``a`` were the truth, and from them the log odds
+of ``a`` over ``b`` with the loop's own evidence: shapes and sizes averaged, values that cannot be held against a name,
+differences of names shrunk as far as formulas are exact (:mod:`fitting.selection.decision`). What the recordings say
+already is the start; a new motion adds what these expected odds grow by, with a standard deviation of the root of what
+it adds to ``d^2``.
 
 Source: Atkinson and Fedorov, "The design of experiments for discriminating between two rival models", Biometrika 62,
 1975 (T-optimality, here with the size that was fitted).
@@ -16,9 +20,8 @@ Source: Atkinson and Fedorov, "The design of experiments for discriminating betw
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
-from itertools import permutations
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -26,9 +29,19 @@ from scipy import linalg
 from scipy.special import ndtr
 
 from fitting.regression.design import WhiteRows
+from fitting.residual.laws import Law
+from fitting.residual.scoring import Score
+from fitting.residual.terms import Term
+from fitting.selection.evidence import log_mean, whitened_parts
+from fitting.selection.gains import averaged, orders, plausible
+from fitting.selection.priors import CLOSE, INEXACT, SAID_ODDS, USUAL_EFFORT
 
 FloatArray = npt.NDArray[np.float64]
 
+#: Least standard deviation of log odds: noise moves what no motion tells apart as well.
+_LEAST_SPREAD = 0.5
+#: Standard deviations of margin beyond which more of it is worth nothing.
+_ENOUGH = 4.0
 _RANK = 1e-10  # of unit columns' products: directions below are not told
 
 
@@ -55,64 +68,189 @@ def projected(values: FloatArray, count: int) -> FloatArray:
 
 
 @dataclass(frozen=True)
-class Separation:
-    """How well rivals are told apart.
+class Rival:
+    """An explanation in question.
 
     Attributes
     ----------
-    chi_square : ``d^2``, expected excess of the wrong rival's residual sum of squares
-    size : ``lambda^2``, chi-square that the effect itself adds
-    needed : lead that the right one must have to stand alone
+    terms : it in the shape that was fitted, and in others of its grid: a wrong one adapts itself to a new recording
+    places : where the columns of each are
+    values : of its parameters in the fitted shape
     """
 
+    terms: tuple[Term, ...]
+    places: tuple[slice, ...]
+    values: FloatArray
+
+    @property
+    def is_law(self) -> bool:
+        """Whether it is a curve, whose formula cannot be off."""
+        return isinstance(self.terms[0].content, Law)
+
+
+@dataclass(frozen=True)
+class Lead:
+    """What data that one rival made say of it and of another one.
+
+    Attributes
+    ----------
+    size : ``lambda^2``, chi-square that the true one adds
+    chi_square : ``d^2``, expected excess of the wrong one's residual sum of squares
+    log_odds : of the true one over the wrong one, as the evidence has them before they are shrunk
+    """
+
+    size: float
+    chi_square: float
+    log_odds: float
+
+
+@dataclass(frozen=True)
+class Pair:
+    """One rival taken for the truth, beside the one that is hardest to tell from it.
+
+    Attributes
+    ----------
+    chance : that this one is the truth, as far as is known
+    chi_square, size : of :class:`Lead`
+    expected, spread : log odds of the true one over the other that are to be expected, and their standard deviation
+    asked : log odds that it must have to stand alone
+    """
+
+    chance: float
     chi_square: float
     size: float
-    needed: float
+    expected: float
+    spread: float
+    asked: float
+
+    @property
+    def margin(self) -> float:
+        """Standard deviations by which what is expected is beyond what is asked for."""
+        return (self.expected - self.asked) / self.spread
+
+
+@dataclass(frozen=True)
+class Separation:
+    """How well rivals are told apart: each of them taken for the truth in turn."""
+
+    pairs: tuple[Pair, ...]
+
+    @property
+    def worst(self) -> Pair:
+        """The truth that would be hardest to tell."""
+        return min(self.pairs, key=lambda pair: pair.margin)
+
+    @property
+    def chi_square(self) -> float:
+        """Expected excess of the wrong rival's residual sum of squares, of the worst pair."""
+        return self.worst.chi_square
+
+    @property
+    def size(self) -> float:
+        """Chi-square that the effect itself adds, of the worst pair."""
+        return self.worst.size
+
+    @property
+    def needed(self) -> float:
+        """Lead in chi-square that goes with the odds that are asked for, of the worst pair."""
+        return 2.0 * self.worst.asked
 
     @property
     def share(self) -> float:
-        """What part of the effect is its own, ``1 - rho^2``, 0 to 1."""
+        """What part of the effect is its own, ``1 - rho^2``, 0 to 1, of the worst pair."""
         return self.chi_square / self.size if self.size > 0 else 0.0
 
     @property
     def standard_deviations(self) -> float:
-        """``d``."""
+        """``d`` of the worst pair."""
         return float(np.sqrt(self.chi_square))
 
     @property
     def margin(self) -> float:
-        """Standard deviations by which the expected lead is beyond what is needed: ``(d^2 - needed) / (2 d)``."""
-        d = self.standard_deviations
-        return (self.chi_square - self.needed) / (2 * d) if d > 0 else -np.inf
+        """What a motion is judged by: mean margin over who may be right, each at most some standard deviations."""
+        return sum(pair.chance * float(np.clip(pair.margin, -_ENOUGH, _ENOUGH)) for pair in self.pairs)
 
     @property
     def probability(self) -> float:
-        """Chance that the right one leads by what is needed."""
-        return float(ndtr(self.margin))
+        """Chance that the right one stands alone, whoever is right."""
+        return sum(pair.chance * float(ndtr(pair.margin)) for pair in self.pairs)
+
+
+def leads(apart: FloatArray, rivals: Sequence[Rival]) -> dict[tuple[int, int], Lead]:
+    """Of each rival as the truth over each other one; ``apart`` are the products of all columns, base projected out."""
+    found = {}
+    for true, rival in enumerate(rivals):
+        made = apart[:, rival.places[0]] @ rival.values  # products with what the true one adds
+        size = max(float(rival.values @ made[rival.places[0]]), 0.0)
+        evidence = [_evidence(apart, other, made) for other in rivals]
+        for false in range(len(rivals)):
+            if false != true:
+                left = float(np.clip(size - evidence[false][0], 0.0, size))
+                found[true, false] = Lead(size, left, evidence[true][1] - evidence[false][1])
+    return found
+
+
+def _evidence(apart: FloatArray, rival: Rival, made: FloatArray) -> tuple[float, float]:
+    """Chi-square that a rival takes of products ``made`` in its best shape, and its log evidence over all shapes."""
+    gains, found = [], []
+    for term, place in zip(rival.terms, rival.places, strict=True):
+        information = apart[place, place]
+        root = whitened_parts(information)
+        inverse = root @ root.T
+        values = inverse @ made[place]
+        gain, live = float(np.sum((root.T @ made[place]) ** 2)), root.shape[1]
+        stds = np.sqrt(np.maximum(np.diag(inverse), 1e-300))
+        score = Score(term, gain, live, gain, tuple(values), tuple(stds), True, 1.0, information)
+        series = np.array(orders(score))
+        gains.append(gain)
+        limits = np.full(len(series), USUAL_EFFORT)
+        found.append(float(log_mean(averaged(series[:, 0], series[:, 1], limits))) + plausible(score))
+    return max(gains), float(log_mean(found))
 
 
 def separation(
-    apart: FloatArray, parts: Sequence[slice], sizes: Sequence[FloatArray], needed: float, needed_share: float
+    now: Mapping[tuple[int, int], Lead],
+    then: Mapping[tuple[int, int], Lead],
+    rivals: Sequence[Rival],
+    chances: Sequence[float] | None = None,
 ) -> Separation:
-    """The worst pair of rivals, each taken for the truth in turn.
+    """What is to be expected of the rivals' odds.
 
     Parameters
     ----------
-    apart : (k, k) products of the rivals' columns, base projected out
-    parts : where each rival's columns are
-    sizes : its values, as fitted
-    needed, needed_share : lead that the right one must have: a chi-square, and a share of the effect's own size (the
-        formula of an effect is not exactly nature's); the larger counts
+    now, then : leads by what is recorded, and with a motion more
+    rivals : the explanations in question
+    chances : that each is right, as the loop states them; without, the leads by what is recorded are the start
     """
-    worst: Separation | None = None
-    for true, false in permutations(range(len(parts)), 2):
-        order = [*range(*parts[false].indices(len(apart))), *range(*parts[true].indices(len(apart)))]
-        width = parts[false].stop - parts[false].start
-        own = apart[parts[true], parts[true]]
-        size = max(float(sizes[true] @ own @ sizes[true]), 0.0)
-        left = float(sizes[true] @ projected(apart[np.ix_(order, order)], width) @ sizes[true])
-        found = Separation(float(np.clip(left, 0.0, size)), size, max(needed, needed_share * size))
-        if worst is None or found.margin < worst.margin:
-            worst = found
-    assert worst is not None
-    return worst
+    pairs = []
+    for true in range(len(rivals)):
+        own = [
+            _pair(now[true, false], then[true, false], (rivals[true], rivals[false]), _stated(chances, true, false))
+            for false in range(len(rivals))
+            if false != true
+        ]
+        chance = 1.0 / len(rivals) if chances is None else chances[true]
+        pairs.append(replace(min(own, key=lambda pair: pair.margin), chance=chance))
+    return Separation(tuple(pairs))
+
+
+def _stated(chances: Sequence[float] | None, true: int, false: int) -> float | None:
+    return None if chances is None else float(np.log(chances[true] / chances[false]))
+
+
+def _pair(now: Lead, then: Lead, both: tuple[Rival, Rival], stated: float | None) -> Pair:
+    names = not any(rival.is_law for rival in both)
+
+    def shrunk_by(size: float) -> float:
+        return 1.0 + INEXACT**2 * size / CLOSE if names else 1.0
+
+    start = now.log_odds if stated is None else stated * shrunk_by(now.size)
+    more = max(then.chi_square - now.chi_square, 0.0)
+    return Pair(
+        0.0,
+        then.chi_square,
+        then.size,
+        start + then.log_odds - now.log_odds,
+        float(np.hypot(np.sqrt(then.chi_square if stated is None else more), _LEAST_SPREAD)),
+        SAID_ODDS * shrunk_by(then.size),
+    )

@@ -100,6 +100,7 @@ def render_html(report: Mapping[str, Any], figures: Figures) -> str:
             over_noise=wording.over_noise,
             alternatives=wording.alternatives,
             explanation=wording.explanation,
+            resolution=wording.resolution,
             meanings=wording.MEANINGS,
             statuses=wording.STATUSES,
             noise_floor=wording.NOISE_FLOOR,

@@ -183,6 +183,25 @@ class Hypothesis(_Part):
     probability: float
 
 
+class RecordedMotion(_Part):
+    """A designed motion that was recorded to close an ambiguity; ``chance`` is what was expected of it."""
+
+    text: str
+    rods: str
+    seconds: float
+    recording: str
+    separates: list[str] = []
+    chance: float
+
+
+class ResolutionStep(_Part):
+    """Explanations before a motion was recorded, and with its recording, the most probable first."""
+
+    before: list[Hypothesis]
+    motion: RecordedMotion
+    after: list[Hypothesis]
+
+
 class AddedEffect(Likely):
     """An effect that was added to the model."""
 
@@ -253,6 +272,7 @@ class Loop(_Part):
     detection_limits: list[DetectionLimit] = []
     looked: bool = True
     next_experiment: dict[str, Any] | str | None = None
+    resolution: list[ResolutionStep] = []
 
 
 def looked(loop: Mapping[str, Any]) -> bool:

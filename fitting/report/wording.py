@@ -314,6 +314,28 @@ def explanation(hypothesis: Mapping[str, Any], titles: Mapping[str, str]) -> str
     return listed(parts) if parts else "nothing is missing"
 
 
+#: Explanations that a step of the resolution names, and the least probability of those after the first.
+_LISTED, _WORTH_NAMING = 3, 0.02
+
+
+def resolution(loop: Mapping[str, Any], titles: Mapping[str, str]) -> list[dict[str, str]]:
+    """What was done about an ambiguity, of the report's ``loop``: per motion ``before``, ``motion`` and ``after``."""
+    return [
+        {
+            "before": _explanations(step["before"], titles),
+            "motion": f"{step['motion']['text']}, {number(step['motion']['seconds'], 2)} s",
+            "after": _explanations(step["after"], titles),
+        }
+        for step in loop.get("resolution") or []
+    ]
+
+
+def _explanations(hypotheses: Sequence[Mapping[str, Any]], titles: Mapping[str, str]) -> str:
+    """``X at joint2 (53 %) or Y at joint2 (44 %)``."""
+    named = [h for n, h in enumerate(hypotheses[:_LISTED]) if n == 0 or h["probability"] >= _WORTH_NAMING]
+    return listed([explanation(h, titles) + chance(h["probability"]) for h in named], "or") or "nothing is known"
+
+
 #: Impossible parameters that a verdict names one by one.
 _MOST_SAID = 3
 

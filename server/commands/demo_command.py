@@ -8,7 +8,7 @@ model lacks is known to the plant alone.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,6 +21,7 @@ from daq.console import print_json, progress_bar, reported
 if TYPE_CHECKING:
     from daq.acquisition import AcquisitionProcess
     from daq.machine_file import Machine
+    from daq.recorder import RecordingSummary
     from fitting.excitation.motion import Motion
     from sim_backends.simulated_machine import SimulatedMachine
 
@@ -66,6 +67,10 @@ def demo(
     speed: Annotated[float, typer.Option(help="Machine seconds per second, at most 4.", min=0.1)] = 4.0,
     seed: Annotated[int, typer.Option(help="Of the plant's noise and of the designed motions.")] = 1,
     faults: Annotated[Path | None, typer.Option(help="Fault file (YAML): what breaks when, and for how long.")] = None,
+    resolve: Annotated[
+        bool,
+        typer.Option("--resolve", help="Record the designed motion where names cannot be told apart; two at most."),
+    ] = False,
     json: Annotated[bool, typer.Option("--json", help="Print report.json on standard output.")] = False,
 ) -> None:
     """Simulate an arm with an effect nobody declared, record it over its buses, identify it, and find the effect."""
@@ -78,6 +83,7 @@ def demo(
             speed=speed,
             seed=seed,
             faults=faults,
+            resolve=resolve,
             progress=lambda share, text: bar(share, 1.0, text),
         )
     if json:
@@ -91,6 +97,20 @@ def demo(
         f"{time.monotonic() - started:.0f} s in all"
     )
     print_summary(report, output)
+    if resolve:
+        print(_asked_of_the_machine(report["loop"]))
+
+
+def _asked_of_the_machine(loop: Mapping[str, Any]) -> str:
+    """What became of ``--resolve``, in a line."""
+    made, hypotheses = len(loop["resolution"]), loop["hypotheses"]
+    motions = {0: "no motion was", 1: "one motion was"}.get(made, f"{made} motions were") + " recorded to resolve it"
+    if not loop["effects"] and not loop["unexplained"]:
+        return "nothing is ambiguous: nothing was found"
+    if hypotheses and hypotheses[0]["probability"] >= 0.95:
+        return f"one explanation has 95 %: {motions}"
+    why = (loop["next_experiment"] or {}).get("why", "no motion tells what is left apart")
+    return f"it stays ambiguous: {motions}; {why}"
 
 
 def run_demo(
@@ -101,6 +121,7 @@ def run_demo(
     speed: float = 4.0,
     seed: int = 1,
     faults: Path | None = None,
+    resolve: bool = False,
     progress: Progress = lambda share, text: None,
 ) -> tuple[dict[str, Any], Acquired]:
     """Run the demo; returns the report and what was acquired.
@@ -113,11 +134,13 @@ def run_demo(
     speed : machine seconds per second
     seed : of the plant's noise and of the motions
     faults : a fault file, what breaks while the machine is recorded
+    resolve : whether the machine makes the designed motion where the recordings leave more than one explanation
     progress : called with the share done and what is being done
     """
-    from daq.acquisition import AcquisitionProcess
     from fitting.loop.session import Request
+    from fitting.pipeline.resolving import identify_and_resolve
     from fitting.pipeline.stages import identify, require_writable
+    from server.commands.demo_recorder import DemoRecorder
     from sim_backends.cli import checked_faults
     from sim_backends.machines import default_machine
     from sim_backends.simulated_machine import SimulatedMachine
@@ -132,20 +155,33 @@ def run_demo(
                 machine, None, _effects(undeclared, machine), seed, speed, output / "machine", faults=script
             )
         )
-        motions = design_motions(simulated.machine_path, seconds, seed, lambda s, t: progress(_DESIGN * s, t))
-        for name, motion in motions.items():
-            _save(output / "motions" / f"{name}.csv", motion)
-        acquisition = stack.enter_context(AcquisitionProcess(simulated.machine_path))
-        acquired = record_all(
+        acquired = _acquired(simulated, output, seconds, seed, lambda s, t: progress(_RECORD * s, t))
+        request = Request(output / "machine" / "machine.yaml", acquired.recordings, output)
+
+        def identifying(share: float, text: str) -> None:
+            progress(_RECORD + (1 - _RECORD) * share, text)
+
+        if resolve:
+            return identify_and_resolve(request, DemoRecorder(simulated, output), identifying), acquired
+    return identify(request, identifying), acquired
+
+
+def _acquired(simulated: SimulatedMachine, output: Path, seconds: float, seed: int, progress: Progress) -> Acquired:
+    """Design the motions, and record them all."""
+    from daq.acquisition import AcquisitionProcess
+
+    design = _DESIGN / _RECORD
+    motions = design_motions(simulated.machine_path, seconds, seed, lambda s, t: progress(design * s, t))
+    for name, motion in motions.items():
+        save_motion(output / "motions" / f"{name}.csv", motion)
+    with AcquisitionProcess(simulated.machine_path) as acquisition:
+        return record_all(
             simulated,
             acquisition,
             motions,
             output / "recordings",
-            lambda s, t: progress(_DESIGN + (_RECORD - _DESIGN) * s, t),
+            lambda s, t: progress(design + (1 - design) * s, t),
         )
-    request = Request(output / "machine" / "machine.yaml", acquired.recordings, output)
-    report = identify(request, lambda s, t: progress(_RECORD + (1 - _RECORD) * s, t))
-    return report, acquired
 
 
 def design_motions(machine_path: Path, seconds: float, seed: int, progress: Progress) -> dict[str, Motion]:
@@ -180,30 +216,43 @@ def record_all(
     progress: Progress,
 ) -> Acquired:
     """Hand each motion to the arm's controller, record while it follows, and count what came."""
-    from daq.recorder import Recorder
-
     recordings, rows, missed, not_fresh = [], 0, 0, 0
     for number, (name, role, motion_name) in enumerate(PLAN):
         what = f"recording {name}"
         progress(number / len(PLAN), what)
-        motion = motions[motion_name]
-        _save(simulated.inbox / f"{name}.csv", motion)
-        simulated.wait_following(name)
         path = directory / f"{name}.parquet"
-        recorder = Recorder(acquisition.ring_name, acquisition.machine, role, path, overwrite=True)
 
         def shown(done: int, total: int | None, number: int = number, what: str = what) -> None:
             progress((number + done / (total or 1)) / len(PLAN), what)
 
-        summary = recorder.record(motion.seconds, shown)
-        acquisition.check()
+        summary = record_motion(simulated, acquisition, motions[motion_name], (name, role), path, shown)
         recordings.append((role, path))
         rows += summary.rows
         missed += summary.missed_cycles
         not_fresh += sum(sum(counts.values()) for counts in summary.quality.values())
-        # The arm holds its last pose; the next motion starts from there.
-        simulated.wait_done(name)
     return Acquired(tuple(recordings), acquisition.machine.rate_hz, rows, missed, not_fresh)
+
+
+def record_motion(
+    simulated: SimulatedMachine,
+    acquisition: AcquisitionProcess,
+    motion: Motion,
+    called: tuple[str, str],
+    path: Path,
+    shown: Callable[[int, int | None], None] = lambda done, total: None,
+) -> RecordingSummary:
+    """Hand one motion, by its name and role, to the arm's controller, record while it follows, and wait for its end."""
+    from daq.recorder import Recorder
+
+    name, role = called
+    save_motion(simulated.inbox / f"{name}.csv", motion)
+    simulated.wait_following(name)
+    recorder = Recorder(acquisition.ring_name, acquisition.machine, role, path, overwrite=True)
+    summary = recorder.record(motion.seconds, shown)
+    acquisition.check()
+    # The arm holds its last pose; the next motion starts from there.
+    simulated.wait_done(name)
+    return summary
 
 
 def _effects(texts: Sequence[str] | None, machine: Machine) -> Any:
@@ -214,7 +263,8 @@ def _effects(texts: Sequence[str] | None, machine: Machine) -> Any:
     return [parse_spec(text, machine) for text in texts if text != "none"]
 
 
-def _save(path: Path, motion: Motion) -> None:
+def save_motion(path: Path, motion: Motion) -> None:
+    """Write a motion file, and the folder that it is in."""
     from fitting.excitation.motion import write_motion
 
     path.parent.mkdir(parents=True, exist_ok=True)

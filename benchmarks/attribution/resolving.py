@@ -1,0 +1,163 @@
+"""Ambiguous cases, closed by designed motions that the plant then makes: how many end in the single right name."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass
+from itertools import count, islice
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from benchmarks.attribution.judging import recordings_of, said_of
+from benchmarks.attribution.making import BenchCase, make_case, opened
+from benchmarks.attribution.recipe import CaseKey, Selection
+from benchmarks.attribution.verdicts import verdict
+from benchmarks.targets import Check, rate
+from daq.recording import Recording
+from fitting.loop.closing import Asked, Examined, close, settled
+from fitting.loop.session import Options, Session
+from sim_backends.cases import STEMS
+from sim_backends.motion import Motion
+from sim_backends.plant import record_beside_ideal
+from sim_backends.undeclared import EffectSpec
+
+Line = dict[str, Any]
+
+#: Effects whose cases ended in sets in earlier runs of `attribution`: constant forces, friction that follows load,
+#: pressure or speed, what follows an angle, what comes late.
+ALIKE = (
+    "pressure_offset",
+    "load_dependent_friction",
+    "quadratic_loss",
+    "pressure_gain",
+    "hose_stiffness",
+    "pressure_dependent_friction",
+    "asymmetric_friction",
+    "actuator_inertia",
+    "velocity_root_friction",
+    "sensor_latency",
+)
+#: Sizes that leave doubts: of these classes in turn.
+CLASSES = ("medium", "large")
+TARGET = 0.85
+
+
+@dataclass(frozen=True)
+class PlantRecorder:
+    """The plant of a case makes any motion: the effect's hidden shape is the same, the noise another."""
+
+    case: BenchCase
+    selection: Selection
+
+    def __call__(self, asked: Asked, number: int) -> Recording:
+        """The recording of a motion, as measured."""
+        case = self.case
+        _, plan, quality = opened(case.key, self.selection)
+        names = tuple(asked.motion.columns)
+        positions = np.stack([asked.motion.columns[name] for name in names], axis=1)
+        motion = Motion(case.machine.name, asked.motion.rods, names, asked.motion.time, positions)
+        table, _ = record_beside_ideal(
+            case.machine, plan.truth, motion, quality=quality,
+            undeclared=[EffectSpec(e.id, e.joint, e.size) for e in case.effects],
+            rng=np.random.default_rng([plan.seed, 12, len(STEMS) + number]),
+            shapes=np.random.default_rng([plan.seed, 13]),
+        )  # fmt: skip
+        (recording,) = recordings_of(case.machine, {f"{asked.role}-resolve-{number}": table})
+        return recording
+
+
+def keys(seed: int) -> Iterator[tuple[CaseKey, str]]:
+    """Cases without end, each with its effect: effects and classes in turn, numbers rising."""
+    for number in count():
+        for kind in CLASSES:
+            for effect in ALIKE:
+                yield CaseKey(kind, number, seed), effect
+
+
+def ambiguous(seed: int, seconds: float, bootstrap: int, most: int) -> Iterator[Line | None]:
+    """At most so many cases, one after the other: what became of it, or None where nothing was ambiguous."""
+    for key, effect in islice(keys(seed), most):
+        yield resolved(key, Selection(only=effect, seconds=seconds), bootstrap)
+
+
+def resolved(key: CaseKey, selection: Selection, bootstrap: int) -> Line | None:
+    """One case; None if nothing in it is ambiguous (or nothing was found)."""
+    line: Line = {"case": key.text, "seed": key.seed, "effect": selection.only}
+    try:
+        case = make_case(key, selection)
+    except RuntimeError:  # invisible at any size
+        return None
+    session = Session(case.machine, recordings_of(case.machine, case.recordings), Options(bootstrap=bootstrap))
+    started = time.process_time()
+    first = Examined.of(session)
+    if not first.found or settled(first.hypotheses):
+        return None
+    before = said_of(first)
+    line |= {"truth": [asdict(e) for e in case.effects], "before": _stated(first), "sets": before.sets}
+    last, steps = close(first, PlantRecorder(case, selection))
+    after = said_of(last)
+    outcome = verdict(key.kind, case.effects, after)
+    line |= {
+        "true_in_set": verdict(key.kind, case.effects, before).result in ("right", "in set"),
+        "motions": [{"text": s.asked.text, "chance": s.asked.chance} for s in steps],
+        "after": _stated(last),
+        "result": outcome.result,
+        "surplus": outcome.surplus,
+        "settled": settled(last.hypotheses),
+        "seconds": time.process_time() - started,
+    }
+    return dict(json.loads(json.dumps(line)))
+
+
+def _stated(found: Examined) -> list[Line]:
+    names = [joint.name for joint in found.session.machine.joints]
+    return [
+        {
+            "terms": [[t.id, None if t.joint is None else names[t.joint]] for t in h.terms],
+            "probability": round(h.probability, 3),
+        }
+        for h in found.hypotheses[:4]
+    ]
+
+
+def checks(lines: Sequence[Line], looked_at: int) -> list[Check]:
+    """How the ambiguous ones ended."""
+    right = [line for line in lines if line["result"] == "right" and not line["surplus"]]
+    there = [line for line in lines if line["true_in_set"]]
+    attempted = [line for line in lines if line["motions"]]
+    return [
+        rate("ambiguous, of the cases looked at", len(lines), looked_at),
+        rate("end in the single right name", len(right), len(lines), "at least", TARGET),
+        rate("a motion was worth an attempt", len(attempted), len(lines)),
+        rate("of those, end in the single right name", sum(line in right for line in attempted), len(attempted)),
+        rate("the same, where the first set holds it", sum(line in right for line in there), len(there)),
+        rate("end in a wrong name alone", sum(line["result"] == "wrong" for line in lines), len(lines)),
+    ]
+
+
+def append(file: Path, line: Line) -> None:
+    """Add a result to a file, on a line of its own."""
+    with file.open("a", encoding="utf-8") as stream:
+        stream.write(json.dumps(line) + "\n")
+
+
+def text(line: Line) -> str:
+    """A case in one line: what is true, what was said, what was recorded, what is said then."""
+    truth = " + ".join(f"{e['id']}@{e['reported'] or 'machine'} ({e['seen']:.1f})" for e in line["truth"])
+    motions = "; ".join(motion["text"] for motion in line["motions"]) or "no motion helps"
+    result = line["result"] + (" with surplus" if line["surplus"] else "")
+    return (
+        f"{line['case']:10s} {truth}: {_likely(line['before'])} -> [{motions}] -> {_likely(line['after'])}: {result}, "
+        f"{line['seconds']:.0f} s"
+    )
+
+
+def _likely(stated: Sequence[Line]) -> str:
+    parts = [
+        f"{' + '.join(name for name, _ in h['terms']) or 'nothing'} {100 * h['probability']:.0f} %" for h in stated[:3]
+    ]
+    return ", ".join(parts)
