@@ -15,6 +15,8 @@ export interface Series {
   name: string;
   label: string;
   decimals: number;
+  /** One of another recording, in the colour of its namesake. */
+  thin?: boolean;
 }
 export interface Drawn {
   t: number[];
@@ -119,13 +121,16 @@ function options(width: number, now: { current: TimeChartProps }): uPlot.Options
     ],
     series: [
       {},
-      ...series.map((one, index) => ({
-        label: one.label,
-        stroke: colour.series[index % colour.series.length] as string,
-        width: 2,
-        dash: DASHES[index % DASHES.length] as number[],
-        points: { show: false },
-      })),
+      ...series.map((one, index) => {
+        const number = one.thin ? index - series.length / 2 : index;
+        return {
+          label: one.label,
+          stroke: colour.series[number % colour.series.length] as string,
+          width: one.thin ? 1 : 2,
+          dash: DASHES[number % DASHES.length] as number[],
+          points: { show: false },
+        };
+      }),
     ],
   };
 }

@@ -19,7 +19,7 @@ export function LiveToolbar({ shown, range, bounds, onShown, span, children }: T
   return (
     <div class="chart-toolbar" role="toolbar" aria-label="What the plots show">
       <label class="window">
-        <span>Window</span>
+        <span class="for-reader">Window</span>
         <select
           value={span}
           onChange={(event: SelectEvent) => onShown({ kind: "live", span: Number(event.currentTarget.value) })}

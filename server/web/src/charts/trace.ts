@@ -53,8 +53,9 @@ export class Trace {
 
   /** Add one row that came just now; what is not later than the last is dropped, a clock that was set back begins anew. */
   append(time: number, names: string[], values: Value[], measured: (name: string) => boolean): void {
+    const newest = this.t[this.t.length - 1];
+    if (newest !== undefined && newest - this.moment - time > 1) this.clear();
     const end = this.t[this.t.length - 1];
-    if (end !== undefined && time <= end - this.moment && end - this.moment - time > 1) this.clear();
     const row = new Map(names.map((name, index) => [name, values[index] ?? null]));
     const found = this.names.map((name) => row.get(name) ?? null);
     if (this.moment > 0) {

@@ -7,6 +7,7 @@ import { clock } from "../../charts/time_chart";
 import { LiveToolbar } from "../../charts/toolbar";
 import { remember, remembered } from "../../storage";
 import { Button, Notice } from "../../ui/controls";
+import { zone } from "../../ui/format";
 import { ChannelChoice, chosen, Thresholds, useChoice } from "./choice";
 import type { Group } from "./groups";
 import { useMarks } from "./marks";
@@ -68,7 +69,7 @@ export function Plots({ machine, groups, live }: { machine: string; groups: Grou
       </LiveToolbar>
       {shown.kind === "fixed" && (
         <p class="paused" role="status">
-          Held: {clock(shown.from, 1)} to {clock(shown.to, 1)}. Numbers below the plots are of now.
+          Held: {clock(shown.from, 1)} to {clock(shown.to, 1)} {zone(new Date(1000 * shown.to))}. Numbers below the plots are of now.
         </p>
       )}
       {signals.error !== null && <Notice kind="warning">{signals.error}</Notice>}

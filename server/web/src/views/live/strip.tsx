@@ -101,11 +101,16 @@ function Number({ line, index, history, silence, then }: NumberProps) {
           <line x1="0" y1="4" x2="28" y2="4" stroke-dasharray={(DASHES[index % 6] as number[]).join(" ")} />
         </svg>
         {line.label}
+        {then === undefined && quality.kind === "good" && (
+          <Mark kind="good">
+            <span class="for-reader">{quality.text}</span>
+          </Mark>
+        )}
       </span>
       <span class="value">
         {fixed(then === undefined ? now.value : then, line.decimals)} <span class="unit">{line.unit}</span>
       </span>
-      {then === undefined && <Mark kind={quality.kind}>{quality.text}</Mark>}
+      {then === undefined && quality.kind !== "good" && <Mark kind={quality.kind}>{quality.text}</Mark>}
     </li>
   );
 }

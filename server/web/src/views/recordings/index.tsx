@@ -97,6 +97,7 @@ function Recordings({ machine }: { machine: string }) {
         <RecordingDetails
           key={shown.id}
           recording={shown}
+          others={items.filter((one) => one.state === "sealed" && one.id !== shown.id)}
           onClose={() => setOpen(null)}
           onDeleted={() => {
             setOpen(null);
