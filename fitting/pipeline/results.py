@@ -22,10 +22,10 @@ from fitting.pipeline.verdict import verdict
 from fitting.regression.drive import UNITS, direct_units, effort_unit
 from fitting.regression.flags import mark
 from fitting.regression.identifiability import Telling, statement, tellings
-from fitting.report.residual_diagnostics import diagnostics
 from fitting.report.drawing_data import friction_curves, law_curve, scatters, worst_seconds
 from fitting.report.joint_words import in_own_units, in_words_of, own_unit
 from fitting.report.model import Figures
+from fitting.report.residual_diagnostics import diagnostics
 from fitting.residual.laws import Law
 from fitting.residual.surfaces import second_variable
 from fitting.residual.terms import Model, Term

@@ -67,7 +67,7 @@ def _gutter(*axes: Axis) -> float:
 
 def draw_scatter(scatter: Scatter, units: str, prefix: str) -> str:
     """What the law has to explain beside what is left, against the blamed variable, on one scale."""
-    first, title = (scatter.before, "before") if scatter.partial is None else (scatter.partial, "without the law")
+    first, name = (scatter.before, "before") if scatter.partial is None else (scatter.partial, "without the law")
     way = np.ones(len(scatter.x)) if scatter.direction is None else np.asarray(scatter.direction, dtype=float)
     x, before, after, way = _finite(scatter.x, first, scatter.after, way)
     laws = _laws(scatter)
@@ -78,7 +78,7 @@ def draw_scatter(scatter: Scatter, units: str, prefix: str) -> str:
     left, top, bottom, height, gap = _gutter(y_axis), 22.0, 58.0, 284.0, 20.0
     width = (_WIDTH - left - gap - 8) / 2
     parts, entries = [], []
-    for column, (y, colour, title) in enumerate(((before, BEFORE, title), (after, AFTER, "after"))):
+    for column, (y, colour, title) in enumerate(((before, BEFORE, name), (after, AFTER, "after"))):
         panel = Panel(
             left + column * (width + gap), top, width, height - top - bottom, x_axis, y_axis, f"{prefix}-{column}"
         )
@@ -234,7 +234,13 @@ def draw_diagnostics(own: JointDiagnostics, prefix: str) -> str:
         y_axis = axis(y, np.array([-bound, bound]) if bound else y, marks=5)
         left = _gutter(y_axis)
         panel = Panel(
-            column * width + left, top, width - left - 10, height - top - 40, axis(x, marks=4), y_axis, f"{prefix}-{column}"
+            column * width + left,
+            top,
+            width - left - 10,
+            height - top - 40,
+            axis(x, marks=4),
+            y_axis,
+            f"{prefix}-{column}",
         )
         inside = [panel.line(x, y, AFTER)]
         if bound:

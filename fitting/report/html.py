@@ -210,8 +210,6 @@ def _drawn(report: Mapping[str, Any], figures: Figures) -> dict[str, Any]:
         ],
         "worst": Markup(draw_worst(figures.worst, "worst")) if figures.worst else None,
         "worst_data": figures.worst,
-        "diagnostics": [
-            Markup(draw_diagnostics(own, f"diagnostics{i}")) for i, own in enumerate(figures.diagnostics)
-        ],
+        "diagnostics": [Markup(draw_diagnostics(own, f"diagnostics{i}")) for i, own in enumerate(figures.diagnostics)],
         "friction": Markup(draw_friction(figures.friction, "friction")) if figures.friction else None,
     }

@@ -25,7 +25,7 @@ DIGITS = 4
 
 
 def presented(report: Mapping[str, Any], figures: Figures) -> dict[str, Any]:
-    """``report`` with ``summary`` (``label``, ``sentence``) and ``figures`` (``scatter``, ``friction``, ``diagnostics``).
+    """``report`` with ``summary`` (``label``, ``sentence``) and ``figures`` (scatter, friction, diagnostics).
 
     Parameters
     ----------

@@ -31,8 +31,10 @@ class Extremes:
     width: float
 
 
-def extremes(time: npt.NDArray[np.float64], low: FloatArray, high: FloatArray, bad: BoolArray, width: float) -> Extremes:
-    """Gather rows into moments of ``width`` seconds, whose ends are multiples of it; moments without a row are left out.
+def extremes(
+    time: npt.NDArray[np.float64], low: FloatArray, high: FloatArray, bad: BoolArray, width: float
+) -> Extremes:
+    """Gather rows into moments of ``width`` s whose ends are multiples of it; those without a row are left out.
 
     Parameters
     ----------
@@ -53,7 +55,7 @@ def extremes(time: npt.NDArray[np.float64], low: FloatArray, high: FloatArray, b
 
 
 def at_most(found: Extremes, start: float, end: float, moments: int) -> Extremes:
-    """``found`` in at most ``moments`` + 1 moments of the range from ``start`` to ``end``; itself if they are so few."""
+    """``found`` in at most ``moments`` + 1 moments from ``start`` to ``end``; itself if they are so few."""
     if len(found.time) <= moments:
         return found
     width = (end - start) / moments

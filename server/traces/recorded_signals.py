@@ -103,7 +103,9 @@ class RecordedSignals:
         whole = _longest(time, np.isfinite(values))
         values, time = values[whole], time[whole]
         if len(values) < 16:
-            raise InvalidError(f"recording '{row.id}': {channel}: fewer than 16 rows without a gap; choose a longer part")
+            raise InvalidError(
+                f"recording '{row.id}': {channel}: fewer than 16 rows without a gap; choose a longer part"
+            )
         rate = (len(time) - 1) / float(time[-1] - time[0])
         window = min(SPECTRUM_ROWS, max(16, len(values) // 4))
         frequency, density = signal.welch(values, fs=rate, nperseg=window)
@@ -155,8 +157,11 @@ class RecordedSignals:
         source = self._exports.source(row)
         machine_file = self._files.machine_file(row.machine, row.machine_version)
         result = run_child(
-            [sys.executable, "-P", "-m", "server.traces.recording_child", what]
-            + [*map(str, (source, target, machine_file)), *rest],
+            [
+                *(sys.executable, "-P", "-m", "server.traces.recording_child", what),
+                *map(str, (source, target, machine_file)),
+                *rest,
+            ],
             log=self._files.recordings / "formats.log",
             timeout_s=WORK_S,
         )

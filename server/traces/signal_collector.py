@@ -139,7 +139,12 @@ class SignalCollector:
         last = machine.memory.newest if end is None else end
         if last is None:
             return None
-        return machine.channels, columns, machine.memory.read(last - seconds, last, moments, columns), (last - seconds, last)
+        return (
+            machine.channels,
+            columns,
+            machine.memory.read(last - seconds, last, moments, columns),
+            (last - seconds, last),
+        )
 
     def _of(self, name: str, definition: Machine) -> _Machine:
         """The memory of a machine; a new one if its channels are others than before."""

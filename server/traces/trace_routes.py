@@ -91,16 +91,19 @@ async def recorded(
 
 @of_recordings.get("/{id}/spectrum", responses=problems(404, 409, 422, 429, 503), dependencies=[require("read")])
 async def spectrum(
-    id: str, service: ServiceDep, principal: PrincipalDep, channel: Channel, start: Place = 0.0, end: Place | None = None
+    id: str,
+    service: ServiceDep,
+    principal: PrincipalDep,
+    channel: Channel,
+    start: Place = 0.0,
+    end: Place | None = None,
 ) -> Spectrum:
     """Power spectral density of one channel of a sealed recording, over its longest part without a gap."""
     row = await run_in_threadpool(service[Recordings].get, id)
     unit, seconds, frequency, density = await service.heavy.run(
         principal.id, service[RecordedSignals].spectrum, row, channel, start, end
     )
-    return Spectrum(
-        channel=channel, unit=unit, seconds=seconds, frequency=frequency.tolist(), density=density.tolist()
-    )
+    return Spectrum(channel=channel, unit=unit, seconds=seconds, frequency=frequency.tolist(), density=density.tolist())
 
 
 @of_recordings.get("/{id}/remarks", responses=problems(404, 409, 422, 429, 503), dependencies=[require("read")])
@@ -120,7 +123,9 @@ async def remarks(id: str, service: ServiceDep, principal: PrincipalDep) -> Reco
     responses=problems(404, 409, 422, 429, 503),
     dependencies=[require("operate")],
 )
-async def cut(id: str, wish: Cut, response: Response, service: ServiceDep, principal: PrincipalDep) -> RecordingResource:
+async def cut(
+    id: str, wish: Cut, response: Response, service: ServiceDep, principal: PrincipalDep
+) -> RecordingResource:
     """Store a part of a sealed recording as a recording of its own; the whole one stays."""
     row = await run_in_threadpool(service[Recordings].get, id)
     label = wish.label or f"{row.label or row.id}, {wish.start:.1f} s to {wish.end:.1f} s"[:200]

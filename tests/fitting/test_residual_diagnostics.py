@@ -42,7 +42,22 @@ def test_the_drawing_says_what_it_is_and_contents_link_to_the_headings() -> None
     cross = np.arange(-19, 20) / 10
     values = np.ones(20)
     own = JointDiagnostics(
-        "boom", "N m", 90.0, 95.0, lag, values, values, values, lag, 0.5**lag, cross, 0 * cross, 0.1, lag, values, values
+        "boom",
+        "N m",
+        90.0,
+        95.0,
+        lag,
+        values,
+        values,
+        values,
+        lag,
+        0.5**lag,
+        cross,
+        0 * cross,
+        0.1,
+        lag,
+        values,
+        values,
     )
     svg = draw_diagnostics(own, "d")
     assert "boom with itself" in svg and "frequency [Hz]" in svg and "nan" not in svg

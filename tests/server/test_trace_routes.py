@@ -22,7 +22,9 @@ def recording(running: Running, tmp_path_factory: pytest.TempPathFactory) -> str
     return running.upload(content, "train", "made.parquet")
 
 
-def test_signals_of_a_recording_are_rows_where_they_fit_and_extremes_where_not(running: Running, recording: str) -> None:
+def test_signals_of_a_recording_are_rows_where_they_fit_and_extremes_where_not(
+    running: Running, recording: str
+) -> None:
     times, values = motion(20)
     url = f"{API}/recordings/{recording}/signals"
     rows = running.client.get(url, params={"start": 5, "end": 6, "channel": "joint1.torque"}).json()
@@ -54,7 +56,9 @@ def test_the_spectrum_has_the_power_of_the_signal_and_its_frequency(running: Run
     )
 
 
-def test_remarks_are_what_the_checks_find_and_a_part_is_a_recording_of_its_own(running: Running, recording: str) -> None:
+def test_remarks_are_what_the_checks_find_and_a_part_is_a_recording_of_its_own(
+    running: Running, recording: str
+) -> None:
     remarks = running.client.get(f"{API}/recordings/{recording}/remarks").json()
     given = running.client.get(f"{API}/recordings/{recording}").json()["statistics"]["findings"]
     assert remarks["findings"] == given and remarks["events"] == []

@@ -34,7 +34,7 @@ export function LiveToolbar({ shown, range, bounds, onShown, span, children }: T
       {live ? (
         <Button onClick={() => fixed(range())}>Pause</Button>
       ) : (
-        <Button onClick={() => onShown({ kind: "live", span })}>▶ Back to live</Button>
+        <Button onClick={() => onShown({ kind: "live", span })}>▶ Live</Button>
       )}
       <RangeButtons range={range} bounds={bounds} onRange={fixed} />
       {children}

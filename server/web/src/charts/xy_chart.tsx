@@ -84,7 +84,7 @@ function options(width: number, { xLabel, yLabel }: XyProps): uPlot.Options {
     scales: { x: { time: false, range: range(0) }, y: { range: range(1) } },
     axes: [
       { ...axis, label: xLabel },
-      { ...axis, label: yLabel, size: 64 },
+      { ...axis, label: yLabel, size: 92 },
     ],
     series: [
       null,
