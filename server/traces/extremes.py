@@ -46,7 +46,7 @@ def extremes(
     keys = np.floor(time / width).astype(np.int64)
     starts = np.flatnonzero(np.diff(keys, prepend=keys[0] - 1))
     return Extremes(
-        (keys[starts] + 0.5) * width,
+        np.asarray((keys[starts] + 0.5) * width, dtype=np.float64),
         np.fmin.reduceat(low, starts, axis=0),
         np.fmax.reduceat(high, starts, axis=0),
         np.logical_or.reduceat(bad, starts, axis=0),

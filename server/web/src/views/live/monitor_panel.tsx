@@ -22,8 +22,7 @@ export function MonitorPanel({ machine }: { machine: string }) {
     return () => clearInterval(timer);
   }, [path]);
   const value = monitor.value;
-  const [kind, words] =
-    value === null ? (["info", "Asking the monitor"] as const) : monitorWords(value.state);
+  const [kind, words] = value === null ? (["info", "Asking the monitor"] as const) : monitorWords(value.state);
   const joints = value?.joints ?? [];
   const learnt = joints.length === 0 ? 0 : Math.min(...joints.map((joint) => joint.learnt));
   return (
@@ -38,7 +37,9 @@ export function MonitorPanel({ machine }: { machine: string }) {
           It learns only while the arm moves.{learnt === 0 && " It has no data yet: a joint has not moved so far."}
         </p>
       )}
-      {value?.state === "learning" && learnt > 0 && <Progress fraction={learnt} text="of the motion that it learns from" />}
+      {value?.state === "learning" && learnt > 0 && (
+        <Progress fraction={learnt} text="of the motion that it learns from" />
+      )}
       {value !== null && value.joints.length > 0 && (
         <Table
           caption="Residual of each joint"

@@ -69,7 +69,8 @@ export function Plots({ machine, groups, live }: { machine: string; groups: Grou
       </LiveToolbar>
       {shown.kind === "fixed" && (
         <p class="paused" role="status">
-          Held: {clock(shown.from, 1)} to {clock(shown.to, 1)} {zone(new Date(1000 * shown.to))}. Without the cursor, the numbers below the plots are of now.
+          Held: {clock(shown.from, 1)} to {clock(shown.to, 1)} {zone(new Date(1000 * shown.to))}. Without the cursor,
+          the numbers below the plots are of now.
         </p>
       )}
       {signals.error !== null && <Notice kind="warning">{signals.error}</Notice>}
