@@ -20,6 +20,7 @@ class ActuatorInertia(Effect):
     parameters = (Parameter("J", "kg m^2", low=0.0),)
     confounders = ()
     experiment = "report it lumped with the link"
+    look_at = "nothing is broken: the drive's own inertia belongs into the model"
     source = "drive inertia of the standard parameters"
 
     def columns(self, view: DriveView, shape: Shape) -> FloatArray:

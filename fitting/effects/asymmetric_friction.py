@@ -23,6 +23,7 @@ class AsymmetricFriction(Effect):
     )
     confounders = ("pressure_offset", "base_tilt")
     experiment = "an offset is also there at rest: hold the arm still at both ends of a stroke"
+    look_at = "rod and piston seals of the cylinder, and the zero of its two pressure sensors"
     source = "Janot, Gautier, Brunot, EMPS benchmark, 2019"
 
     def columns(self, view: DriveView, shape: Shape) -> FloatArray:

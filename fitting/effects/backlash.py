@@ -21,6 +21,7 @@ class Backlash(Effect):
     parameters = (Parameter("g", "m", low=0.0, high=0.02),)
     confounders = ("presliding_hysteresis", "structural_flexibility", "encoder_offset")
     experiment = "move slowly through zero load in both directions"
+    look_at = "pins, bushings and gear between piston and joint: measure the play by hand"
     source = "play operator driven by the load"
 
     def applies(self, machine: Machine, joint: int) -> bool:

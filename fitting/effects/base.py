@@ -219,6 +219,8 @@ class Effect(ABC):
     parameters: ClassVar[tuple[Parameter, ...]]
     confounders: ClassVar[tuple[str, ...]] = ()
     experiment: ClassVar[str]
+    #: Which part of the machine, or which line of its file, a person should look at when this was found.
+    look_at: ClassVar[str] = ""
     source: ClassVar[str]
     #: True where the effect is one of oil and chambers; friction is there in any drive.
     needs_cylinder: ClassVar[bool] = False

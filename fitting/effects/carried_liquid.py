@@ -25,6 +25,7 @@ class CarriedLiquid(Effect):
     parameters = (Parameter("J_s", "kg m^2"), Parameter("J_f", "kg m^2"))
     confounders = ("structural_flexibility",)
     experiment = "record the ring-down after a stop"
+    look_at = "what the joint carries: a tank or bucket that is partly filled"
     source = "Ibrahim, Liquid Sloshing Dynamics, 2005 (equivalent pendulum)"
 
     def shapes(self, view: DriveView) -> Sequence[Shape]:

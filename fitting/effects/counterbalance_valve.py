@@ -25,6 +25,7 @@ class CounterbalanceValve(Effect):
     )
     confounders = ("asymmetric_friction",)
     experiment = "move the sensor to the cylinder port"
+    look_at = "the load-holding valve: its setting, and on which side of it the pressure is measured"
     source = "ISO 8643 (load-holding valves of earth-moving machinery)"
 
     def shapes(self, view: DriveView) -> Sequence[Shape]:

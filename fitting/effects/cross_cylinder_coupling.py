@@ -33,6 +33,7 @@ class CrossCylinderCoupling(Effect):
     )
     confounders = ()
     experiment = "move the neighbour alone"
+    look_at = "the return line that both cylinders share: hose bore, filter, back-pressure"
     source = "Merritt, Hydraulic Control Systems, 1967 (line losses)"
 
     def variants(self, machine: Machine, joint: int) -> Sequence[tuple[int, ...]]:

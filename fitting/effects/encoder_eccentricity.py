@@ -23,6 +23,7 @@ class EncoderEccentricity(Effect):
     parameters = tuple(Parameter(name, "rad", low=-0.1, high=0.1) for name in ("e_s", "e_c", "e_0"))
     confounders = ("encoder_offset", "linkage_geometry", "position_harmonic")
     experiment = "compare joint and piston encoder over the whole stroke; no dynamics needed"
+    look_at = "how the joint encoder is mounted: its disc or shaft is not centred"
     source = "rotary encoder data sheets: eccentricity of the disc gives one period per turn, ellipticity two"
     spreads = True
     includes = ("encoder_offset",)

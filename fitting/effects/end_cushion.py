@@ -26,6 +26,7 @@ class EndCushion(Effect):
     )
     confounders = ("linkage_geometry", "hose_stiffness", "gas_spring")
     experiment = "dwell inside the cushion"
+    look_at = "the cushion at that end of the cylinder: its screw and its seal"
     source = "ISO 10100 (cylinders, cushioning)"
 
     def shapes(self, view: DriveView) -> Sequence[Shape]:

@@ -23,6 +23,7 @@ class GasSpring(Effect):
     parameters = (Parameter("f_g", "N"), Parameter("f_0", "N"))
     confounders = ("hose_stiffness", "end_cushion")
     experiment = "isolate the accumulator"
+    look_at = "gas in the chamber or an accumulator on the line: bleed the cylinder, check the accumulator"
     source = "polytropic compression of a gas volume"
 
     def shapes(self, view: DriveView) -> Sequence[Shape]:

@@ -27,6 +27,7 @@ class HoseStiffness(Effect):
     )
     confounders = ("gas_spring", "linkage_geometry")
     experiment = "take the harness off and repeat"
+    look_at = "hoses and cable harness across the joint: how they are led and where they are clamped"
     source = "polynomial of the joint angle"
 
     def references(self, view: DriveView, shape: Shape) -> Mapping[str, tuple[float, str]]:

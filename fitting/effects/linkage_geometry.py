@@ -29,6 +29,7 @@ class LinkageGeometry(Effect):
     )
     confounders = ("encoder_offset", "load_dependent_friction")
     experiment = "compare piston position and joint angle over the whole stroke"
+    look_at = "the lengths of the linkage in the machine file against the drawing, and worn or wrongly set pins"
     source = "derivative of F_l = tau / r with respect to a pin coordinate"
 
     def applies(self, machine: Machine, joint: int) -> bool:

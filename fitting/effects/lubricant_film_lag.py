@@ -24,6 +24,7 @@ class LubricantFilmLag(Effect):
     parameters = (Parameter("b", "N (s/m)^n", low=0.0),)
     confounders = ("sensor_latency", "actuator_inertia")
     experiment = "one amplitude at three frequencies"
+    look_at = "seals and guide of the cylinder, and the oil's viscosity"
     source = "Yanada and Sekikawa, Mechatronics 18, 2008 (dynamic friction of hydraulic actuators)"
 
     def shapes(self, view: DriveView) -> Sequence[Shape]:

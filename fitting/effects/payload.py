@@ -22,6 +22,7 @@ class Payload(Effect):
     parameters = (Parameter("m_p", "kg"),)
     confounders = ("thermal_viscosity_drift", "pressure_drift")
     experiment = "an empty and a loaded run"
+    look_at = "what the arm carries at its tip: take it off, or tell the model its mass"
     source = "point mass at the origin of the last link frame"
     machine_wide = True
 

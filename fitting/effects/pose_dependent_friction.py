@@ -24,6 +24,7 @@ class PoseDependentFriction(Effect):
     parameters = (Parameter("b", "N/rad"),)
     confounders = ("load_dependent_friction",)
     experiment = "a single joint at three poses of the other"
+    look_at = "the joint's bearing and what bends it in that pose"
     source = "Bittencourt and Axelsson, IEEE Trans. Robotics 30, 2014"
 
     def variants(self, machine: Machine, joint: int) -> Sequence[tuple[int, ...]]:

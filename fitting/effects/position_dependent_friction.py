@@ -23,6 +23,7 @@ class PositionDependentFriction(Effect):
     parameters = (Parameter("f_1", "N/m"), Parameter("f_2", "N/m^2"), Parameter("f_3", "N/m^3"))
     confounders = ("load_dependent_friction", "pose_dependent_friction")
     experiment = "move other joints so that load and position decorrelate"
+    look_at = "bore, rod and guide of the cylinder where friction is high: a worn rod, a bore that is not round"
     source = "Armstrong-Helouvry, Control of Machines with Friction, 1991 (position-dependent friction)"
 
     def references(self, view: DriveView, shape: Shape) -> Mapping[str, tuple[float, str]]:

@@ -25,6 +25,7 @@ class PositionHarmonic(Effect):
     )
     confounders = ("encoder_eccentricity", "supply_ripple")
     experiment = "change the speed: a harmonic stays in x, a ripple in t"
+    look_at = "screw, gear or rod surface: count its teeth or its pitch against the period that was found"
     source = "EMPS benchmark: 2.5 mm harmonic of the screw"
 
     def shapes(self, view: DriveView) -> Sequence[Shape]:

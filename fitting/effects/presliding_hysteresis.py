@@ -23,6 +23,7 @@ class PreslidingHysteresis(Effect):
     parameters = (Parameter("f_c", "N", low=0.0),)
     confounders = ("sensor_latency", "backlash", "structural_flexibility")
     experiment = "slow reversals at three rates: presliding depends on distance, a delay on time"
+    look_at = "seals of the cylinder: their preload; it is usual and only has to be modelled"
     source = "Dahl, AIAA Journal 14, 1976"
 
     def shapes(self, view: DriveView) -> Sequence[Shape]:

@@ -22,6 +22,7 @@ class PressureDependentFriction(Effect):
     parameters = (Parameter("beta", "N/Pa", low=0.0, high=0.01),)
     confounders = ("load_dependent_friction",)
     experiment = "change the back-pressure at constant load"
+    look_at = "seals of the cylinder that chamber pressure presses: type and wear"
     source = "Nissing, seal friction of hydraulic cylinders; Zillen, TU Delft data set on seal friction"
 
     def applies(self, machine: Machine, joint: int) -> bool:

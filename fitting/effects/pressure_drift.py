@@ -22,6 +22,7 @@ class PressureDrift(Effect):
     parameters = (Parameter("d", "N/s"), Parameter("d_0", "N"))
     confounders = ("thermal_viscosity_drift", "payload")
     experiment = "take the first pose again at the end"
+    look_at = "the pressure sensor and its temperature: warm up first, replace it if it goes on"
     source = "transducer data sheets: thermal zero shift"
 
     def shapes(self, view: DriveView) -> Sequence[Shape]:

@@ -20,6 +20,7 @@ class PressureGain(Effect):
     parameters = (Parameter("g", "1", low=-0.3, high=0.3),)
     confounders = ("asymmetric_friction", "load_dependent_friction")
     experiment = "a known mass, or both ports joined"
+    look_at = "the pressure sensor's range and scale in the machine file, then the sensor itself"
     source = "transducer data sheets: span error"
 
     def applies(self, machine: Machine, joint: int) -> bool:

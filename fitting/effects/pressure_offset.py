@@ -20,6 +20,7 @@ class PressureOffset(Effect):
     parameters = (Parameter("F_0", "N"),)
     confounders = ("asymmetric_friction", "base_tilt")
     experiment = "vent both chambers and read the sensors"
+    look_at = "the pressure sensor's zero: vent both chambers and set it"
     source = "transducer data sheets: zero error"
 
     def columns(self, view: DriveView, shape: Shape) -> FloatArray:

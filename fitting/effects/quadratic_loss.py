@@ -20,6 +20,7 @@ class QuadraticLoss(Effect):
     parameters = (Parameter("f_q", "N s^2/m^2", low=0.0),)
     confounders = ("stribeck", "velocity_root_friction")
     experiment = "fast strokes; move the sensor to the port"
+    look_at = "port, fittings and hose between pressure sensor and chamber: a throttle, or a sensor far from the port"
     source = "Merritt, Hydraulic Control Systems, 1967 (orifice flow)"
 
     def columns(self, view: DriveView, shape: Shape) -> FloatArray:

@@ -18,6 +18,7 @@ class SensorLatency(Effect):
     parameters = (Parameter("tau", "s", low=0.0, high=0.25),)
     confounders = ("presliding_hysteresis", "structural_flexibility")
     experiment = "move at two frequencies: the phase of a delay grows with frequency"
+    look_at = "filters and update rates of sensors and nodes: who sends the pressures later than the positions"
     source = "first-order expansion of F(t - tau)"
 
     def columns(self, view: DriveView, shape: Shape) -> FloatArray:

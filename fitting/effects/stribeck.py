@@ -22,6 +22,7 @@ class Stribeck(Effect):
     parameters = (Parameter("f_b", "N", low=0.0),)
     confounders = ("velocity_root_friction", "presliding_hysteresis", "quadratic_loss")
     experiment = "a staircase of constant speeds below 5 mm/s"
+    look_at = "seals and lubrication of the cylinder at low speed"
     source = "Armstrong-Helouvry, Dupont, Canudas de Wit, Automatica 30, 1994"
 
     def shapes(self, view: DriveView) -> Sequence[Shape]:

@@ -20,6 +20,7 @@ class StructuralFlexibility(Effect):
     parameters = (Parameter("c", "rad/(N m)", low=0.0),)
     confounders = ("presliding_hysteresis", "sensor_latency")
     experiment = "a tap test: hit the boom and look for the resonance"
+    look_at = "the link behind the joint: cracks, loose bolts, a boom that gives way"
     source = "Moberg and Hanssen, flexible manipulators (elastic joint, to first order in the compliance)"
     machine_wide = False
     spreads = True

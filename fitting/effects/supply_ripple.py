@@ -28,6 +28,7 @@ class SupplyRipple(Effect):
     parameters = (Parameter("a", "N"), Parameter("b", "N"))
     confounders = ()
     experiment = "change the pump's speed: the line moves with it"
+    look_at = "the pump and its accumulator: worn elements, lost gas charge"
     source = "flow ripple of positive-displacement pumps: shaft speed times number of pistons or teeth, and aliases"
 
     def shapes(self, view: DriveView) -> Sequence[Shape]:

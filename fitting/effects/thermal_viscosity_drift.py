@@ -22,6 +22,7 @@ class ThermalViscosityDrift(Effect):
     parameters = (Parameter("d", "N s/m"),)
     confounders = ("payload", "pressure_drift")
     experiment = "the same cycle cold and warm"
+    look_at = "the oil: warm the machine up before recordings, or add an oil temperature sensor"
     source = "Merritt, Hydraulic Control Systems, 1967 (viscosity of oil)"
 
     def shapes(self, view: DriveView) -> Sequence[Shape]:

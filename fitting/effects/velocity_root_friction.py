@@ -20,6 +20,7 @@ class VelocityRootFriction(Effect):
     parameters = (Parameter("b", "N (s/m)^n"),)
     confounders = ("stribeck", "quadratic_loss")
     experiment = "a staircase of constant speeds"
+    look_at = "nothing is broken: this seal has another friction curve than the base model"
     source = "observed on a Staubli TX40: n = 1/2"
 
     def shapes(self, view: DriveView) -> Sequence[Shape]:

@@ -25,6 +25,7 @@ from fitting.regression.identifiability import Telling, statement, tellings
 from fitting.report.drawing_data import friction_curves, law_curve, scatters, worst_seconds
 from fitting.report.joint_words import in_own_units, in_words_of, own_unit
 from fitting.report.model import Figures
+from fitting.report.residual_diagnostics import diagnostics
 from fitting.residual.laws import Law
 from fitting.residual.surfaces import second_variable
 from fitting.residual.terms import Model, Term
@@ -303,6 +304,7 @@ def _loop(session: Session, results: Results, model: Model, terms: list[Term]) -
                 "joint": None if term.joint is None else names[term.joint],
                 "title": term.content.title,
                 "equation": term.content.equation,
+                "look_at": term.content.look_at,
                 "parameters": _term_parameters(term, model, part, machine),
                 "amplitude": _amplitude(model, number),
                 "indistinguishable_from": [
@@ -401,6 +403,7 @@ def _kinematic_effect(machine: Machine, finding: Mapping[str, Any]) -> dict[str,
         "joint": joint,
         "title": content.title,
         "equation": content.equation,
+        "look_at": content.look_at,
         "parameters": parameters,
         "indistinguishable_from": [
             {"id": rival, "title": effect(rival).title, "joint": joint, "probability": share}
@@ -420,6 +423,7 @@ def _line_effect(names: list[str], line: Mapping[str, Any]) -> dict[str, Any]:
         "joint": names[line["joint"]],
         "title": content.title,
         "equation": content.equation,
+        "look_at": content.look_at,
         "parameters": {
             "amplitude": {"value": amplitude, "std": amplitude_std, "unit": "N"},
             "frequency": {"value": frequency, "std": frequency_std, "unit": "Hz"},
@@ -601,4 +605,5 @@ def _figures(session: Session, results: Results, prepared: Prepared, model: Mode
         scatter=scatters(before, model, shown),
         worst=worst_seconds(before, model, shown, results["residual"]["noise_floor"]),
         friction=friction_curves(before, model),
+        diagnostics=diagnostics(before, model, shown),
     )

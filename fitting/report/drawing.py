@@ -26,6 +26,7 @@ from fitting.report.plot import (
     legend,
     text_width,
 )
+from fitting.report.residual_diagnostics import JointDiagnostics
 from fitting.report.text import number, unit, words
 
 _WIDTH = 690.0
@@ -65,9 +66,10 @@ def _gutter(*axes: Axis) -> float:
 
 
 def draw_scatter(scatter: Scatter, units: str, prefix: str) -> str:
-    """Residual against the blamed variable: before and after side by side, on one scale."""
+    """What the law has to explain beside what is left, against the blamed variable, on one scale."""
+    first, name = (scatter.before, "before") if scatter.partial is None else (scatter.partial, "without the law")
     way = np.ones(len(scatter.x)) if scatter.direction is None else np.asarray(scatter.direction, dtype=float)
-    x, before, after, way = _finite(scatter.x, scatter.before, scatter.after, way)
+    x, before, after, way = _finite(scatter.x, first, scatter.after, way)
     laws = _laws(scatter)
     y_axis = axis(
         before, after, _NOTHING, *(edge for _, _, y, std in laws for edge in (y - 2 * std, y + 2 * std)), marks=9
@@ -76,9 +78,9 @@ def draw_scatter(scatter: Scatter, units: str, prefix: str) -> str:
     left, top, bottom, height, gap = _gutter(y_axis), 22.0, 58.0, 284.0, 20.0
     width = (_WIDTH - left - gap - 8) / 2
     parts, entries = [], []
-    for column, (y, colour, title) in enumerate(((before, BEFORE, "before"), (after, AFTER, "after"))):
+    for column, (y, colour, title) in enumerate(((before, BEFORE, name), (after, AFTER, "after"))):
         panel = Panel(
-            left + column * (width + gap), top, width, height - top - bottom, x_axis, y_axis, f"{prefix}-{title}"
+            left + column * (width + gap), top, width, height - top - bottom, x_axis, y_axis, f"{prefix}-{column}"
         )
         inside, named = _cloud(panel, x, y, way, colour, both=scatter.direction is not None)
         inside.insert(0, panel.level(0.0))
@@ -215,6 +217,38 @@ def draw_friction(curves: Sequence[FrictionCurve], prefix: str) -> str:
     height = rows * row_height + _LINE
     parts.append(legend(entries, 0.0, height - 10, centred=_WIDTH / 2))
     return drawing(_WIDTH, height, "Friction of each joint over speed", parts)
+
+
+def draw_diagnostics(own: JointDiagnostics, prefix: str) -> str:
+    """Correlation of what is left with its own past and with the speed, with the bound of white noise; its spectrum."""
+    power = np.log10(np.maximum(own.density_after, 1e-300))
+    drawn = (
+        (own.lag, own.auto, own.bound, "with itself", "lag [s]", "correlation"),
+        (own.cross_lag, own.cross, own.bound, "with the speed", "lag [s]", "correlation"),
+        (own.frequency, power, 0.0, "spectrum", "frequency [Hz]", f"log10 of ({own.unit})\u00b2/Hz"),
+    )
+    width, height, top = _WIDTH / 3, 210.0, 22.0
+    parts = []
+    for column, (x, y, bound, title, x_label, y_label) in enumerate(drawn):
+        x, y = _finite(x, y)
+        y_axis = axis(y, np.array([-bound, bound]) if bound else y, marks=5)
+        left = _gutter(y_axis)
+        panel = Panel(
+            column * width + left,
+            top,
+            width - left - 10,
+            height - top - 40,
+            axis(x, marks=4),
+            y_axis,
+            f"{prefix}-{column}",
+        )
+        inside = [panel.line(x, y, AFTER)]
+        if bound:
+            edge = np.full(len(x), bound)
+            inside = [panel.band(x, -edge, edge, BEFORE, 0.28), panel.level(0.0), *inside]
+        name = f"{own.joint} {title}" if column == 0 else title
+        parts.append(panel.frame(inside, title=name, x_label=x_label, y_label=y_label))
+    return drawing(_WIDTH, height, f"Correlations and spectrum of what is left at {own.joint}", parts)
 
 
 def draw_errors(rows: Sequence[tuple[str, float, float]], prefix: str) -> str:

@@ -124,6 +124,7 @@ def _scatter(before: Model, after: Model, number: int, shown: Sequence[int], oth
     x, direction, columns = [], [], []
     first: list[FloatArray] = []
     second: list[FloatArray] = []
+    own: list[FloatArray] = []
     part = after.term_slice(number)
     for index in shown:
         pick = slice(design.bank.half, len(design.segments[index]) - design.bank.half, design.bank.decimation)
@@ -133,7 +134,11 @@ def _scatter(before: Model, after: Model, number: int, shown: Sequence[int], oth
         for model, target in ((before, first), (after, second)):
             residual = full_residual(model.design, model.fit.theta, joint, index, model.extra)
             target.append(model.design.bank.reduce(residual)[keep])
-        columns.append(after.contribution(number, joint, index)[pick][keep])
+        added = after.contribution(number, joint, index)
+        columns.append(added[pick][keep])
+        if other is not None:
+            added = added + after.contribution(other, joint, index)
+        own.append(design.bank.reduce(added)[keep])
     law_x, law_y = _binned(np.concatenate(x), np.concatenate(columns))
     odd = isinstance(term.content, Law) and term.content.signed
     if not isinstance(term.content, Law):
@@ -163,6 +168,7 @@ def _scatter(before: Model, after: Model, number: int, shown: Sequence[int], oth
         effort_unit=effort_unit(design.machine.joints[joint]),
         direction=None if law_back is None else np.concatenate(direction),
         law_back=law_back,
+        partial=np.concatenate(second) + np.concatenate(own),
     )
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import tempfile
 from collections.abc import Mapping
 from functools import cache
@@ -15,10 +16,12 @@ from markupsafe import Markup
 
 from fitting.regression.flags import FLAG_PERCENT
 from fitting.report import text, wording
-from fitting.report.drawing import draw_errors, draw_friction, draw_scatter, draw_worst
+from fitting.report.drawing import draw_diagnostics, draw_errors, draw_friction, draw_scatter, draw_worst
 from fitting.report.model import Figures
 from fitting.report.schema import ReportError, validate_report
 
+#: Where the list of contents goes.
+CONTENTS = "<!-- contents -->"
 #: A parameter that moved by more than so many standard deviations is flagged.
 FLAG_SIGMAS = 3.0
 
@@ -86,7 +89,7 @@ def render_html(report: Mapping[str, Any], figures: Figures) -> str:
         """Titles by id; of a joint that is driven otherwise than others its own."""
         return titles | {id: title for id, title, where in named if where == joint}
 
-    return (
+    page = (
         _environment()
         .get_template("report.html.j2")
         .render(
@@ -114,8 +117,23 @@ def render_html(report: Mapping[str, Any], figures: Figures) -> str:
             relative_of=wording.RELATIVE_OF,
             offset=wording.is_offset,
             relative_std=text.relative_std,
+            diagnostics=figures.diagnostics,
         )
     )
+    return with_contents(page)
+
+
+def with_contents(page: str) -> str:
+    """The page with a list of its headings where it says so, each a link."""
+    titles: list[str] = []
+
+    def numbered(heading: re.Match[str]) -> str:
+        titles.append(heading[1])
+        return f'<h2 id="part-{len(titles)}">{heading[1]}</h2>'
+
+    page = re.sub(r"<h2>(.*?)</h2>", numbered, page)
+    links = "".join(f'<li><a href="#part-{n}">{title}</a></li>' for n, title in enumerate(titles, 1))
+    return page.replace(CONTENTS, f'<nav class="contents" aria-label="Contents"><ol>{links}</ol></nav>', 1)
 
 
 @cache
@@ -194,5 +212,6 @@ def _drawn(report: Mapping[str, Any], figures: Figures) -> dict[str, Any]:
         ],
         "worst": Markup(draw_worst(figures.worst, "worst")) if figures.worst else None,
         "worst_data": figures.worst,
+        "diagnostics": [Markup(draw_diagnostics(own, f"diagnostics{i}")) for i, own in enumerate(figures.diagnostics)],
         "friction": Markup(draw_friction(figures.friction, "friction")) if figures.friction else None,
     }

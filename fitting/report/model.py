@@ -7,6 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from fitting.report.residual_diagnostics import JointDiagnostics
+
 FloatArray = npt.NDArray[np.float64]
 
 
@@ -24,6 +26,8 @@ class Scatter:
     effort_unit : unit of the residuals and of the law; the joint's effort unit of the report if empty
     direction : (N,) sign of the speed (0 at rest) where the law is another one forth and back, None where it is
         the same: an odd law averages out unless both ways are drawn apart
+    partial : (N,) ``after`` with the law's own part put back: what the law has to explain, so points lie on it; None
+        where that was not worked out
     law_back : (K,) the law while the speed is negative (``-law_y`` for an odd one), None where it is the same
     """
 
@@ -39,6 +43,7 @@ class Scatter:
     effort_unit: str = ""
     direction: FloatArray | None = None
     law_back: FloatArray | None = None
+    partial: FloatArray | None = None
 
 
 @dataclass(frozen=True)
@@ -89,3 +94,4 @@ class Figures:
     scatter: tuple[Scatter, ...] = ()
     worst: Worst | None = None
     friction: tuple[FrictionCurve, ...] = ()
+    diagnostics: tuple[JointDiagnostics, ...] = ()

@@ -14,15 +14,18 @@ import numpy as np
 
 from fitting.report import wording
 from fitting.report.model import Figures, FloatArray, FrictionCurve, Scatter
+from fitting.report.residual_diagnostics import JointDiagnostics
 
 #: Points of a cloud at most: a structure that a person can see is there with fewer.
 POINTS = 400
+#: Moments of a joint's course over time at most.
+COURSE = 1200
 #: Significant digits of drawn values: a pixel is a thousandth of a figure.
 DIGITS = 4
 
 
 def presented(report: Mapping[str, Any], figures: Figures) -> dict[str, Any]:
-    """``report`` with ``summary`` (``label``, ``sentence``) and ``figures`` (``scatter``, ``friction``).
+    """``report`` with ``summary`` (``label``, ``sentence``) and ``figures`` (scatter, friction, diagnostics).
 
     Parameters
     ----------
@@ -46,6 +49,7 @@ def presented(report: Mapping[str, Any], figures: Figures) -> dict[str, Any]:
         "figures": {
             "scatter": [_scatter(item) for item in figures.scatter],
             "friction": [_friction(item) for item in figures.friction],
+            "diagnostics": [_diagnostics(item) for item in figures.diagnostics],
         },
     }
 
@@ -60,6 +64,7 @@ def _scatter(item: Scatter) -> dict[str, Any]:
         "x": _short(item.x[::step]),
         "before": _short(item.before[::step]),
         "after": _short(item.after[::step]),
+        "partial": None if item.partial is None else _short(item.partial[::step]),
         "direction": None if item.direction is None else [int(way) for way in item.direction[::step]],
         "law_x": _short(item.law_x),
         "law_y": _short(item.law_y),
@@ -80,5 +85,18 @@ def _friction(curve: FrictionCurve) -> dict[str, Any]:
     }
 
 
-def _short(values: FloatArray) -> list[float | None]:
-    return [float(f"{v:.{DIGITS - 1}e}") if math.isfinite(v) else None for v in np.asarray(values, dtype=float)]
+def _diagnostics(own: JointDiagnostics) -> dict[str, Any]:
+    step = max(1, -(-len(own.time) // COURSE))
+    result: dict[str, Any] = {"joint": own.joint, "unit": own.unit}
+    for key in ("fit_before", "fit_after", "bound"):
+        value = float(getattr(own, key))
+        result[key] = value if math.isfinite(value) else None
+    for key in ("time", "measured", "before", "after"):
+        result[key] = _short(getattr(own, key)[::step], 6 if key == "time" else DIGITS)
+    for key in ("lag", "auto", "cross_lag", "cross", "frequency", "density_before", "density_after"):
+        result[key] = _short(getattr(own, key))
+    return result
+
+
+def _short(values: FloatArray, digits: int = DIGITS) -> list[float | None]:
+    return [float(f"{v:.{digits - 1}e}") if math.isfinite(v) else None for v in np.asarray(values, dtype=float)]

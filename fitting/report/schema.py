@@ -207,6 +207,7 @@ class AddedEffect(Likely):
 
     title: str | None = None
     equation: str | None = None
+    look_at: str = ""
     parameters: dict[str, Value] = {}
     indistinguishable_from: list[Likely | str] = []
     evidence: dict[str, Any] = {}

@@ -18,12 +18,14 @@ from server.platform.resource import tables_of
 from server.recalibrations.recalibration_resource import RECALIBRATIONS
 from server.recordings.recording_resource import RECORDINGS
 from server.schedules.schedule_resource import SCHEDULES
+from server.traces.traces_resource import TRACES
 
 #: Routes are tried in this order, one after the other: what pages ask for most comes first.
 RESOURCES = (
     LIVE,
     MACHINES,
     MONITOR,
+    TRACES,
     RECORDINGS,
     IDENTIFICATIONS,
     EXCITATIONS,

@@ -38,6 +38,7 @@ def _describe(entry: Effect) -> dict[str, Any]:
         ],
         "confounders": list(entry.confounders),
         "experiment": entry.experiment,
+        "look_at": entry.look_at,
         "source": entry.source,
         "machine_wide": entry.machine_wide,
     }

@@ -88,7 +88,10 @@ def frames(seq: int, channels: Channels, rows: npt.NDArray[np.void], missed: int
             "type": "frames",
             "seq": seq,
             "channels": channels.names,
-            "samples": [{"t": float(time), "values": value} for time, value in zip(rows["time"], values, strict=True)],
+            "samples": [
+                {"t": float(time), "utc": utc / 1e9, "values": value}
+                for time, utc, value in zip(rows["time"], rows["utc_ns"].tolist(), values, strict=True)
+            ],
             "quality": [QUALITIES[int(number)] for number in rows["quality"][-1]],
             "age_s": np.ascontiguousarray(rows["ages"][-1]),
             "missed": missed,

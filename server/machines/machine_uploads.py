@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import re
 import threading
 from collections.abc import Callable
 
@@ -16,6 +17,9 @@ from server.platform.errors import (
     PreconditionError,
 )
 from server.platform.files import DataDirectory, write_atomically
+
+#: Where a simulated bus is: other ports and pseudo-terminals at each start, and nothing that the machine is.
+_ADDRESS = re.compile(rb"^\s*port: \S+\n", re.MULTILINE)
 
 
 class MachineUploads:
@@ -72,6 +76,10 @@ class MachineUploads:
                 write_atomically(path, content)
                 self._reader.keep(path, machine.content)
                 self._machines.add(machine.name, version, digest, acquire=acquire)
+            elif own:  # the same machine as before the restart; its buses are elsewhere now
+                path = self._files.machine_file(machine.name, self._machines.get(machine.name).version)
+                write_atomically(path, content)
+                self._reader.keep(path, machine.content)
         return self._machines.get(machine.name), version is not None
 
     def check(self, content: bytes, allowed: Callable[[str], bool], protected: str | None = None) -> tuple[str, int]:
@@ -89,11 +97,11 @@ class MachineUploads:
         return machine.name, version
 
     def _parsed(self, content: bytes, allowed: Callable[[str], bool], own: bool = False) -> tuple[ReadMachine, str]:
-        """The machine of a text, and the text's SHA-256."""
+        """The machine of a text, and the text's SHA-256; of one of our own without where its buses are in this run."""
         machine = ReadMachine.of(parse_machine(content.decode())) if own else self._reader.read(content)
         if not allowed(machine.name):
             raise NotFoundError(f"there is no machine '{machine.name}' for you; ask an admin to bind you to it")
-        return machine, hashlib.sha256(content).hexdigest()
+        return machine, hashlib.sha256(_ADDRESS.sub(b"", content) if own else content).hexdigest()
 
 
 def _refuse_protected(name: str, protected: str | None) -> None:

@@ -9,7 +9,6 @@ import sqlalchemy as sa
 from daq.events import events_path
 from server.platform.files import DataDirectory
 from server.platform.parts import PartName
-from server.recordings.formats.exports import Exports
 from server.recordings.recording_store import Recordings
 from server.recordings.shared_recordings import SharedRecordings
 
@@ -31,14 +30,12 @@ class RecordingDesk:
         self,
         recordings: Recordings,
         files: DataDirectory,
-        exports: Exports,
         shared: SharedRecordings | None,
         used_by: UsedBy,
     ) -> None:
         self._used_by = used_by
         self._recordings = recordings
         self._files = files
-        self._exports = exports
         self._shared = shared
 
     def share(self, id: str) -> None:
@@ -58,4 +55,5 @@ class RecordingDesk:
             path.unlink(missing_ok=True)
         if self._shared is not None:
             self._shared.remove(row)
-        self._exports.kept_statistics(id).unlink(missing_ok=True)
+        for kept in self._files.recordings.glob(f"{id}.*"):  # statistics, what plots are drawn from, findings
+            kept.unlink(missing_ok=True)

@@ -85,7 +85,7 @@ RECORDINGS = Resource(
         RecordingUploads: lambda parts: RecordingUploads(parts[Database], parts[DataDirectory]),
         Sessions: _sessions,
         RecordingDesk: lambda parts: RecordingDesk(
-            parts[Recordings], parts[DataDirectory], parts[Exports], parts[SHARED], parts[USED_BY]
+            parts[Recordings], parts[DataDirectory], parts[SHARED], parts[USED_BY]
         ),
     },
     running=_running,

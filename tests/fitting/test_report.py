@@ -748,7 +748,7 @@ def test_evidence_and_estimator_are_in_plain_words(pages: dict[str, str]) -> Non
         "gain on the validation motion",
         "generalised least squares (gls)",
         "of 78 standard parameters; friction and drive inertia are identified with the drives",
-        "lie beside the law where those had taken its place",
+        "so the points lie on it",
         "2 March 2026, 09:14 UTC",
     ):
         assert phrase in text, phrase

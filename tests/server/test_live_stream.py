@@ -56,6 +56,9 @@ class Source:
             raise UnavailableError("it does not run")
         return self.machine, self
 
+    def names(self) -> tuple[str, ...]:
+        return ("lever",)
+
     def state(self, name: str) -> str:
         return "waiting" if self.ring_name is None else "running"
 

@@ -6,6 +6,7 @@ import pytest
 from service_fakes import API, MACHINE, Running, wait_for_change
 
 from server.machines.acquisition import Acquisition
+from server.machines.machine_uploads import MachineUploads
 from server.platform.errors import UnavailableError
 
 MACHINES = f"{API}/machines"
@@ -183,3 +184,18 @@ def test_status_counts_changes(running: Running) -> None:
     after = running.client.get(f"{API}/status").json()
     assert after["revisions"]["machines"] == before["revisions"]["machines"] + 1
     assert after["version"]
+
+
+def test_the_simulated_machine_is_the_same_version_after_a_restart_that_moved_its_buses(running: Running) -> None:
+    own = named("simulated").partition("buses:")[0] + (
+        "buses:\n- name: can\n  type: canopen\n  interface: socketcand\n  channel: can0\n"
+        "  options:\n    host: 127.0.0.1\n    port: 40001\n"
+    )
+    uploads = running.service[MachineUploads]
+    first, made = uploads.add(own.encode(), own=True)
+    assert (first.version, made) == (1, True)
+    again, made = uploads.add(own.replace("40001", "40002").encode(), own=True)
+    assert (again.version, made) == (1, False)
+    assert "port: 40002" in running.client.get(f"{API}/machines/simulated/file").text
+    changed, made = uploads.add(own.replace("rate_hz: 50", "rate_hz: 25").encode(), own=True)
+    assert (changed.version, made) == (2, True)

@@ -9,7 +9,7 @@ from typing import Any, Literal, NotRequired, TypedDict, Unpack
 from hilfit_client.transport import Transport
 
 #: SHA-256 of the description that this was made from.
-SOURCE_SHA256 = "540fdc7c6ef26feec8fdf82a51a67416d736e543bb33b62803c9dd1e904ee45a"
+SOURCE_SHA256 = "25e4167bd1480f8e1dfe6e7fbf2d75ebcd8275d5aab1088ea666cbe8b8993e9f"
 
 
 class AcquisitionWish(TypedDict):
@@ -100,6 +100,15 @@ class ChannelStatistics(TypedDict):
     std: float | None
 
 
+class ChannelTrace(TypedDict):
+    """One channel, in its unit, per moment."""
+
+    doubtful: list[list[Any]]
+    high: list[float | None] | None
+    low: list[float | None]
+    unit: str
+
+
 class CodeOrder(TypedDict):
     """For which role, and for which machines (null: all), a device is to be paired."""
 
@@ -126,6 +135,14 @@ class ComparisonResource(TypedDict):
     b: CalibrationResource
     errors: dict[str, JointErrors]
     parameters: list[ShiftResource]
+
+
+class Cut(TypedDict):
+    """A part of a recording, s since its first row."""
+
+    end: float
+    label: NotRequired[str]
+    start: float
 
 
 class Decision(TypedDict):
@@ -461,6 +478,17 @@ class RecalibrationResource(TypedDict):
     state: Literal["queued", "running", "done", "failed", "cancelled"]
 
 
+class RecordedEventResource(TypedDict):
+    """What happened to a device: `time` in s since the first row; `seconds` null for what lasted on at the end."""
+
+    count: int
+    device: str
+    seconds: float | None
+    text: str
+    time: float | None
+    what: str
+
+
 class RecordingChoice(TypedDict):
     """A recording to identify from, by default in the role that it was recorded in."""
 
@@ -473,6 +501,13 @@ class RecordingList(TypedDict):
 
     items: list[RecordingResource]
     next: int | None
+
+
+class RecordingRemarks(TypedDict):
+    """What is said beside a recording: its events, and what `hilfit check` finds in it."""
+
+    events: list[RecordedEventResource]
+    findings: list[dict[str, Any]]
 
 
 class RecordingResource(TypedDict):
@@ -581,6 +616,17 @@ class ShiftResource(TypedDict):
     unit: str | None
 
 
+class Signals(TypedDict):
+    """Signals over time; moments are `moment_s` long, 0 for rows as they are."""
+
+    channels: dict[str, ChannelTrace]
+    end: float
+    first_utc: float | None
+    moment_s: float
+    start: float
+    time: list[float]
+
+
 class SlotList(TypedDict):
     """The newest slots of a schedule, newest first."""
 
@@ -595,6 +641,16 @@ class SlotResource(TypedDict):
     note: str
     slot: str
     state: Literal["done", "failed", "missed", "coalesced", "running"]
+
+
+class Spectrum(TypedDict):
+    """Power spectral density of one channel, unit^2/Hz, over frequency in Hz; `seconds` of it without a gap."""
+
+    channel: str
+    density: list[float]
+    frequency: list[float]
+    seconds: float
+    unit: str
 
 
 class Status(TypedDict):
@@ -1073,6 +1129,23 @@ class MachinesApi:
         )
         return answer
 
+    def signals(
+        self,
+        name: str,
+        *,
+        seconds: float | None = None,
+        end: float | None = None,
+        moments: int | None = None,
+        channel: list[str] | None = None,
+    ) -> Signals:
+        """What a machine's channels did in the last hours, as far back as eight and as the start of the service."""
+        answer: Signals = self._transport.json(
+            "GET",
+            f"/api/v1/machines/{self._transport.quoted(name)}/signals",
+            query={"seconds": seconds, "end": end, "moments": moments, "channel": channel},
+        )
+        return answer
+
 
 class RecalibrationsApi:
     """What is below ``/recalibrations``."""
@@ -1146,11 +1219,51 @@ class RecordingsApi:
         answer: RecordingResource = self._transport.json("GET", f"/api/v1/recordings/{self._transport.quoted(id)}")
         return answer
 
+    def cut(self, id: str, **body: Unpack[Cut]) -> RecordingResource:
+        """Store a part of a sealed recording as a recording of its own; the whole one stays."""
+        answer: RecordingResource = self._transport.json(
+            "POST", f"/api/v1/recordings/{self._transport.quoted(id)}/cut", json=dict(body)
+        )
+        return answer
+
     def data(self, id: str, *, format: Literal["parquet", "csv", "mdf4", "mcap"] | None = None) -> bytes:
         """Download a recording, by default in the form in which it is kept."""
         return self._transport.content(
             "GET", f"/api/v1/recordings/{self._transport.quoted(id)}/data", query={"format": format}
         )
+
+    def remarks(self, id: str) -> RecordingRemarks:
+        """Events of a sealed recording, and what the checks find in it."""
+        answer: RecordingRemarks = self._transport.json(
+            "GET", f"/api/v1/recordings/{self._transport.quoted(id)}/remarks"
+        )
+        return answer
+
+    def recorded(
+        self,
+        id: str,
+        *,
+        start: float | None = None,
+        end: float | None = None,
+        moments: int | None = None,
+        channel: list[str] | None = None,
+    ) -> Signals:
+        """What the channels of a sealed recording did: the smallest and largest value of each moment."""
+        answer: Signals = self._transport.json(
+            "GET",
+            f"/api/v1/recordings/{self._transport.quoted(id)}/signals",
+            query={"start": start, "end": end, "moments": moments, "channel": channel},
+        )
+        return answer
+
+    def spectrum(self, id: str, *, channel: str, start: float | None = None, end: float | None = None) -> Spectrum:
+        """Power spectral density of one channel of a sealed recording, over its longest part without a gap."""
+        answer: Spectrum = self._transport.json(
+            "GET",
+            f"/api/v1/recordings/{self._transport.quoted(id)}/spectrum",
+            query={"channel": channel, "start": start, "end": end},
+        )
+        return answer
 
     def statistics(self, id: str) -> RecordingStatistics:
         """What a sealed recording holds, channel by channel."""

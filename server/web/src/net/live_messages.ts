@@ -17,7 +17,8 @@ export interface Frames {
   type: "frames";
   seq: number;
   channels: string[];
-  samples: { t: number; values: (number | null)[] }[];
+  /** `t`: s of machine time; `utc`: s since 1970. */
+  samples: { t: number; utc: number; values: (number | null)[] }[];
   quality: string[];
   age_s?: (number | null)[];
   acquisition?: undefined;

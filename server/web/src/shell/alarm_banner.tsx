@@ -30,6 +30,7 @@ export function AlarmBanner() {
         <span>
           <strong>{word}:</strong> {first.machine === null ? "" : `${first.machine}: `}
           {first.text}
+          {first.state === "cleared" && " (it has gone, and nobody has looked at it yet)"}
           {more}
         </span>
         <span class="look">View</span>

@@ -1,5 +1,5 @@
 import { expect, it } from "vitest";
-import { ticks } from "./format";
+import { ticks, time, zone } from "./format";
 
 it("labels an axis alike: decimals that are needed, thousands apart, a real minus", () => {
   expect(ticks([-200, 0, 200])).toEqual(["−200", "0", "200"]);
@@ -8,4 +8,10 @@ it("labels an axis alike: decimals that are needed, thousands apart, a real minu
   expect(ticks([0.30000000000000004, 0.6])).toEqual(["0.3", "0.6"]);
   expect(ticks([1234.5, 2000])).toEqual(["1\u202f234.5", "2\u202f000.0"]);
   expect(ticks([1e-7, 2e-7])).toEqual(["0.0000001", "0.0000002"]);
+});
+
+it("names the zone of every time", () => {
+  const at = (offset: number): Date => Object.assign(new Date(0), { getTimezoneOffset: () => offset });
+  expect([at(0), at(-60), at(210), at(-345)].map(zone)).toEqual(["UTC", "UTC+1", "UTC−3:30", "UTC+5:45"]);
+  expect(time("2026-03-02T09:14:05Z")).toMatch(/^2026-03-0\d \d\d:\d\d:05 UTC/);
 });

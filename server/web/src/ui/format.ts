@@ -44,13 +44,22 @@ export function withStd(value: number | null | undefined, std: number | null | u
   return `${minus(value.toFixed(kept))} ± ${std.toFixed(kept)}`;
 }
 
-/** A time of the service (ISO 8601) in the zone of this device. */
+/** The zone of this device at a moment, as its difference from UTC: `UTC+1`, `UTC−3:30`, `UTC`. */
+export function zone(date: Date): string {
+  const minutes = -date.getTimezoneOffset();
+  if (minutes === 0) return "UTC";
+  const size = Math.abs(minutes);
+  const rest = size % 60 === 0 ? "" : `:${two(size % 60)}`;
+  return `UTC${minutes < 0 ? "−" : "+"}${Math.floor(size / 60)}${rest}`;
+}
+
+/** A time of the service (ISO 8601) in the zone of this device, which it names. */
 export function time(iso: string | null | undefined): string {
   if (!iso) return DASH;
   const date = new Date(iso);
   if (Number.isNaN(date.getTime())) return DASH;
   const day = `${date.getFullYear()}-${two(date.getMonth() + 1)}-${two(date.getDate())}`;
-  return `${day} ${two(date.getHours())}:${two(date.getMinutes())}:${two(date.getSeconds())}`;
+  return `${day} ${two(date.getHours())}:${two(date.getMinutes())}:${two(date.getSeconds())} ${zone(date)}`;
 }
 
 /** Seconds as `12 s`, `3 min 20 s`, `2 h 5 min`, `3 d 4 h`. */

@@ -45,6 +45,9 @@ export function switchTheme(): void {
 export interface Colours {
   text: string;
   grid: string;
+  bad: string;
+  warning: string;
+  accent: string;
   font: string;
   series: string[];
 }
@@ -56,6 +59,9 @@ export function colours(): Colours {
   return {
     text: read("--text", "#000"),
     grid: read("--line", "#ccc"),
+    bad: read("--bad", "#a00"),
+    warning: read("--warning", "#850"),
+    accent: read("--accent", "#05a"),
     font: "14px system-ui, sans-serif",
     series: [1, 2, 3, 4, 5, 6].map((index) => read(`--series-${index}`, "#06c")),
   };

@@ -1,4 +1,5 @@
 /** Which channels are drawn together, and the cylinder forces that follow from pressures. */
+import type { Trace, Value } from "../../charts/trace";
 import type { Reading } from "./history";
 
 export interface Spec {
@@ -6,6 +7,7 @@ export interface Spec {
   quantity: string;
   joint?: string | undefined;
   unit: string;
+  range?: [number, number] | null;
 }
 export interface Cylinder {
   bore: number;
@@ -22,6 +24,10 @@ export interface Line {
   unit: string;
   decimals: number;
   sources: string[];
+  /** Ends of what the machine file says that the channel can measure. */
+  limits: { value: number; label: string }[];
+  /** Per source whether the line falls when it rises. */
+  falls: boolean[];
   value(values: (number | null)[]): number | null;
 }
 export interface Group {
@@ -72,13 +78,15 @@ export function groups(machine: MachineContent): Group[] {
 }
 
 function line(spec: Spec): Line {
-  const { name, unit, joint } = spec;
+  const { name, unit, joint, range } = spec;
   return {
     name,
     label: joint ?? name,
     unit,
     decimals: DECIMALS[unit] ?? 2,
     sources: [name],
+    limits: range ? range.map((value) => ({ value, label: `${joint ?? name}: end of range` })) : [],
+    falls: [false],
     value: (values) => values[0] ?? null,
   };
 }
@@ -107,6 +115,8 @@ function force(machine: MachineContent, joint: MachineContent["joints"][number])
     unit: "kN",
     decimals: 2,
     sources: terms.map((term) => term.name),
+    limits: [],
+    falls: terms.map((term) => term.kilonewton < 0),
     value: (values) => {
       let sum = 0;
       for (let index = 0; index < terms.length; index += 1) {
@@ -149,11 +159,20 @@ export function reading(one: Line, readings: ReadonlyMap<string, Reading>): Read
   };
 }
 
-/** The line over time. */
-export function column(one: Line, columns: ReadonlyMap<string, (number | null)[]>, rows: number): (number | null)[] {
-  const sources = one.sources.map((name) => columns.get(name));
+/**
+ * The line over time. Where entries are the smallest and largest values of moments, the ends of a line of several
+ * channels are what these allow: they may be further apart than what happened.
+ */
+export function column(one: Line, trace: Trace): Value[] {
+  const sources = one.sources.map((name) => trace.columns.get(name));
+  const rows = trace.t.length;
   if (sources.length === 1) return sources[0] ?? new Array<null>(rows).fill(null);
-  const found: (number | null)[] = new Array(rows);
-  for (let row = 0; row < rows; row += 1) found[row] = one.value(sources.map((source) => source?.[row] ?? null));
+  const found: Value[] = new Array(rows);
+  for (let row = 0; row < rows; row += 1) {
+    const other = row % 2 === 0 ? row + 1 : row - 1;
+    found[row] = one.value(
+      sources.map((source, index) => source?.[trace.moment > 0 && one.falls[index] ? other : row] ?? null),
+    );
+  }
   return found;
 }

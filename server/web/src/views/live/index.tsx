@@ -9,9 +9,9 @@ import { Empty, Panel } from "../../ui/layout";
 import { acquisitionWords } from "../../words";
 import { groups, type MachineContent } from "./groups";
 import { MonitorPanel } from "./monitor_panel";
+import { Plots } from "./plots";
 import { RecordPanel } from "./record_panel";
 import { SILENT_S } from "./quality";
-import { Strip } from "./strip";
 import { useLive } from "./use_live";
 
 type Detail = components["schemas"]["MachineDetail"];
@@ -32,12 +32,14 @@ export default function LiveView() {
 }
 
 function LiveMachine({ machine }: { machine: string }) {
+  const session = useSession();
   const detail = useResource<Detail>(`/machines/${encodeURIComponent(machine)}`, "machines");
   const live = useLive(machine);
   const content = detail.value?.machine as unknown as MachineContent | undefined;
   const shown = useMemo(() => (content === undefined ? [] : groups(content)), [content]);
   const state = live.history.acquisition ?? String(detail.value?.acquisition.state ?? "off");
-  const [kind, words] = acquisitionWords(state);
+  const known = live.history.acquisition !== null || detail.value !== null;
+  const [kind, words] = known ? acquisitionWords(state) : (["info", "Asking what acquisition does"] as const);
   const silent = live.silence >= SILENT_S;
   const error = detail.value?.acquisition.error;
   return (
@@ -45,42 +47,39 @@ function LiveMachine({ machine }: { machine: string }) {
       <div class="title live-title">
         <h1>Live</h1>
         <Mark kind={silent && kind === "good" ? "warning" : kind}>{words}</Mark>
-        <LinkMark link={live.link} silence={live.silence} />
+        <LinkMark link={live.link} silence={live.silence} answered={session.online.value && detail.error === null} />
       </div>
       {state !== "running" && typeof error === "string" && <Notice kind="bad">{error}</Notice>}
       {detail.error !== null && detail.value === null && <Notice kind="bad">{detail.error}</Notice>}
-      <div class="columns">
-        <RecordPanel machine={machine} acquired={state === "running"} />
-        <MonitorPanel machine={machine} />
+      <div class="live-columns">
+        <Panel title="Signals">
+          {live.history.readings.size === 0 || content === undefined ? (
+            <Empty>
+              {live.link === "live" && state !== "running"
+                ? "Nothing is measured: acquisition of this machine does not run."
+                : "Connecting …"}
+            </Empty>
+          ) : (
+            <Plots machine={machine} groups={shown} live={live} />
+          )}
+        </Panel>
+        <div>
+          <RecordPanel machine={machine} acquired={known ? state === "running" : null} />
+          <MonitorPanel machine={machine} />
+        </div>
       </div>
-      <Panel title="Signals">
-        {live.history.readings.size === 0 || content === undefined ? (
-          <Empty>
-            {live.link === "live" && state !== "running"
-              ? "Nothing is measured: acquisition of this machine does not run."
-              : "Connecting …"}
-          </Empty>
-        ) : (
-          <div class="strips">
-            {shown.map((group) => (
-              <Strip
-                key={`${group.title}`}
-                group={group}
-                history={live.history}
-                silence={live.silence}
-                tick={live.tick}
-              />
-            ))}
-          </div>
-        )}
-      </Panel>
     </>
   );
 }
 
-/** Whether what is shown is live, and since when it is not. */
-function LinkMark({ link, silence }: { link: string; silence: number }) {
-  if (silence < SILENT_S) return <Mark kind="good">Live</Mark>;
+/** Whether what is shown is live, and since when it is not; `answered`: the service answers other questions too. */
+function LinkMark({ link, silence, answered }: { link: string; silence: number; answered: boolean }) {
+  if (silence < SILENT_S)
+    return answered ? (
+      <Mark kind="good">Live</Mark>
+    ) : (
+      <Mark kind="warning">Values come, but the service does not answer</Mark>
+    );
   const since = Number.isFinite(silence) ? `Stale for ${duration(silence)}` : "No values yet";
   return (
     <Mark kind={Number.isFinite(silence) ? "bad" : "info"}>{link === "live" ? since : `${since}, connecting`}</Mark>

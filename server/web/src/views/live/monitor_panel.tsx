@@ -22,8 +22,9 @@ export function MonitorPanel({ machine }: { machine: string }) {
     return () => clearInterval(timer);
   }, [path]);
   const value = monitor.value;
-  const [kind, words] = monitorWords(value?.state ?? "off");
-  const learnt = Math.min(1, ...(value?.joints ?? []).map((joint) => joint.learnt));
+  const [kind, words] = value === null ? (["info", "Asking the monitor"] as const) : monitorWords(value.state);
+  const joints = value?.joints ?? [];
+  const learnt = joints.length === 0 ? 0 : Math.min(...joints.map((joint) => joint.learnt));
   return (
     <Panel title="Residual monitor" actions={<Mark kind={kind}>{words}</Mark>}>
       {monitor.error !== null && value === null && <Notice kind="bad">{monitor.error}</Notice>}
@@ -31,7 +32,14 @@ export function MonitorPanel({ machine }: { machine: string }) {
       {value?.state === "off" && (
         <p class="hint">{value.reason ?? "It needs an active calibration and a machine that is acquired."}</p>
       )}
-      {value?.state === "learning" && <Progress fraction={learnt} text="of the motion that it learns from" />}
+      {value?.state === "learning" && (
+        <p class="hint">
+          It learns only while the arm moves.{learnt === 0 && " It has no data yet: a joint has not moved so far."}
+        </p>
+      )}
+      {value?.state === "learning" && learnt > 0 && (
+        <Progress fraction={learnt} text="of the motion that it learns from" />
+      )}
       {value !== null && value.joints.length > 0 && (
         <Table
           caption="Residual of each joint"

@@ -18,8 +18,12 @@ export const realClock: Clock = {
   drawn: (work) => void requestAnimationFrame(() => setTimeout(work)),
 };
 
-/** A function to call whenever there is something new; it calls `draw`, never twice at once and not too often. */
-export function paced(draw: () => void, clock: Clock = realClock): () => void {
+/**
+ * A function to call whenever there is something new; it calls `draw`, never twice at once and not too often.
+ *
+ * `shortest`: ms between two drawings; less than for numbers where something moves.
+ */
+export function paced(draw: () => void, clock: Clock = realClock, shortest = SHORTEST_MS): () => void {
   let waiting = false;
   let next = 0;
   return () => {
@@ -30,7 +34,7 @@ export function paced(draw: () => void, clock: Clock = realClock): () => void {
       draw();
       clock.drawn(() => {
         const took = clock.now() - start;
-        next = start + Math.max(SHORTEST_MS, took / SHARE);
+        next = start + Math.max(shortest, took / SHARE);
         waiting = false;
       });
     });

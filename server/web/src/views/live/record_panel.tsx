@@ -12,7 +12,8 @@ import { ROLE_WORDS, type Role } from "../../words";
 type Recording = components["schemas"]["RecordingResource"];
 type List = components["schemas"]["RecordingList"];
 
-export function RecordPanel({ machine, acquired }: { machine: string; acquired: boolean }) {
+/** `acquired`: null while that is not known yet. */
+export function RecordPanel({ machine, acquired }: { machine: string; acquired: boolean | null }) {
   const session = useSession();
   const path = `/recordings?machine=${encodeURIComponent(machine)}&limit=1`;
   const running = useResource<List>(`${path}&state=recording`, "recordings");
@@ -83,11 +84,11 @@ export function RecordPanel({ machine, acquired }: { machine: string; acquired: 
                 onInput={(event: InputEvent) => setLabel(event.currentTarget.value)}
               />
             </Field>
-            <Button kind="primary" type="submit" busy={command.busy} disabled={!acquired || away}>
+            <Button kind="primary" type="submit" busy={command.busy} disabled={acquired !== true || away}>
               Start recording
             </Button>
           </div>
-          {!acquired && <p class="hint">The machine is not being acquired now.</p>}
+          {acquired === false && <p class="hint">The machine is not being acquired now.</p>}
         </form>
       )}
       {newest !== undefined && newest.state !== "recording" && (

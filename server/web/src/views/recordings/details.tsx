@@ -8,9 +8,12 @@ import { Button, Mark, Notice } from "../../ui/controls";
 import { count, duration, number, time } from "../../ui/format";
 import { Confirm, Panel, Table } from "../../ui/layout";
 import { Downloads } from "../downloads";
+import { Events, Findings, SpectrumPlot } from "./remarks";
+import { Replay } from "./replay";
 
 type Recording = components["schemas"]["RecordingResource"];
 type Statistics = components["schemas"]["RecordingStatistics"];
+type Remarks = components["schemas"]["RecordingRemarks"];
 type Channel = components["schemas"]["ChannelStatistics"];
 
 const FORMATS: [string, string, string][] = [
@@ -22,17 +25,20 @@ const FORMATS: [string, string, string][] = [
 
 interface DetailsProps {
   recording: Recording;
+  /** Sealed ones of the same machine, to look at beside it. */
+  others: Recording[];
   onClose: () => void;
   onDeleted: () => void;
 }
 
-export function RecordingDetails({ recording, onClose, onDeleted }: DetailsProps) {
+export function RecordingDetails({ recording, others, onClose, onDeleted }: DetailsProps) {
   const session = useSession();
   const command = useCommand();
   const [asking, setAsking] = useState(false);
   const sealed = recording.state === "sealed";
   const id = encodeURIComponent(recording.id);
   const statistics = useResource<Statistics>(sealed ? `/recordings/${id}/statistics` : null, []);
+  const remarks = useResource<Remarks>(sealed ? `/recordings/${id}/remarks` : null, []);
   const name = recording.label || recording.id;
   return (
     <Panel title={name} actions={<Button onClick={onClose}>Close</Button>}>
@@ -41,8 +47,21 @@ export function RecordingDetails({ recording, onClose, onDeleted }: DetailsProps
         {recording.machine_version} of the machine file. <span class="mono">{recording.id}</span>
       </p>
       {recording.error !== null && <Notice kind="bad">{recording.error}</Notice>}
+      {sealed && <Replay recording={recording} others={others} remarks={remarks.value} />}
       {sealed && (
         <>
+          <h3>What the checks find</h3>
+          {remarks.error !== null && <Notice kind="bad">{remarks.error}</Notice>}
+          {remarks.value === null && remarks.loading && <p role="status">Checking …</p>}
+          {remarks.value !== null && <Findings remarks={remarks.value} />}
+          <h3>Events</h3>
+          {remarks.value !== null && <Events remarks={remarks.value} />}
+          {statistics.value !== null && (
+            <details class="motion">
+              <summary>Spectrum</summary>
+              <SpectrumPlot id={recording.id} channels={Object.keys(statistics.value.channels)} />
+            </details>
+          )}
           <h3>Download as</h3>
           <Downloads
             files={FORMATS.map(([format, title, suffix]) => ({

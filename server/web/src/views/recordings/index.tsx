@@ -52,7 +52,10 @@ function Recordings({ machine }: { machine: string }) {
       {list.error !== null && <Notice kind="bad">{list.error}</Notice>}
       {list.value === null && list.loading && <p role="status">Reading …</p>}
       <div class="columns">
-        <RecordPanel machine={machine} acquired={detail.value?.acquisition.state === "running"} />
+        <RecordPanel
+          machine={machine}
+          acquired={detail.value === null ? null : detail.value.acquisition.state === "running"}
+        />
         <UploadPanel machine={machine} onDone={list.reload} />
       </div>
       {list.value !== null && (
@@ -94,6 +97,7 @@ function Recordings({ machine }: { machine: string }) {
         <RecordingDetails
           key={shown.id}
           recording={shown}
+          others={items.filter((one) => one.state === "sealed" && one.id !== shown.id)}
           onClose={() => setOpen(null)}
           onDeleted={() => {
             setOpen(null);

@@ -29,11 +29,13 @@ function Residual({ scatter, report }: { scatter: Scatter; report: Report }) {
         Each point is a moment of the validation motion: measured minus predicted. A model that lacks nothing leaves a
         cloud around zero without a shape.
         {added(report) &&
-          " Other parameters moved too when the law was fitted: the points before lie beside it where those had taken its place."}
+          (scatter.partial
+            ? " On the left the law is taken out of the final model and everything else stays: the points lie on what it explains."
+            : " Other parameters moved too when the law was fitted: the points before lie beside it where those had taken its place.")}
       </p>
       <div class="pair">
         <Plot
-          title={`Before: ${spread(drawn.spread.before)}`}
+          title={`${scatter.partial ? "Without the law" : "Before"}: ${spread(drawn.spread.before)}`}
           unit={effort}
           x={{ label, values: drawn.before.x }}
           series={drawn.before.series}

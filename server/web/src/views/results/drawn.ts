@@ -40,16 +40,18 @@ export function cloud(scatter: Scatter): Cloud {
     ];
   };
   const found = laws(scatter, x);
+  // What the law explains lies on it; what was left before lies beside it where other parameters had taken its place.
+  const first = scatter.partial ?? scatter.before;
   const drawn = found.flatMap((law) => [...law.values, ...(law.band ?? []).flat()]);
-  const known = [...scatter.before, ...scatter.after, ...drawn].filter((value): value is number => value !== null);
+  const known = [...first, ...scatter.after, ...drawn].filter((value): value is number => value !== null);
   const low = Math.min(0, ...known);
   const high = Math.max(0, ...known);
   const margin = 0.05 * (high - low || 1);
   return {
-    before: { x, series: [...points(scatter.before), ...found] },
+    before: { x, series: [...points(first), ...found] },
     after: { x, series: points(scatter.after) },
     range: [low - margin, high + margin],
-    spread: { before: deviation(scatter.before), after: deviation(scatter.after) },
+    spread: { before: deviation(first), after: deviation(scatter.after) },
   };
 }
 

@@ -119,7 +119,8 @@ function OverNoise({ value }: { value: number }) {
 
 const WIDTH = 200;
 
-function ErrorBar({ row, both }: { row: JointRow; both: boolean }) {
+/** Error before and after of one joint, and its noise, in units of the noise. */
+export function ErrorBar({ row, both }: { row: JointRow; both: boolean }) {
   if (row.bar === null) return null;
   const { before, after, noise } = row.bar;
   const words =

@@ -22,7 +22,7 @@ describe("a report", () => {
   it("without what later versions added is shown as far as it goes", () => {
     const { schema, errors, overall: all } = content;
     const bare = readReport({ schema, errors, overall: all, loop: { verdict: "nothing_missing" } }) as Report;
-    expect(bare.figures).toEqual({ scatter: [], friction: [] });
+    expect(bare.figures).toEqual({ scatter: [], friction: [], diagnostics: [] });
     expect(candidates(bare)).toEqual({ kept: [], refused: [] });
     expect(shifts(bare)).toEqual([]);
     expect(added(bare)).toBe(false);

@@ -30,6 +30,9 @@ export interface Named {
 export interface Effect extends Named {
   equation?: string | null;
   parameters: Record<string, Value>;
+  /** Which part of the machine to look at. */
+  look_at?: string;
+  probability?: number | null;
   indistinguishable_from: (string | Named)[];
 }
 export interface Law {
@@ -39,6 +42,12 @@ export interface Law {
   /** Whether the law turns its sign with the direction of motion. */
   times_sign_of_speed?: boolean;
   added: boolean;
+}
+/** One explanation of everything; neither effects nor laws: nothing is missing. */
+export interface Hypothesis {
+  effects: Named[];
+  laws: Pick<Law, "joint" | "variable">[];
+  probability: number;
 }
 export interface Candidate extends Named {
   score: number | null;
@@ -72,11 +81,32 @@ export interface Scatter {
   x: (number | null)[];
   before: (number | null)[];
   after: (number | null)[];
+  /** What the law has to explain: it lies on the law. Null in reports of earlier versions. */
+  partial?: (number | null)[] | null;
   direction: number[] | null;
   law_x: (number | null)[];
   law_y: (number | null)[];
   law_std: (number | null)[];
   law_back: (number | null)[] | null;
+}
+/** What is left of one joint: over time, over its own past and the speed, over frequency. */
+export interface Diagnostics {
+  joint: string;
+  unit: string;
+  fit_before: number | null;
+  fit_after: number | null;
+  bound: number | null;
+  time: number[];
+  measured: (number | null)[];
+  before: (number | null)[];
+  after: (number | null)[];
+  lag: number[];
+  auto: (number | null)[];
+  cross_lag: number[];
+  cross: (number | null)[];
+  frequency: number[];
+  density_before: (number | null)[];
+  density_after: (number | null)[];
 }
 export interface FrictionCurve {
   joint: string;
@@ -126,6 +156,8 @@ export interface Report {
     looked: boolean;
     effects: Effect[];
     unexplained: Law[];
+    /** The most probable first; empty in reports of earlier versions. */
+    hypotheses: Hypothesis[];
     candidates: Candidate[];
     detection_limits: Limit[];
     next_experiment: NextExperiment | string | null;
@@ -133,7 +165,7 @@ export interface Report {
   parameter_shifts: Shift[];
   warnings: string[];
   summary: { label: string; sentence: string } | null;
-  figures: { scatter: Scatter[]; friction: FrictionCurve[] };
+  figures: { scatter: Scatter[]; friction: FrictionCurve[]; diagnostics: Diagnostics[] };
 }
 
 /**
@@ -167,6 +199,7 @@ export function readReport(content: unknown): Report | null {
         indistinguishable_from: effect.indistinguishable_from ?? [],
       })),
       unexplained: (loop.unexplained ?? []).map((law) => ({ ...law, added: law.added ?? true })),
+      hypotheses: loop.hypotheses ?? [],
       candidates: loop.candidates ?? [],
       detection_limits: loop.detection_limits ?? [],
       next_experiment: loop.next_experiment ?? null,
@@ -174,6 +207,10 @@ export function readReport(content: unknown): Report | null {
     parameter_shifts: given.parameter_shifts ?? [],
     warnings: given.warnings ?? [],
     summary: given.summary ?? null,
-    figures: { scatter: given.figures?.scatter ?? [], friction: given.figures?.friction ?? [] },
+    figures: {
+      scatter: given.figures?.scatter ?? [],
+      friction: given.figures?.friction ?? [],
+      diagnostics: given.figures?.diagnostics ?? [],
+    },
   };
 }

@@ -40,7 +40,10 @@ describe("a result", () => {
     const errors = screen.getByRole("region", { name: "Error of each joint" });
     expect(errors.textContent).toContain("joint2");
     expect(errors.textContent).toContain("0.6 % of the measured effort (before: 1.6 %)");
-    expect(screen.getByRole("img", { name: /^joint2: before 5\.30, after 1\.86/ })).toBeTruthy();
+    // On the first screen, and in the table.
+    expect(screen.getAllByRole("img", { name: /^joint2: before 5\.30, after 1\.86/ }).length).toBe(2);
+    for (const question of ["What was missing?", "How sure is that?", "How much better is it?", "What to do?"])
+      expect(screen.getByRole("heading", { name: question })).toBeTruthy();
     expect(screen.getByText(/What is left at joint2/)).toBeTruthy();
     expect(screen.getByText("Training motion, once more")).toBeTruthy();
   });

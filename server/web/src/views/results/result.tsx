@@ -3,19 +3,19 @@ import { useEffect, useMemo } from "preact/hooks";
 import type { components } from "../../net/api.gen";
 import { useResource } from "../../resource";
 import { useSession } from "../../session";
-import { Mark, Notice } from "../../ui/controls";
-import { number, time } from "../../ui/format";
+import { Notice } from "../../ui/controls";
 import { Panel } from "../../ui/layout";
 import { JobPanel } from "../jobs";
 import { ResultActions } from "./actions";
+import { Verdict } from "./answers_panel";
+import { Diagnostics } from "./diagnostics";
 import { Frictions, Residuals } from "./drawings";
 import { Candidates, Found, Limits, Moved } from "./findings";
 import { JointErrors } from "./joint_errors";
-import { overall } from "./model";
 import { NextExperiment } from "./next_experiment";
 import { DataUsed, Parameters } from "./parameters";
 import { type Report, readReport } from "./report";
-import { change, readable, verdictWords } from "./wording";
+import { readable } from "./wording";
 
 type Identification = components["schemas"]["IdentificationResource"];
 type Job = components["schemas"]["JobResource"];
@@ -65,6 +65,7 @@ function Sections({ id, report }: { id: string; report: Report }) {
       <JointErrors report={report} />
       <Found report={report} />
       <Residuals report={report} />
+      <Diagnostics report={report} />
       <Candidates report={report} />
       <Moved report={report} />
       <Limits report={report} />
@@ -73,61 +74,6 @@ function Sections({ id, report }: { id: string; report: Report }) {
       <DataUsed report={report} />
     </>
   );
-}
-
-function Verdict({ report }: { report: Report }) {
-  // Reports of earlier versions say that nothing is missing where nobody looked.
-  const { looked, verdict } = report.loop;
-  const searched = verdict !== "not_examined" && (looked || verdict !== "nothing_missing");
-  const [kind, words] = verdictWords(searched ? verdict : "not_examined");
-  const all = overall(report);
-  return (
-    <section class={`panel verdict ${kind}`} aria-label="Verdict">
-      <p>
-        <Mark kind={kind}>{searched ? (report.summary?.label ?? words) : words}</Mark>
-      </p>
-      <p class="sentence">{searched ? (report.summary?.sentence ?? `${words}.`) : unsearched(all.overNoise)}</p>
-      <dl class="facts">
-        {all.change !== null && (
-          <div>
-            <dt>Error of all joints</dt>
-            <dd>
-              {change(all.change)}
-              {all.interval !== null && (
-                <small>
-                  95 % interval {change(all.interval[0])} to {change(all.interval[1])}
-                </small>
-              )}
-            </dd>
-          </div>
-        )}
-        {all.overNoise !== null && (
-          <div>
-            <dt>Error compared with noise</dt>
-            <dd>
-              {number(all.overNoise, 3)} ×
-              <small>
-                {all.overNoiseBefore !== null && `before: ${number(all.overNoiseBefore, 3)} ×; `}1 × is the best
-                possible
-              </small>
-            </dd>
-          </div>
-        )}
-        <div>
-          <dt>Machine</dt>
-          <dd>
-            {report.machine}
-            <small>identified {time(report.created)}</small>
-          </dd>
-        </div>
-      </dl>
-    </section>
-  );
-}
-
-function unsearched(overNoise: number | null): string {
-  const error = overNoise === null ? "" : ` The error is ${number(overNoise, 3)} times the measurement noise.`;
-  return `The model was fitted, and nobody looked for what it may lack.${error}`;
 }
 
 function Warnings({ report }: { report: Report }) {

@@ -1,0 +1,201 @@
+"""Recordings as plots need them: columns are made readable one by one at the first look, and kept for the next."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from scipy import signal
+
+from server.platform.errors import InvalidError, UnavailableError
+from server.platform.files import DataDirectory
+from server.platform.processes.children import run_child
+from server.recordings.formats.exports import WORK_S, Exports
+from server.recordings.recording_store import RecordingRow
+from server.traces.extremes import Extremes, at_most
+
+#: Recordings whose columns are kept; a day at 50 Hz of 24 channels takes half a gigabyte.
+KEPT = 8
+#: Values of a spectrum, and the rows of the window that it is averaged over.
+SPECTRUM_ROWS = 4096
+
+
+@dataclass(frozen=True)
+class About:
+    """What the columns are.
+
+    Attributes
+    ----------
+    channels, units : in the order of the columns
+    first_utc : s since 1970 of the first row, if the recording says so
+    events : as :class:`daq.recorded_events.RecordedEvent`
+    """
+
+    channels: list[str]
+    units: list[str]
+    first_utc: float | None
+    events: list[dict[str, Any]]
+
+
+class RecordedSignals:
+    """Looks at recordings.
+
+    Parameters
+    ----------
+    exports : finds their files
+    """
+
+    def __init__(self, files: DataDirectory, exports: Exports) -> None:
+        self._files = files
+        self._exports = exports
+
+    def read(
+        self, row: RecordingRow, start: float | None, end: float | None, moments: int, wanted: Sequence[str] | None
+    ) -> tuple[About, list[int], Extremes, tuple[float, float]]:
+        """Channels over time.
+
+        Parameters
+        ----------
+        start, end : s since the first row; None: its beginning, its end
+        wanted : names of channels; None for all
+
+        Returns
+        -------
+        what the columns are, which of them were read, their extremes, and the range
+
+        Raises
+        ------
+        InvalidError, ConflictError, NotFoundError
+            If a channel is unknown, or there is no whole file.
+        """
+        with np.load(self._signals(row), allow_pickle=False) as kept:
+            about = _about(kept)
+            columns = _columns(about, about.channels if wanted is None else wanted, row)
+            time = kept["time"]
+            first = 0.0 if start is None else start
+            last = float(time[-1]) if end is None and len(time) else (end or 0.0)
+            part = slice(*np.searchsorted(time, [first, np.nextafter(last, np.inf)]))
+            values = np.stack([kept[f"value{n}"][part] for n in columns], axis=1)
+            doubtful = np.stack([kept[f"doubtful{n}"][part] for n in columns], axis=1)
+        found = at_most(Extremes(time[part], values, values, doubtful, 0.0), first, max(last, first + 1e-9), moments)
+        return about, columns, found, (first, last)
+
+    def spectrum(
+        self, row: RecordingRow, channel: str, start: float, end: float | None
+    ) -> tuple[str, float, npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+        """Unit, seconds, frequencies (Hz) and power spectral density (unit^2/Hz) by Welch's method.
+
+        Of the longest part without a gap; Hann windows that overlap by half, the mean of each taken off
+        (P. D. Welch 1967, IEEE Trans. Audio Electroacoust. 15).
+        """
+        with np.load(self._signals(row), allow_pickle=False) as kept:
+            about = _about(kept)
+            (column,) = _columns(about, [channel], row)
+            time = kept["time"]
+            part = slice(*np.searchsorted(time, [start, np.inf if end is None else end]))
+            values, time = kept[f"value{column}"][part].astype(np.float64), time[part]
+        whole = _longest(time, np.isfinite(values))
+        values, time = values[whole], time[whole]
+        if len(values) < 16:
+            raise InvalidError(
+                f"recording '{row.id}': {channel}: fewer than 16 rows without a gap; choose a longer part"
+            )
+        rate = (len(time) - 1) / float(time[-1] - time[0])
+        window = min(SPECTRUM_ROWS, max(16, len(values) // 4))
+        frequency, density = signal.welch(values, fs=rate, nperseg=window)
+        return about.units[column], len(values) / rate, frequency[1:], density[1:]
+
+    def events(self, row: RecordingRow) -> list[dict[str, Any]]:
+        """What happened to devices while it was recorded."""
+        with np.load(self._signals(row), allow_pickle=False) as kept:
+            return _about(kept).events
+
+    def findings(self, row: RecordingRow) -> list[dict[str, Any]]:
+        """What ``hilfit check`` finds in it; computed once, kept beside it."""
+        kept = self._files.recordings / f"{row.id}.findings.json"
+        if not kept.is_file():
+            self._made("findings", row, kept, row.role)
+        return list(json.loads(kept.read_text(encoding="utf-8")))
+
+    def cut(self, row: RecordingRow, start: float, end: float) -> Path:
+        """A new file with a part of it, to be stored or removed."""
+        target = self._temporary(f".{row.format}")
+        self._work("cut", row, target, row.role, repr(start), repr(end))
+        return target
+
+    def _signals(self, row: RecordingRow) -> Path:
+        self._exports.source(row)  # refuses what is not sealed, or gone
+        kept = self._files.recordings / f"{row.id}.signals.npz"
+        if kept.is_file():
+            kept.touch()
+        else:
+            self._made("signals", row, kept, row.role)
+            known = sorted(self._files.recordings.glob("*.signals.npz"), key=_used)
+            for old in known[:-KEPT]:
+                old.unlink(missing_ok=True)
+        return kept
+
+    def _made(self, what: str, row: RecordingRow, kept: Path, role: str) -> None:
+        target = self._temporary(kept.suffix)
+        try:
+            self._work(what, row, target, role)
+            target.replace(kept)
+        finally:
+            target.unlink(missing_ok=True)
+
+    def _temporary(self, suffix: str) -> Path:
+        path = self._files.incoming()
+        return path.with_name(path.name + suffix)
+
+    def _work(self, what: str, row: RecordingRow, target: Path, *rest: str) -> None:
+        source = self._exports.source(row)
+        machine_file = self._files.machine_file(row.machine, row.machine_version)
+        result = run_child(
+            [
+                *(sys.executable, "-P", "-m", "server.traces.recording_child", what),
+                *map(str, (source, target, machine_file)),
+                *rest,
+            ],
+            log=self._files.recordings / "formats.log",
+            timeout_s=WORK_S,
+        )
+        if result.outcome == "done":
+            return
+        target.unlink(missing_ok=True)
+        error = (result.error or "").replace(str(source), row.label or row.id)
+        raise (InvalidError if result.outcome == "input" else UnavailableError)(error)
+
+
+def _used(path: Path) -> float:
+    try:
+        return path.stat().st_mtime
+    except FileNotFoundError:  # another look has removed it
+        return 0.0
+
+
+def _about(kept: Any) -> About:
+    return About(**json.loads(kept["about"].tobytes()))
+
+
+def _columns(about: About, wanted: Sequence[str], row: RecordingRow) -> list[int]:
+    for name in wanted:
+        if name not in about.channels:
+            raise InvalidError(f"channel '{name}': recording '{row.id}' has none of that name")
+    return [about.channels.index(name) for name in wanted]
+
+
+def _longest(time: npt.NDArray[np.float64], finite: npt.NDArray[np.bool_]) -> slice:
+    """The longest run of rows with a value and without a gap in time."""
+    if len(time) < 2:
+        return slice(0, 0)
+    steps = np.diff(time)
+    breaks = np.flatnonzero((steps > 1.5 * np.median(steps)) | ~finite[1:] | ~finite[:-1]) + 1
+    ends = np.concatenate([[0], breaks, [len(time)]])
+    longest = int(np.argmax(np.diff(ends)))
+    return slice(int(ends[longest]), int(ends[longest + 1]))

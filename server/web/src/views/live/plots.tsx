@@ -1,0 +1,136 @@
+/** All plots of a machine that is measured now, on one line of time. */
+import { useCallback, useEffect, useMemo, useRef, useState } from "preact/hooks";
+import type { Hands } from "../../charts/gestures";
+import type { ChartMark } from "../../charts/overlays";
+import { type Range, type Shown, zoomed, within } from "../../charts/range";
+import { clock } from "../../charts/time_chart";
+import { LiveToolbar } from "../../charts/toolbar";
+import { remember, remembered } from "../../storage";
+import { Button, Notice } from "../../ui/controls";
+import { zone } from "../../ui/format";
+import { ChannelChoice, chosen, Thresholds, useChoice } from "./choice";
+import type { Group } from "./groups";
+import { useMarks } from "./marks";
+import { paced, realClock } from "./pace";
+import { Strip } from "./strip";
+import { useSignals } from "./use_signals";
+import type { Live } from "./use_live";
+import { XyPanel } from "./xy_panel";
+
+/** ms between two drawings of what moves: thirty a second, where the device can. */
+const FRAME_MS = 33;
+const KEY = "hilfit.window";
+
+export function Plots({ machine, groups, live }: { machine: string; groups: Group[]; live: Live }) {
+  const [span, setSpan] = useState(() => Number(remembered(KEY)) || 30);
+  const [shown, setShown] = useState<Shown>({ kind: "live", span });
+  const [choice, setChoice] = useChoice(machine);
+  const [open, setOpen] = useState<"channels" | "thresholds" | "xy" | null>(null);
+  const drawn = useMemo(() => chosen(groups, choice.hidden), [groups, choice.hidden.join("\n")]);
+  const names = useMemo(
+    () => [...new Set(drawn.flatMap((group) => group.lines.flatMap((line) => line.sources)))],
+    [drawn],
+  );
+  const marks = useMarks(machine);
+  const draws = useRef(new Map<string, () => void>());
+  const draw = useMemo(() => paced(() => draws.current.forEach((one) => one()), realClock, FRAME_MS), []);
+  const signals = useSignals(machine, live.history, names, shown, live.link, draw);
+  const register = useCallback((name: string, one: (() => void) | null) => {
+    if (one === null) draws.current.delete(name);
+    else draws.current.set(name, one);
+  }, []);
+  useMoving(shown.kind === "live" && shown.span <= 120, draw);
+  useEffect(draw, [shown, drawn, choice, marks.length]);
+
+  const show = (next: Shown): void => {
+    if (next.kind === "live") {
+      setSpan(next.span);
+      remember(KEY, String(next.span));
+    }
+    setShown(next);
+  };
+  const fixed = ([from, to]: Range): void => show({ kind: "fixed", from, to });
+  const hands: Hands = {
+    range: signals.range,
+    show: (range) => fixed(within(range, signals.bounds())),
+    zoom: (factor, centre) => fixed(zoomed(signals.range(), factor, centre, signals.bounds())),
+    back: () => show({ kind: "live", span }),
+  };
+  const toggle = (part: typeof open) => () => setOpen(open === part ? null : part);
+  const trace = (): typeof signals.trace => latest.current.trace;
+  const latest = useRef(signals);
+  latest.current = signals;
+  return (
+    <>
+      <LiveToolbar shown={shown} range={signals.range} bounds={signals.bounds} onShown={show} span={span}>
+        <Button onClick={toggle("channels")}>Channels</Button>
+        <Button onClick={toggle("thresholds")}>Thresholds</Button>
+        <Button onClick={toggle("xy")}>X over Y</Button>
+      </LiveToolbar>
+      {shown.kind === "fixed" && (
+        <p class="paused" role="status">
+          Held: {clock(shown.from, 1)} to {clock(shown.to, 1)} {zone(new Date(1000 * shown.to))}. Without the cursor,
+          the numbers below the plots are of now.
+        </p>
+      )}
+      {signals.error !== null && <Notice kind="warning">{signals.error}</Notice>}
+      {open === "channels" && <ChannelChoice groups={groups} choice={choice} onChoice={setChoice} />}
+      {open === "thresholds" && <Thresholds groups={groups} choice={choice} onChoice={setChoice} />}
+      {open === "xy" && <XyPanel groups={drawn} trace={trace} range={signals.range} register={register} />}
+      <div class="strips">
+        {drawn.map((group) => (
+          <Strip
+            key={group.title}
+            group={group}
+            history={live.history}
+            silence={live.silence}
+            trace={trace}
+            range={signals.range}
+            marks={marks}
+            thresholds={choice.thresholds[group.title] ?? []}
+            hands={hands}
+            register={register}
+          />
+        ))}
+      </div>
+      <Marks marks={marks} onShow={fixed} />
+    </>
+  );
+}
+
+/** Call `draw` at each frame of the screen while `moves`; it takes what the device can give. */
+function useMoving(moves: boolean, draw: () => void): void {
+  useEffect(() => {
+    if (!moves) return undefined;
+    let frame = 0;
+    const step = (): void => {
+      draw();
+      frame = requestAnimationFrame(step);
+    };
+    frame = requestAnimationFrame(step);
+    return () => cancelAnimationFrame(frame);
+  }, [moves, draw]);
+}
+
+const WORDS = { alarm: "Alarm", event: "Event", recording: "Recording" } as const;
+
+/** The marks in words; a touch shows what happened around one. */
+function Marks({ marks, onShow }: { marks: ChartMark[]; onShow: (range: Range) => void }) {
+  const recent = marks.filter((mark) => mark.from > Date.now() / 1000 - 8 * 3600).slice(0, 12);
+  if (recent.length === 0) return null;
+  return (
+    <details class="motion">
+      <summary>Marks on the plots: {recent.length} in the last eight hours</summary>
+      <ul class="mark-list">
+        {recent.map((mark) => (
+          <li key={`${mark.kind}${mark.from}${mark.text}`}>
+            <Button label={`Show ${mark.text}`} onClick={() => onShow([mark.from - 15, mark.from + 15])}>
+              {clock(mark.from, 1)}
+            </Button>{" "}
+            {WORDS[mark.kind]}: {mark.text}
+          </li>
+        ))}
+      </ul>
+    </details>
+  );
+}

@@ -1,0 +1,94 @@
+/** What is said beside a recording: what the checks find in it, what happened meanwhile, and its spectrum. */
+import { useState } from "preact/hooks";
+import type { components } from "../../net/api.gen";
+import { useResource } from "../../resource";
+import { Field, Mark, Notice, type SelectEvent } from "../../ui/controls";
+import { duration, fixed, number } from "../../ui/format";
+import { Table } from "../../ui/layout";
+import { Plot } from "../../ui/plot";
+
+type Remarks = components["schemas"]["RecordingRemarks"];
+type Spectrum = components["schemas"]["Spectrum"];
+
+const text = (value: unknown): string => (typeof value === "string" ? value : "");
+
+export function Findings({ remarks }: { remarks: Remarks }) {
+  if (remarks.findings.length === 0)
+    return (
+      <p>
+        <Mark kind="good">The checks find nothing wrong with files or wiring.</Mark>
+      </p>
+    );
+  return (
+    <ul class="plain-list">
+      {remarks.findings.map((finding, index) => (
+        <li key={index}>
+          <Notice kind={finding.severity === "note" ? "info" : "warning"}>
+            {text(finding.text)} <strong>{text(finding.cure)}</strong>
+          </Notice>
+        </li>
+      ))}
+    </ul>
+  );
+}
+
+export function Events({ remarks }: { remarks: Remarks }) {
+  if (remarks.events.length === 0) return <p class="hint">No events of devices or buses were written down.</p>;
+  return (
+    <Table
+      caption="What happened while it was recorded"
+      columns={[
+        { name: "time", title: "At", align: "right" },
+        { name: "device", title: "Device" },
+        { name: "text", title: "What" },
+        { name: "seconds", title: "Lasted", align: "right" },
+        { name: "count", title: "Times", align: "right" },
+      ]}
+      rows={remarks.events.map((event, index) => ({
+        key: String(index),
+        time: event.time === null ? "–" : `${fixed(event.time, 1)} s`,
+        device: event.device,
+        text: event.text,
+        seconds: event.seconds === null ? "until its end" : duration(event.seconds),
+        count: String(event.count),
+      }))}
+    />
+  );
+}
+
+/** Power spectral density in decibels over frequency, of a channel that is chosen. */
+export function SpectrumPlot({ id, channels }: { id: string; channels: string[] }) {
+  const [channel, setChannel] = useState(channels[0] ?? "");
+  const path = `/recordings/${encodeURIComponent(id)}/spectrum?channel=${encodeURIComponent(channel)}`;
+  const found = useResource<Spectrum>(channel === "" ? null : path, []);
+  const spectrum = found.value;
+  return (
+    <>
+      <Field label="Channel">
+        <select value={channel} onChange={(event: SelectEvent) => setChannel(event.currentTarget.value)}>
+          {channels.map((name) => (
+            <option key={name}>{name}</option>
+          ))}
+        </select>
+      </Field>
+      {found.error !== null && <Notice kind="warning">{found.error}</Notice>}
+      {spectrum !== null && (
+        <>
+          <Plot
+            title={`Spectrum of ${spectrum.channel}`}
+            unit={`dB of 1 (${spectrum.unit})²/Hz`}
+            x={{ label: "frequency [Hz]", values: spectrum.frequency }}
+            series={[{ label: "power density", values: spectrum.density.map(decibels) }]}
+          />
+          <p class="hint">
+            Power density by Welch’s method over the longest part without a gap, {number(spectrum.seconds, 3)} s.
+          </p>
+        </>
+      )}
+    </>
+  );
+}
+
+export function decibels(power: number): number | null {
+  return power > 0 ? 10 * Math.log10(power) : null;
+}

@@ -1,0 +1,138 @@
+/** What is left of each joint: over time with zoom, over its own past and the speed, over frequency. */
+import { useCallback, useEffect, useMemo, useRef, useState } from "preact/hooks";
+import type { Hands } from "../../charts/gestures";
+import { type Range, within, zoomed } from "../../charts/range";
+import { secondLabels, TimeChart } from "../../charts/time_chart";
+import { RangeButtons } from "../../charts/toolbar";
+import { Button } from "../../ui/controls";
+import { number } from "../../ui/format";
+import { Panel, Table } from "../../ui/layout";
+import { Plot } from "../../ui/plot";
+import { added } from "./model";
+import type { Diagnostics as Joint, Report } from "./report";
+import { unit } from "./wording";
+
+export function Diagnostics({ report }: { report: Report }) {
+  const joints = report.figures.diagnostics;
+  const both = added(report);
+  const ends = joints.flatMap((one) => [one.time[0] ?? 0, one.time[one.time.length - 1] ?? 0]);
+  const bounds: Range = [Math.min(0, ...ends), Math.max(1, ...ends)];
+  const [range, setRange] = useState<Range | null>(null);
+  const now = range ?? bounds;
+  const show = (next: Range): void => setRange(within(next, bounds));
+  const hands: Hands = {
+    range: () => now,
+    show,
+    zoom: (factor, centre) => show(zoomed(now, factor, centre, bounds)),
+    back: () => setRange(null),
+  };
+  if (joints.length === 0) return null;
+  return (
+    <Panel title="What is left, joint by joint">
+      <p class="hint">Measured minus predicted effort over time: thin before, thick after. Drag to look closer.</p>
+      <div class="chart-toolbar" role="toolbar" aria-label="What the plots show">
+        <RangeButtons range={() => now} bounds={() => bounds} onRange={show} />
+        <Button disabled={range === null} onClick={() => setRange(null)}>
+          Show all
+        </Button>
+      </div>
+      <div class="strips">
+        {joints.map((joint) => (
+          <Course key={joint.joint} joint={joint} both={both} range={now} hands={hands} />
+        ))}
+      </div>
+      <Table
+        caption="Fit of each joint"
+        columns={[
+          { name: "joint", title: "Joint" },
+          ...(both ? [{ name: "before", title: "Fit before", align: "right" as const }] : []),
+          { name: "after", title: both ? "Fit after" : "Fit", align: "right" },
+        ]}
+        rows={joints.map((joint) => ({
+          key: joint.joint,
+          joint: joint.joint,
+          before: `${number(joint.fit_before, 4)} %`,
+          after: `${number(joint.fit_after, 4)} %`,
+        }))}
+      />
+      <p class="hint">100 % less the norm of the error over that of the measured effort about its mean.</p>
+      {joints.map((joint) => (
+        <details key={joint.joint} class="motion">
+          <summary>{joint.joint}: correlations and spectrum</summary>
+          <Correlations joint={joint} both={both} />
+        </details>
+      ))}
+    </Panel>
+  );
+}
+
+function Course({ joint, both, range, hands }: { joint: Joint; both: boolean; range: Range; hands: Hands }) {
+  const draw = useRef<(() => void) | null>(null);
+  const register = useCallback((one: (() => void) | null) => void (draw.current = one), []);
+  const series = useMemo(() => {
+    const after = { name: "after", label: "after", decimals: 2 };
+    return both ? [after, { name: "before", label: "before", decimals: 2, thin: true }] : [after];
+  }, [both]);
+  useEffect(() => draw.current?.(), [range[0], range[1]]);
+  return (
+    <section class="strip" aria-label={`Error of ${joint.joint} over time`}>
+      <h3>
+        {joint.joint} <span class="unit">{unit(joint.unit)}</span>
+      </h3>
+      <TimeChart
+        title={joint.joint}
+        series={series}
+        height={150}
+        timeLabels={secondLabels}
+        read={() => ({ t: joint.time, columns: both ? [joint.after, joint.before] : [joint.after], range })}
+        overlays={() => ({ marks: [], thresholds: [], doubtful: [] })}
+        hands={hands}
+        onCursor={() => undefined}
+        register={register}
+      />
+    </section>
+  );
+}
+
+function Correlations({ joint, both }: { joint: Joint; both: boolean }) {
+  const bound = joint.bound ?? 0;
+  const white = (places: number[]) => ({
+    label: "white noise, 99 %",
+    values: places.map(() => 0),
+    band: [places.map(() => -bound), places.map(() => bound)] as [number[], number[]],
+  });
+  const decibels = (values: (number | null)[]) =>
+    values.map((value) => (value !== null && value > 0 ? 10 * Math.log10(value) : null));
+  return (
+    <>
+      <Plot
+        title="Correlation with its own past"
+        unit=""
+        x={{ label: "lag [s]", values: joint.lag }}
+        series={[{ label: "what is left", values: joint.auto }, white(joint.lag)]}
+        height={220}
+      />
+      <Plot
+        title="Correlation with the speed"
+        unit=""
+        x={{ label: "lag [s]", values: joint.cross_lag }}
+        series={[{ label: "what is left", values: joint.cross }, white(joint.cross_lag)]}
+        height={220}
+      />
+      <Plot
+        title="Spectrum"
+        unit={`dB of 1 (${unit(joint.unit)})²/Hz`}
+        x={{ label: "frequency [Hz]", values: joint.frequency }}
+        series={[
+          { label: "after", values: decibels(joint.density_after) },
+          ...(both ? [{ label: "before", values: decibels(joint.density_before) }] : []),
+        ]}
+        height={220}
+      />
+      <p class="hint">
+        A model that lacks nothing stays within the band. A slow decay says that something slow is missing, a peak at
+        the speed that something moves with the joint. The filter of the identification correlates neighbours by itself.
+      </p>
+    </>
+  );
+}
