@@ -198,6 +198,7 @@ class CanopenDriver:
                 answered=node.accept_boot_ups,
                 boot_up_s=node.config.boot_up_s if self._starting else 0.0,
                 keep=lambda found, wrote, identity: self._keep(node, FoundSetup(found, wrote, identity)),
+                learn=node.learn_decimals,
             )
         except AcquisitionError as error:
             self._failed(node, str(error))
@@ -369,6 +370,8 @@ class CanopenDriver:
                     if late:
                         answers.cycles_ago[position] = ago
                         answers.after_sync_s[position] = 0.0 if ago else after_ns / NS
+        if node.decimals:
+            self._with_decimals(node, answers)
         if node.starting_anew:
             return
         node.misses = 0 if brought else node.misses + 1
@@ -382,6 +385,13 @@ class CanopenDriver:
                 f"{node.place}: more TPDOs than SYNCs: two devices have this node-ID, or something else sends SYNC as "
                 "well; give each device an ID of its own, and let only one send SYNC",
             )
+
+    def _with_decimals(self, node: Node, answers: Answers) -> None:
+        for position, decimals in node.decimals.items():
+            if math.isfinite(answers.raw[position]):
+                value = answers.raw[position] = decimals.value(answers.raw[position])
+                if not math.isfinite(value):
+                    answers.quality[position] = Quality.INVALID
 
     # What it says
 
