@@ -354,6 +354,7 @@ class CanopenDriver:
             self._counts["superseded"] += arrival.ordinal - tpdo.taken - 1
             tpdo.taken = arrival.ordinal
             brought += 1
+            node.latency.add(arrival.at_ns - arrival.sync_ns)
             ago, after_ns = number - arrival.cycle, arrival.at_ns - arrival.sync_ns
             late = ago > 0 or tpdo.in_doubt or self._is_late(after_ns)
             self._counts["late"] += late
@@ -410,7 +411,12 @@ class CanopenDriver:
         link = self._link
         failure = link.failure if link is not None else self._failure or "closed"
         devices = tuple(
-            DeviceStatus(f"node {number}", "failed" if failure else node.state, failure or self._watch.line(node))
+            DeviceStatus(
+                f"node {number}",
+                "failed" if failure else node.state,
+                failure or self._watch.line(node),
+                node.latency.told(),
+            )
             for number, node in self._nodes.items()
         )
         counts = dict(self._counts) | {"error_frames": self._health.error_frames}

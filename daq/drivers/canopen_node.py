@@ -16,6 +16,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from daq.buses import object_of
+from daq.drivers.base import Spread
 from daq.drivers.canopen_commissioning import SdoAccess
 from daq.drivers.canopen_mapping import Mapping, map_node
 from daq.drivers.decimals import Decimals
@@ -151,6 +152,7 @@ class Node:
         self.mappings = mappings
         self.tpdos = tuple(Tpdo(mapping, cycle) for mapping in mappings)
         self.cob_ids = frozenset(mapping.cob_id for mapping in mappings)
+        self.latency = Spread()  # of its TPDOs after the SYNC that they answer
         self.decimals: dict[int, Decimals] = {}  # by position, of channels whose decimals the device tells
         self.decimals_objects: dict[int, str] = {}  # by position, where
         self.state = "commissioning"

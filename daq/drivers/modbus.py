@@ -92,6 +92,8 @@ class Poller:
             answer = self.connection.read(unit.number, block.table, block.address, block.count)
             after = self._context.monotonic_ns()
             problem = problem or unit.problem(block, answer) or ""
+            if answer.failure is None:
+                unit.latency.add(after - before)
             if answer.failure is not None:
                 unit.requests += 1
                 self._failed(unit, problem)
@@ -278,7 +280,9 @@ class _ModbusDriver:
     def statistics(self) -> DriverStatistics:
         """State of every unit, and counters since the start."""
         devices = tuple(
-            DeviceStatus(f"unit {u.number}", u.state, u.detail or u.slowness(self._rate_hz) or u.cause)
+            DeviceStatus(
+                f"unit {u.number}", u.state, u.detail or u.slowness(self._rate_hz) or u.cause, u.latency.told()
+            )
             for u in self._units
         )
         counts = {

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from statistics import median
 
 from daq import wire
+from daq.drivers.base import Spread
 from daq.drivers.decimals import Decimals
 from daq.drivers.modbus_client import EXCEPTIONS, ILLEGAL_ADDRESS, Answer
 from daq.machine_file import Channel, ModbusSource
@@ -112,6 +113,7 @@ class Unit:
         self.name = name  # in the event log
         self.blocks = blocks(channels, maximum_gap)
         self.names = {position: channel.name for position, channel in channels}
+        self.latency = Spread()  # of its answers
         self.decimals: dict[int, Decimals] = {}  # by position, of channels whose decimals the unit tells
         self._decimals_at: dict[tuple[str, int], list[Decimals]] = {}  # by table and register
         for position, channel in channels:
