@@ -67,7 +67,7 @@ def recorded_delays(machine: Machine, recordings: list[Path]) -> list[BusDelay]:
 
     best: dict[tuple[str, str], BusDelay] = {}
     for path in recordings:
-        content = read_recording(path, machine)
+        content = read_recording(path, machine, "operation")
         for delay in bus_delays(machine, content.values, content.rate_hz):
             known = best.get((delay.bus, delay.reference))
             if known is None or delay.std < known.std:

@@ -44,7 +44,7 @@ def _gravity(machine: Machine, number: int, q: FloatArray) -> FloatArray:
     axis, point = first[:, :3, 2], first[:, :3, 3]
     gravity = np.asarray(machine.gravity)
     if machine.joints[number].type == "prismatic":
-        return (axis @ gravity)[:, None]
+        return np.asarray((axis @ gravity)[:, None])
     columns = []
     for pose in poses[number + 1 :]:
         arms = [pose[:, :3, 3] - point, *(pose[:, :3, k] for k in range(3))]

@@ -9,6 +9,7 @@ import time
 from collections import deque
 
 import numpy as np
+import numpy.typing as npt
 from rich.console import Console, Group
 from rich.live import Live
 from rich.table import Table
@@ -32,7 +33,7 @@ class Picture:
         self._conversions = [machine.conversion(channel) for channel in machine.channels]
         self._rows: deque[np.void] = deque(maxlen=max(2, round(WINDOW_S * machine.rate_hz)))
 
-    def add(self, rows: np.ndarray) -> None:  # type: ignore[type-arg]
+    def add(self, rows: npt.NDArray[np.void]) -> None:
         """Rows that came."""
         self._rows.extend(rows)
 

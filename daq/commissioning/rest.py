@@ -66,7 +66,8 @@ def at_rest(time: FloatArray, values: FloatArray, ages: FloatArray, quality: npt
     count = int(good.sum())
     share = count / due if due else 0.0
     if count < LEAST:
-        return AtRest(count, share, others, *(5 * [math.nan]), moved=False, age_ms=math.nan, jitter_ms=math.nan)
+        nan = math.nan
+        return AtRest(count, share, others, nan, nan, nan, nan, nan, moved=False, age_ms=nan, jitter_ms=nan)
     t, y = time[good], values[good]
     steps = np.abs(np.diff(y))
     noise = float(np.diff(y, n=2).std() / math.sqrt(6.0))

@@ -150,7 +150,8 @@ class CanopenDriver:
             now = self._context.monotonic_ns()
             self._cycle.begin(number, now, expected)
             for node in self._nodes.values():
-                node.asked(number, now)
+                for tpdo in node.tpdos if node.operational else ():
+                    tpdo.asked(number, now)
             link.send_sync()
         with self._synced:
             self._synced.notify_all()
@@ -346,6 +347,7 @@ class CanopenDriver:
     def _take(self, node: Node, number: int, answers: Answers) -> None:
         brought = current = 0
         mixed = node.surplus_run > 0
+        half_ns = 0.5 * self._context.period_s * NS
         for tpdo in node.tpdos:
             arrival = tpdo.latest
             if arrival is None or arrival.ordinal <= tpdo.taken:
@@ -356,7 +358,7 @@ class CanopenDriver:
             brought += 1
             node.latency.add(arrival.at_ns - arrival.sync_ns)
             ago, after_ns = number - arrival.cycle, arrival.at_ns - arrival.sync_ns
-            late = ago > 0 or tpdo.in_doubt or self._is_late(after_ns)
+            late = ago > 0 or tpdo.in_doubt or (after_ns > half_ns and self._is_late(after_ns))
             self._counts["late"] += late
             current += not late
             good = Quality.EMERGENCY if node.emergency is not None else Quality.LATE if late else Quality.FRESH

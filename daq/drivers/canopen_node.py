@@ -203,12 +203,6 @@ class Node:
         self.emergencies[code if code & 0xFF00 else 0] += 1
         self.errors += bool(code & 0xFF00)
 
-    def asked(self, number: int, sync_ns: int) -> None:
-        """A SYNC is about to be sent."""
-        if self.operational:
-            for tpdo in self.tpdos:
-                tpdo.asked(number, sync_ns)
-
     def wrong_lengths(self) -> int:
         """TPDOs of a wrong length so far."""
         found = 0
@@ -260,7 +254,10 @@ class Node:
 
     def in_doubt(self) -> bool:
         """Whether its TPDOs may be credited to the wrong SYNC."""
-        return any(tpdo.in_doubt for tpdo in self.tpdos)
+        for tpdo in self.tpdos:  # noqa: SIM110  # once per cycle and node: cheaper than a generator
+            if tpdo.in_doubt:
+                return True
+        return False
 
     def learn_decimals(self, sdo: SdoAccess) -> None:
         """Ask for the decimals of its channels (CommissioningError if it has none, or too many)."""
