@@ -117,8 +117,8 @@ def span(text: str, what: str, low: int, high: int) -> list[int]:
     """Numbers of ``1-8,12`` (ValueError, in one line, if it is none of that)."""
     numbers: set[int] = set()
     for part in text.split(","):
-        first, _, last = part.strip().partition("-")
-        if not first.isdigit() or (last and not last.isdigit()):
+        first, dash, last = part.strip().partition("-")
+        if not first.isdigit() or (dash and not last.isdigit()):
             raise ValueError(f"'{text}': write {what} as 1-8 or 1,4,7")
         numbers.update(range(int(first), int(last or first) + 1))
     if not numbers or min(numbers) < low or max(numbers) > high:

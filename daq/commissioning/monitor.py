@@ -100,13 +100,13 @@ def watch(machine: Machine, seconds: float | None, rate: float, *, plain: bool =
     console = Console()
     picture = Picture(machine)
     plain = plain or not sys.stdout.isatty()
-    ends = math.inf if seconds is None else time.monotonic() + seconds
     with (
         AcquisitionProcess(machine, strict=False) as acquisition,
         RingReader(acquisition.ring_name) as ring,
         contextlib.suppress(KeyboardInterrupt),
         contextlib.ExitStack() as screen,
     ):
+        ends = math.inf if seconds is None else time.monotonic() + seconds
         live = None if plain else screen.enter_context(Live(console=console, auto_refresh=False, screen=False))
         while time.monotonic() < ends:
             time.sleep(min(1.0 / rate, max(0.0, ends - time.monotonic())))
