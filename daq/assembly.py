@@ -70,6 +70,8 @@ class Assembler:
         for channel, sentinel in table.sentinels:
             if raw[channel] == sentinel:
                 raw[channel], quality[channel] = np.nan, Quality.INVALID
+        if table.fields or table.turns:
+            table.unwrapped(raw)
         values = table.gain * raw + table.bias
         ages: npt.NDArray[np.float64] = np.asarray(ago * self._period, dtype=np.float64)
         if not self._lockstep:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any, Literal, get_args
+from typing import Annotated, Any, ClassVar, Literal, get_args
 
 from pydantic import (
     AfterValidator,
@@ -44,17 +44,82 @@ class FileModel(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
 
-class CanSource(FileModel):
-    """Where a channel comes from on a CANopen bus: an object of a node, mapped into a TPDO."""
+class Scaled(FileModel):
+    """How a raw number becomes a value in the channel's unit: ``scale * raw + offset``."""
 
     bus: Name
+    scale: float = 1.0
+    offset: float = 0.0
+    sentinels: tuple[float, ...] = ()  # raw values that mean "no valid measurement"
+
+
+class Word(Scaled):
+    """A number of a CANopen object or of Modbus registers: ``scale 10^-decimals (raw - zero) + offset``.
+
+    With ``mask`` raw is only what these bits hold, with ``modulo`` the difference is taken the short way round.
+    """
+
+    data_type: DataType
+    tells_decimals: ClassVar[str] = ""  # the key that says where the device has them
+    mask: Annotated[int, Field(gt=0, lt=2**53)] | None = None  # bits in one piece, 0x00FFFFFF; integers only
+    modulo: Annotated[float, Field(gt=0)] | None = None  # raw units of a turn, after which an encoder begins anew
+    zero: float = 0.0  # raw value where the channel is `offset`
+    decimals: Annotated[int, Field(ge=0, le=9)] = 0
+
+    @field_validator("mask", mode="before")
+    @classmethod
+    def _hexadecimal_mask(cls, value: Any) -> Any:
+        return _number(value, "mask; write it as 0x00FFFFFF")
+
+    @model_validator(mode="after")
+    def _bits_there_are(self) -> Word:
+        if self.mask is None:
+            return self
+        if self.data_type.startswith("float"):
+            raise ValueError(f"mask is for integers, and this is {self.data_type}; remove mask")
+        if self.mask >> (int(self.data_type.lstrip("uint"))):
+            raise ValueError(f"mask 0x{self.mask:X} has more bits than {self.data_type}; correct one")
+        if (low := self.mask & -self.mask) and (self.mask // low + 1) & self.mask // low:
+            raise ValueError(f"mask 0x{self.mask:X} has a gap; give bits that are in one piece, as in 0x0FF0")
+        return self
+
+    @property
+    def told_decimals(self) -> bool:
+        """Whether the device is asked how many decimals there are."""
+        return bool(self.tells_decimals) and getattr(self, self.tells_decimals) is not None
+
+    @model_validator(mode="after")
+    def _decimals_from_one(self) -> Word:
+        beside = [key for key in ("decimals", "mask", "modulo", "zero") if getattr(self, key)]
+        if self.told_decimals and beside:
+            raise ValueError(f"{self.tells_decimals} and {beside[0]} do not go together; keep one")
+        return self
+
+
+def _number(value: Any, what: str) -> Any:
+    """A number that may be written in hexadecimal."""
+    if isinstance(value, str):
+        try:
+            return int(value, 0)
+        except ValueError:
+            raise ValueError(f"'{value}' is no {what}") from None
+    return value
+
+
+def object_of(text: str) -> tuple[int, int]:
+    """Index and subindex of ``0x6132:1`` (ValueError if it is no object)."""
+    index, _, subindex = text.partition(":")
+    return int(index, 0), int(subindex or "0", 0)
+
+
+class CanSource(Word):
+    """Where a channel comes from on a CANopen bus: an object of a node, mapped into a TPDO."""
+
+    tells_decimals = "decimals_object"
     node: Annotated[int, Field(ge=1, le=127)]
     object: Annotated[int, Field(ge=0x1000, le=0xFFFF)]
     subindex: Annotated[int, Field(ge=0, le=255)] = 0
-    data_type: DataType
-    scale: float = 1.0  # value in the channel's unit = scale * raw + offset
-    offset: float = 0.0
-    sentinels: tuple[float, ...] = ()  # raw values that mean "no valid measurement"
+    decimals_object: str | None = None  # of the node, "0x6132:1": holds the decimals, and is read at commissioning
     cob_id: Annotated[int, Field(ge=0x001, le=0x7FF)] | None = None  # listen_only: the PDO that carries it, as it is
     byte: Annotated[int, Field(ge=0, le=7)] = 0  # listen_only: where in that PDO
     synchronous: bool = False  # listen_only: that PDO is sampled at SYNC; an EDS says so itself
@@ -62,41 +127,42 @@ class CanSource(FileModel):
     @field_validator("object", mode="before")
     @classmethod
     def _hexadecimal(cls, value: Any) -> Any:
-        if isinstance(value, str):
-            try:
-                return int(value, 0)
-            except ValueError:
-                raise ValueError(f"'{value}' is no object index; write it as 0x6004") from None
+        return _number(value, "object index; write it as 0x6004")
+
+    @field_validator("decimals_object")
+    @classmethod
+    def _an_object(cls, value: str | None) -> str | None:
+        try:
+            if value is not None:
+                object_of(value)
+        except ValueError:
+            raise ValueError(f"'{value}' is no object; write it as \"0x6132:1\"") from None
         return value
 
 
-class ModbusSource(FileModel):
+class ModbusSource(Word):
     """Where a channel comes from on a Modbus bus: registers of a unit, read in one block per unit and cycle."""
 
-    bus: Name
+    tells_decimals = "decimals_register"
     unit: Annotated[int, Field(ge=0, le=255)]  # 1 to 247; 0 or 255 is a TCP device itself
     register_: Annotated[int, Field(ge=0, le=0xFFFF, alias="register")]  # zero-based protocol address
     table: Literal["holding", "input"] = "holding"
-    data_type: DataType
     word_order: Literal["big", "little"] = "big"
     byte_order: Literal["big", "little"] = "big"  # within a register; the protocol's is big
     rate_hz: Annotated[float, Field(gt=0)] | None = None  # asked so often; None: in every cycle
-    scale: float = 1.0  # value in the channel's unit = scale * raw + offset
-    offset: float = 0.0
-    sentinels: tuple[float, ...] = ()
+    decimals_register: Annotated[int, Field(ge=0, le=0xFFFF)] | None = None  # of the table; read whenever it comes back
 
 
-class SignalSource(FileModel):
-    """Where a channel comes from on a bus of plain CAN or J1939: a signal of a message that a DBC file describes."""
+class SignalSource(Scaled):
+    """Where a channel comes from on a bus of plain CAN or J1939: a signal of a message that a DBC file describes.
 
-    bus: Name
+    Raw values (also ``sentinels``) are those in the DBC file's unit.
+    """
+
     signal: Annotated[str, Field(min_length=1)]
     message: str | None = None  # its name; None: the only one that has the signal
     pgn: Annotated[int, Field(ge=0, le=0x3FFFF)] | None = None  # J1939: instead of the message's name
     source_address: Annotated[int, Field(ge=0, le=253)] | None = None  # J1939: of the device; None: there is only one
-    scale: float = 1.0  # value in the channel's unit = scale * (value in the DBC file's unit) + offset
-    offset: float = 0.0
-    sentinels: tuple[float, ...] = ()  # values in the DBC file's unit that mean "no valid measurement"
 
     @model_validator(mode="after")
     def _one_name(self) -> SignalSource:
@@ -105,14 +171,10 @@ class SignalSource(FileModel):
         return self
 
 
-class OtherSource(FileModel):
+class OtherSource(Scaled):
     """Where a channel comes from on a bus that another package's driver serves; only that driver knows addresses."""
 
-    bus: Name
     address: dict[str, Any]
-    scale: float = 1.0  # value in the channel's unit = scale * raw + offset
-    offset: float = 0.0
-    sentinels: tuple[float, ...] = ()
 
 
 Source = CanSource | ModbusSource | SignalSource | OtherSource
@@ -151,9 +213,8 @@ class CanNode(FileModel):
     def _objects(cls, value: dict[str, float]) -> dict[str, float]:
         for key in value:
             place, _, data_type = key.partition(" ")
-            index, _, subindex = place.partition(":")
             try:
-                int(index, 0), int(subindex or "0", 0)
+                object_of(place)
             except ValueError:
                 raise ValueError(f"'{key}' is no object; write it as \"0x6131:1\"") from None
             if data_type and data_type.strip() not in get_args(DataType):

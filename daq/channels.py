@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from daq.buses import Word
 from daq.errors import MachineFileError
 from daq.frame import row_dtype
 from daq.machine_file import Channel, Machine
@@ -15,11 +16,28 @@ FloatArray = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)
+class Field:
+    """Bits of a raw integer that hold a channel's value."""
+
+    channel: int
+    mask: int
+    signed: bool
+
+    def of(self, raw: float) -> float:
+        """The value in these bits, two's complement where it is signed; NaN stays."""
+        if not np.isfinite(raw):
+            return raw
+        lowest = self.mask & -self.mask
+        value, top = (int(raw) & self.mask) // lowest, (self.mask // lowest + 1) // 2
+        return float(value - 2 * top if self.signed and value & top else value)
+
+
+@dataclass(frozen=True)
 class ChannelTable:
     """Channels in the machine file's order; all arrays have shape (n,).
 
     A device sends ``raw``; the channel's unit is ``scale * raw + offset``; SI is an affine map of that. Both maps are
-    one here: ``si = gain * raw + bias``.
+    one here: ``si = gain * raw + bias``, after ``fields`` and ``turns`` of what was sent.
     """
 
     names: tuple[str, ...]
@@ -28,6 +46,15 @@ class ChannelTable:
     low: FloatArray  # SI; a value at or below it is out of range
     high: FloatArray  # SI; a value at or above it is out of range
     sentinels: tuple[tuple[int, float], ...]  # (channel, raw value that means "no valid measurement")
+    fields: tuple[Field, ...] = ()  # of channels whose value is in some bits only
+    turns: tuple[tuple[int, float, float], ...] = ()  # (channel, raw units of a turn, raw zero) of what begins anew
+
+    def unwrapped(self, raw: FloatArray) -> None:
+        """Bits that hold a value, and the short way round from an encoder's zero; (n,) as sent, in place."""
+        for field in self.fields:
+            raw[field.channel] = field.of(raw[field.channel])
+        for channel, turn, zero in self.turns:
+            raw[channel] = (raw[channel] - zero + 0.5 * turn) % turn - 0.5 * turn
 
     @property
     def dtype(self) -> np.dtype[np.void]:
@@ -46,17 +73,29 @@ def channel_table(machine: Machine) -> ChannelTable:
     gain, bias = np.empty(count), np.empty(count)
     low, high = np.full(count, -np.inf), np.full(count, np.inf)
     sentinels: list[tuple[int, float]] = []
+    fields: list[Field] = []
+    turns: list[tuple[int, float, float]] = []
     for i, channel in enumerate(channels):
         to_si = machine.conversion(channel)
         scale, offset = (channel.source.scale, channel.source.offset) if channel.source else (1.0, 0.0)
+        if isinstance(channel.source, Word):
+            word = channel.source
+            scale = scale / 10.0**word.decimals
+            if word.mask is not None:
+                fields.append(Field(i, word.mask, not word.data_type.startswith("u")))
+            if word.modulo is not None:
+                turns.append((i, word.modulo, word.zero))
+            else:
+                offset -= scale * word.zero
         gain[i] = to_si.factor * scale
         bias[i] = to_si.factor * offset + to_si.offset
         if channel.range is not None:
             ends = to_si.to_si(channel.range)
             low[i], high[i] = ends.min(), ends.max()
-        if channel.source is not None:
+        if channel.source is not None and not (isinstance(channel.source, Word) and channel.source.told_decimals):
             sentinels += [(i, value) for value in channel.source.sentinels]
-    return ChannelTable(tuple(c.name for c in channels), gain, bias, low, high, tuple(sentinels))
+    names = tuple(channel.name for channel in channels)
+    return ChannelTable(names, gain, bias, low, high, tuple(sentinels), tuple(fields), tuple(turns))
 
 
 def channels_by_bus(machine: Machine, name: str = "machine file") -> dict[str, tuple[Channel, ...]]:

@@ -1,4 +1,4 @@
-"""Commands about buses: ``bus restore``."""
+"""Commands about buses: ``bus scan``, ``check``, ``monitor``, ``restore``."""
 
 from __future__ import annotations
 
@@ -8,6 +8,8 @@ from typing import Annotated
 
 import typer
 
+from daq.commissioning.cli_check import check, monitor
+from daq.commissioning.cli_scan import scan
 from daq.console import print_json, reported
 from daq.machine_file import load_machine
 
@@ -20,7 +22,9 @@ DataDirectory = Annotated[
 def register(app: typer.Typer) -> None:
     """Mount the commands."""
     bus = typer.Typer(help="Look after the devices of a machine's buses.", no_args_is_help=True)
-    bus.callback()(lambda: None)  # or a lone command would not be a group
+    bus.command("scan")(reported(scan))
+    bus.command("check")(reported(check))
+    bus.command("monitor")(reported(monitor))
     bus.command("restore")(reported(restore))
     app.add_typer(bus, name="bus")
 

@@ -1,4 +1,4 @@
-"""Commands about machine files: ``machine check``, ``machine import``, ``machine schema``."""
+"""Commands about machine files: ``machine check``, ``machine new``, ``machine import``, ``machine schema``."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from typing import Annotated
 
 import typer
 
+from daq.commissioning.cli_new import new
 from daq.console import print_json, reported
 from daq.errors import InputError
 from daq.machine_file import Machine, parse_machine
@@ -20,6 +21,7 @@ def register(app: typer.Typer) -> None:
     """Mount the commands."""
     machine = typer.Typer(help="Look at machine files.", no_args_is_help=True)
     machine.command("check")(reported(check))
+    machine.command("new")(reported(new))
     machine.command("import")(reported(import_kinematics))
     machine.command("schema")(reported(schema))
     app.add_typer(machine, name="machine")

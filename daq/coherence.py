@@ -7,13 +7,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from daq.buses import CanopenBus, CanSource, ModbusSource, OtherSource, SignalSource
+from daq.buses import CanopenBus, CanSource, ModbusSource, OtherSource, SignalSource, Word
 from daq.joints import Joint, unique
 from daq.machine_file_errors import did_you_mean
 from daq.quantities import CYLINDER_QUANTITIES, JOINT_QUANTITIES, MOTOR_QUANTITIES
 
 if TYPE_CHECKING:
     from daq.machine_file import Channel, Machine
+    from daq.units import Conversion
 
 _SOURCES = {"canopen": CanSource, "can_signals": SignalSource, "modbus_tcp": ModbusSource, "modbus_rtu": ModbusSource}
 
@@ -93,6 +94,22 @@ def _channel(machine: Machine, index: int, channel: Channel) -> None:
         bus = buses[channel.source.bus]
         if not isinstance(channel.source, _SOURCES.get(bus.type, OtherSource)):
             raise ValueError(f"{place}: its source does not fit bus '{bus.name}' of type {bus.type}")
+    if channel.quantity == "joint_position" and channel.joint is not None and isinstance(channel.source, Word):
+        _turns_once(place, machine.conversion(channel), channel.source, machine.joint(channel.joint))
+
+
+def _turns_once(place: str, to_si: Conversion, source: Word, joint: Joint) -> None:
+    """An encoder does not begin anew within its joint's limits."""
+    if source.modulo is None:
+        return
+    half = 0.5 * source.modulo * source.scale / 10.0**source.decimals
+    low, high = sorted(float(to_si.to_si(source.offset + end)) for end in (-half, half))
+    limits = joint.limits.position
+    if limits[0] < low or limits[1] > high:
+        raise ValueError(
+            f"{place}: its encoder begins anew at {low:.4g} and {high:.4g}, and {joint.name} moves from {limits[0]:g} "
+            f"to {limits[1]:g}; correct modulo, scale or offset"
+        )
 
 
 def _has(place: str, quantity: str, joint: Joint) -> None:

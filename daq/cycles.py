@@ -14,7 +14,7 @@ from typing import Any
 from daq.assembly import Assembler
 from daq.channels import ChannelTable
 from daq.clock import Clock
-from daq.drivers.base import Driver, DriverStatistics
+from daq.drivers.base import DeviceStatus, Driver, DriverStatistics
 from daq.events import EventLog
 from daq.frame import row_from_frame
 from daq.frozen import FrozenDetector
@@ -163,9 +163,16 @@ def _as_dict(statistics: DriverStatistics) -> dict[str, Any]:
         "bus": statistics.bus,
         "state": statistics.state,
         "detail": statistics.detail,
-        "devices": [{"name": d.name, "state": d.state, "detail": d.detail} for d in statistics.devices],
+        "devices": [_device(device) for device in statistics.devices],
         "counts": dict(statistics.counts),
     }
+
+
+def _device(device: DeviceStatus) -> dict[str, Any]:
+    content: dict[str, Any] = {"name": device.name, "state": device.state, "detail": device.detail}
+    if device.latency_ms is not None:
+        content["latency_ms"] = [round(value, 3) for value in device.latency_ms]
+    return content
 
 
 def _short(bus: dict[str, Any]) -> dict[str, Any]:

@@ -2,11 +2,40 @@
 
 from __future__ import annotations
 
-from pathlib import Path
+from collections.abc import Iterator
+from pathlib import Path, PurePosixPath
+from typing import TYPE_CHECKING
 
 from daq.errors import MachineFileError
 
+if TYPE_CHECKING:
+    from daq.machine_file import Machine
+
 LARGEST = 16_000_000  # bytes; the largest ones in use have a few
+
+
+def named_files(machine: Machine) -> Iterator[tuple[str, str]]:
+    """Files that a machine names: which bus or node does, and the path as it stands there."""
+    for bus in machine.buses:
+        for path in getattr(bus, "dbc", ()):
+            yield f"bus '{bus.name}'", path
+        for node in getattr(bus, "nodes", ()):
+            if node.eds is not None:
+                yield f"bus '{bus.name}' node {node.node}", node.eds
+
+
+def refuse_files_elsewhere(machine: Machine, name: str) -> None:
+    """Raise MachineFileError if a machine from outside names a file that is not in the machine's own folder.
+
+    Or whoever sends machine files would learn which files there are on this computer. ``name`` is the file's in errors.
+    """
+    for place, path in named_files(machine):
+        parts = PurePosixPath(path.replace("\\", "/"))
+        if parts.is_absolute() or ".." in parts.parts or ":" in path:
+            raise MachineFileError(
+                f"{name}: {place}: names a file outside the machine's own folder; write its name alone, and have it "
+                "put beside the machine file in the service's data directory"
+            )
 
 
 def check_device_file(path: str, suffixes: tuple[str, ...], place: str) -> None:

@@ -115,8 +115,12 @@ class Journal:
         self._do("sync", lambda: os.fdatasync(self._file.fileno()))
         self.rows += table.num_rows
 
-    def seal(self, metadata: Mapping[str, str] | None = None) -> str | None:
+    def seal(
+        self, metadata: Mapping[str, str] | None = None, finish: Callable[[pa.Table], pa.Table] = lambda table: table
+    ) -> str | None:
         """Turn the journal into the recording, with more ``metadata``; without rows, nothing stays.
+
+        ``finish`` is given all rows, and makes of them what is written.
 
         Returns
         -------
@@ -137,7 +141,7 @@ class Journal:
                         "is damaged; run 'hilfit recover' to keep what there is",
                         "read",
                     )
-                _seal(self.path, found.table, metadata or {}, self._journal)
+                _seal(self.path, finish(found.table), metadata or {}, self._journal)
             try:
                 self._journal.unlink()
             except OSError as error:

@@ -6,6 +6,7 @@ with one line that names the place.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -281,5 +282,11 @@ def machine_to_yaml(machine: Machine) -> str:
     return yaml.safe_dump(content, sort_keys=False, allow_unicode=True)
 
 
-_MODELS: tuple[type[BaseModel], ...] = (*FileModel.__subclasses__(), *LINKAGES)
+def _kinds(model: type[BaseModel]) -> Iterator[type[BaseModel]]:
+    for kind in model.__subclasses__():
+        yield kind
+        yield from _kinds(kind)
+
+
+_MODELS: tuple[type[BaseModel], ...] = (*_kinds(FileModel), *LINKAGES)
 _ALL_KEYS = sorted({field.alias or key for model in _MODELS for key, field in model.model_fields.items()})

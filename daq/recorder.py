@@ -22,6 +22,7 @@ from daq.channels import channel_table
 from daq.errors import AcquisitionError, HilfitError
 from daq.events import RecordedEvents
 from daq.frame import row_dtype
+from daq.frozen_runs import backdated
 from daq.journal import Journal
 from daq.ledger import FRAME, LOST, SKIP, Ledger
 from daq.machine_file import Machine
@@ -291,12 +292,21 @@ class _Writer:
             quality={self._names[i]: quality[:, i] for i in columns},
         )
 
+    def _backdated(self, table: pa.Table) -> pa.Table:
+        """Frozen values marked from their beginning, which was not known while they came."""
+        table, added = backdated(table, self._names)
+        for name, count in added.items():
+            index = self._names.index(name)
+            self._counts[Quality.FRESH, index] -= count
+            self._counts[Quality.FROZEN, index] += count
+        return table
+
     def seal(self, events: RecordedEvents) -> RecordingSummary:
         """Make the recording."""
         self._ledger.close(self._first_cycle, None if self._last is None else int(self._last["cycle"][0]))
         ledger = self._ledger.as_dict()
         metadata = {"hilfit.ledger": json.dumps(ledger), "hilfit.events": json.dumps(events.listed)}
-        leftover = self.journal.seal(metadata)
+        leftover = self.journal.seal(metadata, self._backdated)
         quality = {
             name: {q.name.lower(): int(self._counts[q, i]) for q in Quality if q and self._counts[q, i]}
             for i, name in enumerate(self._names)

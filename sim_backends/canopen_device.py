@@ -21,8 +21,8 @@ from canopen.objectdictionary import ODVariable
 from canopen.sdo import SdoServer
 from canopen.sdo.exceptions import SdoAbortedError
 
-from sim_backends.device_plans import NodePlan, Signal, whole_limits
-from sim_backends.object_dictionaries import object_dictionary
+from sim_backends.device_plans import NodePlan, Signal, packed
+from sim_backends.object_dictionaries import object_dictionary, type_name
 from sim_backends.signal_faults import SignalFaults
 
 Emit = Callable[[int, bytes], None]  # COB-ID, data
@@ -52,20 +52,15 @@ class _Network:
 class _Tpdo:
     """A TPDO that is valid and mapped, ready to send."""
 
-    def __init__(self, cob_id: int, kind: int, sources: list[Callable[[], float]], codes: list[str]) -> None:
-        self.cob_id, self.kind, self.sources = cob_id, kind, sources
-        self.pack = struct.Struct("<" + "".join(codes)).pack
-        self.limits = [whole_limits(code) for code in codes]
+    def __init__(self, cob_id: int, kind: int, sources: list[Callable[[], float]], data_types: list[str]) -> None:
+        self.cob_id, self.kind, self.sources, self.data_types = cob_id, kind, sources, data_types
         self.due = 0
         self.last = b""
 
     def data(self) -> bytes:
         """The bytes for the latched values; integers are rounded and saturate."""
-        values: list[float | int] = []
-        for source, limits in zip(self.sources, self.limits, strict=True):
-            value = source()
-            values.append(value if limits is None else min(max(round(value), limits[0]), limits[1]))
-        return self.pack(*values)
+        pairs = zip(self.data_types, self.sources, strict=True)
+        return b"".join([packed(data_type, source(), "little") for data_type, source in pairs])
 
 
 class SimulatedNode:
@@ -212,7 +207,10 @@ class SimulatedNode:
                     return math.nan
                 if not self._values:
                     return 0.0
-                return self.signal_faults.apply(signal.channel, signal.raw(self._values)) * self._factors.get(key, 1.0)
+                right = signal.raw(self._values)
+                if signal.decimals is not None:
+                    right *= 10.0 ** self.number(*signal.decimals)
+                return self.signal_faults.apply(signal.channel, right) * self._factors.get(key, 1.0)
 
             return value
         if index == 0x6030:
@@ -238,6 +236,8 @@ class SimulatedNode:
             return {(0x6004, 0): setting(0x6001, 0)}
         if self.plan.kind == "linear_encoder":
             return {(0x6020, 1): 1.0 / setting(0x6005, 1)}
+        if self.plan.kind == "inclinometer":  # CiA 410: steps of 0.001 degrees
+            return {(axis, 0): 1000.0 / setting(0x6000, 0) for axis in (0x6010, 0x6020)}
         return {}
 
     def _declared_calibration(self) -> dict[tuple[int, int], float]:
@@ -279,8 +279,9 @@ class SimulatedNode:
             raise SdoAbortedError(0x06010001)
         value = self._process_value(index, subindex)
         if value is not None:
-            code = ODVariable.STRUCT_TYPES[variable.data_type].format.lstrip("<")
-            return _Tpdo(0, 0, [value], [code]).data()
+            data_type = type_name(variable.data_type)
+            assert data_type is not None
+            return packed(data_type, value(), "little")
         if index == 0x1003:
             if subindex == 0:
                 return bytes([len(self._errors)])
@@ -312,13 +313,15 @@ class SimulatedNode:
             self._rebuild()
         elif index == 0x1017:
             self.heartbeat_due = 0.0 if value else None
-        elif index in (0x6001, 0x6005, 0x6131):
+        elif index in (0x6000, 0x6001, 0x6005, 0x6131):
             self._recalibrate()
 
     def _check(self, index: int, subindex: int, value: int) -> None:
         if index == 0x6131 and value not in PRESSURE_UNITS:
             raise SdoAbortedError(OUT_OF_RANGE)
         if index in (0x6001, 0x6005) and value == 0:
+            raise SdoAbortedError(OUT_OF_RANGE)
+        if index == 0x6000 and self.plan.kind == "inclinometer" and value not in (1, 10, 100, 1000):
             raise SdoAbortedError(OUT_OF_RANGE)
         if index == 0x1014 and (value & 0x7FF) == 0:
             raise SdoAbortedError(OUT_OF_RANGE)
@@ -347,16 +350,17 @@ class SimulatedNode:
             self._mapped(value)
 
     def _mapped(self, entry: int) -> tuple[int, int, str]:
-        """Index, subindex and struct code of a mapping entry ``index << 16 | subindex << 8 | bits``."""
+        """Index, subindex and data type of a mapping entry ``index << 16 | subindex << 8 | bits``."""
         index, subindex, bits = entry >> 16, entry >> 8 & 0xFF, entry & 0xFF
         try:
             variable = self._find(index, subindex)
         except SdoAbortedError:
             raise SdoAbortedError(NOT_MAPPABLE) from None
         layout = ODVariable.STRUCT_TYPES.get(variable.data_type)
-        if not variable.pdo_mappable or layout is None or 8 * layout.size != bits:
+        data_type = type_name(variable.data_type)
+        if not variable.pdo_mappable or layout is None or data_type is None or 8 * layout.size != bits:
             raise SdoAbortedError(NOT_MAPPABLE)
-        return index, subindex, str(layout.format).lstrip("<")
+        return index, subindex, data_type
 
     def _rebuild(self) -> None:
         """TPDOs that are valid, ready to send."""
@@ -366,12 +370,12 @@ class SimulatedNode:
             if cob_id & NOT_VALID or not count or (0x1800 + number) not in self.object_dictionary:
                 continue
             sources: list[Callable[[], float]] = []
-            codes = []
+            data_types = []
             for k in range(1, count + 1):
-                index, subindex, code = self._mapped(self.number(0x1A00 + number, k))
+                index, subindex, data_type = self._mapped(self.number(0x1A00 + number, k))
                 sources.append(self._process_value(index, subindex) or _constant(self, index, subindex))
-                codes.append(code)
-            self._tpdos.append(_Tpdo(cob_id & 0x7FF, self.number(0x1800 + number, 2), sources, codes))
+                data_types.append(data_type)
+            self._tpdos.append(_Tpdo(cob_id & 0x7FF, self.number(0x1800 + number, 2), sources, data_types))
 
 
 def _constant(node: SimulatedNode, index: int, subindex: int) -> Callable[[], float]:

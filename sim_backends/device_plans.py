@@ -6,28 +6,44 @@ machine file's parser nor the physics. Devices hold physical values; ``raw = fac
 
 from __future__ import annotations
 
+import math
 import struct
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
-from typing import Any
+from typing import Any, Literal
 
-STRUCT_CODES = {
-    "int8": "b", "uint8": "B", "int16": "h", "uint16": "H", "int32": "i", "uint32": "I", "int64": "q", "uint64": "Q",
-    "float32": "f", "float64": "d",
-}  # fmt: skip
+_FLOATS = {"float32": "f", "float64": "d"}
 
 
-def whole_limits(code: str) -> tuple[int, int] | None:
-    """Smallest and largest number of an integer struct code; None for a floating one."""
-    if code in "fd":
+def width(data_type: str) -> int:
+    """Bytes that one number takes."""
+    return int("".join(filter(str.isdigit, data_type))) // 8
+
+
+def whole_limits(data_type: str) -> tuple[int, int] | None:
+    """Smallest and largest number of an integer type; None for a floating one."""
+    if data_type in _FLOATS:
         return None
-    bits = 8 * struct.calcsize("<" + code)
-    return (0, 2**bits - 1) if code.isupper() else (-(2 ** (bits - 1)), 2 ** (bits - 1) - 1)
+    bits = 8 * width(data_type)
+    return (0, 2**bits - 1) if data_type.startswith("u") else (-(2 ** (bits - 1)), 2 ** (bits - 1) - 1)
+
+
+def packed(data_type: str, value: float, order: Literal["little", "big"]) -> bytes:
+    """Bytes of a number; integers are rounded and saturate, and NaN is their smallest."""
+    limits = whole_limits(data_type)
+    if limits is None:
+        return struct.pack(("<" if order == "little" else ">") + _FLOATS[data_type], value)
+    whole = limits[0] if math.isnan(value) else min(max(round(value), limits[0]), limits[1])
+    return whole.to_bytes(width(data_type), order, signed=limits[0] < 0)
 
 
 @dataclass(frozen=True)
 class Signal:
-    """One process value: its column in the plant's state, its scaling to raw units and its encoding."""
+    """One process value: its column in the plant's state, its scaling to raw units and its encoding.
+
+    A turn (0: none) makes it begin anew after so many raw units, ``zero`` being where the value is 0; ``field`` (bits,
+    shift; 0: the whole number) is where in the number it stands.
+    """
 
     channel: str
     column: int
@@ -35,9 +51,23 @@ class Signal:
     offset: float
     data_type: str
 
+    turn: float = 0.0
+    zero: float = 0.0
+    field: tuple[int, int] = (0, 0)
+    decimals: tuple[int, int] | None = None  # where it says how many it has: object and subindex, or register and table
+
     def raw(self, state: tuple[float, ...]) -> float:
-        """The raw value, not yet rounded."""
-        return self.factor * state[self.column] + self.offset
+        """The raw value, not yet rounded where it is the whole number."""
+        value = self.factor * state[self.column] + self.offset
+        if self.turn:
+            value = round(value + self.zero) % self.turn
+        bits, shift = self.field
+        if bits:
+            value = (round(value) & (1 << bits) - 1) << shift
+            limits = whole_limits(self.data_type)
+            assert limits is not None
+            value -= 2 * (limits[1] + 1) if limits[0] < 0 and value > limits[1] else 0
+        return value
 
 
 @dataclass(frozen=True)
@@ -60,6 +90,9 @@ class NodePlan:
     vendor_id: int | None
     product_code: int | None
     settings: Mapping[str, float]
+    revision_number: int | None = None
+    serial_number: int | None = None
+    firmware: str | None = None
 
 
 @dataclass(frozen=True)
@@ -90,7 +123,7 @@ def nodes_from_dict(content: list[dict[str, Any]]) -> tuple[NodePlan, ...]:
         NodePlan(
             **{key: value for key, value in node.items() if key != "objects"},
             objects=tuple(
-                NodeObject(item["index"], item["subindex"], Signal(**item["signal"])) for item in node["objects"]
+                NodeObject(item["index"], item["subindex"], _signal(item["signal"])) for item in node["objects"]
             ),
         )
         for node in content
@@ -107,7 +140,13 @@ def units_from_dict(content: list[dict[str, Any]]) -> tuple[UnitPlan, ...]:
     return tuple(
         UnitPlan(
             unit["unit"],
-            tuple(RegisterSignal(r["register"], r["word_order"], Signal(**r["signal"])) for r in unit["registers"]),
+            tuple(RegisterSignal(r["register"], r["word_order"], _signal(r["signal"])) for r in unit["registers"]),
         )
         for unit in content
     )
+
+
+def _signal(content: dict[str, Any]) -> Signal:
+    decimals = content["decimals"]
+    pairs = {"field": tuple(content["field"]), "decimals": None if decimals is None else tuple(decimals)}
+    return Signal(**{**content, **pairs})

@@ -8,11 +8,9 @@ never one that was asked before they came.
 from __future__ import annotations
 
 import asyncio
-import math
 import os
 import random
 import socket
-import struct
 from typing import Any
 
 from pymodbus.constants import ExcCodes
@@ -22,11 +20,12 @@ from pymodbus.simulator import DataType, SimData, SimDevice
 
 from sim_backends import backplane
 from sim_backends.child import Handler, Order, Orders, report
-from sim_backends.device_plans import STRUCT_CODES, RegisterSignal, UnitPlan, units_from_dict, whole_limits
+from sim_backends.device_plans import RegisterSignal, UnitPlan, packed, units_from_dict
 from sim_backends.modbus_wires import SerialLine, Wire
 from sim_backends.signal_faults import SignalFaults
 
 State = tuple[float, ...]
+DECIMALS = 2  # that a unit with a register for them has
 
 
 class Latch:
@@ -68,7 +67,8 @@ class Unit:
     def __init__(self, plan: UnitPlan, latch: Latch) -> None:
         self._plan = plan
         self._latch = latch
-        self.size = 1 + max(item.register + len(_words(item, 0.0)) for item in plan.registers)
+        ends = [item.register + len(_words(item, 0.0)) for item in plan.registers]
+        self.size = 1 + max(ends + [item.signal.decimals[0] for item in plan.registers if item.signal.decimals])
         self.silent = False
         self.frozen = False
         self.delay = 0.0  # s
@@ -110,6 +110,8 @@ class Unit:
             raw = (
                 self.signal_faults.apply(signal.channel, signal.raw(state)) if self.override is None else self.override
             )
+            if signal.decimals is not None:
+                raw, registers[signal.decimals[0]] = raw * 10.0**DECIMALS, DECIMALS
             words = _words(item, raw)
             registers[item.register : item.register + len(words)] = words
 
@@ -140,13 +142,9 @@ class Unit:
 
 def _words(item: RegisterSignal, raw: float) -> list[int]:
     """Registers of a raw value: bytes in a register big endian, words in the unit's order; integers saturate."""
-    code = STRUCT_CODES[item.signal.data_type]
-    limits = whole_limits(code)
-    if limits is not None:
-        raw = limits[0] if math.isnan(raw) else min(max(round(raw), limits[0]), limits[1])
-    data = struct.pack(">" + code, raw)
-    if len(data) == 1:
-        data = (b"\xff" if data[0] > 127 and code == "b" else b"\x00") + data
+    data = packed(item.signal.data_type, raw, "big")
+    if len(data) % 2:
+        data = (b"\xff" if data[0] > 127 and not item.signal.data_type.startswith("u") else b"\x00") + data
     words = [int.from_bytes(data[k : k + 2], "big") for k in range(0, len(data), 2)]
     return words if item.word_order == "big" else words[::-1]
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from daq.buses import object_of
 from daq.errors import InputError
 from daq.machine_file import CanopenBus, CanSource, Channel, Machine, ModbusRtuBus, ModbusSource, ModbusTcpBus
 from sim_backends.device_plans import NodeObject, NodePlan, RegisterSignal, Signal, UnitPlan
@@ -64,6 +65,9 @@ def wire(machine: Machine) -> Wiring:
                 node.vendor_id if node else None,
                 node.product_code if node else None,
                 dict(node.settings) if node else {},
+                node.revision_number if node else None,
+                node.serial_number if node else None,
+                node.firmware if node else None,
             )
         )
     return Wiring(
@@ -80,9 +84,21 @@ def channel_signal(machine: Machine, channel: Channel, column: int) -> Signal:
     assert isinstance(source, CanSource | ModbusSource)
     # value = (SI - conversion.offset) / conversion.factor and raw = (value - source.offset) / source.scale
     conversion = machine.conversion(channel)
-    factor = 1.0 / (conversion.factor * source.scale)
-    offset = -(conversion.offset / conversion.factor + source.offset) / source.scale
-    return Signal(channel.name, column, factor, offset, source.data_type)
+    scale = source.scale / 10.0**source.decimals
+    factor = 1.0 / (conversion.factor * scale)
+    offset = -(conversion.offset / conversion.factor + source.offset) / scale
+    turn = source.modulo or 0.0
+    field = (0, 0)
+    if source.mask is not None:
+        field = (source.mask.bit_count(), (source.mask & -source.mask).bit_length() - 1)
+    decimals = None
+    if isinstance(source, CanSource) and source.decimals_object is not None:
+        decimals = object_of(source.decimals_object)
+    elif isinstance(source, ModbusSource) and source.decimals_register is not None:
+        decimals = (source.decimals_register, 0)
+    zero = source.zero if turn else 0.0
+    offset += 0.0 if turn else source.zero
+    return Signal(channel.name, column, factor, offset, source.data_type, turn, zero, field, decimals)
 
 
 def _kind(objects: list[NodeObject], device_type: int | None) -> str:
@@ -90,6 +106,8 @@ def _kind(objects: list[NodeObject], device_type: int | None) -> str:
     profile = None if device_type is None else device_type & 0xFFFF
     if 0x6130 in indices and profile in (None, 0x194):
         return "pressure_transducer"
+    if indices & {0x6010, 0x6020} and profile == 0x19A:
+        return "inclinometer"
     if 0x6004 in indices and profile in (None, 0x196):
         return "rotary_encoder"
     if 0x6020 in indices and profile in (None, 0x196):

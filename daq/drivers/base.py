@@ -123,16 +123,40 @@ def nothing(count: int, quality: Quality = Quality.MISSING) -> Samples:
     )
 
 
+class Spread:
+    """Mean and standard deviation of times that are told one by one, ns in, ms out."""
+
+    __slots__ = ("count", "squares", "total")
+
+    def __init__(self) -> None:
+        self.count, self.total, self.squares = 0, 0.0, 0.0
+
+    def add(self, ns: float) -> None:
+        """One more."""
+        self.count += 1
+        self.total += ns
+        self.squares += ns * ns
+
+    def told(self) -> tuple[float, float] | None:
+        """Mean and deviation; None before the second one."""
+        if self.count < 2:
+            return None
+        mean = self.total / self.count
+        return mean / 1e6, math.sqrt(max(0.0, self.squares / self.count - mean * mean)) / 1e6
+
+
 @dataclass(frozen=True)
 class DeviceStatus:
     """State of one device: ``running``, ``commissioning``, ``silent`` or ``failed``, with a line that says more.
 
-    The line of a device that is back says why it was away and for how long.
+    The line of a device that is back says why it was away and for how long. ``latency_ms`` is how long its answers took
+    since the start (CANopen: after SYNC; Modbus: after the question) and their standard deviation, where that is known.
     """
 
     name: str
     state: str
     detail: str = ""
+    latency_ms: tuple[float, float] | None = None
 
 
 @dataclass(frozen=True)

@@ -150,7 +150,8 @@ class CanopenDriver:
             now = self._context.monotonic_ns()
             self._cycle.begin(number, now, expected)
             for node in self._nodes.values():
-                node.asked(number, now)
+                for tpdo in node.tpdos if node.operational else ():
+                    tpdo.asked(number, now)
             link.send_sync()
         with self._synced:
             self._synced.notify_all()
@@ -198,6 +199,7 @@ class CanopenDriver:
                 answered=node.accept_boot_ups,
                 boot_up_s=node.config.boot_up_s if self._starting else 0.0,
                 keep=lambda found, wrote, identity: self._keep(node, FoundSetup(found, wrote, identity)),
+                learn=node.learn_decimals,
             )
         except AcquisitionError as error:
             self._failed(node, str(error))
@@ -345,6 +347,7 @@ class CanopenDriver:
     def _take(self, node: Node, number: int, answers: Answers) -> None:
         brought = current = 0
         mixed = node.surplus_run > 0
+        half_ns = 0.5 * self._context.period_s * NS
         for tpdo in node.tpdos:
             arrival = tpdo.latest
             if arrival is None or arrival.ordinal <= tpdo.taken:
@@ -353,8 +356,9 @@ class CanopenDriver:
             self._counts["superseded"] += arrival.ordinal - tpdo.taken - 1
             tpdo.taken = arrival.ordinal
             brought += 1
+            node.latency.add(arrival.at_ns - arrival.sync_ns)
             ago, after_ns = number - arrival.cycle, arrival.at_ns - arrival.sync_ns
-            late = ago > 0 or tpdo.in_doubt or self._is_late(after_ns)
+            late = ago > 0 or tpdo.in_doubt or (after_ns > half_ns and self._is_late(after_ns))
             self._counts["late"] += late
             current += not late
             good = Quality.EMERGENCY if node.emergency is not None else Quality.LATE if late else Quality.FRESH
@@ -369,6 +373,8 @@ class CanopenDriver:
                     if late:
                         answers.cycles_ago[position] = ago
                         answers.after_sync_s[position] = 0.0 if ago else after_ns / NS
+        if node.decimals:
+            self._with_decimals(node, answers)
         if node.starting_anew:
             return
         node.misses = 0 if brought else node.misses + 1
@@ -382,6 +388,13 @@ class CanopenDriver:
                 f"{node.place}: more TPDOs than SYNCs: two devices have this node-ID, or something else sends SYNC as "
                 "well; give each device an ID of its own, and let only one send SYNC",
             )
+
+    def _with_decimals(self, node: Node, answers: Answers) -> None:
+        for position, decimals in node.decimals.items():
+            if math.isfinite(answers.raw[position]):
+                value = answers.raw[position] = decimals.value(answers.raw[position])
+                if not math.isfinite(value):
+                    answers.quality[position] = Quality.INVALID
 
     # What it says
 
@@ -400,7 +413,12 @@ class CanopenDriver:
         link = self._link
         failure = link.failure if link is not None else self._failure or "closed"
         devices = tuple(
-            DeviceStatus(f"node {number}", "failed" if failure else node.state, failure or self._watch.line(node))
+            DeviceStatus(
+                f"node {number}",
+                "failed" if failure else node.state,
+                failure or self._watch.line(node),
+                node.latency.told(),
+            )
             for number, node in self._nodes.items()
         )
         counts = dict(self._counts) | {"error_frames": self._health.error_frames}

@@ -57,6 +57,7 @@ def commission(
     answered: Callable[[], None],
     boot_up_s: float,
     keep: Callable[[Objects, Objects, Objects], None] = lambda found, wrote, identity: None,
+    learn: Callable[[SdoAccess], None] = lambda sdo: None,
 ) -> None:
     """Commission one node; it is operational afterwards and sends every mapped TPDO at every SYNC.
 
@@ -71,6 +72,7 @@ def commission(
     place : how errors call the node
     answered : called when it has answered for the first time: a boot-up after that means that all is to do again
     boot_up_s : how long it may take to answer at first
+    learn : called before it is operational, to read what else has to be known of it
     keep : called before the first object is written, with objects as they are, as they will be, and its identity
 
     Raises
@@ -92,6 +94,7 @@ def commission(
         keep(found, wanted, identity_of(sdo))
         write_objects(sdo, {k: v for k, v in wanted.items() if k in changed or _pdo(k) in pdos}, place)
     _alone(sdo, place)
+    learn(sdo)
     send_nmt(OPERATIONAL)
 
 

@@ -56,17 +56,17 @@ def pdo_places(path: str, node: int, bus: str) -> dict[tuple[int, int], Place]:
     MachineFileError
         If the file is not there or no EDS.
     """
-    dictionary = _read(path, node, f"bus '{bus}' node {node}: {path}")
+    dictionary = read_eds(path, node, f"bus '{bus}' node {node}: {path}")
     found: dict[tuple[int, int], Place] = {}
     for number in range(_PDOS):
-        cob_id = _value(dictionary, 0x1800 + number, 1)
+        cob_id = value_of(dictionary, 0x1800 + number, 1)
         if cob_id is None or cob_id & _NOT_USED or not cob_id & 0x7FF:
             continue
-        transmission = _value(dictionary, 0x1800 + number, 2)
-        event_ms = _value(dictionary, 0x1800 + number, 5) or 0
+        transmission = value_of(dictionary, 0x1800 + number, 2)
+        event_ms = value_of(dictionary, 0x1800 + number, 5) or 0
         bit = 0
-        for entry in range(1, min(_value(dictionary, 0x1A00 + number, 0) or 0, _ENTRIES) + 1):
-            mapped = _value(dictionary, 0x1A00 + number, entry) or 0
+        for entry in range(1, min(value_of(dictionary, 0x1A00 + number, 0) or 0, _ENTRIES) + 1):
+            mapped = value_of(dictionary, 0x1A00 + number, entry) or 0
             bits = mapped & 0xFF
             synchronous = transmission is not None and transmission <= SYNCHRONOUS
             place = Place(cob_id & 0x7FF, bit, bits, synchronous, 0 if synchronous else event_ms)
@@ -75,7 +75,8 @@ def pdo_places(path: str, node: int, bus: str) -> dict[tuple[int, int], Place]:
     return found
 
 
-def _read(path: str, node: int, place: str) -> Any:
+def read_eds(path: str, node: int, place: str) -> Any:
+    """An EDS or DCF as an object dictionary of canopen (MachineFileError, beginning with ``place``, if it is none)."""
     check_device_file(path, SUFFIXES, place)
     try:
         data = Path(path).read_bytes()
@@ -92,7 +93,7 @@ def _read(path: str, node: int, place: str) -> Any:
         raise MachineFileError(f"{place}: is no EDS or DCF (CiA 306); get it from the device's manufacturer") from None
 
 
-def _value(dictionary: Any, index: int, subindex: int) -> int | None:
+def value_of(dictionary: Any, index: int, subindex: int) -> int | None:
     """An object's value, else its default, else None."""
     if index not in dictionary:
         return None

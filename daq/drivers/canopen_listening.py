@@ -78,6 +78,7 @@ class ListeningDriver(Listener):
         members: Sequence[Member] | None = None,
     ) -> None:
         super().__init__(bus, [channel.name for channel in channels], context)
+        nothing_to_ask(bus, channels)
         self._bus = bus
         grouped: dict[int, list[Member]] = {}
         for member in pdo_members(bus, channels) if members is None else members:
@@ -239,6 +240,7 @@ def pdo_members(bus: CanopenBus, channels: Sequence[Channel]) -> list[Member]:
     MachineFileError
         If neither says it.
     """
+    nothing_to_ask(bus, channels)
     files = {node.node: node.eds for node in bus.nodes}
     known: dict[int, dict[tuple[int, int], Place]] = {}
     found = []
@@ -259,6 +261,16 @@ def pdo_members(bus: CanopenBus, channels: Sequence[Channel]) -> list[Member]:
             place = _fits(bus, channel, source, places, eds)
         found.append(Member(position, source, place))
     return found
+
+
+def nothing_to_ask(bus: CanopenBus, channels: Sequence[Channel]) -> None:
+    """Raise MachineFileError if a channel's decimals would have to be asked for."""
+    for channel in channels:
+        if isinstance(channel.source, CanSource) and channel.source.told_decimals:
+            raise MachineFileError(
+                f"bus '{bus.name}': {channel.name}: nothing can be asked on this bus; give decimals instead of "
+                "decimals_object"
+            )
 
 
 def _fits(

@@ -15,7 +15,12 @@ from collections import Counter, deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
+from daq.buses import object_of
+from daq.drivers.base import Spread
+from daq.drivers.canopen_commissioning import SdoAccess
 from daq.drivers.canopen_mapping import Mapping, map_node
+from daq.drivers.decimals import Decimals
+from daq.errors import CommissioningError
 from daq.machine_file import CanNode, CanopenBus, CanSource, Channel
 
 MISSES_TOLERATED = 3  # cycles without any TPDO after which a node is not waited for any more
@@ -147,6 +152,9 @@ class Node:
         self.mappings = mappings
         self.tpdos = tuple(Tpdo(mapping, cycle) for mapping in mappings)
         self.cob_ids = frozenset(mapping.cob_id for mapping in mappings)
+        self.latency = Spread()  # of its TPDOs after the SYNC that they answer
+        self.decimals: dict[int, Decimals] = {}  # by position, of channels whose decimals the device tells
+        self.decimals_objects: dict[int, str] = {}  # by position, where
         self.state = "commissioning"
         self.detail = ""
         self.away = ""  # short name of why it is not running
@@ -194,12 +202,6 @@ class Node:
         self.emergency = code if code & 0xFF00 else None
         self.emergencies[code if code & 0xFF00 else 0] += 1
         self.errors += bool(code & 0xFF00)
-
-    def asked(self, number: int, sync_ns: int) -> None:
-        """A SYNC is about to be sent."""
-        if self.operational:
-            for tpdo in self.tpdos:
-                tpdo.asked(number, sync_ns)
 
     def wrong_lengths(self) -> int:
         """TPDOs of a wrong length so far."""
@@ -252,7 +254,19 @@ class Node:
 
     def in_doubt(self) -> bool:
         """Whether its TPDOs may be credited to the wrong SYNC."""
-        return any(tpdo.in_doubt for tpdo in self.tpdos)
+        for tpdo in self.tpdos:  # noqa: SIM110  # once per cycle and node: cheaper than a generator
+            if tpdo.in_doubt:
+                return True
+        return False
+
+    def learn_decimals(self, sdo: SdoAccess) -> None:
+        """Ask for the decimals of its channels (CommissioningError if it has none, or too many)."""
+        for position, text in self.decimals_objects.items():
+            places = sdo.read_unsigned(*object_of(text))
+            if not self.decimals[position].learn(places):
+                raise CommissioningError(
+                    f"{self.place}: says {places} decimals ({text}), which cannot be; correct decimals_object"
+                )
 
     def accept_boot_ups(self) -> None:
         """Boot-ups up to now are no news."""
@@ -274,5 +288,10 @@ def make_nodes(bus: CanopenBus, channels: Sequence[Channel], cycle: Cycle) -> di
     for number, members in grouped.items():
         place = f"bus '{bus.name}' node {number} ({', '.join(c.name for _, c in members[:3])})"
         config = known.get(number) or CanNode(node=number)
-        nodes[number] = Node(config, place, map_node(number, members, place), cycle)
+        node = nodes[number] = Node(config, place, map_node(number, members, place), cycle)
+        for position, channel in members:
+            assert isinstance(channel.source, CanSource)
+            if channel.source.decimals_object is not None:
+                node.decimals[position] = Decimals(channel.source.sentinels)
+                node.decimals_objects[position] = channel.source.decimals_object
     return nodes

@@ -85,13 +85,15 @@ class Poller:
         began = self._context.monotonic_ns()
         problem = ""
         due = unit.due(cycle)
-        if not due:
+        if not due or not self._decimals(unit):
             return
         for block in due:
             before = self._context.monotonic_ns()
             answer = self.connection.read(unit.number, block.table, block.address, block.count)
             after = self._context.monotonic_ns()
             problem = problem or unit.problem(block, answer) or ""
+            if answer.failure is None:
+                unit.latency.add(after - before)
             if answer.failure is not None:
                 unit.requests += 1
                 self._failed(unit, problem)
@@ -104,6 +106,17 @@ class Poller:
             unit.took(max(1, self._requested[0] - cycle + (self._requested[0] > cycle)), (ended - began) / 1e6)
             any_good = any(block.reading is not None and block.reading.answer.good for block in unit.blocks)
             self._is(unit, "running" if any_good else "failed", problem)
+
+    def _decimals(self, unit: Unit) -> bool:
+        """Ask for the decimals that are not known; whether they now are."""
+        for table, register in unit.unknown_decimals():
+            answer = self.connection.read(unit.number, table, register, 1)
+            unit.requests += 1
+            problem = unit.learn_decimals(table, register, answer)
+            if problem:
+                self._failed(unit, problem)
+                return False
+        return True
 
     def _keep(self, unit: Unit, block: Block, reading: Reading) -> None:
         unit.requests += 1
@@ -125,6 +138,7 @@ class Poller:
             unit.not_before_ns = now + round(pause * NS)
             if unit.failures >= MISSES_TOLERATED:
                 self._silent_after_ns = now + round(SILENT_SHARE * self.connection.timeout_s * NS)
+            unit.forget_decimals()
             self._is(unit, "silent", problem)
 
     def _is(self, unit: Unit, state: str, problem: str) -> None:
@@ -243,15 +257,19 @@ class _ModbusDriver:
         for position, offset, source in block.members:
             answers.cycles_ago[position] = ago
             answers.after_sync_s[position] = after_s
-            self._value(reading.answer, position, offset, source, answers)
+            self._value(unit, reading.answer, position, offset, source, answers)
 
-    def _value(self, answer: Answer, position: int, offset: int, source: ModbusSource, answers: Answers) -> None:
+    def _value(
+        self, unit: Unit, answer: Answer, position: int, offset: int, source: ModbusSource, answers: Answers
+    ) -> None:
         if answer.exception is not None:
             failure = answer.exception == DEVICE_FAILURE
             answers.quality[position] = Quality.EMERGENCY if failure else Quality.MISSING
             return
         words = list(answer.registers[offset : offset + wire.registers(source.data_type)])
         value = wire.from_registers(source.data_type, words, source.word_order, source.byte_order)
+        if position in unit.decimals:
+            value = unit.decimals[position].value(value)
         if math.isfinite(value):
             answers.raw[position] = value
             answers.quality[position] = Quality.FRESH
@@ -262,7 +280,9 @@ class _ModbusDriver:
     def statistics(self) -> DriverStatistics:
         """State of every unit, and counters since the start."""
         devices = tuple(
-            DeviceStatus(f"unit {u.number}", u.state, u.detail or u.slowness(self._rate_hz) or u.cause)
+            DeviceStatus(
+                f"unit {u.number}", u.state, u.detail or u.slowness(self._rate_hz) or u.cause, u.latency.told()
+            )
             for u in self._units
         )
         counts = {

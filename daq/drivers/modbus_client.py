@@ -34,6 +34,7 @@ EXCEPTIONS = {
     10: "gateway path unavailable",
     11: "gateway target does not answer",
 }
+GATEWAY_EXCEPTIONS = (10, 11)  # of the gateway, not of a unit behind it
 
 
 @dataclass(frozen=True)
@@ -142,6 +143,22 @@ class ModbusConnection:
             self.close()
             return Answer(failure=f"answers with {len(registers or ())} of {count} registers")
         return Answer(registers=tuple(registers))
+
+    def identity(self, unit: int) -> tuple[str, ...]:
+        """Vendor, product and revision as the unit tells them (function 43, 14); empty where it does not."""
+        try:
+            if not self._client.connect():
+                return ()
+            self._drop()
+            time.sleep(max(0.0, self._spoke + self._silence - time.monotonic()))
+            response = self._client.read_device_information(read_code=1, object_id=0, device_id=unit)
+        except (ModbusException, OSError, ValueError, struct.error, IndexError, TypeError, AttributeError):
+            self.close()
+            return ()
+        finally:
+            self._spoke = time.monotonic()
+        told = {} if response.isError() else getattr(response, "information", {})
+        return tuple(bytes(told[key]).decode("latin-1").strip("\0 ")[:60] for key in sorted(told))
 
     def _drop(self) -> None:
         """Throw away what came and nobody asked for."""

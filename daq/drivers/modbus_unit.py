@@ -8,6 +8,8 @@ from dataclasses import dataclass, field
 from statistics import median
 
 from daq import wire
+from daq.drivers.base import Spread
+from daq.drivers.decimals import Decimals
 from daq.drivers.modbus_client import EXCEPTIONS, ILLEGAL_ADDRESS, Answer
 from daq.machine_file import Channel, ModbusSource
 
@@ -111,6 +113,14 @@ class Unit:
         self.name = name  # in the event log
         self.blocks = blocks(channels, maximum_gap)
         self.names = {position: channel.name for position, channel in channels}
+        self.latency = Spread()  # of its answers
+        self.decimals: dict[int, Decimals] = {}  # by position, of channels whose decimals the unit tells
+        self._decimals_at: dict[tuple[str, int], list[Decimals]] = {}  # by table and register
+        for position, channel in channels:
+            source = channel.source
+            if isinstance(source, ModbusSource) and source.decimals_register is not None:
+                made = self.decimals[position] = Decimals(source.sentinels)
+                self._decimals_at.setdefault((source.table, source.decimals_register), []).append(made)
         self.state, self.detail, self.cause = "commissioning", "", ""
         self.away = ""
         self.failures = 0
@@ -119,6 +129,28 @@ class Unit:
         self.cycles = 1.0  # that its answers take; 1 for a unit that keeps up
         self._milliseconds = 0.0
         self._rounds: deque[tuple[int, float]] = deque(maxlen=ROUNDS)  # cycles and ms that each took
+
+    def unknown_decimals(self) -> list[tuple[str, int]]:
+        """Table and register of decimals that have to be asked for."""
+        return [place for place, held in self._decimals_at.items() if not held[0].known]
+
+    def learn_decimals(self, table: str, register: int, answer: Answer) -> str:
+        """Take what such a register holds; a line if it is nothing that can be."""
+        what = f"{table} register {register}, decimals"
+        if answer.failure is not None:
+            return f"{self.place}: {answer.failure} ({what}); check its power, address and cable"
+        if answer.exception is not None:
+            meaning = EXCEPTIONS.get(answer.exception, "unknown")
+            return f"{self.place}: exception {answer.exception} ({meaning}) for {what}; correct decimals_register"
+        learnt = [decimals.learn(answer.registers[0]) for decimals in self._decimals_at[table, register]]
+        if not all(learnt):
+            return f"{self.place}: {what}, holds {answer.registers[0]}, which cannot be; correct decimals_register"
+        return ""
+
+    def forget_decimals(self) -> None:
+        """The unit may have been set up anew when it is back."""
+        for decimals in self.decimals.values():
+            decimals.forget()
 
     def due(self, cycle: int) -> list[Block]:
         """Blocks that are to be asked in this cycle."""

@@ -14,6 +14,7 @@ import sys
 from pathlib import Path
 
 from daq import InputError, parse_machine
+from daq.device_files import refuse_files_elsewhere
 from server.platform.processes.child_limits import MACHINE_FILE_CPU_S, limit_child
 
 #: What the file is called in errors: the name that it had is not known here.
@@ -25,6 +26,7 @@ def look(source: Path, target: Path) -> dict[str, object]:
     limit_child(MACHINE_FILE_CPU_S, source.stat().st_size)
     try:
         machine = parse_machine(source.read_bytes().decode("utf-8"), name=SHOWN_NAME)
+        refuse_files_elsewhere(machine, SHOWN_NAME)
     except UnicodeDecodeError:
         return {"error": f"{SHOWN_NAME}: is not text in UTF-8; send the text of a machine file"}
     except InputError as error:

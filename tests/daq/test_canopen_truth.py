@@ -146,7 +146,7 @@ def test_later_than_half_a_period_is_late(bench: Bench) -> None:
     for after_ms, quality in ((9.9, Quality.FRESH), (10.1, Quality.LATE)):
         bench.driver._cycle.begin(7, 0, set())
         node.operational = True
-        node.asked(7, 0)
+        node.tpdos[0].asked(7, 0)
         node.tpdos[0].receive(bytearray(struct.pack("<I", 1)), round(after_ms * 1e6))
         samples = Samples(np.full(3, np.nan), np.zeros(3, np.uint8), np.zeros(3, np.int64), np.zeros(3))
         bench.driver._take(node, 7, samples)

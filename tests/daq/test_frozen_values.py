@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
+import pyarrow as pa
 import pytest
 from bench_machines import can, plain
 from hypothesis import given, settings
@@ -15,6 +16,7 @@ from daq.channels import channel_table
 from daq.clock import Tick
 from daq.drivers.base import Samples
 from daq.frozen import FrozenDetector
+from daq.frozen_runs import backdated
 
 PLAIN = parse_machine(plain())  # angle, piston, head, rod, oil; all of one device as far as the file says
 CAN = parse_machine(can("x"))  # angle of node 5; head and rod of node 6
@@ -167,3 +169,26 @@ def test_a_sensor_that_hangs_again_is_found_as_soon_as_the_first_time() -> None:
     soon = [int(np.argmax(marks[start : start + 200])) for start in starts]
     # What is normal may have grown by a repetition or two meanwhile, of which the limit is three times as many.
     assert max(soon) <= soon[0] + 6
+
+
+@pytest.mark.parametrize(
+    ("values", "marks", "expected"),
+    [
+        # changes, hangs at 5 from the third value on, found at the sixth
+        ([1, 2, 5, 5, 5, 5, 5, 3], "00000880", "00088880"),
+        # a value that repeats itself once before it changes is none
+        ([5, 5, 2, 5, 5, 5, 3, 3], "00000800", "00008800"),
+        # what was late in between ends it: nobody knows what happened before
+        ([1, 5, 5, 5, 5, 5, 5, 5], "00003080", "00003880"),
+        ([5, 5, 5, 5, 5, 5, 5, 5], "00000888", "08888888"),
+        ([1, 2, 3, 4, 5, 6, 7, 8], "00000000", "00000000"),
+    ],
+)
+def test_a_finished_recording_is_marked_from_where_the_value_stood_still(
+    values: list[float], marks: str, expected: str
+) -> None:
+    table = pa.table({"a": pa.array(values, pa.float64()), "a.quality": pa.array([int(m) for m in marks], pa.uint8())})
+    made, added = backdated(table, ["a"])
+    assert "".join(str(mark) for mark in made.column("a.quality").to_pylist()) == expected
+    assert added.get("a", 0) == sum(a != b for a, b in zip(marks, expected, strict=True))
+    assert made.schema == table.schema and made.column("a").equals(table.column("a"))

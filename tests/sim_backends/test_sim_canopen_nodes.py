@@ -69,7 +69,8 @@ def state(**columns: float) -> tuple[float, ...]:
 @pytest.mark.parametrize("path", sorted(EDS.glob("*.eds")), ids=lambda p: p.stem)
 def test_every_eds_is_read_by_canopen_and_tells_its_profile(path):
     dictionary = canopen.import_od(str(path), 5)
-    profile = {"rotary_encoder": 406, "linear_encoder": 406, "pressure_transducer": 404, "generic": 0}[path.stem]
+    profiles = {"rotary_encoder": 406, "linear_encoder": 406, "pressure_transducer": 404, "generic": 0}
+    profile = {**profiles, "inclinometer": 410}[path.stem]
     assert dictionary[0x1000].default & 0xFFFF == profile
     assert dictionary[0x1800][1].default & 0x7F == 5
     for number in range(4):

@@ -93,7 +93,9 @@ def test_requests_of_several_clients_at_once_get_the_state_of_the_sync_before(si
             c.close()
 
 
-@pytest.mark.parametrize("data_type", ["int8", "uint8", "int16", "uint16", "int32", "uint32", "float32", "float64"])
+@pytest.mark.parametrize(
+    "data_type", ["int8", "uint8", "int16", "uint16", "int24", "uint24", "int32", "uint32", "float32", "float64"]
+)
 @pytest.mark.parametrize("word_order", ["big", "little"])
 @pytest.mark.parametrize("raw", [-3.7, 0.0, 12345.6, 1e12, math.nan])
 def test_registers_are_what_the_drivers_decode(data_type, word_order, raw):

@@ -1,0 +1,145 @@
+"""What a CANopen node says of itself when it is asked: identity, TPDOs, scaling. Nothing is ever written."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import can
+
+from daq.commissioning.profiles import ASKED, profile_name, profile_of
+from daq.drivers.canopen_link import CanLink, NoAnswerError, Sdo, SdoRefusedError
+from daq.errors import BusError
+
+ASK_EVERY_S = 0.005
+ANSWERS_S = 0.4  # for the last one that was asked
+_DEVICE_TYPE = bytes((0x40, 0, 0x10, 0, 0, 0, 0, 0))  # upload of 0x1000
+_PDO_OFF = 0x8000_0000
+
+
+@dataclass(frozen=True)
+class Pdo:
+    """A TPDO as it is set up: transmission type, event timer (ms), and (index, subindex, bits) of what it carries."""
+
+    number: int
+    cob_id: int
+    transmission: int
+    event_ms: int
+    entries: tuple[tuple[int, int, int], ...]
+
+
+@dataclass(frozen=True)
+class FoundNode:
+    """A CANopen node; what it was not asked, or does not have, is None.
+
+    Attributes
+    ----------
+    node : node-ID
+    state : by its heartbeat
+    answers : that came to one question: two mean two devices
+    objects : those of its profile that say how values are scaled
+    """
+
+    node: int
+    state: str = ""
+    answers: int = 0
+    device_type: int | None = None
+    profile: str = ""
+    name: str | None = None
+    hardware: str | None = None
+    firmware: str | None = None
+    vendor_id: int | None = None
+    product_code: int | None = None
+    revision_number: int | None = None
+    serial_number: int | None = None
+    heartbeat_ms: int | None = None
+    pdos: tuple[Pdo, ...] = ()
+    objects: dict[str, int] = field(default_factory=dict)
+
+
+def answering(link: CanLink, nodes: Sequence[int]) -> dict[int, int]:
+    """Node-IDs that answer for their device type, and how often each did."""
+    answers: dict[int, int] = {}
+
+    def counted(number: int) -> None:
+        def receive(data: bytearray, at_ns: int) -> None:
+            answers[number] = answers.get(number, 0) + 1
+
+        link.handlers[0x580 + number] = receive
+
+    for number in nodes:
+        counted(number)
+        request = can.Message(
+            arbitration_id=0x600 + number, is_extended_id=False, data=bytes((0x40, 0, 0x10, 0, 0, 0, 0, 0))
+        )
+        try:
+            link.send(request)
+        except (can.CanError, OSError) as error:
+            raise BusError(f"bus '{link.name}': nothing can be sent ({error}); check the interface") from None
+        time.sleep(ASK_EVERY_S)
+    time.sleep(ANSWERS_S)
+    for number in nodes:
+        link.handlers.pop(0x580 + number, None)
+    return dict(sorted(answers.items()))
+
+
+def asked(link: CanLink, node: FoundNode) -> FoundNode:
+    """A node with what it says of itself; what it refuses stays None."""
+    sdo = link.sdo(node.node)
+    try:
+        device_type = _number(sdo, 0x1000)
+        profile = "" if device_type is None else profile_name(device_type)
+        wanted = () if device_type is None else ASKED.get(profile_of(device_type), ())
+        values = {key: _number(sdo, *key) for key in wanted}
+        return replace(
+            node,
+            device_type=device_type,
+            profile=profile,
+            name=_text(sdo, 0x1008),
+            hardware=_text(sdo, 0x1009),
+            firmware=_text(sdo, 0x100A),
+            vendor_id=_number(sdo, 0x1018, 1),
+            product_code=_number(sdo, 0x1018, 2),
+            revision_number=_number(sdo, 0x1018, 3),
+            serial_number=_number(sdo, 0x1018, 4),
+            heartbeat_ms=_number(sdo, 0x1017),
+            pdos=tuple(_pdos(sdo)),
+            objects={f"0x{index:04X}:{sub}": value for (index, sub), value in values.items() if value is not None},
+        )
+    except NoAnswerError:  # it went away, or answers one question in two
+        return node
+    finally:
+        sdo.close()
+
+
+def _pdos(sdo: Sdo) -> list[Pdo]:
+    found = []
+    for number in range(4):
+        cob_id = _number(sdo, 0x1800 + number, 1)
+        if cob_id is None or cob_id & _PDO_OFF:
+            continue
+        entries = []
+        for entry in range(1, min(_number(sdo, 0x1A00 + number) or 0, 8) + 1):
+            mapped = _number(sdo, 0x1A00 + number, entry) or 0
+            entries.append((mapped >> 16, mapped >> 8 & 0xFF, mapped & 0xFF))
+        transmission = _number(sdo, 0x1800 + number, 2)
+        event_ms = _number(sdo, 0x1800 + number, 5) or 0
+        found.append(
+            Pdo(number + 1, cob_id & 0x7FF, 255 if transmission is None else transmission, event_ms, tuple(entries))
+        )
+    return found
+
+
+def _number(sdo: Sdo, index: int, subindex: int = 0) -> int | None:
+    try:
+        return sdo.read_unsigned(index, subindex)
+    except SdoRefusedError:
+        return None
+
+
+def _text(sdo: Sdo, index: int) -> str | None:
+    try:
+        return sdo.read(index).rstrip(b"\0 ").decode("latin-1")[:60]
+    except SdoRefusedError:
+        return None

@@ -1,0 +1,299 @@
+"""``hilfit bus check``: every device of a machine, and every channel, before anything is recorded.
+
+Nodes of a bus that hilfit may lead are asked who they are, then the machine is acquired for some seconds. What the
+machine file says is compared with what the devices say and do.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+
+import numpy as np
+import numpy.typing as npt
+
+from daq.acquisition import AcquisitionProcess
+from daq.commissioning.can_questions import FoundNode
+from daq.commissioning.delays import BusDelay, bus_delays
+from daq.commissioning.identities import identity_findings, mapping_of, scale_finding
+from daq.commissioning.rest import AtRest, at_rest
+from daq.console import ShowProgress
+from daq.cycles import AcquisitionStatistics
+from daq.machine_file import CanopenBus, CanSource, Channel, Machine, ModbusSource
+from daq.quality import MEASURED
+from daq.ring import RingReader
+
+SECONDS = 20.0
+NOISY = 3.0  # times the declared noise
+LEAST_SHARE = 0.99  # of the cycles that have to bring a value
+DRIFTS = 4.0  # standard deviations
+ZERO = 0.01  # of a pressure's range that a sensor without pressure may show
+PRESSURES = ("head_pressure", "rod_pressure", "supply_pressure", "tank_pressure")
+
+
+@dataclass(frozen=True)
+class DeviceCheck:
+    """One device: where it is, what it is, how it does.
+
+    Attributes
+    ----------
+    identity : what it says of itself, by name; empty where it was not asked
+    mapping : where its values come from
+    latency_ms : mean and deviation of how long its answers take; None where only their age is known
+    """
+
+    bus: str
+    device: str
+    state: str
+    detail: str
+    identity: dict[str, str]
+    mapping: str
+    latency_ms: tuple[float, float] | None
+
+
+@dataclass(frozen=True)
+class ChannelCheck:
+    """One channel, in its unit; ``raw`` is what its device sent, on average."""
+
+    name: str
+    unit: str
+    bus: str
+    device: str
+    rest: AtRest
+    raw: float
+
+
+@dataclass(frozen=True)
+class MachineCheck:
+    """What ``hilfit bus check`` found; ``findings`` are lines about what is not as it should be."""
+
+    machine: str
+    utc: str
+    seconds: float
+    rate_hz: float
+    cycles: int
+    skipped: int
+    worst_late_ms: float
+    devices: tuple[DeviceCheck, ...]
+    channels: tuple[ChannelCheck, ...]
+    delays: tuple[BusDelay, ...]
+    findings: tuple[str, ...]
+    notes: tuple[str, ...] = field(default=())
+
+
+def check_machine_buses(
+    machine: Machine, *, seconds: float = SECONDS, depressurised: bool = False, progress: ShowProgress | None = None
+) -> MachineCheck:
+    """Check every device of a machine that nobody acquires from now.
+
+    Parameters
+    ----------
+    seconds : of machine time that it is acquired for
+    depressurised : the pump is off and the lines are open: pressures have to be zero
+
+    Raises
+    ------
+    AcquisitionError
+        If a bus cannot be opened, or another master leads one that is not ``listen_only``.
+    """
+    show = progress or (lambda done, total, text=None: None)
+    show(0, seconds, "who is there")
+    nodes, notes = _asked(machine)
+    rows, statistics = _acquired(machine, seconds, show)
+    channels = tuple(_channel(machine, index, channel, rows) for index, channel in enumerate(machine.channels))
+    devices = tuple(_devices(machine, statistics, nodes))
+    findings = [f"{device.bus} {device.device}: {device.detail}" for device in devices if device.state != "running"]
+    findings += [line for (bus, _), node in nodes.items() for line in identity_findings(machine, bus, node)]
+    for channel, checked in zip(machine.channels, channels, strict=True):
+        findings += _of_channel(machine, channel, checked, depressurised)
+        node = nodes.get((checked.bus, channel.source.node)) if isinstance(channel.source, CanSource) else None
+        said = None if node is None else scale_finding(machine, channel, node)
+        findings += [said] if said else []
+    moving = [checked.name for checked in channels if checked.rest.moved]
+    if moving:
+        more = ", ..." if len(moving) > 4 else ""
+        notes.append(
+            f"not at rest: {len(moving)} of {len(channels)} channels move ({', '.join(moving[:4])}{more}); their "
+            "values and drifts are not those of a machine that stands still"
+        )
+    measured = {c.name: _measured(rows, index) for index, c in enumerate(machine.channels)}
+    delays = bus_delays(machine, measured, machine.rate_hz)
+    if len({c.bus for c in channels}) > 1 and not delays:
+        notes.append(
+            "delays between the buses are not told: that takes a motion of 15 s or more; give one with --recording"
+        )
+    return MachineCheck(
+        machine.name, datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"), seconds, machine.rate_hz, statistics.cycles,
+        statistics.skipped, statistics.worst_late_ms, devices, channels, tuple(delays),
+        tuple(dict.fromkeys(findings)), tuple(notes),
+    )  # fmt: skip
+
+
+def _asked(machine: Machine) -> tuple[dict[tuple[str, int], FoundNode], list[str]]:
+    """What nodes say of themselves, by bus and node-ID."""
+    from daq.commissioning.can_scan import scan_can
+
+    found: dict[tuple[str, int], FoundNode] = {}
+    notes: list[str] = []
+    for bus in machine.buses:
+        if not isinstance(bus, CanopenBus):
+            continue
+        sources = [c.source for c in machine.channels if isinstance(c.source, CanSource)]
+        wanted = sorted({source.node for source in sources if source.bus == bus.name})
+        if bus.listen_only:
+            notes.append(f"bus '{bus.name}': is listen_only, so no device was asked who it is")
+            continue
+        scanned = scan_can(bus, seconds=bus.listen_s, nodes=wanted)
+        notes += scanned.notes
+        found |= {(bus.name, node.node): node for node in scanned.nodes}
+    return found, notes
+
+
+def _acquired(
+    machine: Machine, seconds: float, show: ShowProgress
+) -> tuple[npt.NDArray[np.void], AcquisitionStatistics]:
+    parts = []
+    with (
+        AcquisitionProcess(machine, strict=False) as acquisition,
+        RingReader(acquisition.ring_name, from_start=True) as ring,
+    ):
+        count, wanted = 0, max(1, round(seconds * machine.rate_hz))
+        while count < wanted:
+            acquisition.check()
+            ring.wait(0.5)
+            parts.append(ring.read().rows)
+            count += len(parts[-1])
+            show(min(seconds, count / machine.rate_hz), seconds, "at rest")
+        time.sleep(0.6)  # statistics are published twice a second
+        statistics = acquisition.statistics()
+    return np.concatenate(parts)[:wanted], statistics
+
+
+def _measured(rows: npt.NDArray[np.void], index: int) -> npt.NDArray[np.float64]:
+    good = np.isin(rows["quality"][:, index], [int(quality) for quality in MEASURED])
+    return np.where(good, rows["values"][:, index], np.nan)
+
+
+def _channel(machine: Machine, index: int, channel: Channel, rows: npt.NDArray[np.void]) -> ChannelCheck:
+    values = machine.conversion(channel).from_si(rows["values"][:, index])
+    rest = at_rest(rows["time"], values, rows["ages"][:, index], rows["quality"][:, index])
+    source = channel.source
+    assert source is not None
+    raw = (rest.mean - source.offset) / source.scale
+    if isinstance(source, CanSource | ModbusSource):
+        raw = raw * 10.0**source.decimals + source.zero
+        raw = raw % source.modulo if source.modulo is not None else raw
+    return ChannelCheck(channel.name, channel.unit, source.bus, _device(channel), rest, raw)
+
+
+def _device(channel: Channel) -> str:
+    source = channel.source
+    if isinstance(source, CanSource):
+        return f"node {source.node}"
+    return f"unit {source.unit}" if isinstance(source, ModbusSource) else ""
+
+
+def _devices(
+    machine: Machine, statistics: AcquisitionStatistics, nodes: Mapping[tuple[str, int], FoundNode]
+) -> list[DeviceCheck]:
+    found = []
+    for bus in statistics.buses:
+        for device in bus["devices"]:
+            number = device["name"].rpartition(" ")[2]
+            node = nodes.get((bus["bus"], int(number))) if number.isdigit() else None
+            latency = device.get("latency_ms")
+            found.append(
+                DeviceCheck(
+                    bus["bus"],
+                    device["name"],
+                    device["state"],
+                    device["detail"],
+                    _identity(node),
+                    mapping_of(machine, bus["bus"], device["name"]),
+                    None if latency is None else tuple(latency),
+                )
+            )
+    return found
+
+
+def _identity(node: FoundNode | None) -> dict[str, str]:
+    if node is None:
+        return {}
+    numbers = {"vendor": node.vendor_id, "product": node.product_code, "serial number": node.serial_number}
+    words: dict[str, str | None] = {"device": node.name, "profile": node.profile, "firmware": node.firmware}
+    told = {key: value for key, value in words.items() if value}
+    return told | {key: f"0x{value:08X}" for key, value in numbers.items() if value is not None}
+
+
+# Channels
+
+
+def _of_channel(machine: Machine, channel: Channel, checked: ChannelCheck, depressurised: bool) -> list[str]:
+    rest, name = checked.rest, channel.name
+    if math.isnan(rest.mean):
+        others = ", ".join(f"{count} {what}" for what, count in rest.others.items())
+        return [f"{name}: only {rest.values} values came ({others or 'nothing else'}); see its device"]
+    rules: Sequence[Callable[[], str | None]] = (
+        lambda: _coming(name, rest),
+        lambda: _still(channel, rest),
+        lambda: _noise(channel, rest),
+        lambda: _range(channel, rest),
+        lambda: _drifting(channel, rest),
+        lambda: _zero(machine, channel, rest) if depressurised else None,
+    )
+    return [line for rule in rules if (line := rule()) is not None]
+
+
+def _coming(name: str, rest: AtRest) -> str | None:
+    if rest.share >= LEAST_SHARE:
+        return None
+    others = ", ".join(f"{count} {what}" for what, count in rest.others.items())
+    return f"{name}: {100 * rest.share:.1f} % of the cycles brought a value ({others}); see its device"
+
+
+def _still(channel: Channel, rest: AtRest) -> str | None:
+    if rest.noise > 0 or not channel.noise_std:
+        return None
+    return f"{channel.name}: did not change once, although its noise_std is {channel.noise_std:g} {channel.unit}"
+
+
+def _noise(channel: Channel, rest: AtRest) -> str | None:
+    declared = math.hypot(channel.noise_std or 0.0, (channel.resolution or 0.0) / math.sqrt(12.0))
+    if not channel.noise_std or rest.noise <= NOISY * declared:
+        return None
+    return (
+        f"{channel.name}: noise is {rest.noise:.3g} {channel.unit}, {rest.noise / declared:.1f} times what noise_std "
+        "and resolution say; look at shield and earth, or correct noise_std"
+    )
+
+
+def _range(channel: Channel, rest: AtRest) -> str | None:
+    if channel.range is None or channel.range[0] < rest.mean < channel.range[1]:
+        return None
+    return f"{channel.name}: is at {rest.mean:.4g} {channel.unit}, outside its range {list(channel.range)}"
+
+
+def _drifting(channel: Channel, rest: AtRest) -> str | None:
+    if rest.moved or math.isnan(rest.drift) or abs(rest.drift) <= DRIFTS * rest.drift_std:
+        return None
+    if abs(rest.drift) <= rest.noise:
+        return None
+    return (
+        f"{channel.name}: drifts by {rest.drift:.3g} ± {rest.drift_std:.2g} {channel.unit} a minute; is it warm, and "
+        "does nothing sink?"
+    )
+
+
+def _zero(machine: Machine, channel: Channel, rest: AtRest) -> str | None:
+    """Without pressure a sensor shows zero, within a hundredth of its range."""
+    if channel.quantity not in PRESSURES or channel.range is None or channel.source is None:
+        return None
+    if abs(rest.mean) <= ZERO * (channel.range[1] - channel.range[0]):
+        return None
+    return (
+        f"{channel.name}: shows {rest.mean:.4g} {channel.unit} without pressure; if there is none, write offset: "
+        f"{channel.source.offset - rest.mean:.6g} in its source"
+    )

@@ -1,0 +1,93 @@
+"""What a machine file says of a node, against what the node says of itself: identity, units, scaling, mapping."""
+
+from __future__ import annotations
+
+import math
+
+from daq.commissioning.can_questions import FoundNode
+from daq.commissioning.profiles import measured
+from daq.drivers.canopen_mapping import map_node
+from daq.errors import MachineFileError
+from daq.machine_file import CanopenBus, CanSource, Channel, Machine, ModbusSource
+from daq.units import conversion
+
+SAME = 1e-3  # two scalings that differ by less are one, written with fewer digits
+
+
+def identity_findings(machine: Machine, bus_name: str, node: FoundNode) -> list[str]:
+    """Lines where the node is not what the machine file says."""
+    bus = next(bus for bus in machine.buses if bus.name == bus_name)
+    place = f"bus '{bus_name}' node {node.node}"
+    lines = []
+    for config in bus.nodes if isinstance(bus, CanopenBus) else ():
+        if config.node != node.node:
+            continue
+        for key in ("device_type", "vendor_id", "product_code", "revision_number", "serial_number"):
+            wanted, told = getattr(config, key), getattr(node, key)
+            if wanted is not None and wanted != told:
+                said = "nothing" if told is None else f"0x{told:08X}"
+                lines.append(f"{place}: {key} is {said}, the machine file says 0x{wanted:08X}; which device is it?")
+        if config.firmware is not None and config.firmware != node.firmware:
+            lines.append(f"{place}: has firmware '{node.firmware}', the machine file says '{config.firmware}'")
+    return lines
+
+
+def scale_finding(machine: Machine, channel: Channel, node: FoundNode) -> str | None:
+    """A line where a channel's scaling is not what the node's own objects say, by its profile."""
+    source = channel.source
+    if not isinstance(source, CanSource) or node.device_type is None:
+        return None
+    objects = {_key(text): value for text, value in node.objects.items()}
+    for own in measured(node.device_type, objects):
+        if (own.index, own.subindex) != (source.object, source.subindex) or not own.unit:
+            continue
+        settings = next(
+            (n.settings for bus in machine.buses if isinstance(bus, CanopenBus) and bus.name == source.bus
+             for n in bus.nodes if n.node == source.node), {},
+        )  # fmt: skip
+        if settings:
+            return None  # commissioning writes how it is scaled, so what it says before is no matter
+        try:
+            said = own.scale * conversion(own.unit, machine.si_unit(channel)).factor
+        except ValueError:
+            return (
+                f"{channel.name}: node {node.node} measures in {own.unit}, the channel in {channel.unit}; correct one"
+            )
+        file = abs(machine.conversion(channel).factor * source.scale / 10.0**source.decimals)
+        if not math.isclose(said, file, rel_tol=SAME):
+            scale = said / machine.conversion(channel).factor
+            return (
+                f"{channel.name}: by its own objects node {node.node} has {said / file:.4g} times the machine file's "
+                f"scaling ({own.unit}); correct scale ({scale:.6g}) or set the device"
+            )
+    return None
+
+
+def _key(text: str) -> tuple[int, int]:
+    index, _, subindex = text.partition(":")
+    return int(index, 16), int(subindex)
+
+
+def mapping_of(machine: Machine, bus_name: str, device: str) -> str:
+    """Where a device's values come from, as commissioning maps it or as registers."""
+    number = device.rpartition(" ")[2]
+    own = [(i, c) for i, c in enumerate(machine.channels) if c.source is not None and c.source.bus == bus_name]
+    nodes = [(i, c) for i, c in own if isinstance(c.source, CanSource) and str(c.source.node) == number]
+    units = [c.source for _, c in own if isinstance(c.source, ModbusSource) and str(c.source.unit) == number]
+    if units:
+        return ", ".join(f"{source.table} {source.register_} {source.data_type}" for source in units)
+    if not nodes:
+        return ""
+    bus = next(bus for bus in machine.buses if bus.name == bus_name)
+    if isinstance(bus, CanopenBus) and bus.listen_only:
+        sources = [c.source for _, c in nodes if isinstance(c.source, CanSource)]
+        return ", ".join(f"0x{source.object:04X}:{source.subindex}" for source in sources)
+    try:
+        mapped = map_node(int(number), nodes, device)
+    except MachineFileError as error:
+        return str(error)
+    return "; ".join(
+        f"TPDO{mapping.number} 0x{mapping.cob_id:03X}: "
+        + ", ".join(f"0x{e >> 16:04X}:{e >> 8 & 0xFF}/{e & 0xFF}" for e in mapping.entries)
+        for mapping in mapped
+    )

@@ -1,0 +1,119 @@
+"""A live table of a machine's channels and devices."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import sys
+import time
+from collections import deque
+
+import numpy as np
+import numpy.typing as npt
+from rich.console import Console, Group
+from rich.live import Live
+from rich.table import Table
+from rich.text import Text
+
+from daq.acquisition import AcquisitionProcess
+from daq.cycles import AcquisitionStatistics
+from daq.machine_file import Machine
+from daq.quality import MEASURED, Quality
+from daq.ring import RingReader
+
+WINDOW_S = 2.0  # that rate and spread are of
+_STYLES = {Quality.FRESH: "green", Quality.HELD: "green", Quality.OUT_OF_RANGE: "yellow", Quality.LATE: "yellow"}
+
+
+class Picture:
+    """What is shown: fed with rows of the ring, asked for a table."""
+
+    def __init__(self, machine: Machine) -> None:
+        self._machine = machine
+        self._conversions = [machine.conversion(channel) for channel in machine.channels]
+        self._rows: deque[np.void] = deque(maxlen=max(2, round(WINDOW_S * machine.rate_hz)))
+
+    def add(self, rows: npt.NDArray[np.void]) -> None:
+        """Rows that came."""
+        self._rows.extend(rows)
+
+    def table(self, statistics: AcquisitionStatistics) -> Group:
+        """The table now."""
+        table = Table("channel", "value", "unit", "quality", "age, ms", "values/s", "spread", "device", box=None)
+        for column in (1, 4, 5, 6):
+            table.columns[column].justify = "right"
+        newest = self._rows[-1] if self._rows else None
+        for index, channel in enumerate(self._machine.channels):
+            source = "" if channel.source is None else channel.source.bus
+            if newest is None:
+                table.add_row(channel.name, "", channel.unit, "nothing yet", "", "", "", source)
+                continue
+            quality = Quality(int(newest["quality"][index]))
+            value = float(self._conversions[index].from_si(newest["values"][index]))
+            age = 1e3 * float(newest["ages"][index])
+            rate, spread = self._window(index)
+            table.add_row(
+                channel.name, _number(value, 6), channel.unit,
+                Text(quality.name.lower(), style=_STYLES.get(quality, "red")),
+                _number(age, 3), f"{rate:.1f}", _number(spread, 2), source,
+            )  # fmt: skip
+        return Group(_head(statistics), table, *_troubles(statistics))
+
+    def _window(self, index: int) -> tuple[float, float]:
+        """Values a second, and their standard deviation."""
+        good = [row for row in self._rows if int(row["quality"][index]) in (*MEASURED, Quality.LATE)]
+        lasted = float(self._rows[-1]["time"] - self._rows[0]["time"]) + 1 / self._machine.rate_hz
+        values = self._conversions[index].from_si([row["values"][index] for row in good])
+        return len(good) / lasted, float(np.std(values)) if len(good) > 1 else math.nan
+
+
+def _number(value: float, digits: int) -> str:
+    return "" if math.isnan(value) else f"{value:.{digits}g}"
+
+
+def _head(statistics: AcquisitionStatistics) -> Text:
+    buses = ", ".join(f"{bus['bus']} {bus['state']}" for bus in statistics.buses)
+    return Text(
+        f"{statistics.state}: {statistics.cycles} cycles, {statistics.skipped} skipped, {statistics.late} late; {buses}"
+    )
+
+
+def _troubles(statistics: AcquisitionStatistics) -> list[Text]:
+    """A line for every device that does not run, and for what else is said."""
+    lines = [
+        f"{bus['bus']} {device['name']}: {device['state']}: {device['detail']}"
+        for bus in statistics.buses
+        for device in bus["devices"]
+        if device["state"] != "running"
+    ]
+    return [Text(line, style="red") for line in (*lines, *statistics.warnings)]
+
+
+def watch(machine: Machine, seconds: float | None, rate: float, *, plain: bool = False) -> None:
+    """Show a machine until ``seconds`` are over or Ctrl-C; ``rate`` pictures a second.
+
+    Raises
+    ------
+    AcquisitionError
+        If a bus cannot be opened, or another master leads one that is not ``listen_only``.
+    """
+    console = Console()
+    picture = Picture(machine)
+    plain = plain or not sys.stdout.isatty()
+    with (
+        AcquisitionProcess(machine, strict=False) as acquisition,
+        RingReader(acquisition.ring_name) as ring,
+        contextlib.suppress(KeyboardInterrupt),
+        contextlib.ExitStack() as screen,
+    ):
+        ends = math.inf if seconds is None else time.monotonic() + seconds
+        live = None if plain else screen.enter_context(Live(console=console, auto_refresh=False, screen=False))
+        while time.monotonic() < ends:
+            time.sleep(min(1.0 / rate, max(0.0, ends - time.monotonic())))
+            acquisition.check()
+            picture.add(ring.read().rows)
+            shown = picture.table(acquisition.statistics())
+            if live is None:
+                console.print(shown)
+            else:
+                live.update(shown, refresh=True)

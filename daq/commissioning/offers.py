@@ -1,0 +1,165 @@
+"""What devices have to offer for channels: from a scan, from EDS or DCF files, from DBC files."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from canopen import objectdictionary
+from canopen.objectdictionary import ODVariable
+
+from daq.buses import CanSignalsBus
+from daq.can_database import read_database
+from daq.commissioning.profiles import ASKED, Measured, measured, profile_of
+from daq.drivers.canopen_eds import Place, pdo_places, read_eds, value_of
+from daq.units import conversion
+
+#: Unit that tells the kind of a value.
+_KINDS = {"rad": "angle", "m": "length", "Pa": "pressure", "K": "temperature", "N": "force", "N m": "torque"}
+_TYPES = {
+    objectdictionary.INTEGER8: "int8", objectdictionary.INTEGER16: "int16", objectdictionary.INTEGER24: "int24",
+    objectdictionary.INTEGER32: "int32", objectdictionary.INTEGER64: "int64", objectdictionary.UNSIGNED8: "uint8",
+    objectdictionary.UNSIGNED16: "uint16", objectdictionary.UNSIGNED24: "uint24",
+    objectdictionary.UNSIGNED32: "uint32", objectdictionary.UNSIGNED64: "uint64", objectdictionary.REAL32: "float32",
+    objectdictionary.REAL64: "float64",
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Offer:
+    """A value that may become a channel.
+
+    Attributes
+    ----------
+    device : bus and device, for people
+    what : what it is, for people
+    kind : ``angle``, ``length``, ``pressure``, ``temperature``, ``tilt``, ``force``, ``torque`` or ``value``
+    unit : of the channel, "" where nobody knows it
+    source : the source's keys
+    """
+
+    device: str
+    what: str
+    kind: str
+    unit: str
+    source: Mapping[str, Any]
+
+
+def of_nodes(bus: str, nodes: Iterable[Mapping[str, Any]], listen_only: bool) -> list[Offer]:
+    """What nodes of a scan (:class:`~daq.commissioning.can_questions.FoundNode` as JSON) measure by their profile."""
+    found = []
+    for node in nodes:
+        if node.get("device_type") is None:
+            continue
+        objects = {_key(text): value for text, value in node["objects"].items()}
+        places = {
+            (index, sub): Place(pdo["cob_id"], bit, bits, pdo["transmission"] <= 240, pdo["event_ms"])
+            for pdo in node["pdos"]
+            for (index, sub, bits), bit in _placed(pdo["entries"])
+        }
+        for own in measured(node["device_type"], objects):
+            place = places.get((own.index, own.subindex)) if listen_only else None
+            found.append(
+                _of_object(bus, node["node"], node.get("name") or node["profile"], own, place if listen_only else None)
+            )
+    return found
+
+
+def of_eds(bus: str, node: int, path: str, listen_only: bool) -> list[Offer]:
+    """What a node sends by its EDS or DCF: objects of its profile with their scaling, others as they are.
+
+    Raises
+    ------
+    MachineFileError
+        If the file is no EDS.
+    """
+    dictionary = read_eds(path, node, f"bus '{bus}' node {node}: {path}")
+    places = pdo_places(path, node, bus)
+    device_type = value_of(dictionary, 0x1000, 0) or 0
+    asked = ASKED.get(profile_of(device_type), ())
+    objects = {key: value for key in asked if (value := value_of(dictionary, *key)) is not None}
+    known = {(own.index, own.subindex): own for own in measured(device_type, objects)}
+    name = str(getattr(dictionary.device_information, "product_name", "") or "")
+    found = []
+    for key, place in places.items():
+        data_type = _data_type(dictionary, *key)
+        if data_type is None:
+            continue
+        own = known.get(key) or Measured(*key, data_type, "", 1.0, "value")
+        found.append(_of_object(bus, node, name, own, place if listen_only else None))
+    return found
+
+
+def of_dbc(bus: str, path: str) -> list[Offer]:
+    """Signals of a DBC file that measure an angle, a length, a pressure, a temperature, a force or a torque.
+
+    Raises
+    ------
+    MachineFileError
+        If the file cannot be read.
+    """
+    found = []
+    messages = [message for message in read_database(path, bus).messages if not message.is_container]
+    names = [signal.name for message in messages for signal in message.signals]
+    for message in messages:
+        for signal in message.signals:
+            kind = kind_of(signal.unit or "")
+            if kind == "value":
+                continue
+            source: dict[str, Any] = {"bus": bus, "signal": signal.name}
+            if names.count(signal.name) > 1:
+                source["message"] = message.name
+            found.append(Offer(f"{bus} {message.name}", signal.name, kind, signal.unit or "", source))
+    return found
+
+
+def kind_of(unit: str) -> str:
+    """What is measured in a unit."""
+    for si, kind in _KINDS.items():
+        try:
+            conversion(unit, si)
+        except ValueError:
+            continue
+        return kind
+    return "value"
+
+
+def signals_bus(name: str, interface: str, channel: str, paths: Iterable[str]) -> dict[str, Any]:
+    """The entry of ``buses:`` for DBC files."""
+    made = CanSignalsBus(name=name, type="can_signals", interface=interface, channel=channel, dbc=tuple(paths))
+    return made.model_dump(mode="json", exclude_unset=True)
+
+
+def _of_object(bus: str, node: int, device: str, own: Measured, place: Place | None) -> Offer:
+    source: dict[str, Any] = {"bus": bus, "node": node, "object": own.index}
+    if own.subindex:
+        source["subindex"] = own.subindex
+    source["data_type"] = own.data_type
+    if own.scale != 1.0:
+        source["scale"] = own.scale
+    source |= own.more
+    if place is not None:  # as it is sent now: nothing is mapped on a bus that is only listened to
+        source |= {"cob_id": place.cob_id, "byte": place.bit // 8}
+        source |= {"synchronous": True} if place.synchronous else {}
+    what = f"0x{own.index:04X}:{own.subindex}"
+    return Offer(f"{bus} node {node}" + (f" ({device})" if device else ""), what, own.kind, own.unit, source)
+
+
+def _data_type(dictionary: Any, index: int, subindex: int) -> str | None:
+    held = dictionary.get(index)
+    variable = held if isinstance(held, ODVariable) else None if held is None else held.subindices.get(subindex)
+    return None if variable is None else _TYPES.get(variable.data_type)
+
+
+def _key(text: str) -> tuple[int, int]:
+    index, _, subindex = text.partition(":")
+    return int(index, 16), int(subindex)
+
+
+def _placed(entries: Iterable[tuple[int, int, int]]) -> Iterable[tuple[tuple[int, int, int], int]]:
+    """Mapping entries with the bit where each begins."""
+    bit = 0
+    for index, sub, bits in entries:
+        yield (index, sub, bits), bit
+        bit += bits

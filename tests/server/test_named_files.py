@@ -1,0 +1,53 @@
+"""Machine files from clients must not tell which files there are on the computer that serves."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+import yaml
+
+from server.machines.inspect_machine import look
+from sim_backends import default_machine
+
+BUSES = """
+buses:
+  - {name: can, type: canopen, interface: socketcan, channel: can0, listen_only: true, nodes: [{node: 5, eds: "%s"}]}
+  - {name: engine, type: can_signals, interface: socketcan, channel: can1, dbc: ["%s"]}
+"""
+
+
+def machine_file(folder: Path, eds: str, dbc: str) -> Path:
+    machine, _ = default_machine()
+    plain = json.loads(machine.model_dump_json(by_alias=True, exclude_none=True))
+    del plain["buses"]
+    for channel in plain["channels"]:
+        del channel["source"]
+    path = folder / "sent.yaml"
+    path.write_text(yaml.safe_dump(plain, sort_keys=False) + BUSES % (eds, dbc))
+    return path
+
+
+@pytest.mark.parametrize("elsewhere", ["/etc/passwd.eds", "../other.eds", "sub/../../x.eds", r"..\\x.eds", "C:/x.eds"])
+@pytest.mark.parametrize("kind", ["eds", "dbc"])
+def test_paths_that_lead_elsewhere_are_refused_in_one_line(kind: str, elsewhere: str, tmp_path: Path) -> None:
+    paths = {"eds": "encoder.eds", "dbc": "arm.dbc", kind: elsewhere}
+    (line,) = look(machine_file(tmp_path, **paths), tmp_path / "out.json").values()
+    assert "outside the machine's own folder" in str(line) and "\n" not in str(line)
+    assert ("node 5" in str(line)) == (kind == "eds")
+    assert not (tmp_path / "out.json").exists()
+
+
+def test_whether_a_file_is_there_makes_no_difference(tmp_path: Path) -> None:
+    there = tmp_path / "there.eds"
+    there.write_text("")
+    answers = [
+        look(machine_file(tmp_path, str(path), "arm.dbc"), tmp_path / "out.json")
+        for path in (there, tmp_path / "missing.eds")
+    ]
+    assert answers[0] == answers[1] and "error" in answers[0]
+
+
+def test_names_beside_the_machine_file_are_taken(tmp_path: Path) -> None:
+    assert look(machine_file(tmp_path, "encoder.eds", "dbc/arm.dbc"), tmp_path / "out.json") == {"name": "folding-arm"}
