@@ -129,7 +129,7 @@ def show(model: ModelPath, json: Json = False) -> None:
 
 def export(
     model: ModelPath,
-    to: Annotated[str, typer.Option("--to", help="Format: python, c, urdf, mjcf.")],
+    to: Annotated[str, typer.Option("--to", help="Format: python, c, fmu, matlab, csv, urdf, mjcf.")],
     output: Annotated[Path, typer.Option("--output", "-o", help="File or folder to write.")],
     json: Json = False,
 ) -> None:
