@@ -31,6 +31,7 @@ BENCHMARKS = {
     "measured": "Identification and loop on measured machines, beside published numbers.",
     "mistakes": "People's mistakes on random machines: what the checks call them, and whom they accuse.",
     "model": "Exports against the model, C beside Pinocchio, and what the 95 % band is worth.",
+    "uses": "Feedforward, simulation, overload, payload and energy, with closed loops on the simulated machine.",
     "service": "Tablets and readers at the service while numerical work runs: latency, cycles lost.",
     "faults": "Every fault at random moments: what is lost, what is wrong, how soon it is over.",
     "soak": "Hours of faults one after another: nothing lost, memory flat.",
@@ -46,7 +47,8 @@ def register(app: typer.Typer) -> None:
     bench = typer.Typer(help="Benchmarks with targets; exit code 1 if a target is missed.", invoke_without_command=True)
     bench.callback()(_list)
     commands: tuple[Callable[..., None], ...] = (
-        attribution, samples, demo, stages, speed, long, regressor, excitation, measured, mistakes, model, service,
+        attribution, samples, demo, stages, speed, long, regressor, excitation, measured, mistakes, model, uses,
+        service,
         faults, soak, channels, storm,
     )  # fmt: skip
     for name, command in zip(BENCHMARKS, commands, strict=True):
@@ -303,6 +305,17 @@ def model(
     from benchmarks.samples import SAMPLES
 
     _finish("model", run(samples or SAMPLES, data or DATA, _shown(json)), json)
+
+
+def uses(
+    seed: Annotated[int, typer.Option(help="Seed of the run.")] = 1,
+    minutes: Annotated[float, typer.Option(help="Minutes of motion that false alarms are counted in.", min=1)] = 60.0,
+    json: Annotated[bool, typer.Option("--json", help="Print the checks as JSON.")] = False,
+) -> None:
+    """Feedforward, simulation, overload, payload and energy, with closed loops on the simulated machine."""
+    from benchmarks.uses import run
+
+    _finish("uses", run(seed, minutes, _shown(json)), json)
 
 
 def mistakes(
