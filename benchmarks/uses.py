@@ -40,7 +40,7 @@ from fitting.model.uses.overload import overloads, thresholds
 from fitting.model.uses.payload import payload_signal
 from fitting.residual.kinematics import Corrections
 from sim_backends.closed_loop import FRICTION_SPEED, ClosedLoop, Run
-from sim_backends.motion import Motion, random_motion, write_motion
+from sim_backends.motion import Motion, Rods, random_motion, write_motion
 from sim_backends.plant import record
 from sim_backends.truth import SensorQuality, Truth, load_truth
 
@@ -79,7 +79,7 @@ def _recorded(
     undeclared: tuple[tuple[str, str | None, float], ...] = (),
 ) -> Recording:
     rng = np.random.default_rng(seed)
-    rods = "unpinned" if role == "unloaded" else "pinned"
+    rods: Rods = "unpinned" if role == "unloaded" else "pinned"
     values = record(machine, truth, random_motion(machine, rng, seconds, rods=rods), undeclared=undeclared, rng=rng)
     time = values.pop("time")
     return Recording(machine.name, role, f"{role}-{seed[1]}", f"{seed}", machine.rate_hz, time, values)
@@ -132,7 +132,7 @@ def _motion(bench: _Bench, number: int, seconds: float) -> Motion:
 
 def _error(run: Run) -> FloatArray:
     """Root mean square tracking error per joint, rad."""
-    return np.sqrt(np.mean((run.q - run.wanted) ** 2, axis=0))
+    return np.asarray(np.sqrt(np.mean((run.q - run.wanted) ** 2, axis=0)))
 
 
 def _forces(bench: _Bench, program: Motion, folder: Path) -> Callable[[float], FloatArray]:

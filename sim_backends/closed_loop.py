@@ -209,7 +209,7 @@ class ClosedLoop:
                 for name, value in (("q", q), ("qd", qd), ("x", x), ("force", force)):
                     kept[name].append(value)
         arrays = {name: np.array(values) for name, values in kept.items()}
-        return Run(times[settle:], position[settle:], **arrays)
+        return Run(np.asarray(times[settle:], dtype=np.float64), position[settle:], **arrays)
 
     def _acceleration(
         self,

@@ -85,12 +85,12 @@ class OverloadWatch:
         fresh = own.t > self._judged
         self._judged = max(self._judged, float(own.t[-1]))
         hits = list[Hit]()
-        for row, residual in zip(own.scores[fresh], own.residual[fresh], strict=True):
-            hits += self._step(row, residual, float(time[-1]))
+        for lasting, scores, residual in zip(own.lasting[fresh], own.scores[fresh], own.residual[fresh], strict=True):
+            hits += self._step(lasting, scores, residual, float(time[-1]))
         return hits
 
-    def _step(self, scores: FloatArray, residual: FloatArray, now: float) -> list[Hit]:
-        share = np.abs(scores) / self.limits
+    def _step(self, lasting: FloatArray, scores: FloatArray, residual: FloatArray, now: float) -> list[Hit]:
+        share = lasting / self.limits
         joint = int(np.argmax(share))
         if share[joint] > 1.0:
             begins, self._since = self._since is None, 0

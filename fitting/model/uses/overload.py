@@ -3,7 +3,7 @@
 The filters of an identification look seconds to both sides. Here motion comes from parabolas through the last
 :data:`SPAN_S` seconds, which is late by half of that; the effort is as it was measured. The score of a joint is the
 residual over its band: parameters and what the fit left of its recordings; and where a drive hardly moves, as much
-more as its Coulomb friction leaves open there.
+more as its Coulomb friction leaves open there. What counts is what lasts: the smallest score of :data:`LASTS_S`.
 
 What an unchanged machine's scores do was learnt (:mod:`fitting.model.tails`), so a threshold has a rate of false
 alarms. That of the machine is shared by its joints; peaks of several joints at once are one alarm, so the machine's
@@ -33,6 +33,8 @@ FloatArray = npt.NDArray[np.float64]
 
 #: Seconds that a parabola is laid through.
 SPAN_S = 0.12
+#: Seconds that an exceedance has to last: a valve's knock or a stone is over by then.
+LASTS_S = 0.04
 #: Seconds without an exceedance after which another one is another alarm.
 QUIET_S = 0.5
 _FEWEST_SIDE = 2
@@ -46,11 +48,13 @@ class Scores:
     ----------
     t : (N,) s, of the samples that are judged
     scores : (N, n) residual over its band
+    lasting : (N, n) the smallest size of a score over the last :data:`LASTS_S`; 0 where the stretch is younger
     residual : (N, n) measured minus predicted joint effort, N m or N
     """
 
     t: FloatArray
     scores: FloatArray
+    lasting: FloatArray
     residual: FloatArray
 
 
@@ -120,7 +124,15 @@ def scores_in(found: Evaluated, index: int) -> Scores:
         known = expected_sign(segment.v[:, joint], model.noise[joint].speed)
         open_friction = _coulomb(model, joint) * np.sqrt(np.maximum(1.0 - known**2, 0.0))
         band[:, joint] = np.hypot(band[:, joint], open_friction)
-    return Scores(segment.t, error / band, segment.r * error)
+    scores = error / band
+    return Scores(segment.t, scores, _lasting(scores, round(LASTS_S * model.bank.rate_hz)), segment.r * error)
+
+
+def _lasting(scores: FloatArray, before: int) -> FloatArray:
+    sizes = np.zeros_like(scores)
+    if len(scores) > before:
+        sizes[before:] = np.lib.stride_tricks.sliding_window_view(np.abs(scores), before + 1, axis=0).min(axis=-1)
+    return sizes
 
 
 def _coulomb(model: ArmModel, joint: int) -> float:
@@ -140,11 +152,10 @@ def learn(model: ArmModel, recordings: Sequence[Recording]) -> tuple[Tail, ...]:
         If the recordings are too short.
     """
     own = quick(model)
-    parts = [part.scores for recording in recordings for part in scores_of(own, recording)]
+    parts = [part.lasting for recording in recordings for part in scores_of(own, recording)]
     quiet = round(QUIET_S * model.machine.rate_hz)
     return tuple(
-        tail_of([np.abs(part[:, joint]) for part in parts], model.machine.rate_hz, quiet)
-        for joint in range(len(model.joints))
+        tail_of([part[:, joint] for part in parts], model.machine.rate_hz, quiet) for joint in range(len(model.joints))
     )
 
 
@@ -170,7 +181,7 @@ def overloads(model: ArmModel, recording: Recording, limits: FloatArray) -> list
     own, found = quick(model), list[Overload]()
     late, quiet = delay_s(own), round(QUIET_S * model.machine.rate_hz)
     for part in scores_of(own, recording):
-        share = np.abs(part.scores) / limits
+        share = part.lasting / limits
         for run in excursions(share.max(axis=1) > 1.0, quiet):
             first = run.start
             joint = int(np.argmax(share[first]))
