@@ -5,7 +5,8 @@ One identification of the simulated folding arm hands over the model. Then, on m
 - *feedforward*: the arm under its position controller (forward dynamics, :mod:`sim_backends.closed_loop`), without and
   with the pressures that ``hilfit feedforward`` writes;
 - *simulation*: the same controller on the model and on the plant;
-- *overload*: forces of known size on the tip, in that closed loop; and hours of ordinary motion for false alarms;
+- *overload*: forces of known size on the tip, in that closed loop (larger ones throw the wrist beyond stops that the plant
+  does not have); and an hour of ordinary motion for false alarms;
 - *payload*: a mass that the arm picks up in the course of a motion;
 - *energy*: the work that the model has beside what was measured.
 """
@@ -48,7 +49,7 @@ FloatArray = npt.NDArray[np.float64]
 Show = Callable[[str], None]
 
 #: Forces on the tip, N, and how long each acts, s.
-HITS, HIT_SECONDS, BETWEEN, COUNT = (60.0, 120.0, 240.0), 0.3, 2.5, 6
+HITS, HIT_SECONDS, BETWEEN, COUNT = (30.0, 60.0, 120.0), 0.3, 2.5, 6
 #: False alarms an hour that thresholds are made for.
 STATED = (1.0, 20.0)
 PAYLOADS = (5.0, 20.0)
