@@ -5,8 +5,8 @@ One identification of the simulated folding arm hands over the model. Then, on m
 - *feedforward*: the arm under its position controller (forward dynamics, :mod:`sim_backends.closed_loop`), without and
   with the pressures that ``hilfit feedforward`` writes;
 - *simulation*: the same controller on the model and on the plant;
-- *overload*: forces of known size on the tip, in that closed loop (larger ones throw the wrist beyond stops that the plant
-  does not have); and an hour of ordinary motion for false alarms;
+- *overload*: forces of known size on the tip, in that closed loop (larger ones throw the wrist beyond stops that the
+  plant does not have); and an hour of ordinary motion for false alarms;
 - *payload*: a mass that the arm picks up in the course of a motion;
 - *energy*: the work that the model has beside what was measured.
 """
