@@ -32,6 +32,7 @@ BENCHMARKS = {
     "measured": "Identification and loop on measured machines, beside published numbers.",
     "mistakes": "People's mistakes on random machines: what the checks call them, and whom they accuse.",
     "model": "Exports against the model, C beside Pinocchio, and what the 95 % band is worth.",
+    "uses": "Feedforward, simulation, overload, payload and energy, with closed loops on the simulated machine.",
     "service": "Tablets and readers at the service while numerical work runs: latency, cycles lost.",
     "faults": "Every fault at random moments: what is lost, what is wrong, how soon it is over.",
     "soak": "Hours of faults one after another: nothing lost, memory flat.",
@@ -48,7 +49,7 @@ def register(app: typer.Typer) -> None:
     bench.callback()(_list)
     commands: tuple[Callable[..., None], ...] = (
         attribution, resolve, samples, demo, stages, speed, long, regressor, excitation, measured, mistakes, model,
-        service, faults, soak, channels, storm,
+        uses, service, faults, soak, channels, storm,
     )  # fmt: skip
     for name, command in zip(BENCHMARKS, commands, strict=True):
         bench.command(name, help=BENCHMARKS[name])(reported(command))
@@ -368,6 +369,17 @@ def model(
     from benchmarks.samples import SAMPLES
 
     _finish("model", run(samples or SAMPLES, data or DATA, _shown(json)), json)
+
+
+def uses(
+    seed: Annotated[int, typer.Option(help="Seed of the run.")] = 1,
+    minutes: Annotated[float, typer.Option(help="Minutes of motion that false alarms are counted in.", min=1)] = 60.0,
+    json: Annotated[bool, typer.Option("--json", help="Print the checks as JSON.")] = False,
+) -> None:
+    """Feedforward, simulation, overload, payload and energy, with closed loops on the simulated machine."""
+    from benchmarks.uses import run
+
+    _finish("uses", run(seed, minutes, _shown(json)), json)
 
 
 def mistakes(

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import inspect
+import re
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal, overload
+from typing import Any, Literal, TypeVar, overload
 
 import numpy as np
 import numpy.typing as npt
@@ -18,6 +20,20 @@ from fitting.model.prediction import Predicted, load_recording, predict
 from hilfit.recording import Recording
 
 FloatArray = npt.NDArray[np.float64]
+Function = TypeVar("Function", bound=Callable[..., Any])
+
+
+def _with_sections_of(described: Callable[..., Any]) -> Callable[[Function], Function]:
+    """A decorator that takes the sections of a docstring (parameters, errors) over from the function behind."""
+
+    def add(function: Function) -> Function:
+        text = inspect.getdoc(described) or ""
+        section = re.search(r"^(Parameters|Raises)\n-+$", text, re.MULTILINE)
+        own = inspect.getdoc(function) or ""
+        function.__doc__ = own if section is None else f"{own}\n\n{text[section.start() :]}"
+        return function
+
+    return add
 
 
 @dataclass(frozen=True)
@@ -95,6 +111,7 @@ class Model:
         return_std: Literal[True],
     ) -> tuple[FloatArray, FloatArray]: ...
 
+    @_with_sections_of(motion.on_motion)
     def effort(
         self,
         q: npt.ArrayLike,
@@ -108,18 +125,13 @@ class Model:
     ) -> FloatArray | tuple[FloatArray, FloatArray]:
         """Joint efforts (N, n) that a motion takes.
 
-        Parameters
-        ----------
-        q, qd, qdd : positions, speeds, accelerations
-        t : (N,) s since the motion began; None: every row is at its beginning
-        temperature : (N,) or one, K, of the oil
-        external : (N, n) N, forces from outside at the pistons, positive against extension
-        return_std : True gives the standard deviation of a measured effort as well: what parameters and what the fit
-            left of its recordings make together
+        With ``return_std`` the standard deviation of a measured effort as well: what parameters and what the fit left
+        of its recordings make together.
         """
         found = motion.moving(self.content, q, qd, qdd, t, temperature=temperature, external=external)
         return (found.effort, found.std) if return_std else found.effort
 
+    @_with_sections_of(motion.pressures)
     def pressures(
         self,
         q: npt.ArrayLike,
@@ -130,7 +142,7 @@ class Model:
         rod: npt.ArrayLike | None = None,
         temperature: npt.ArrayLike | None = None,
     ) -> tuple[FloatArray, FloatArray]:
-        """Head and rod pressures (N, n) in Pa; see :func:`fitting.model.motion.pressures`."""
+        """Head and rod pressures (N, n) that a motion takes, Pa; NaN of a joint without a cylinder."""
         return motion.pressures(self.content, q, qd, qdd, t, rod=rod, temperature=temperature)
 
     def gravity(self, q: npt.ArrayLike) -> FloatArray:
@@ -145,6 +157,7 @@ class Model:
         """Inertia (N, n, n) of links, pistons and drives: joint efforts per joint acceleration, at rest."""
         return motion.inertia_matrix(self.content, q)
 
+    @_with_sections_of(motion.forward)
     def forward(
         self,
         q: npt.ArrayLike,
@@ -167,6 +180,7 @@ class Model:
         return export_model(self.content, to, Path(path)).left_out
 
 
+@_with_sections_of(simulation.simulate)
 def simulate(
     model: Model,
     effort: simulation.Efforts,
@@ -178,12 +192,13 @@ def simulate(
     friction_speed: float | None = None,
     method: simulation.Method = "LSODA",
 ) -> simulation.Simulated:
-    """Motion from a state under efforts or a controller; see :func:`fitting.model.simulation.simulate`."""
+    """Motion from a state under efforts or a controller."""
     return simulation.simulate(
         model.content, effort, q, qd, seconds=seconds, rate_hz=rate_hz, friction_speed=friction_speed, method=method
     )
 
 
+@_with_sections_of(simulation.tracking)
 def tracking(model: Model, t: npt.ArrayLike, q: npt.ArrayLike, *, bandwidth_hz: float = 2.0) -> simulation.Efforts:
-    """A controller for :func:`simulate` that follows positions ``q`` (N, n) at times ``t`` (N,), s from 0."""
+    """A controller for :func:`simulate`: the model's efforts along a motion, and what pulls back to it."""
     return simulation.tracking(model.content, t, q, bandwidth_hz=bandwidth_hz)

@@ -16,6 +16,7 @@ from fitting.arm.joint_side import at_joints
 from fitting.effects.base import Effect, Ranges
 from fitting.loop.kinematic_check import corrections_from_json
 from fitting.loop.residual_loop import delays
+from fitting.model.tails import Tail
 from fitting.regression.design import Parameters
 from fitting.regression.drive import UNITS, direct_units, drive_names
 from fitting.residual.kinematics import Corrections
@@ -105,6 +106,8 @@ class ArmModel:
     residual_std : (n,) standard deviation of measured minus predicted drive effort on the recordings of the fit, at
         the full rate, N at a piston
     provenance : where it comes from
+    tails : per joint what the scores of an unchanged machine do (:mod:`fitting.model.uses.overload`); None: not known
+    filters : other filters than those of the identification; None: those
     """
 
     machine: Machine
@@ -118,6 +121,8 @@ class ArmModel:
     told: npt.NDArray[np.bool_] = field(repr=False)
     residual_std: FloatArray
     provenance: Provenance
+    tails: tuple[Tail, ...] | None = None
+    filters: FilterBank | None = field(default=None, repr=False)
 
     @property
     def theta(self) -> FloatArray:
@@ -130,9 +135,16 @@ class ArmModel:
         return np.sqrt(np.diag(self.covariance))
 
     @cached_property
+    def covariance_root(self) -> FloatArray:
+        """``L`` (p, k) with ``L L'`` the covariance of the parameters that have one; it may lack rank."""
+        known = np.isfinite(np.diag(self.covariance))
+        values, vectors = np.linalg.eigh(self.covariance[np.ix_(known, known)])
+        return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)))
+
+    @cached_property
     def bank(self) -> FilterBank:
-        """The filters of the identification."""
-        return filter_bank(self.machine.rate_hz, self.bandwidth_hz)
+        """The filters that recordings are evaluated through."""
+        return self.filters or filter_bank(self.machine.rate_hz, self.bandwidth_hz)
 
     @cached_property
     def corrections(self) -> Corrections:

@@ -52,7 +52,7 @@ def predict(
     if json:
         print_json(_summary(found))
         return
-    _print_table(
+    print_table(
         ("joint", "unit", "error", "RMS", "relative", "in the 95 % band"),
         [
             (name, own["unit"], *(_short(own[key]) for key in ("error", "rms", "relative", "coverage")))
@@ -86,7 +86,7 @@ def compare(
         print_json({"first": summaries[0], "second": summaries[1], "overall": found.overall, "shifts": shifts})
         return
     keys = ("error", "rms", "relative", "coverage")
-    _print_table(
+    print_table(
         ("joint", "unit", *(f"{word} {which}" for word in ("error", "RMS", "relative", "in band") for which in "AB")),
         [
             (name, own["unit"], *(_short(s["joints"][name][key]) for key in keys for s in summaries))
@@ -98,7 +98,7 @@ def compare(
         change = found.overall["change_percent"]
         print(f"error of all joints from A to B: {change:+.1f} % (95 % interval {low:+.1f} % to {high:+.1f} %)")
     if found.shifts:
-        _print_table(
+        print_table(
             ("parameter", "unit", "A", "B", "difference / std"),
             [(s.name, s.unit, f"{s.first:.5g}", f"{s.second:.5g}", f"{s.sigmas:+.1f}") for s in found.shifts],
         )
@@ -118,7 +118,7 @@ def show(model: ModelPath, json: Json = False) -> None:
     print(f"{loaded.machine.name}: {made.verdict}, identified {made.created} from {len(made.data)} recordings")
     for source in made.data:
         print(f"  {source.role:10s} {source.file}  sha256 {source.sha256[:12]}")
-    _print_table(
+    print_table(
         ("parameter", "value", "std", "unit"),
         [
             (own["name"], f"{own['value']:.5g}", "-" if own["std"] is None else f"{own['std']:.2g}", own["unit"])
@@ -129,7 +129,7 @@ def show(model: ModelPath, json: Json = False) -> None:
 
 def export(
     model: ModelPath,
-    to: Annotated[str, typer.Option("--to", help="Format: python, c, urdf, mjcf.")],
+    to: Annotated[str, typer.Option("--to", help="Format: python, c, fmu, matlab, csv, urdf, mjcf.")],
     output: Annotated[Path, typer.Option("--output", "-o", help="File or folder to write.")],
     json: Json = False,
 ) -> None:
@@ -167,7 +167,8 @@ def _short(value: float | None) -> str:
     return "-" if value is None else f"{value:.4g}"
 
 
-def _print_table(header: tuple[str, ...], rows: list[tuple[str, ...]]) -> None:
+def print_table(header: tuple[str, ...], rows: list[tuple[str, ...]]) -> None:
+    """Print a table for people."""
     from rich.console import Console
     from rich.table import Table
 

@@ -22,6 +22,7 @@ from fitting.arm.base_parameters import BaseParameters
 from fitting.effects.base import Ranges
 from fitting.loop.residual_loop import term_from_json, term_to_json
 from fitting.model.arm_model import ArmModel, Pass, Provenance, Source
+from fitting.model.tails import Tail
 from fitting.residual.views import RodLaw
 from fitting.signals.preparation import PositionNoise
 
@@ -94,6 +95,13 @@ class _Provenance(_Part):
     calibration: str | None = None
 
 
+class _Tail(_Part):
+    level: float = Field(ge=0)
+    rate: float = Field(gt=0)
+    scale: float = Field(ge=0)
+    shape: float = Field(ge=0)
+
+
 class _File(_Part):
     schema_: Literal["hilfit/model/1"] = Field(alias="schema")
     machine: dict[str, Any]
@@ -107,6 +115,7 @@ class _File(_Part):
     told: list[bool]
     residual_std: list[float]
     provenance: _Provenance
+    tails: list[_Tail] | None = None
 
 
 def model_to_json(model: ArmModel) -> dict[str, Any]:
@@ -139,6 +148,7 @@ def model_to_json(model: ArmModel) -> dict[str, Any]:
         "covariance": [[v if np.isfinite(v) else None for v in row] for row in model.covariance.tolist()],
         "told": model.told.tolist(),
         "residual_std": model.residual_std.tolist(),
+        "tails": None if model.tails is None else [asdict(own) for own in model.tails],
     }
 
 
@@ -214,6 +224,9 @@ def model_from_json(content: Any, name: str = "model") -> ArmModel:
             verdict=file.provenance.verdict,
             calibration=file.provenance.calibration,
         ),
+        tails=None
+        if file.tails is None
+        else tuple(Tail(own.level, own.rate, own.scale, own.shape) for own in file.tails),
     )
     _require_shapes(model, name)
     return model
@@ -233,6 +246,7 @@ def _require_shapes(model: ArmModel, name: str) -> None:
         "told": (model.told.shape, (count,)),
         "position_noise": ((len(model.noise),), (joints,)),
         "residual_std": (model.residual_std.shape, (joints,)),
+        "tails": ((joints if model.tails is None else len(model.tails),), (joints,)),
     }
     for number, own in enumerate(model.passes):
         first = len(model.passes) > 1 and number == 0

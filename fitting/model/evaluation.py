@@ -53,25 +53,29 @@ class Evaluated:
 
     def parameter_std(self, index: int) -> FloatArray:
         """Standard deviation of the drives' efforts (N, n) that the parameters' covariance makes."""
+        return np.stack([self._spread(self._columns(joint, index)) for joint in range(len(self.design.blocks))], axis=1)
+
+    def sum_variance(self, index: int, weights: FloatArray) -> FloatArray:
+        """Variances (n,) that the parameters' covariance makes of sums over the drives' efforts with weights (N, n)."""
+        joints = range(len(self.design.blocks))
+        sums = [weights[:, joint] @ self._columns(joint, index) for joint in joints]
+        return np.array([float(self._spread(own[None, :])[0]) ** 2 for own in sums])
+
+    def _columns(self, joint: int, index: int) -> FloatArray:
+        """What each parameter adds to a drive's effort per unit, (N, p)."""
+        columns, own = self.design.blocks[joint][index].columns, self.extra.columns[joint][index]
+        more = np.zeros((len(columns), len(self.extra.names))) if own is None else own
+        return np.hstack([columns, more])
+
+    def _spread(self, columns: FloatArray) -> FloatArray:
+        """Standard deviation (N,) of what columns (N, p) make; infinite where an untold parameter has part."""
         known = np.isfinite(np.diag(self.model.covariance))
-        root, result = _root(self.model.covariance[np.ix_(known, known)]), []
-        for joint, blocks in enumerate(self.design.blocks):
-            columns, own = blocks[index].columns, self.extra.columns[joint][index]
-            more = np.zeros((len(columns), len(self.extra.names))) if own is None else own
-            both = np.hstack([columns, more])
-            spread = np.linalg.norm(both[:, known] @ root, axis=1)
-            result.append(np.where(np.any(both[:, ~known] != 0, axis=1), np.inf, spread))
-        return np.stack(result, axis=1)
+        spread = np.linalg.norm(columns[:, known] @ self.model.covariance_root, axis=1)
+        return np.where(np.any(columns[:, ~known] != 0, axis=1), np.inf, spread)
 
     def views(self, index: int) -> tuple[DriveView, ...]:
         """What effects and expected pressures see of the whole model in a segment, per joint."""
         return _views(self.design, self.model.passes[-1], self.extra, index, self.starts)
-
-
-def _root(covariance: FloatArray) -> FloatArray:
-    """``L`` with ``L L' = covariance``, which may lack rank."""
-    values, vectors = np.linalg.eigh(covariance)
-    return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)))
 
 
 def evaluate(model: ArmModel, segments: Sequence[Segment], starts: Mapping[int, float] | None = None) -> Evaluated:

@@ -3,19 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from daq.errors import HilfitError
 from fitting.loop.session import Session
 from fitting.model.arm_model import ArmModel, Pass, Provenance, Source
+from fitting.model.tails import Tail
+from fitting.model.uses.overload import learn
 from fitting.regression.design import Design, Extra, full_residual
 from fitting.residual.stored_views import StoredViews, learning_step
 from fitting.residual.terms import Model, extra_columns
 from fitting.residual.views import RodLaw, Views, build_views, rod_laws
 
 FloatArray = npt.NDArray[np.float64]
+
+#: Seconds of each recording that what is usual is learnt from.
+_LEARN_S = 600.0
 
 
 def hand_over(
@@ -32,7 +39,7 @@ def hand_over(
     """
     design, bank = final.design, session.bank
     loaded = [i for i in final.fitted if design.segments[i].loaded] or list(final.fitted)
-    return ArmModel(
+    model = ArmModel(
         machine=session.described,
         steps=tuple(dict(step) for step in steps),
         base=session.base,
@@ -50,6 +57,17 @@ def hand_over(
             verdict=report["loop"]["verdict"],
         ),
     )
+    return replace(model, tails=_tails(model, session))
+
+
+def _tails(model: ArmModel, session: Session) -> tuple[Tail, ...] | None:
+    """What scores do on the recordings of the identification; None where these tell too little."""
+    most = round(_LEARN_S * model.machine.rate_hz)
+    seen = [own.cut(slice(0, min(len(own), most))) for own in session.recordings if own.role != "unloaded"]
+    try:
+        return learn(replace(model, machine=session.machine), seen)  # their channels are those at the joints
+    except HilfitError:
+        return None
 
 
 def _passes(final: Model) -> tuple[Pass, ...]:

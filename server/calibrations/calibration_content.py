@@ -8,7 +8,8 @@ from typing import Any
 
 from server.identifications.report_verdict import verdict_of
 
-MODEL_SCHEMA = "hilfit/model/1"
+#: Of what is kept of a report; the model itself (``hilfit/model/1``) is a file of the identification.
+SUMMARY_SCHEMA = "hilfit/calibration/1"
 #: Parts of a report that are the model, or say what it was made of; the rest is evidence.
 _MODEL = ("machine", "created", "software", "bandwidth_hz", "reduction", "cylinders", "rigid_body", "errors")
 #: What the loop added to the model.
@@ -25,7 +26,7 @@ class Content:
     errors : per joint, of its ``errors``: unit, noise floor, and the error before and after
     parameters : ``{"name", "value", "std", "unit"}`` each: of cylinders ``joint1.f_c``, of the rigid bodies their
         expression, of added effects ``effect:joint.parameter``
-    model : what ``model.json`` holds
+    model : what stays of the model when the identification's files go: parameters, effects, errors
     """
 
     verdict: str
@@ -38,7 +39,7 @@ class Content:
 def content_of(report: Mapping[str, Any]) -> Content:
     """The content that a report stands for; parts that it lacks are empty."""
     loop = report["loop"]
-    model = {"schema": MODEL_SCHEMA} | {key: report[key] for key in _MODEL if key in report}
+    model = {"schema": SUMMARY_SCHEMA} | {key: report[key] for key in _MODEL if key in report}
     model |= {key: loop[key] for key in _LOOP if key in loop}
     return Content(
         verdict=verdict_of(report),

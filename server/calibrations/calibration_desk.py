@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import json
+from typing import Any
 
 from server.audit.audit_log import Audit
 from server.calibrations.calibration_content import content_of
 from server.calibrations.calibration_store import Calibration, CalibrationStore
-from server.identifications.identification_results import IdentificationResults
+from server.identifications.identification_results import MODEL_FILE, IdentificationResults
 from server.identifications.identification_store import Identifications
 from server.jobs.job_store import Jobs
 from server.platform.authorization.principals import SERVICE, Principal
 from server.platform.database.engine import Database
-from server.platform.errors import ConflictError, InvalidError
+from server.platform.errors import ConflictError, InvalidError, NotFoundError
 from server.platform.files import DataDirectory
 
 
@@ -47,6 +48,21 @@ class Calibrations(CalibrationStore):
         except (ValueError, KeyError, TypeError) as error:
             raise InvalidError(f"report.json of '{identification}' cannot be read ({error!r}); fit it again") from None
         return self.add(source, label, content, by)
+
+    def model_file(self, id: str) -> dict[str, Any]:
+        """``model.json`` of a calibration: that of its identification, with the calibration in its provenance.
+
+        Where the identification's files are gone, or are of a version that wrote none, what the calibration kept
+        (schema ``hilfit/calibration/1``).
+        """
+        found = self.get(id)
+        try:
+            text = (self._results.directory(found.identification) / MODEL_FILE).read_text(encoding="utf-8")
+            content: dict[str, Any] = json.loads(text)
+            content["provenance"]["calibration"] = id
+        except (OSError, ValueError, KeyError, TypeError, NotFoundError):
+            content = dict(found.model)
+        return content | {"calibration": id, "identification": found.identification, "state": found.state}
 
 
 class ByPolicy:

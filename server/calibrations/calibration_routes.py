@@ -80,11 +80,14 @@ def get(id: str, response: Response, service: ServiceDep) -> CalibrationResource
     dependencies=READ,
 )
 def model(id: str, service: ServiceDep) -> JSONResponse:
-    """Download the fitted model (schema ``hilfit/model/1``)."""
-    found = service[Calibrations].get(id)
-    name = f"{found.machine}-{id}-model.json"
-    content = found.model | {"calibration": id, "identification": found.identification, "state": found.state}
-    return JSONResponse(content, headers={"Content-Disposition": f'attachment; filename="{name}"'})
+    """Download the fitted model (schema ``hilfit/model/1``), with the calibration's id in its provenance.
+
+    Where the identification's files are gone: what the calibration kept of it (schema ``hilfit/calibration/1``).
+    """
+    name = f"{service[Calibrations].get(id).machine}-{id}-model.json"
+    return JSONResponse(
+        service[Calibrations].model_file(id), headers={"Content-Disposition": f'attachment; filename="{name}"'}
+    )
 
 
 @router.post("/{id}/approve", responses=problems(404, 409, 412, 422), dependencies=ENGINEER)

@@ -52,6 +52,15 @@ PARTS = (
             "model": "Look at a model, and export it.",
         },
     ),
+    Part(
+        "fitting.model.uses.cli",
+        {
+            "feedforward": "Efforts and pressures that a motion takes, for the arm's controller.",
+            "energy": "Work of the drives in a motion or a recording.",
+            "overload": "Collisions and overloads in a recording.",
+            "payload": "The mass at the tip over a recording.",
+        },
+    ),
     Part("fitting.commands.check_command", {"check": "Say what may be wrong with recordings and a machine file."}),
     Part("fitting.commands.excite_command", {"excite": "Design a motion that tells the parameters."}),
     Part(

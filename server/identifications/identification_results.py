@@ -10,6 +10,9 @@ from server.jobs.job_store import Jobs
 from server.platform.database.engine import Database
 from server.platform.files import DataDirectory
 
+#: The model's name among the files of an identification.
+MODEL_FILE = "model.json"
+
 
 class IdentificationResults:
     """Directories of requests, results of stages, and reports."""

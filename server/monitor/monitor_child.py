@@ -8,24 +8,30 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Callable, Iterator, Mapping
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import numpy.typing as npt
 
 from daq import load_machine
 from daq.errors import HilfitError, InputError
 from daq.ring import RingReader
-from server.identifications.live_model import LiveModel, NotLiveError
+from fitting.model.uses.payload import WINDOW_S, weighed
+from server.identifications.live_model import JointBlock, LiveModel, NotLiveError
 from server.monitor.drift_watcher import Watcher
 from server.monitor.monitor_order import Order
+from server.monitor.overload_watch import OverloadWatch
 from server.monitor.residual_blocks import Windows, measured
 from server.monitor.residual_scores import STATISTICS, effective, scores
 from server.platform.files import write_atomically
 
 #: Seconds between two looks at the ring.
 LOOK_S = 0.25
+POLL_S = 0.01
 #: Blocks (of 2 s) after which its state is written down: what a kill costs at most.
 REMEMBER_BLOCKS = 15
 Say = Callable[[Mapping[str, Any]], None]
@@ -43,13 +49,16 @@ def watch(
     joints = tuple(joint.name for joint in model.machine.joints)
     watcher = _remembered(order.memory, Watcher.begin(joints, STATISTICS, order.rules))
     units = {joint.name: joint.effort_unit for joint in model.machine.joints}
+    recent = deque[tuple[JointBlock, ...]](maxlen=max(1, round(WINDOW_S / order.rules.block_s)))
     for number, rows in enumerate(windows, 1):
         time, values = measured(rows, names)
         blocks = model.evaluate(time, values)
         if blocks is None:  # a gap: nothing is known of these seconds
             watcher = watcher.step({})
+            recent.clear()
             residual = dict.fromkeys(joints)
         else:
+            recent.append(blocks)
             by_joint = dict(zip(joints, blocks, strict=True))
             watcher = watcher.step({joint: scores(block) for joint, block in by_joint.items()})
             residual = {joint: effective(block) for joint, block in by_joint.items()}
@@ -61,11 +70,25 @@ def watch(
                 "drifting": sorted(watcher.drifting),
                 "time": float(time[-1]),
                 "delay_s": model.delay_s,
+                "payload": _payload(recent),
             }
         )
         if number % REMEMBER_BLOCKS == 0:
             _remember(order.memory, watcher)
     _remember(order.memory, watcher)
+
+
+def _payload(recent: Iterable[tuple[JointBlock, ...]]) -> dict[str, float] | None:
+    """The mass at the tip that the last blocks show; None where too little moved."""
+    parts = [
+        [np.column_stack([getattr(joint, key) for joint in block]) for key in ("residual", "tip", "moving")]
+        for block in recent
+    ]
+    if not parts:
+        return None
+    residual, tip, moving = (np.concatenate(own) for own in zip(*parts, strict=True))
+    found = weighed(residual, tip, moving)
+    return None if found is None else asdict(found)
 
 
 def _remember(path: Path, watcher: Watcher) -> None:
@@ -80,11 +103,16 @@ def _remembered(path: Path, fresh: Watcher) -> Watcher:
         return fresh
 
 
-def _windows(ring: RingReader, windows: Windows) -> Iterator[npt.NDArray[Any]]:
+def _windows(
+    ring: RingReader, windows: Windows, overload: OverloadWatch | None, say: Say
+) -> Iterator[npt.NDArray[Any]]:
+    """Windows of the drift's blocks; what every new row says of overloads is said at once."""
     while True:
-        if not ring.wait(LOOK_S, poll=0.05) and (ring.closed or not ring.writer_alive):
+        if not ring.wait(LOOK_S, poll=POLL_S) and (ring.closed or not ring.writer_alive):
             return
         read = ring.read()
+        for hit in () if overload is None else overload.push(read.rows, read.missed):
+            say({"overload": asdict(hit)})
         yield from windows.push(read.rows, read.missed)
 
 
@@ -97,7 +125,7 @@ def run(order: Order, say: Say) -> None:
         If this calibration cannot be watched on this machine.
     """
     machine = load_machine(order.machine)
-    model = LiveModel.load(order.request)
+    model = LiveModel.load(order.model)
     names = tuple(channel.name for channel in machine.channels)
     missing = {channel.name for channel in model.machine.channels} - set(names)
     if missing:
@@ -106,9 +134,14 @@ def run(order: Order, say: Say) -> None:
             "identify with the present file"
         )
     windows = Windows(model.overlap, model.block_samples(order.rules.block_s))
+    try:
+        overload = OverloadWatch(model, names, order.rules.false_overloads_per_hour)
+    except NotLiveError:  # an identification of long ago, or of too short recordings: the drift is watched still
+        overload = None
+    first: dict[str, Any] = {"state": "learning", "joints": [], "drifting": [], "time": None, "delay_s": model.delay_s}
     with RingReader(order.ring_name) as ring:
-        say({"state": "learning", "joints": [], "drifting": [], "time": None, "delay_s": model.delay_s})
-        watch(model, names, order, _windows(ring, windows), say)
+        say(first | {"payload": None, "overload_delay_s": None if overload is None else overload.delay_s})
+        watch(model, names, order, _windows(ring, windows, overload, say), say)
 
 
 def main(arguments: list[str]) -> int:

@@ -18,12 +18,14 @@ class Rules:
     ----------
     learn : blocks to learn from
     block_s : s of machine time of a block
-    false_alarms_per_year : of the whole machine, if it moved all year
+    false_alarms_per_year : drifts that are none, of the whole machine, if it moved all year
+    false_overloads_per_hour : overloads that are none, of the whole machine
     """
 
     learn: int = LEARN
     block_s: float = 2.0
     false_alarms_per_year: float = 1.0
+    false_overloads_per_hour: float = 1.0 / 24.0
 
 
 @dataclass(frozen=True)
@@ -32,14 +34,14 @@ class Order:
 
     Attributes
     ----------
-    request : request file of the identification behind the active calibration
+    model : ``model.json`` of the identification behind the active calibration
     machine : machine file that the acquisition runs by
     ring_name : its ring buffer
     memory : file in which what was learnt is kept over restarts
     rules : how to decide
     """
 
-    request: Path
+    model: Path
     machine: Path
     ring_name: str
     memory: Path
@@ -54,7 +56,7 @@ class Order:
         """Inverse of :meth:`to_json`."""
         content = json.loads(text)
         return cls(
-            Path(content["request"]),
+            Path(content["model"]),
             Path(content["machine"]),
             content["ring_name"],
             Path(content["memory"]),

@@ -49,12 +49,20 @@ def _metrics(parts: Parts) -> Iterator[Metric]:
         "Largest cumulative sum over its threshold; a drift begins at 1.",
         labels=labels,
     )
+    payload = GaugeMetricFamily("hilfit_payload_kilograms", "Mass at the tip.", labels=["machine"])
+    payload_std = GaugeMetricFamily(
+        "hilfit_payload_std_kilograms", "Standard deviation of the mass at the tip.", labels=["machine"]
+    )
     for machine in parts[Acquisition].names():
-        for joint in parts[Monitors].state(machine).get("joints", ()):
+        state = parts[Monitors].state(machine)
+        if (mass := state.get("payload")) is not None:
+            payload.add_metric([machine], mass["mass"])
+            payload_std.add_metric([machine], mass["std"])
+        for joint in state.get("joints", ()):
             if joint["residual"] is not None:
                 residual.add_metric([machine, joint["joint"]], joint["residual"])
             share.add_metric([machine, joint["joint"]], joint["cusum"] / joint["threshold"])
-    yield from (residual, share)
+    yield from (residual, share, payload, payload_std)
 
 
 MONITOR = Resource(

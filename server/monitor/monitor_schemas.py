@@ -26,8 +26,31 @@ class MonitoredJoint(BaseModel):
     learnt: float
 
 
+class Payload(BaseModel):
+    """Mass at the tip beyond that of the calibration's recordings, kg, of the last ten seconds of motion."""
+
+    mass: float
+    std: float
+
+
+class OverloadNow(BaseModel):
+    """An overload that has not ended: where, measured minus predicted effort there, and that over its band."""
+
+    on: bool
+    time: float
+    joint: str
+    residual: float
+    unit: str
+    score: float
+    threshold: float
+
+
 class MonitorResource(BaseModel):
-    """The monitor of a machine; ``reason`` says why it is off, ``delay_s`` how late the residual is."""
+    """The monitor of a machine; ``reason`` says why it is off, ``delay_s`` how late the residual is.
+
+    ``overload_delay_s`` says how late an overload is judged, null where overloads are not watched: the calibration's
+    model does not say what is usual. ``payload`` is null where too little moved.
+    """
 
     state: Literal["off", "learning", "watching", "drift"]
     calibration: str | None = None
@@ -36,3 +59,6 @@ class MonitorResource(BaseModel):
     joints: list[MonitoredJoint] = []
     time: float | None = None
     delay_s: float | None = None
+    payload: Payload | None = None
+    overload: OverloadNow | None = None
+    overload_delay_s: float | None = None

@@ -15,9 +15,11 @@ import structlog
 
 from daq.errors import HilfitError
 from server.alarms.alarm_desk import Alarms
+from server.identifications.identification_results import MODEL_FILE
 from server.machines.acquisition import Acquisition
 from server.machines.machine_store import Machines
 from server.monitor.monitor_order import Order, Rules
+from server.monitor.overload_text import as_text
 from server.platform.files import DataDirectory, write_atomically
 from server.platform.processes.children import run_child
 
@@ -153,8 +155,9 @@ class Monitors:
                 del self._watches[machine]
         for machine, watch in gone.items():
             _end(watch)
-            self._alarms.report(machine, "residual_drift", "", "info", False)
-        for machine, ((calibration, ring_name), request) in wanted.items():
+            for kind in ("residual_drift", "overload"):
+                self._alarms.report(machine, kind, "", "info", False)
+        for machine, ((calibration, ring_name), model) in wanted.items():
             with self._lock:
                 current = self._watches.get(machine)
                 if current is not None and (current.ended is None or self._clock() - current.ended < PAUSE_S):
@@ -163,7 +166,7 @@ class Monitors:
                 self._watches[machine] = watch
             row = self._machines.get(machine)
             order = Order(
-                request=request,
+                model=model,
                 machine=self._files.machine_file(machine, row.version),
                 ring_name=ring_name,
                 memory=self._directory / f"{calibration}.json",
@@ -175,7 +178,7 @@ class Monitors:
             watch.thread.start()
 
     def _wanted(self, machine: str) -> tuple[tuple[str, str], Path] | None:
-        """(calibration, ring) and the request file behind them; None if there is nothing to watch."""
+        """(calibration, ring) and the model behind them; None if there is nothing to watch."""
         calibration = self._calibrations.active(machine)
         if calibration is None:
             return None
@@ -183,7 +186,7 @@ class Monitors:
             _, feed = self._acquisition.feed(machine)
         except HilfitError:
             return None
-        return (calibration.id, feed.ring_name), self._results(calibration.identification) / "request.json"
+        return (calibration.id, feed.ring_name), self._results(calibration.identification) / MODEL_FILE
 
     def _watch(self, machine: str, watch: _Watch, order: Order) -> None:
         path = self._directory / f"{machine}.order"
@@ -203,14 +206,18 @@ class Monitors:
         with self._lock:
             watch.reason, watch.ended = reason, self._clock()
         if not watch.stop.is_set():
+            self._alarms.report(machine, "overload", "", "info", False)  # nobody looks any more
             _log.warning("monitor_ended", machine=machine, reason=reason)
 
     def _heard(self, machine: str, watch: _Watch, found: dict[str, Any]) -> None:
-        """Keep what a monitor said; tell of a drift that begins or ends."""
+        """Keep what a monitor said; tell of a drift or an overload that begins or ends."""
+        if "overload" in found:
+            self._heard_overload(machine, watch, found["overload"])
+            return
         drifting = found.pop("drifting")
         with self._lock:
             before = watch.found.get("state", "learning")
-            watch.found = found
+            watch.found = {key: watch.found[key] for key in _LASTING if key in watch.found} | found
             if found["state"] != before:
                 watch.since = self._now()
         if watch.stop.is_set():
@@ -228,7 +235,15 @@ class Monitors:
             except HilfitError as error:
                 self._alarms.report(machine, "recalibration_failed", str(error), "warning", True)
 
+    def _heard_overload(self, machine: str, watch: _Watch, hit: dict[str, Any]) -> None:
+        with self._lock:
+            watch.found["overload"] = hit if hit["on"] else None
+        if not watch.stop.is_set():
+            self._alarms.report(machine, "overload", as_text(hit) if hit["on"] else "", "critical", hit["on"])
 
+
+#: What a monitor says once, or of its own accord, beside what it says of each block.
+_LASTING = ("overload", "overload_delay_s")
 #: What a change of each statistic looks like to a person.
 WORDS = {
     "offset": "a constant force more or less",

@@ -1,6 +1,6 @@
 """``python -m server.recalibrations.comparison_child REQUEST.json``: what two calibrations leave over of one recording.
 
-The request names the requests of both identifications and, for each, the recordings to look at. Speaks as
+The request names the models of both identifications and, for each, the recordings to look at. Speaks as
 :mod:`server.platform.processes.children` says; its summary is that of
 :func:`server.recalibrations.recalibration_comparison.table`.
 """
@@ -56,7 +56,7 @@ def rms(residual: FloatArray) -> float:
 def run(request: Path) -> dict[str, Any]:
     """Compare what ``request`` names."""
     content = json.loads(request.read_text(encoding="utf-8"))
-    active, new = (LiveModel.load(Path(content[name]["request"])) for name in ("active", "new"))
+    active, new = (LiveModel.load(Path(content[name]["model"])) for name in ("active", "new"))
     judged = [Path(path) for path in content["new"]["recordings"]]
     own = [Path(path) for path in content["active"]["recordings"]]
     names = [joint.name for joint in new.machine.joints]

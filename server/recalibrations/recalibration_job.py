@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from server.identifications.identification_order import Wish
-from server.identifications.identification_results import IdentificationResults
+from server.identifications.identification_results import MODEL_FILE, IdentificationResults
 from server.identifications.identification_store import Identification, Identifications
 from server.jobs.job_kinds import AT_MACHINES, JobError, StageRun
 from server.jobs.job_store import FINAL, Job, Jobs
@@ -176,12 +176,12 @@ class RecalibrationKind:
         return result
 
     def _judged(self, identification: str) -> dict[str, Any]:
-        """Request of an identification, and the recordings that it is judged by."""
+        """Model of an identification, and the recordings that it is judged by."""
         recordings = self._identifications.get(identification).recordings
         held_out = [id for id, role in recordings if role == "validate"]
         chosen = held_out or [id for id, role in recordings if role == "operation"]
         return {
-            "request": str(self._results.directory(identification) / "request.json"),
+            "model": str(self._results.directory(identification) / MODEL_FILE),
             "recordings": [str(self._files.recordings / f"{id}.{self._recordings.get(id).format}") for id in chosen],
         }
 

@@ -9,6 +9,9 @@ from service_fakes import MACHINE
 
 from daq import Recording, parse_machine
 from fitting.loop.session import Options, Session
+from fitting.model.arm_model import ArmModel
+from fitting.model.handover import hand_over
+from fitting.residual.terms import Term, fit_model
 
 RATE = 50.0
 #: Noise of the angle in rad and of the torque in N m.
@@ -46,3 +49,15 @@ def session() -> Session:
     machine = parse_machine(MACHINE)
     recordings = [recording(60, 1, "train"), recording(40, 2, "validate")]
     return Session(machine, recordings, Options(loop=False, bandwidth_hz=3.0))
+
+
+def handed_over(made: Session, terms: tuple[Term, ...] = ()) -> ArmModel:
+    """The model that an identification of the lever hands over, with some effects."""
+    model = (
+        fit_model(made.plain.design, made.plain.noise, made.plain.fitted, terms, made.prior)
+        if terms
+        else (made.base_model)
+    )
+    data = [{"role": r.role, "file": r.file, "sha256": r.sha256, "samples": len(r)} for r in made.recordings]
+    report = {"created": "2026-01-01T00:00:00+00:00", "software": {}, "data": data, "loop": {"verdict": "x"}}
+    return hand_over(made, (), model, report)

@@ -18,7 +18,9 @@ from server.calibrations.calibration_desk import ByPolicy, Calibrations
 from server.identifications.identification_order import IdentificationOrders, Wish
 from server.identifications.identification_results import IdentificationResults
 from server.platform.authorization.principals import LOCAL, SERVICE
+from server.platform.database.engine import Database
 from server.platform.errors import ConflictError
+from server.platform.files import DataDirectory
 from server.platform.settings import Settings
 
 pytestmark = pytest.mark.slow
@@ -131,9 +133,25 @@ def test_from_a_proposal_to_use_and_back(guarded: Guarded, identified: Any) -> N
 
     model = guarded.client.get(f"{PLACE}/{second}/model.json", headers=viewer)
     assert "attachment" in model.headers["content-disposition"]
-    assert model.json()["schema"] == "hilfit/model/1"
+    assert model.json()["schema"] == "hilfit/calibration/1", "a stage of old wrote no model"
     assert model.json()["cylinders"] == report(92.0)["cylinders"]
     assert model.json()["effects"] == report(92.0)["loop"]["effects"]
+
+
+def test_the_model_says_which_calibration_it_is(guarded: Guarded, identified: Any) -> None:
+    """The model of the identification, its provenance completed, and else untouched."""
+    id = propose(guarded, identified(report(70.0)), "engineer").json()["id"]
+    service = guarded.running.service
+    results = IdentificationResults(service[Database], service[DataDirectory])
+    folder = results.directory(service[Calibrations].get(id).identification)
+    written = {"schema": "hilfit/model/1", "provenance": {"verdict": "x", "calibration": None}, "told": [True]}
+    (folder / "model.json").write_text(json.dumps(written))
+    found = guarded.client.get(f"{PLACE}/{id}/model.json", headers=guarded.bearer("viewer")).json()
+    assert found["provenance"] == {"verdict": "x", "calibration": id}
+    assert (found["schema"], found["told"], found["state"]) == ("hilfit/model/1", [True], "proposed")
+    (folder / "model.json").write_text("torn {")
+    torn = guarded.client.get(f"{PLACE}/{id}/model.json", headers=guarded.bearer("viewer")).json()
+    assert torn["schema"] == "hilfit/calibration/1"
 
 
 def test_who_proposed_may_not_approve(guarded: Guarded, identified: Any) -> None:

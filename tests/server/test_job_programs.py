@@ -17,7 +17,6 @@ from fitting.loop.session import Options, Request
 from fitting.pipeline.stage_names import STAGES
 from fitting.pipeline.stages import run_stage
 from server.excitations import excitation_job as excitation
-from server.identifications.stage_request import StageRequest
 from server.platform.processes.children import ChildResult, run_child
 from server.recalibrations import recalibration_job as recalibration
 from server.recalibrations.recalibration_comparison import BETTER, GREW, WORSE, sentence, table
@@ -51,7 +50,7 @@ def test_a_design_moves_within_the_limits_and_is_not_made_again(tmp_path: Path) 
 
 
 def identified(directory: Path, coulomb: float, seed: int) -> dict[str, Any]:
-    """Request and validation recording of a real identification of a lever with this friction."""
+    """Model and validation recording of a real identification of a lever with this friction."""
     directory.mkdir()
     machine_file = directory / "lever.yaml"
     machine_file.write_text(MACHINE)
@@ -62,8 +61,7 @@ def identified(directory: Path, coulomb: float, seed: int) -> dict[str, Any]:
     request = Request(machine_file, tuple(files), directory, Options(loop=False, bandwidth_hz=3.0))
     for stage in STAGES:
         run_stage(stage, request)
-    written = StageRequest(machine_file, tuple(files), {"loop": False, "bandwidth_hz": 3.0}, directory).write()
-    return {"request": str(written), "recordings": [str(files[1][1])]}
+    return {"model": str(directory / "model.json"), "recordings": [str(files[1][1])]}
 
 
 def test_a_model_of_the_friction_that_was_leaves_over_what_it_grew_by(tmp_path: Path) -> None:

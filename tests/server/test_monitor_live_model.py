@@ -6,13 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from live_lever import COULOMB, RATE, TORQUE_STD, recording, session, signals
+from live_lever import COULOMB, RATE, TORQUE_STD, handed_over, recording, session, signals
 
 from daq import Recording
 from fitting.effects import effect
 from fitting.loop.session import Session
 from fitting.regression.design import build_design, full_residual
-from fitting.residual.kinematics import Corrections
 from fitting.residual.laws import Law
 from fitting.residual.terms import Model, Term, fit_model
 from fitting.signals.preparation import prepare
@@ -30,8 +29,7 @@ def fitted() -> tuple[Session, Model]:
 
 @pytest.fixture(scope="module")
 def live(fitted: tuple[Session, Model]) -> LiveModel:
-    made, model = fitted
-    return LiveModel(made.machine, made, Corrections(made.machine), (), model)
+    return LiveModel(handed_over(fitted[0]))
 
 
 def windows(live: LiveModel, data: Recording, seconds: float = 2.0) -> list[tuple[np.ndarray, dict[str, np.ndarray]]]:
@@ -129,7 +127,7 @@ def test_effects_are_evaluated_live(fitted: tuple[Session, Model]) -> None:
     made, _ = fitted
     term = Term(effect("quadratic_loss"), 0)
     model = fit_model(made.plain.design, made.plain.noise, made.plain.fitted, (term,), made.prior)
-    live = LiveModel(made.machine, made, Corrections(made.machine), (term,), model)
+    live = LiveModel(handed_over(made, (term,)))
     t, values = signals(20, 4)
     (block,) = live.evaluate(t, values) or ()
     segments = prepare(made.machine, [recording(20, 4, "operation")], made.bank, noise=made.position_noise)
@@ -146,16 +144,14 @@ def test_effects_that_only_a_recording_tells_are_refused_and_not_guessed(fitted:
         shapes = content.shapes(made.base_model.views[0][0])
         term = Term(content, 0, dict(shapes[0]) if shapes else {})
         with pytest.raises(NotLiveError):
-            model = fit_model(made.plain.design, made.plain.noise, made.plain.fitted, (term,), made.prior)
-            LiveModel(made.machine, made, Corrections(made.machine), (term,), model).evaluate(*signals(20, 4))
+            LiveModel(handed_over(made, (term,))).evaluate(*signals(20, 4))
 
 
 def test_a_law_that_remembers_more_than_a_block_holds_is_refused(fitted: tuple[Session, Model]) -> None:
     made, _ = fitted
     term = Term(Law("time_since_reversal", None, True, False, tuple(spline_knots(np.linspace(0.0, 3.0, 50), 4))), 0)
-    model = fit_model(made.plain.design, made.plain.noise, made.plain.fitted, (term,), made.prior)
     with pytest.raises(NotLiveError, match="since the last reversal"):
-        LiveModel(made.machine, made, Corrections(made.machine), (term,), model)
+        LiveModel(handed_over(made, (term,)))
 
 
 def test_windows_step_by_blocks_and_begin_anew_after_a_loss() -> None:

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from live_lever import COULOMB, RATE, recording, session, signals
+from live_lever import COULOMB, RATE, handed_over, recording, session, signals
 from service_fakes import MACHINE
 
 from daq import write_recording
@@ -19,7 +19,6 @@ from daq.frame import row_dtype
 from daq.ring import RingWriter, ring_buffer
 from fitting.pipeline.stage_program import load_request
 from fitting.pipeline.stages import STAGES, run_stage
-from fitting.residual.kinematics import Corrections
 from server.alarms.alarm_desk import Alarms
 from server.composition.declarations import TABLES
 from server.identifications.live_model import LiveModel, NotLiveError
@@ -47,7 +46,7 @@ def rows(seconds: float, seed: int, **change: Any) -> np.ndarray:
 @pytest.fixture(scope="module")
 def live() -> LiveModel:
     made = session()
-    return LiveModel(made.machine, made, Corrections(made.machine), (), made.base_model)
+    return LiveModel(handed_over(made))
 
 
 def watched(live: LiveModel, table: np.ndarray, memory: Path) -> list[dict[str, Any]]:
@@ -121,23 +120,21 @@ def identified(tmp_path_factory: pytest.TempPathFactory) -> Path:
         "options": {"loop": False, "bandwidth_hz": 3.0},
     }
     (output / "request.json").write_text(json.dumps(content))
-    for stage in STAGES[: STAGES.index("attribution") + 1]:
+    for stage in STAGES:
         run_stage(stage, load_request(output / "request.json"))
     return root
 
 
 def test_a_stored_identification_gives_the_model_that_was_fitted(identified: Path, live: LiveModel) -> None:
-    loaded = LiveModel.load(identified / "identifications" / "ident-1" / "request.json")
+    loaded = LiveModel.load(identified / "identifications" / "ident-1")
     t, values = signals(20, 21)
     (first,), (second,) = loaded.evaluate(t, values) or (), live.evaluate(t, values) or ()
     np.testing.assert_allclose(first.residual, second.residual, atol=1e-3)
 
 
 def test_a_lost_result_says_what_to_do(tmp_path: Path) -> None:
-    request = tmp_path / "request.json"
-    request.write_text(json.dumps({"machine": "m.yaml", "recordings": [], "output": str(tmp_path)}))
     with pytest.raises(NotLiveError, match="identify again"):
-        LiveModel.load(request)
+        LiveModel.load(tmp_path)
 
 
 class World:
@@ -239,10 +236,10 @@ def test_from_a_ring_through_a_process_to_an_alarm(world: World) -> None:
 
 def test_the_process_ends_with_the_ring(identified: Path, tmp_path: Path) -> None:
     said: list[Any] = []
-    request = identified / "identifications" / "ident-1" / "request.json"
+    model = identified / "identifications" / "ident-1" / "model.json"
     with ring_buffer(row_dtype(2), 64) as name, RingWriter(name) as writer:
         writer.finish()
-        order = Order(request, identified / "machines" / "lever" / "1.yaml", name, tmp_path / "m.json", RULES)
+        order = Order(model, identified / "machines" / "lever" / "1.yaml", name, tmp_path / "m.json", RULES)
         child.run(order, said.append)
     assert [found["state"] for found in said] == ["learning"]
 
@@ -250,6 +247,6 @@ def test_the_process_ends_with_the_ring(identified: Path, tmp_path: Path) -> Non
 def test_a_channel_that_the_machine_lost_is_named(identified: Path, tmp_path: Path) -> None:
     changed = tmp_path / "machine.yaml"
     changed.write_text(MACHINE.replace("joint1.torque", "joint1.effort"))
-    request = identified / "identifications" / "ident-1" / "request.json"
+    model = identified / "identifications" / "ident-1" / "model.json"
     with pytest.raises(NotLiveError, match=r"no channel joint1\.torque"):
-        child.run(Order(request, changed, "none", tmp_path / "m.json", RULES), lambda found: None)
+        child.run(Order(model, changed, "none", tmp_path / "m.json", RULES), lambda found: None)

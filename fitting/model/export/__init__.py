@@ -15,6 +15,9 @@ __all__ = ["FORMATS", "Written", "export_model"]
 FORMATS = {
     "python": "fitting.model.export.python:write_python",
     "c": "fitting.model.export.c:write_c",
+    "fmu": "fitting.model.export.fmu:write_fmu",
+    "matlab": "fitting.model.export.matlab:write_matlab",
+    "csv": "fitting.model.export.tables:write_csv",
     "urdf": "fitting.model.export.simulators:write_urdf",
     "mjcf": "fitting.model.export.simulators:write_mjcf",
 }

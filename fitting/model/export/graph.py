@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from scipy.interpolate import PPoly
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -156,6 +157,13 @@ class Curve:
 
     breaks: FloatArray
     pieces: FloatArray
+
+
+def spline_curve(knots: FloatArray, values: FloatArray) -> Curve:
+    """A cubic spline as pieces."""
+    pieces = PPoly.from_spline((knots, values, 3))
+    inside = np.diff(pieces.x) > 0
+    return Curve(np.append(pieces.x[:-1][inside], pieces.x[-1]), pieces.c[:, inside].T)
 
 
 @dataclass

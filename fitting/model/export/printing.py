@@ -24,12 +24,14 @@ class Dialect:
     end : what ends a statement
     functions : names of functions and, with ``{0}``, patterns of operations
     suffix : of numbers
+    infix : signs of sum, difference, product and quotient
     """
 
     declare: str = ""
     end: str = ""
     functions: Mapping[str, str] = field(default_factory=dict)
     suffix: str = ""
+    infix: Mapping[str, str] = field(default_factory=lambda: _INFIX)
 
     def number(self, value: float) -> str:
         """A number with all of its digits."""
@@ -73,8 +75,8 @@ def _word(
         return variables[str(node.value)], 0
     arguments = [words[argument.number][0] for argument in node.arguments]
     depth = 1 + max(words[argument.number][1] for argument in node.arguments)
-    if node.operation in _INFIX:
-        return f"({arguments[0]} {_INFIX[node.operation]} {arguments[1]})", depth
+    if node.operation in dialect.infix:
+        return f"({arguments[0]} {dialect.infix[node.operation]} {arguments[1]})", depth
     if node.operation == "neg":
         return f"(-{arguments[0]})", depth
     if node.operation == "curve":

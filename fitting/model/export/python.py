@@ -15,8 +15,9 @@ from daq.recording_files import replacing
 from fitting.arm.expected import expected_power
 from fitting.model.arm_model import ArmModel
 from fitting.model.export.graph import Curve, Node
+from fitting.model.export.moment import State
 from fitting.model.export.printing import Dialect, curves_of, statements
-from fitting.model.export.tracing import State, Tracer
+from fitting.model.export.tracing import Tracer
 from fitting.model.export.words import Written, heading
 
 FloatArray = npt.NDArray[np.float64]

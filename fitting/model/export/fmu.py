@@ -1,0 +1,258 @@
+"""The model as functional mock-up units, FMI 3.0 and FMI 2.0: blocks of the exported C for simulators.
+
+Positions, speeds and accelerations go in; efforts, gravity, friction and pressures come out, of the same moment. Both
+units serve Model Exchange and Co-Simulation and hold their sources; the C compiler of this computer makes the binaries
+of its platform.
+"""
+
+from __future__ import annotations
+
+import platform
+import shutil
+import subprocess
+import sys
+import tempfile
+import xml.etree.ElementTree as ET
+import zipfile
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from importlib.resources import files
+from pathlib import Path
+from uuid import NAMESPACE_URL, uuid5
+
+import jinja2
+
+from daq.errors import InputError
+from daq.recording_files import replacing
+from fitting.model.arm_model import ArmModel
+from fitting.model.export.c import Function, c_files, functions_of, identifier
+from fitting.model.export.tracing import Tracer
+from fitting.model.export.words import Written, said_of
+
+#: Units by what SI makes of them: exponents of kg, m, s, rad.
+_UNITS = {
+    "rad": {"rad": 1},
+    "rad/s": {"rad": 1, "s": -1},
+    "rad/s2": {"rad": 1, "s": -2},
+    "m": {"m": 1},
+    "m/s": {"m": 1, "s": -1},
+    "m/s2": {"m": 1, "s": -2},
+    "N.m": {"kg": 1, "m": 2, "s": -2},
+    "N": {"kg": 1, "m": 1, "s": -2},
+    "Pa": {"kg": 1, "m": -1, "s": -2},
+}
+#: Output of a function of the C, its name in the unit, what it is.
+_OUTPUTS = {
+    ("inverse_dynamics", "tau"): ("effort", "effort that the motion takes"),
+    ("gravity", "tau"): ("gravity", "effort that holds the links still"),
+    ("friction", "tau"): ("friction", "effort that changes its sign with the speed's"),
+    ("drive_efforts", "force"): ("drive", "effort of the drive"),
+    ("pressures", "head"): ("head", "head pressure"),
+    ("pressures", "rod"): ("rod", "rod pressure"),
+}
+_PLACES = {"linux": "linux", "darwin": "darwin", "win32": "windows"}
+_MACHINES = {"x86_64": "x86_64", "amd64": "x86_64", "aarch64": "aarch64", "arm64": "aarch64"}
+
+
+@dataclass(frozen=True)
+class Variable:
+    """A variable of a unit: its value reference is its place, 1 the first; 0 is the time."""
+
+    name: str
+    unit: str
+    says: str
+    output: bool
+
+
+def write_fmu(model: ArmModel, path: Path) -> Written:
+    """Write ``NAME_fmi3.fmu`` and ``NAME_fmi2.fmu`` in a folder.
+
+    Without a C compiler (``cc``) they hold sources only, and that is said.
+
+    Raises
+    ------
+    InputError
+        If the folder is a file, or the compiler refuses.
+    """
+    if path.exists() and not path.is_dir():
+        raise InputError(f"{path}: is a file; give a folder with -o")
+    tracer = Tracer(model)
+    name, functions = identifier(model.machine.name), functions_of(tracer)
+    left_out = list(tracer.left_out)
+    compiler = shutil.which("cc")
+    if compiler is None:
+        left_out.append("binaries: there is no C compiler (cc) here; the units hold sources")
+    written = []
+    for version in (3, 2):
+        sources = _sources(tracer, name, functions, version)
+        content: dict[str, bytes] = {f"sources/{file}": text.encode() for file, text in sources.items()}
+        content["modelDescription.xml"] = _xml(_description(model, name, functions, version, left_out))
+        if version == 3:
+            content["sources/buildDescription.xml"] = _xml(_build_description(name))
+        if compiler is not None:
+            folder, suffix = binary_place(version)
+            content[f"binaries/{folder}/{name}{suffix}"] = _compiled(compiler, sources)
+        target = path / f"{name}_fmi{version}.fmu"
+        with replacing(target) as temporary, zipfile.ZipFile(temporary, "w", zipfile.ZIP_DEFLATED) as archive:
+            for file, data in content.items():
+                archive.writestr(file, data)
+        written.append(target)
+    return Written(tuple(written), tuple(left_out))
+
+
+def binary_place(version: int) -> tuple[str, str]:
+    """Folder of this platform's binaries in a unit, and their suffix."""
+    system = _PLACES.get(sys.platform, sys.platform)
+    machine = _MACHINES.get(platform.machine().lower(), platform.machine().lower())
+    suffix = {"windows": ".dll", "darwin": ".dylib"}.get(system, ".so")
+    if version == 3:
+        return f"{machine}-{system}", suffix
+    bits = "64" if sys.maxsize > 2**32 else "32"
+    short = {"windows": "win"}.get(system, system)
+    return (f"{short}{bits}" if machine == "x86_64" else f"{machine}-{short}"), suffix
+
+
+def variables_of(model: ArmModel, functions: Sequence[Function]) -> list[Variable]:
+    """Inputs and outputs in the order of their value references."""
+    turning = [joint.type == "revolute" for joint in model.machine.joints]
+    result = []
+    for word, per in (("q", ""), ("qd", "/s"), ("qdd", "/s2")):
+        what = {"q": "position", "qd": "speed", "qdd": "acceleration"}[word]
+        for joint, (name, turns) in enumerate(zip(model.joints, turning, strict=True)):
+            unit = ("rad" if turns else "m") + per
+            result.append(Variable(f"{word}[{joint + 1}]", unit, f"{what} of {name}", False))
+    for own in functions:
+        for output in own.outputs:
+            word, says = _OUTPUTS[own.name, output]
+            for joint, (name, turns) in enumerate(zip(model.joints, turning, strict=True)):
+                cylinder = model.arm.joints[joint].cylinder is not None
+                unit = "N.m" if turns and not (word == "drive" and cylinder) else "N"
+                unit = "Pa" if own.name == "pressures" else unit
+                result.append(Variable(f"{word}[{joint + 1}]", unit, f"{says}, {name}", True))
+    return result
+
+
+def _sources(tracer: Tracer, name: str, functions: Sequence[Function], version: int) -> dict[str, str]:
+    """Texts of the C by name."""
+    n, starts, calls, place = len(tracer.model.joints), {"q": 0, "v": 1, "a": 2}, list[str](), 0
+    for own in functions:
+        given = [f"in + {starts[letter] * n}" for letter in own.letters] + ["arm->values[0]"] * own.timed
+        taken = [f"out + {place + k * n}" for k in range(len(own.outputs))]
+        place += n * len(own.outputs)
+        calls.append(f"{name}_{own.name}({', '.join([*given, *taken])});")
+    model_c = c_files(tracer)
+    room = files("fitting.model.export")
+    template = jinja2.Template(
+        room.joinpath("fmi_instance.h.j2").read_text(encoding="utf-8"),
+        trim_blocks=True,
+        keep_trailing_newline=True,
+        undefined=jinja2.StrictUndefined,
+    )
+    words = {"name": name, "token": _token(tracer.model), "inputs": 3 * n, "outputs": place, "calls": calls}
+    return {
+        f"{name}.h": model_c[f"{name}.h"],
+        f"{name}.c": model_c[f"{name}.c"],
+        "fmi_instance.h": template.render(words),
+        "fmi.c": room.joinpath(f"fmi{version}.c").read_text(encoding="utf-8"),
+    }
+
+
+def _token(model: ArmModel) -> str:
+    """A name that no other model has."""
+    made = model.provenance
+    parts = [model.machine.name, made.created, made.calibration or "", *(source.sha256 for source in made.data)]
+    return f"{{{uuid5(NAMESPACE_URL, ' '.join([*parts, *map(repr, model.theta.tolist())]))}}}"
+
+
+def _compiled(compiler: str, sources: Mapping[str, str]) -> bytes:
+    """The library that the compiler makes."""
+    with tempfile.TemporaryDirectory(prefix="hilfit-") as name:
+        folder = Path(name)
+        for file, text in sources.items():
+            (folder / file).write_text(text, encoding="utf-8")
+        units = [file for file in sources if file.endswith(".c")]
+        flags = ["-std=c99", "-O2", "-fPIC", "-shared", "-fvisibility=hidden"]
+        done = subprocess.run(
+            [compiler, *flags, "-o", "arm", *units, "-lm"], cwd=folder, capture_output=True, text=True, check=False
+        )
+        if done.returncode != 0:
+            line = next(iter(done.stderr.strip().splitlines()), "no reason given")
+            raise InputError(f"export: the C compiler {compiler} refuses the unit: {line}")
+        return (folder / "arm").read_bytes()
+
+
+def _xml(root: ET.Element) -> bytes:
+    ET.indent(root)
+    return b'<?xml version="1.0" encoding="UTF-8"?>\n' + ET.tostring(root, encoding="unicode").encode()
+
+
+def _description(
+    model: ArmModel, name: str, functions: Sequence[Function], version: int, left_out: Sequence[str]
+) -> ET.Element:
+    """``modelDescription.xml``."""
+    new = version == 3
+    root = ET.Element(
+        "fmiModelDescription",
+        {
+            "fmiVersion": "3.0" if new else "2.0",
+            "modelName": model.machine.name,
+            "instantiationToken" if new else "guid": _token(model),
+            "description": " ".join(said_of(model, left_out)),
+            "generationTool": "hilfit",
+            "variableNamingConvention": "structured",
+            **({} if new else {"numberOfEventIndicators": "0"}),
+        },
+    )
+    for kind in ("ModelExchange", "CoSimulation"):
+        more = {"canHandleVariableCommunicationStepSize": "true"} if kind == "CoSimulation" else {}
+        element = ET.SubElement(root, kind, {"modelIdentifier": name, **more})
+        if not new:
+            sources = ET.SubElement(element, "SourceFiles")
+            for file in (f"{name}.c", "fmi.c"):
+                ET.SubElement(sources, "File", name=file)
+    variables = variables_of(model, functions)
+    units = ET.SubElement(root, "UnitDefinitions")
+    for unit in dict.fromkeys(own.unit for own in variables):
+        element = ET.SubElement(units, "Unit", name=unit)
+        ET.SubElement(element, "BaseUnit", {base: str(power) for base, power in _UNITS[unit].items()})
+    ET.SubElement(root, "DefaultExperiment", startTime="0", stepSize=repr(1.0 / model.machine.rate_hz))
+    (_variables_3 if new else _variables_2)(root, variables)
+    return root
+
+
+def _variables_3(root: ET.Element, variables: Sequence[Variable]) -> None:
+    place = ET.SubElement(root, "ModelVariables")
+    ET.SubElement(place, "Float64", name="time", valueReference="0", causality="independent", variability="continuous")
+    structure = ET.SubElement(root, "ModelStructure")
+    for number, own in enumerate(variables, 1):
+        element = ET.SubElement(place, "Float64", {"name": own.name, "valueReference": str(number)})
+        element.attrib |= {"causality": "output" if own.output else "input", "description": own.says, "unit": own.unit}
+        element.attrib |= {} if own.output else {"start": "0"}
+        if own.output:
+            ET.SubElement(structure, "Output", valueReference=str(number))
+    for number, own in enumerate(variables, 1):
+        if own.output:
+            ET.SubElement(structure, "InitialUnknown", valueReference=str(number))
+
+
+def _variables_2(root: ET.Element, variables: Sequence[Variable]) -> None:
+    place = ET.SubElement(root, "ModelVariables")
+    structure = ET.SubElement(root, "ModelStructure")
+    outputs, unknowns = ET.SubElement(structure, "Outputs"), ET.SubElement(structure, "InitialUnknowns")
+    for number, own in enumerate(variables, 1):
+        element = ET.SubElement(place, "ScalarVariable", {"name": own.name, "valueReference": str(number)})
+        element.attrib |= {"causality": "output" if own.output else "input", "description": own.says}
+        ET.SubElement(element, "Real", {"unit": own.unit} | ({} if own.output else {"start": "0"}))
+        if own.output:
+            ET.SubElement(outputs, "Unknown", index=str(number))
+            ET.SubElement(unknowns, "Unknown", index=str(number))
+
+
+def _build_description(name: str) -> ET.Element:
+    root = ET.Element("fmiBuildDescription", fmiVersion="3.0")
+    configuration = ET.SubElement(root, "BuildConfiguration", modelIdentifier=name)
+    sources = ET.SubElement(configuration, "SourceFileSet", language="C99")
+    for file in (f"{name}.c", "fmi.c"):
+        ET.SubElement(sources, "SourceFile", name=file)
+    ET.SubElement(configuration, "Library", name="m")
+    return root

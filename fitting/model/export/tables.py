@@ -1,0 +1,78 @@
+"""Gravity and friction as tables over their variables, for controllers that interpolate (a PLC).
+
+Which variables a value has is tried out on the model (:mod:`fitting.model.export.grids`). How far linear interpolation
+is off is measured on points between those of the grid, and said in ``tables.csv`` beside units and ranges. What needs
+more than two variables is no table, and is said.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from daq.errors import InputError
+from daq.recording_files import replacing
+from fitting.model import motion
+from fitting.model.arm_model import ArmModel
+from fitting.model.evaluation import without
+from fitting.model.export.grids import Table, grid_points, tabled
+from fitting.model.export.table_quantities import friction_quantities, gravity_quantities
+from fitting.model.export.words import Written
+
+
+def write_csv(model: ArmModel, path: Path) -> Written:
+    """Write a folder of tables, and ``tables.csv`` that says what each is.
+
+    Raises
+    ------
+    InputError
+        If the folder is a file.
+    """
+    if path.exists() and not path.is_dir():
+        raise InputError(f"{path}: is a file; give a folder with -o")
+    numbers = motion.left_out(model, regular=False)
+    left_out = [f"{model.terms[k].id} in friction: it belongs to more than one moment" for k in sorted(numbers)]
+    model = without(model, numbers)
+    rng = np.random.default_rng(0)
+    tables = []
+    for quantity in (*gravity_quantities(model), *friction_quantities(model)):
+        found = tabled(quantity, rng)
+        if isinstance(found, Table):
+            tables.append(found)
+        else:
+            left_out.append(found)
+    files = {f"{own.quantity.name}.csv": _text(own) for own in tables} | {"tables.csv": _index(tables)}
+    for name, text in files.items():
+        with replacing(path / name) as temporary:
+            temporary.write_text(text, encoding="utf-8")
+    return Written(tuple(path / name for name in files), tuple(left_out))
+
+
+def _text(table: Table) -> str:
+    variables = [table.quantity.variables[k] for k in table.chosen]
+    header = [*(f"{name} [{unit}]" for name, unit, _, _ in variables), f"{table.quantity.name} [{table.quantity.unit}]"]
+    rows = np.column_stack([grid_points(table.axes), table.values.ravel()])
+    return _csv([header, *([repr(value) for value in row] for row in rows.tolist())])
+
+
+def _index(tables: Sequence[Table]) -> str:
+    header = ["file", "value", "unit", "variables", "points", "largest", "interpolation_error", "says"]
+    rows = []
+    for own in tables:
+        names = ["{} [{}] {!r} to {!r}".format(*own.quantity.variables[k]) for k in own.chosen]
+        points = " x ".join(str(len(axis)) for axis in own.axes)
+        largest = repr(float(np.max(np.abs(own.values))))
+        name, unit = own.quantity.name, own.quantity.unit
+        error = f"{own.error:.3g}"
+        rows.append([f"{name}.csv", name, unit, "; ".join(names), points, largest, error, own.quantity.says])
+    return _csv([header, *rows])
+
+
+def _csv(rows: Sequence[Sequence[str]]) -> str:
+    text = io.StringIO()
+    csv.writer(text, lineterminator="\n").writerows(rows)
+    return text.getvalue()

@@ -1,0 +1,191 @@
+"""Collisions and overloads: measured against predicted effort, sample by sample, soon.
+
+The filters of an identification look seconds to both sides. Here motion comes from parabolas through the last
+:data:`SPAN_S` seconds, which is late by half of that; the effort is as it was measured. The score of a joint is the
+residual over its band: parameters and what the fit left of its recordings; and where a drive hardly moves, as much
+more as its Coulomb friction leaves open there. What counts is what lasts: the smallest score of :data:`LASTS_S`.
+
+What an unchanged machine's scores do was learnt (:mod:`fitting.model.tails`), so a threshold has a rate of false
+alarms. That of the machine is shared by its joints; peaks of several joints at once are one alarm, so the machine's
+rate is at most what is stated.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+from scipy.signal import savgol_coeffs
+
+from daq.errors import RecordingError
+from daq.recording import Recording
+from fitting.arm.expected import expected_sign
+from fitting.model.arm_model import ArmModel
+from fitting.model.evaluation import Evaluated
+from fitting.model.prediction import on_recording
+from fitting.model.tails import Tail, excursions, tail_of
+from fitting.signals.filters import FilterBank
+from fitting.signals.preparation import PositionNoise
+
+FloatArray = npt.NDArray[np.float64]
+
+#: Seconds that a parabola is laid through.
+SPAN_S = 0.12
+#: Seconds that an exceedance has to last: a valve's knock or a stone is over by then.
+LASTS_S = 0.04
+#: Seconds without an exceedance after which another one is another alarm.
+QUIET_S = 0.5
+_FEWEST_SIDE = 2
+
+
+@dataclass(frozen=True)
+class Scores:
+    """One gap-free stretch of a recording; ``n`` joints.
+
+    Attributes
+    ----------
+    t : (N,) s, of the samples that are judged
+    scores : (N, n) residual over its band
+    lasting : (N, n) the smallest size of a score over the last :data:`LASTS_S`; 0 where the stretch is younger
+    residual : (N, n) measured minus predicted joint effort, N m or N
+    """
+
+    t: FloatArray
+    scores: FloatArray
+    lasting: FloatArray
+    residual: FloatArray
+
+
+@dataclass(frozen=True)
+class Overload:
+    """An alarm.
+
+    Attributes
+    ----------
+    found : s, time of the recording at which it can be known
+    joint : number of the joint with the largest score over its threshold
+    score, threshold : that score, and what it exceeds
+    residual : measured minus predicted effort of the joint then, N m or N
+    seconds : from the first to the last exceedance
+    """
+
+    found: float
+    joint: int
+    score: float
+    threshold: float
+    residual: float
+    seconds: float
+
+
+def quick(model: ArmModel) -> ArmModel:
+    """The model with filters that look :data:`SPAN_S` back."""
+    rate = model.machine.rate_hz
+    side = max(_FEWEST_SIDE, round(0.5 * SPAN_S * rate))
+    value, first, second = (
+        savgol_coeffs(2 * side + 1, 2, deriv=order, delta=1.0 / rate, use="conv") for order in range(3)
+    )
+    bank = FilterBank(rate, rate / 5, 1, value, first, second, np.ones(1))
+    noise = tuple(
+        PositionNoise(own.position, bank.speed_noise(own.position), bank.acceleration_noise(own.position))
+        for own in model.noise
+    )
+    return replace(model, noise=noise, filters=bank)
+
+
+def delay_s(model: ArmModel) -> float:
+    """Seconds by which a :func:`quick` model is late."""
+    return model.bank.margin / model.bank.rate_hz
+
+
+def scores_of(model: ArmModel, recording: Recording) -> list[Scores]:
+    """Scores of a recording, one entry for each stretch between gaps.
+
+    Parameters
+    ----------
+    model : of :func:`quick`
+
+    Raises
+    ------
+    RecordingError
+        If it has no stretch that is long enough.
+    """
+    found, _ = on_recording(model, recording)
+    return [scores_in(found, index) for index in range(len(found.design.segments))]
+
+
+def scores_in(found: Evaluated, index: int) -> Scores:
+    """Scores of one stretch that a :func:`quick` model was evaluated on."""
+    segment, model = found.design.segments[index], found.model
+    error = segment.effort - found.drive_effort(index)
+    band = np.hypot(found.parameter_std(index), model.residual_std)
+    for joint in range(error.shape[1]):
+        known = expected_sign(segment.v[:, joint], model.noise[joint].speed)
+        open_friction = _coulomb(model, joint) * np.sqrt(np.maximum(1.0 - known**2, 0.0))
+        band[:, joint] = np.hypot(band[:, joint], open_friction)
+    scores = error / band
+    return Scores(segment.t, scores, _lasting(scores, round(LASTS_S * model.bank.rate_hz)), segment.r * error)
+
+
+def _lasting(scores: FloatArray, before: int) -> FloatArray:
+    sizes = np.zeros_like(scores)
+    if len(scores) > before:
+        sizes[before:] = np.lib.stride_tricks.sliding_window_view(np.abs(scores), before + 1, axis=0).min(axis=-1)
+    return sizes
+
+
+def _coulomb(model: ArmModel, joint: int) -> float:
+    """Coulomb friction of a drive, N or N m; 0 where the recordings could not tell it."""
+    values = dict(
+        zip(model.parameters.drive[joint], model.theta[model.parameters.drive_slice(joint)].tolist(), strict=True)
+    )
+    return float(abs(values.get("f_c", 0.0)))
+
+
+def learn(model: ArmModel, recordings: Sequence[Recording]) -> tuple[Tail, ...]:
+    """What the scores of an unchanged machine do, per joint.
+
+    Raises
+    ------
+    InputError
+        If the recordings are too short.
+    """
+    own = quick(model)
+    parts = [part.lasting for recording in recordings for part in scores_of(own, recording)]
+    quiet = round(QUIET_S * model.machine.rate_hz)
+    return tuple(
+        tail_of([part[:, joint] for part in parts], model.machine.rate_hz, quiet) for joint in range(len(model.joints))
+    )
+
+
+def thresholds(tails: Sequence[Tail], per_hour: float) -> FloatArray:
+    """Scores (n,) that raise an alarm, for so many false alarms of the machine an hour."""
+    return np.array([tail.threshold(per_hour / 3600.0 / len(tails)) for tail in tails])
+
+
+def overloads(model: ArmModel, recording: Recording, limits: FloatArray) -> list[Overload]:
+    """Alarms in a recording.
+
+    Parameters
+    ----------
+    limits : (n,) of :func:`thresholds`
+
+    Raises
+    ------
+    RecordingError
+        If it has no stretch that is long enough, or its drives carry no arm.
+    """
+    if recording.role == "unloaded":
+        raise RecordingError(f"{recording.file}: free drives carry no joint effort; give a recording of the arm")
+    own, found = quick(model), list[Overload]()
+    late, quiet = delay_s(own), round(QUIET_S * model.machine.rate_hz)
+    for part in scores_of(own, recording):
+        share = part.lasting / limits
+        for run in excursions(share.max(axis=1) > 1.0, quiet):
+            first = run.start
+            joint = int(np.argmax(share[first]))
+            score, residual = float(part.scores[first, joint]), float(part.residual[first, joint])
+            seconds = float(part.t[run.stop - 1] - part.t[first])
+            found.append(Overload(float(part.t[first]) + late, joint, score, float(limits[joint]), residual, seconds))
+    return found

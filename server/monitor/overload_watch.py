@@ -1,0 +1,106 @@
+"""Collisions and overloads live: every new sample against its band, within a tenth of a second.
+
+The decisions are those of :mod:`fitting.model.uses.overload`, on windows that end with the newest sample.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from fitting.model.uses.overload import QUIET_S, delay_s, quick, scores_in, thresholds
+from server.identifications.live_model import LiveModel, NotLiveError
+from server.monitor.residual_blocks import measured
+
+FloatArray = npt.NDArray[np.float64]
+#: Samples before the newest that are looked at again, for what a window tells of its sensors.
+_PAST = 48
+
+
+@dataclass(frozen=True)
+class Hit:
+    """What is said when an overload begins or ends.
+
+    Attributes
+    ----------
+    on : whether it began
+    time : s of machine time of the newest sample then
+    joint, residual, unit : where, and measured minus predicted effort there; of the beginning
+    score, threshold : residual over its band, and what it exceeds
+    """
+
+    on: bool
+    time: float
+    joint: str = ""
+    residual: float = 0.0
+    unit: str = ""
+    score: float = 0.0
+    threshold: float = 0.0
+
+
+class OverloadWatch:
+    """Watches rows of a ring buffer.
+
+    Parameters
+    ----------
+    live : the calibration's model
+    names : of the channels, in the order of the ring's rows
+    per_hour : false alarms of the machine that are allowed
+
+    Raises
+    ------
+    NotLiveError
+        If the model does not say what is usual.
+    """
+
+    def __init__(self, live: LiveModel, names: Sequence[str], per_hour: float) -> None:
+        if live.model.tails is None:
+            raise NotLiveError("the model does not say what residuals are usual; identify on longer recordings")
+        self._live = LiveModel(quick(live.model))
+        self._names, self._units = tuple(names), [joint.effort_unit for joint in live.machine.joints]
+        self.limits = thresholds(live.model.tails, per_hour)
+        self.delay_s = delay_s(self._live.model)
+        self._quiet = round(QUIET_S * live.machine.rate_hz)
+        self._rows: npt.NDArray[np.void] | None = None
+        self._judged = -np.inf  # s of machine time up to which samples were judged
+        self._since: int | None = None  # samples since the last exceedance; None while nothing is wrong
+
+    def push(self, rows: npt.NDArray[np.void], missed: int = 0) -> list[Hit]:
+        """What begins or ends with these rows; ``missed`` rows were lost before them."""
+        if not len(rows):
+            return []
+        past = rows[:0] if missed or self._rows is None else self._rows
+        window = np.concatenate([past, rows])
+        self._rows = window[-_PAST:]
+        if len(window) < _PAST:
+            return []
+        time, values = measured(window, self._names)
+        found = self._live.evaluated(time, values)
+        if found is None:  # a gap: nothing is known of these samples
+            return []
+        own = scores_in(found, 0)
+        fresh = own.t > self._judged
+        self._judged = max(self._judged, float(own.t[-1]))
+        hits = list[Hit]()
+        for lasting, scores, residual in zip(own.lasting[fresh], own.scores[fresh], own.residual[fresh], strict=True):
+            hits += self._step(lasting, scores, residual, float(time[-1]))
+        return hits
+
+    def _step(self, lasting: FloatArray, scores: FloatArray, residual: FloatArray, now: float) -> list[Hit]:
+        share = lasting / self.limits
+        joint = int(np.argmax(share))
+        if share[joint] > 1.0:
+            begins, self._since = self._since is None, 0
+            if not begins:
+                return []
+            name, limit = self._live.model.joints[joint], float(self.limits[joint])
+            return [Hit(True, now, name, float(residual[joint]), self._units[joint], float(scores[joint]), limit)]
+        if self._since is not None:
+            self._since += 1
+            if self._since > self._quiet:
+                self._since = None
+                return [Hit(False, now)]
+        return []

@@ -1,0 +1,228 @@
+"""MATLAB, FMU and tables against the model; Octave, fmpy and scipy's interpolation are the judges."""
+
+from __future__ import annotations
+
+import csv
+import shutil
+import subprocess
+import zipfile
+from dataclasses import replace
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from model_examples import model_with, session_of, term_of
+from scipy.interpolate import RegularGridInterpolator
+from test_exports import assert_answers, assert_same, held_out, model, needs_compiler
+
+from daq.errors import InputError
+from fitting.arm.base_parameters import reduce_parameters
+from fitting.model import motion
+from fitting.model.arm_model import ArmModel
+from fitting.model.export import export_model
+from fitting.model.export.fmu import binary_place
+from fitting.model.export.tracing import Tracer
+
+__all__ = ["model"]
+
+OCTAVE = shutil.which("octave-cli") or shutil.which("octave")
+needs_octave = pytest.mark.skipif(OCTAVE is None, reason="there is no GNU Octave (apt-get install octave)")
+needs_fmpy = pytest.mark.skipif(find_spec("fmpy") is None, reason="fmpy is not installed (pip install fmpy)")
+
+
+@needs_octave
+def test_octave_says_what_the_model_says(model: ArmModel, tmp_path: Path) -> None:
+    done = export_model(model, "matlab", tmp_path / "two_joints.m")
+    text = (tmp_path / "two_joints.m").read_text(encoding="utf-8")
+    assert done.left_out[0] in text
+    q, qd, qdd, t = held_out(model)
+    np.savetxt(tmp_path / "motion.csv", np.column_stack([q, qd, qdd, t]), delimiter=",", fmt="%.17g")
+    asked = {
+        "inverse_dynamics": ("tau", "q, qd, qdd, t"),
+        "drive_efforts": ("tau", "q, qd, qdd, t"),
+        "gravity": ("tau", "q"),
+        "friction": ("tau", "q, qd, 0"),
+        "pressures": ("head, rod", "q, qd, qdd, t"),
+    }
+    lines = ["m = csvread('motion.csv');", "q = m(:, 1:2); qd = m(:, 3:4); qdd = m(:, 5:6); t = m(:, 7);"]
+    for what, (outputs, given) in asked.items():
+        lines += [f"[{outputs}] = two_joints('{what}', {given});"]
+        lines += [f"dlmwrite('{what}.{name}.out', {name}, 'precision', 17);" for name in outputs.split(", ")]
+    (tmp_path / "ask.m").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    assert OCTAVE is not None
+    run = subprocess.run([OCTAVE, "--no-gui", "--norc", "ask.m"], cwd=tmp_path, capture_output=True, text=True)
+    assert run.returncode == 0, run.stderr
+
+    def answer(what: str, name: str = "tau") -> Any:
+        return lambda *_: np.loadtxt(tmp_path / f"{what}.{name}.out", delimiter=",")
+
+    answers = {what: answer(what) for what in asked if what != "pressures"}
+    assert_answers(answers | {f"{side}_pressures": answer("pressures", side) for side in ("head", "rod")}, model)
+
+
+def test_a_function_file_is_named_after_its_function(model: ArmModel, tmp_path: Path) -> None:
+    for name in ("arm.txt", "2 joints.m"):
+        with pytest.raises(InputError, match="name the file after its function"):
+            export_model(model, "matlab", tmp_path / name)
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.fixture(scope="module")
+def units(model: ArmModel, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("units")
+    export_model(model, "fmu", folder)
+    return folder
+
+
+@needs_compiler
+@needs_fmpy
+@pytest.mark.parametrize("version", [3, 2])
+@pytest.mark.parametrize("kind", ["ModelExchange", "CoSimulation"])
+def test_fmpy_validates_and_runs_both_versions(model: ArmModel, units: Path, version: int, kind: str) -> None:
+    from fmpy import simulate_fmu
+    from fmpy.validation import validate_fmu
+
+    (unit,) = units.glob(f"*_fmi{version}.fmu")
+    assert validate_fmu(str(unit)) == []
+    q, qd, qdd, t = held_out(model)
+    t = t - t[0]
+    names = [f"{word}[{joint + 1}]" for word in ("q", "qd", "qdd") for joint in range(2)]
+    inputs = np.zeros(len(t), dtype=[("time", float), *((name, float) for name in names)])
+    inputs["time"] = t
+    for name, values in zip(names, np.column_stack([q, qd, qdd]).T, strict=True):
+        inputs[name] = values
+    outputs = [f"{word}[{k}]" for word in ("effort", "gravity", "head", "rod") for k in (1, 2)]
+    step = float(t[1] - t[0])
+    found = simulate_fmu(
+        str(unit),
+        fmi_type=kind,
+        input=inputs,
+        output=[*names, *outputs],
+        start_time=0.0,
+        stop_time=float(t[-1]),
+        output_interval=step,
+        step_size=step,
+        solver="Euler",
+    )
+    # What went in, as the simulator interpolated it, is in the result: the model is asked about the same.
+    q, qd, qdd = (np.column_stack([found[f"{w}[{k}]"] for k in (1, 2)]) for w in ("q", "qd", "qdd"))
+    assert np.max(np.abs(qd)) > 0.1
+    carried = Tracer(model).carried
+    expected = motion.on_motion(carried, q, qd, qdd, found["time"])
+    head, rod = motion.pressures(carried, q, qd, qdd, found["time"])
+    right = {"effort": expected.joint_effort(0), "gravity": motion.gravity(carried, q), "head": head, "rod": rod}
+    for word, values in right.items():
+        assert_same(np.column_stack([found[f"{word}[{k}]"] for k in (1, 2)]), values)
+
+
+def test_units_hold_sources_and_without_a_compiler_say_so(
+    model: ArmModel, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(shutil, "which", lambda name: None)
+    done = export_model(model, "fmu", tmp_path)
+    assert "no C compiler" in done.left_out[-1]
+    for path, version in zip(done.files, (3, 2), strict=True):
+        with zipfile.ZipFile(path) as archive:
+            names = archive.namelist()
+            assert "modelDescription.xml" in names and "sources/fmi.c" in names
+            assert not [name for name in names if name.startswith("binaries")]
+            assert ("sources/buildDescription.xml" in names) == (version == 3)
+    assert binary_place(3)[0].count("-") == 1
+
+
+@needs_compiler
+def test_the_units_sources_compile_without_a_warning(units: Path, tmp_path: Path) -> None:
+    for version in (3, 2):
+        (unit,) = units.glob(f"*_fmi{version}.fmu")
+        folder = tmp_path / str(version)
+        with zipfile.ZipFile(unit) as archive:
+            archive.extractall(folder)
+        strict = ["-std=c99", "-pedantic", "-Wall", "-Wextra", "-Wconversion", "-Werror", "-fsyntax-only"]
+        done = subprocess.run(["cc", *strict, "fmi.c"], cwd=folder / "sources", capture_output=True, text=True)
+        assert done.returncode == 0, done.stderr
+
+
+def tables(folder: Path) -> dict[str, dict[str, str]]:
+    with (folder / "tables.csv").open(encoding="utf-8") as file:
+        return {row["value"]: row for row in csv.DictReader(file)}
+
+
+def interpolated(folder: Path, name: str) -> RegularGridInterpolator:
+    """What a controller makes of a table: linear interpolation between its rows."""
+    rows = np.loadtxt(folder / f"{name}.csv", delimiter=",", skiprows=1, ndmin=2)
+    axes = [np.unique(column) for column in rows[:, :-1].T]
+    return RegularGridInterpolator(axes, rows[:, -1].reshape([len(axis) for axis in axes]))
+
+
+def test_tables_give_gravity_and_friction_as_well_as_they_say(tmp_path: Path) -> None:
+    session = session_of(2)
+    model = model_with([term_of(session, "stribeck", 1)], session)
+    done = export_model(model, "csv", tmp_path)
+    assert not done.left_out
+    index = tables(tmp_path)
+    assert list(index) == ["gravity_joint1", "gravity_joint2", "friction_joint1", "friction_joint2"]
+    assert index["friction_joint1"]["unit"] == "N" and index["gravity_joint1"]["unit"] == "N m"
+    limits = np.array([joint.limits.position for joint in model.machine.joints])
+    q = np.random.default_rng(5).uniform(*limits.T, (500, 2))
+    parts = [interpolated(tmp_path, f"gravity_joint{k + 1}")(q[:, : k + 1].sum(axis=1)) for k in range(2)]
+    right = motion.gravity(model, q)
+    errors = [float(index[f"gravity_joint{k}"]["interpolation_error"]) for k in (1, 2)]
+    assert np.max(np.abs(parts[1] - right[:, 1])) <= 1.05 * errors[1]
+    assert np.max(np.abs(parts[0] + parts[1] - right[:, 0])) <= 1.05 * sum(errors)
+    assert 0 < sum(errors) < 0.003 * np.max(np.abs(right))
+    for joint in range(2):
+        table, row = interpolated(tmp_path, f"friction_joint{joint + 1}"), index[f"friction_joint{joint + 1}"]
+        speed = np.random.default_rng(6).uniform(-1, 1, 500) * float(np.max(table.grid[0]))
+        lever = motion.levers(model, q)[:, joint]
+        qd = np.zeros_like(q)
+        qd[:, joint] = speed / lever
+        right = motion.friction(model, q, qd)[:, joint] / lever
+        error = float(row["interpolation_error"])
+        assert np.max(np.abs(table(speed) - right)) <= 1.2 * error < 0.01 * np.max(np.abs(right))
+
+
+def test_a_table_has_the_variables_that_the_value_has(tmp_path: Path) -> None:
+    """Friction that depends on the position has a table of two; on the load of all joints, none."""
+    session = session_of(2)
+    model = model_with(
+        [term_of(session, "position_dependent_friction", 0), term_of(session, "load_dependent_friction", 1)], session
+    )
+    done = export_model(model, "csv", tmp_path)
+    index = tables(tmp_path)
+    assert index["friction_joint1"]["variables"].count("[") == 2
+    assert len(done.left_out) == 1 and "friction_joint2" in done.left_out[0]
+    found = interpolated(tmp_path, "friction_joint1")
+    assert float(index["friction_joint1"]["interpolation_error"]) < 0.01 * np.max(np.abs(found.values))
+
+
+def test_gravity_about_twisted_axes_is_over_positions(tmp_path: Path) -> None:
+    """Each axis turned against the one before: no link angle says it all."""
+    session = session_of(2)
+    machine = session.machine
+    first, second = machine.joints
+    joints = first.model_copy(update={"dh": first.dh.model_copy(update={"alpha": 0.7})}), second
+    twisted = machine.model_copy(update={"joints": joints})
+    base = reduce_parameters(twisted)
+    model = model_with((), session)
+    drive = model.theta[: model.parameters.drive_count]
+    theta = np.concatenate([drive, np.random.default_rng(2).normal(size=len(base)) * 5.0])
+    count = len(theta)
+    model = replace(
+        model,
+        machine=twisted,
+        base=base,
+        passes=(replace(model.passes[-1], theta=theta),),
+        covariance=np.eye(count),
+        told=np.ones(count, dtype=bool),
+    )
+    export_model(model, "csv", tmp_path)
+    with pytest.raises(InputError, match="is a file"):
+        export_model(model, "csv", tmp_path / "tables.csv")
+    row = tables(tmp_path)["gravity_joint2"]
+    assert "joint1.position [rad]" in row["variables"] and "joint2.position [rad]" in row["variables"]
+    q = np.random.default_rng(5).uniform(*np.array([j.limits.position for j in model.machine.joints]).T, (200, 2))
+    right = motion.gravity(model, q)[:, 1]
+    found = interpolated(tmp_path, "gravity_joint2")(q)
+    assert np.max(np.abs(found - right)) <= 1.2 * float(row["interpolation_error"]) < 0.01 * np.max(np.abs(right))
