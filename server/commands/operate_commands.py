@@ -9,7 +9,7 @@ from typing import Annotated, Any
 
 import typer
 
-from daq.console import print_json
+from daq.console import print_json, working
 from server.platform.secret_options import no_secret
 
 Config = Annotated[Path | None, typer.Option(help="Configuration file of the service.", dir_okay=False)]
@@ -70,7 +70,8 @@ def backup(
     backups = Backups(
         files, BackupContent.of(RESOURCES), settings.database(files), utc_now, output or settings.backup_dir
     )
-    made = backups.make()
+    with working("making a backup", show=not json):
+        made = backups.make()
     place = backups.directory / made.id
     if json:
         print_json({**made.__dict__, "path": str(place)})
@@ -97,7 +98,7 @@ def restore(
     settings = _settings(config, data_dir=data_dir, database_url=database_url)
     manifest_of(source)  # before a data directory is made
     files = DataDirectory(settings.data_dir)
-    with files.locked():
+    with files.locked(), working("putting files back", show=not json):
         count = put_back(source, files, BackupContent.of(RESOURCES), settings.database(files))
     if json:
         print_json({"backup": str(source), "data_dir": str(files.root), "files": count})
