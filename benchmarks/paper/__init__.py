@@ -1,4 +1,4 @@
-"""The claims of the work that hilfit began with, made again in kind: counts, cylinders, errors, friction, two stages.
+"""The claims that hilfit began with, made again in kind: counts, cylinders, errors, friction, two stages.
 
 ``runs`` computes, ``figures`` draws, ``page`` writes. Nothing on the page is typed: numbers and verdicts are of the run.
 """

@@ -217,9 +217,7 @@ def _conclusion(named: Mapping[str, Mapping[str, Any]]) -> str:
     conditioned = sum(a < b for a, b in told)
     better, worse, _ = _sides(every, unloaded=True)
     order = (
-        "the order of work alone gains nothing"
-        if better <= worse
-        else "the order of work gains something even then"
+        "the order of work alone gains nothing" if better <= worse else "the order of work gains something even then"
     )
     return (
         f"The two stages are better conditioned on {conditioned} of {len(told)} machines. Held against a one-shot regression of the "

@@ -277,5 +277,3 @@ def over_floor(own: ArmRun) -> float:
 def _apart(cylinder: CylinderRun, name: str) -> float:
     k = cylinder.names.index(name)
     return abs(float(cylinder.theta[k] / cylinder.truth[k]) - 1.0)
-
-

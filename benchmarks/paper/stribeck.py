@@ -67,7 +67,9 @@ def stribeck_run(seed: int) -> StribeckRun:
     truth = _truth(case, seed, speed)
     curves = [_friction(result.model, case, speed) for result in (base, found)]
     errors = found.report["errors"][JOINT]
-    names = [(effect["id"], effect["joint"], effect["indistinguishable_from"]) for effect in found.report["loop"]["effects"]]
+    names = [
+        (effect["id"], effect["joint"], effect["indistinguishable_from"]) for effect in found.report["loop"]["effects"]
+    ]
     said = ", ".join(f"{' or '.join([name, *others])} at {joint}" for name, joint, others in names) or "nothing"
     return StribeckRun(
         case.undeclared[0].size,

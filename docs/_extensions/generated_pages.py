@@ -50,7 +50,11 @@ def commands() -> Iterator[str]:
         own = [Parameter(words, each) for each in command.params]
         arguments = " ".join(_argument(each.own) for each in own if each.own.param_type_name == "argument")
         yield from ("", f"## hilfit {words}", "", _sentence(command.help or ""), "")
-        yield from ("```text", f"hilfit {words} {'[OPTIONS] ' if any(p.option for p in own) else ''}{arguments}".rstrip(), "```")
+        yield from (
+            "```text",
+            f"hilfit {words} {'[OPTIONS] ' if any(p.option for p in own) else ''}{arguments}".rstrip(),
+            "```",
+        )
         if not own:
             continue
         yield from ("", "| | | default | environment |", "|---|---|---|---|")

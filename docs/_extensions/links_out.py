@@ -1,7 +1,8 @@
 """Links of the Markdown that lead out of ``docs/``: into the repository, where the site has no page.
 
-In the repository they lead to a file or a folder. On the site the text of a link to Markdown or a folder stays, with its
-path as a tooltip; other files are downloads. What is not there is left to MyST, which warns, and warnings are errors.
+In the repository they lead to a file or a folder. On the site the text of a link to Markdown or a folder stays, with
+its path as a tooltip; other files are downloads. What is not there is left to MyST, which warns, and warnings are
+errors.
 """
 
 from __future__ import annotations
@@ -30,9 +31,9 @@ class LinksOut(SphinxPostTransform):
                 path = Path(f"{target}.md") if target.startswith("/") else docs
             else:
                 path = (docs / Path(self.env.docname).parent / target).resolve()
-            if path.is_dir() if path.is_relative_to(docs) else path.exists():
-                if path != docs:
-                    self._replace(node, path, docs)
+            there = path.is_dir() if path.is_relative_to(docs) else path.exists()
+            if there and path != docs:
+                self._replace(node, path, docs)
 
     def _replace(self, node: nodes.Element, path: Path, docs: Path) -> None:
         root = docs.parent

@@ -27,7 +27,9 @@ if data.is_dir():
     for effect in result.report["loop"]["effects"]:
         print(effect["id"], [round(p["value"], 3) for p in effect["parameters"].values()])
     errors = result.report["errors"]["carriage"]
-    print(f"error on the pulses: {errors['before']['validate']:.2f} N before, {errors['after']['validate']:.2f} N after")
+    print(
+        f"error on the pulses: {errors['before']['validate']:.2f} N before, {errors['after']['validate']:.2f} N after"
+    )
 else:
     result = None
     print("skipped: the measured data of EMPS is not beside the repository (../shared/data/emps)")

@@ -39,8 +39,8 @@ axes[1].set(xlabel="joint position [deg]", ylabel="lever arm [mm]")
 axes[0].legend()
 
 # %%
-# Five recordings of 60 s: rods unpinned, two training motions, one of them again, and another motion to judge by. With a
-# machine of your own these are the files of ``hilfit record``.
+# Five recordings of 60 s: rods unpinned, two training motions, one of them again, and another motion to judge by. With
+# a machine of your own these are the files of ``hilfit record``.
 
 folder = Path(mkdtemp())
 plant = load_machine(here / "excavator.yaml"), load_truth(here / "excavator.truth.yaml")

@@ -44,7 +44,7 @@ check_effect(WiperDrag())
 print("conforms")
 
 # %%
-# In a package of yours one line of ``pyproject.toml`` makes it a candidate of the loop, in its reports and on its page::
+# In a package of yours one line of ``pyproject.toml`` makes it a candidate of the loop and of its reports::
 #
 #     [project.entry-points."hilfit.effects"]
 #     wiper_drag = "my_package.wiper_drag:WiperDrag"

@@ -124,7 +124,7 @@ def load_commands(part: Part) -> dict[str, Any]:
 
 
 def every_command() -> Iterator[tuple[str, Any]]:
-    """Every command with its words after ``hilfit``, in the order of the help; those that lack an extra are left out."""
+    """Every command with its words after ``hilfit``, as the help orders them, but for those that lack an extra."""
     for part in all_parts():
         try:
             loaded = load_commands(part)

@@ -1,7 +1,7 @@
 """What all commands have in common: words for values in the help, and names of options in the environment.
 
-An option ``--seed`` of ``hilfit excite`` is ``HILFIT_EXCITE_SEED`` in the environment: one name means one thing. Without
-the command stand the settings of the service (``HILFIT_PORT``) and what means the same in all commands
+An option ``--seed`` of ``hilfit excite`` is ``HILFIT_EXCITE_SEED`` in the environment: one name means one thing.
+Without the command stand the settings of the service (``HILFIT_PORT``) and what means the same in all commands
 (``HILFIT_JSON``).
 """
 
@@ -94,7 +94,7 @@ class Parameter:
 def walk(command: Any, words: str = "") -> Iterator[tuple[str, Any]]:
     """Every command below one that can be run, with its words after ``hilfit``."""
     subcommands: Mapping[str, Any] = getattr(command, "commands", {})
-    if not subcommands or command.callback is not None and getattr(command, "invoke_without_command", False):
+    if not subcommands or (command.callback is not None and getattr(command, "invoke_without_command", False)):
         yield words, command
     for name, own in subcommands.items():
         yield from walk(own, f"{words} {name}".strip())

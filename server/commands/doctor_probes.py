@@ -191,7 +191,9 @@ def can_interfaces(root: Path = Path("/sys/class/net"), wanted: Mapping[str, str
         do = "" if up else f"sudo ip link set {name} up type can bitrate 250000 (the bitrate of the bus)"
         yield Line("CAN", level, f"{name} is {'up' if up else 'down'}", do)
     if not found and not wanted:
-        yield Line("CAN", "note", "no CAN interface", "none is needed for Modbus and for files; else plug an adapter in")
+        yield Line(
+            "CAN", "note", "no CAN interface", "none is needed for Modbus and for files; else plug an adapter in"
+        )
 
 
 def serial_ports(root: Path = Path("/dev")) -> Iterator[Line]:

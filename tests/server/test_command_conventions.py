@@ -1,4 +1,4 @@
-"""All commands alike: words for values, one meaning for each name in the environment, JSON wherever something is said."""
+"""All commands alike: words for values, one meaning for each name in the environment, JSON where something is said."""
 
 from __future__ import annotations
 
