@@ -63,13 +63,11 @@ def _look(machine: Path | None, data_dir: Path) -> Iterator[Line]:
 
 def _interfaces(machine: Path) -> dict[str, str]:
     """Name of the bus by network interface, for buses that are one."""
+    from daq.buses import CanopenBus, CanSignalsBus
     from daq.machine_file import load_machine
 
-    return {
-        bus.channel: bus.name
-        for bus in load_machine(machine).buses
-        if getattr(bus, "interface", None) == "socketcan" and getattr(bus, "channel", None)
-    }
+    buses = [bus for bus in load_machine(machine).buses if isinstance(bus, (CanopenBus, CanSignalsBus))]
+    return {str(bus.channel): bus.name for bus in buses if bus.interface == "socketcan"}
 
 
 def _known_variables() -> dict[str, str]:
