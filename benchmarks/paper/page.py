@@ -111,7 +111,7 @@ def _cylinders(own: ArmRun, folder: str) -> Iterator[str]:
     apart = max(_curve_error(each) for each in own.cylinders)
     yield f"**Verdict.** {inside} of {total} 95 % intervals hold the truth ({0.95 * total:.0f} would be right). Coulomb friction is at most"
     yield f"{100 * worst['f_c']:.1f} % off and stiffness {100 * worst['K']:.1f} %. The friction *curve* is at most {100 * apart:.1f} % off; how it is"
-    yield f"shared out between `f_v` ({100 * worst['f_v']:.0f} % off at worst) and `f_s` ({100 * worst['f_s']:.0f} %) is not, because the two"
+    yield f"shared out between `f_v` ({100 * worst['f_v']:.0f} % off at worst) and `f_s` ({100 * worst['f_s']:.0f} %) is told badly, because the two"
     yield f"are nearly one column at these speeds; nor is the moving mass ({100 * worst['m']:.0f} %), which slow motions hardly show."
     yield ""
 
