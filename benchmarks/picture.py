@@ -31,7 +31,7 @@ def main(target: Path) -> None:
     with TemporaryDirectory(prefix="hilfit-picture-") as scratch:
         folder = Path(scratch)
         make_case(folder, default_machine(), _SEED, [("position_dependent_friction", JOINT, SIZE)])
-        files = {
+        files: dict[str, Any] = {
             "unloaded": [folder / "unloaded.parquet"],
             "train": [folder / "train-1.parquet", folder / "train-2.parquet"],
             "repeat": [folder / "repeat.parquet"],

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -55,7 +56,7 @@ def stribeck_run(seed: int) -> StribeckRun:
     with TemporaryDirectory(prefix="hilfit-paper-") as scratch:
         folder = Path(scratch)
         case = _case(folder, seed)
-        files = {
+        files: dict[str, Any] = {
             "unloaded": [folder / "unloaded.parquet"],
             "train": [folder / "train-1.parquet", folder / "train-2.parquet"],
             "repeat": [folder / "repeat.parquet"],
@@ -66,6 +67,7 @@ def stribeck_run(seed: int) -> StribeckRun:
     speed = _speeds(case)
     truth = _truth(case, seed, speed)
     curves = [_friction(result.model, case, speed) for result in (base, found)]
+    before, after = (float(np.sqrt(np.mean((curve - truth) ** 2))) for curve in curves)
     errors = found.report["errors"][JOINT]
     names = [
         (effect["id"], effect["joint"], effect["indistinguishable_from"]) for effect in found.report["loop"]["effects"]
@@ -77,7 +79,8 @@ def stribeck_run(seed: int) -> StribeckRun:
         truth,
         curves[0],
         curves[1],
-        *(float(np.sqrt(np.mean((curve - truth) ** 2))) for curve in curves),
+        before,
+        after,
         any(joint == JOINT and "stribeck" in (name, *others) for name, joint, others in names),
         said,
         (errors["noise_floor"], errors["before"]["validate"], errors["after"]["validate"]),
