@@ -25,7 +25,7 @@ if data.is_dir():
     result = hilfit.identify(machine, **{role: [recordings[role]] for role in ("train", "repeat", "validate")})
     print(result.report["loop"]["verdict"])
     for effect in result.report["loop"]["effects"]:
-        print(effect["id"], [round(p["value"], 3) for p in effect["parameters"].values()])
+        print(effect["id"], [round(float(p["value"]), 3) for p in effect["parameters"].values()])
     errors = result.report["errors"]["carriage"]
     print(
         f"error on the pulses: {errors['before']['validate']:.2f} N before, {errors['after']['validate']:.2f} N after"

@@ -35,6 +35,8 @@ def listed(page: str) -> set[str]:
             entry = line.strip()
             if not entry or entry.startswith(":"):
                 continue
+            titled = re.fullmatch(r".+ <(.+)>", entry)
+            entry = titled[1] if titled else entry
             place = (DOCS / page).parent / entry
             for path in sorted(place.parent.glob(place.name + ".md")) or [place.with_suffix(".md")]:
                 found.add(path.resolve().relative_to(DOCS).with_suffix("").as_posix())
