@@ -12,7 +12,7 @@ PYTEST := $(BIN)/pytest --dist loadfile --no-loadscope-reorder
 # Tests start hundreds of Python processes; none should compile again what another has compiled.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: help demo test test-quick check client bench page lock changelog clean
+.PHONY: help demo test test-quick check client bench docs picture paper page lock changelog clean
 
 help: ## this list
 	@sed -n 's/^\([a-z-]*\):[^#]*## \(.*\)/make \1|\2/p' Makefile | while IFS='|' read -r name text; do \
@@ -40,6 +40,16 @@ bench: $(VENV)/.dev ## the benchmarks that have a target, see benchmarks/README.
 	$(BIN)/hilfit bench samples
 	$(BIN)/hilfit bench demo
 
+docs: $(VENV)/.docs ## the documentation site, with its examples run (minutes); warnings are errors; docs/_build/html
+	MPLBACKEND=Agg $(BIN)/sphinx-build -W --keep-going -q -b html docs docs/_build/html
+	@echo 'docs/_build/html/index.html'
+
+picture: $(VENV)/.dev ## the picture on the first screen, made anew
+	$(BIN)/python -m benchmarks.picture docs/_static/before-after.png
+
+paper: $(VENV)/.dev ## the page of the claims with its figures, made anew
+	$(BIN)/hilfit bench paper --page docs/paper.md
+
 page: ## build the web page (needs Node 20; what it makes is committed, so that nobody else does)
 	cd server/web && npm ci && npm run types && npm run check && npm test && npm run build
 
@@ -53,8 +63,12 @@ lock: $(VENV)/.dev ## requirements.lock, anew, with the newest versions that pyp
 changelog: $(VENV)/.dev ## CHANGELOG.md from the fragments in news/, which are deleted: make changelog VERSION=0.1.0
 	$(BIN)/towncrier build --yes --version "$${VERSION:?say which, as in: make changelog VERSION=0.1.0}"
 
+$(VENV)/.docs: $(VENV)/.dev
+	$(INSTALL) -e ".[docs]"
+	@touch $@
+
 clean: ## remove the environment and everything that was built
-	rm -rf $(VENV) build *.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache
+	rm -rf $(VENV) build docs/_build docs/gallery *.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
 
 # Debian has the venv module in a package of its own; without it `python3 -m venv` leaves half an environment behind.

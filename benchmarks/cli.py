@@ -37,6 +37,7 @@ BENCHMARKS = {
     "faults": "Every fault at random moments: what is lost, what is wrong, how soon it is over.",
     "soak": "Hours of faults one after another: nothing lost, memory flat.",
     "channels": "How many machines of 40 channels at 50 Hz one computer carries, and what each costs.",
+    "paper": "The claims that hilfit began with, made again in kind: 78 to 18, cylinders, errors, two stages or one.",
     "storm": "kill -9 of servers, workers, stages and acquisitions: nothing lost, nothing twice.",
 }
 
@@ -49,7 +50,7 @@ def register(app: typer.Typer) -> None:
     bench.callback()(_list)
     commands: tuple[Callable[..., None], ...] = (
         attribution, resolve, samples, demo, stages, speed, long, regressor, excitation, measured, mistakes, model,
-        uses, service, faults, soak, channels, storm,
+        uses, service, faults, soak, channels, paper, storm,
     )  # fmt: skip
     for name, command in zip(BENCHMARKS, commands, strict=True):
         bench.command(name, help=BENCHMARKS[name])(reported(command))
@@ -380,6 +381,25 @@ def uses(
     from benchmarks.uses import run
 
     _finish("uses", run(seed, minutes, _shown(json)), json)
+
+
+def paper(
+    count: Annotated[int, typer.Option(help="Simulated arms of each kind.", min=1)] = 4,
+    seed: Annotated[int, typer.Option(help="Of the first arm.")] = 0,
+    data: Annotated[
+        Path | None,
+        typer.Option(help="Directory of the measured data; ../shared/data beside the repository if absent."),
+    ] = None,
+    page: Annotated[Path | None, typer.Option(help="Write the page here (Markdown), figures beside it.")] = None,
+    json: Annotated[bool, typer.Option("--json", help="Print the checks as JSON.")] = False,
+) -> None:
+    """The claims that hilfit began with, made again in kind, each with its verdict."""
+    from benchmarks.measured import DATA
+    from benchmarks.paper import run
+
+    if data is not None and not data.is_dir():
+        raise InputError(f"{data}: no such directory; give the one with the measured data to --data")
+    _finish("paper", run(count, seed, data or DATA, page, _shown(json)), json)
 
 
 def mistakes(

@@ -11,7 +11,7 @@ from typing import Annotated, Any
 import typer
 
 from daq import cli_bus, cli_machine
-from daq.console import print_json, progress_bar, reported
+from daq.console import print_json, progress_bar, reported, working
 from daq.errors import InputError
 from daq.machine_file import Machine, load_machine
 from daq.recording_files import SUFFIXES
@@ -149,7 +149,8 @@ def replay(
 
     _writable(output, force)
     described = load_machine(machine)
-    result = run(described, trace)
+    with working(f"replaying {trace.name}", show=not json):
+        result = run(described, trace)
     if not result.frames:
         raise InputError(f"{trace}: holds no cycle of '{described.name}'; is it this machine's trace?")
     columns = as_columns(result.frames, tuple(channel.name for channel in described.channels))
@@ -170,7 +171,8 @@ def recover(
     from daq.journal import DONE_SUFFIX
     from daq.journal import recover as seal
 
-    results = seal(directory)
+    with working("sealing", show=not json):
+        results = seal(directory)
     if json:
         print_json([asdict(result) for result in results])
         return
@@ -198,8 +200,9 @@ def export(
     from daq.recording_files import read_table
 
     _writable(output, force, formats.SUFFIXES)
-    table = read_table(file)
-    formats.export(table, output, formats.units_in(table))
+    with working(f"writing {output.name}", show=not json):
+        table = read_table(file)
+        formats.export(table, output, formats.units_in(table))
     if json:
         print_json({"file": str(output), "rows": table.rows, "columns": list(table.columns)})
     else:
@@ -227,9 +230,10 @@ def import_recording(
     _writable(output, force)
     described = load_machine(machine)
     named = None if columns is None else load_map(columns, described)
-    rows, notes = import_file(
-        file, described, output, named, resampled=resample, role=None if role is None else role.value
-    )
+    with working(f"reading {file.name}", show=not json):
+        rows, notes = import_file(
+            file, described, output, named, resampled=resample, role=None if role is None else role.value
+        )
     if json:
         print_json({"file": str(output), "rows": rows, "notes": list(notes)})
         return

@@ -14,9 +14,20 @@ from typing import Any, ParamSpec, Protocol, TypeVar
 
 import typer
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
+from rich.progress import (
+    BarColumn,
+    Progress,
+    SpinnerColumn,
+    TaskProgressColumn,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
 
 from daq.errors import HilfitError, InputError
+
+#: Seconds over which the speed is averaged that the remaining time is told from: stages report far apart.
+_SPEED_PERIOD = 180.0
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -67,13 +78,26 @@ def progress_bar(what: str, *, show: bool = True) -> Iterator[ShowProgress]:
         yield _lines(what)
         return
     columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), TimeRemainingColumn())
-    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+    console = Console(stderr=True)
+    with Progress(*columns, console=console, transient=True, speed_estimate_period=_SPEED_PERIOD) as bar:
         task = bar.add_task(what, total=None)
 
         def update(done: float, total: float | None, text: str | None = None) -> None:
             bar.update(task, completed=done, total=total, description=text)
 
         yield update
+
+
+@contextlib.contextmanager
+def working(what: str, *, show: bool = True) -> Iterator[None]:
+    """A spinner with the time so far, on a terminal only, for work whose length nobody knows beforehand."""
+    if not show or not sys.stderr.isatty():
+        yield
+        return
+    columns = (SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn())
+    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+        bar.add_task(what, total=None)
+        yield
 
 
 def _lines(what: str) -> ShowProgress:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shutil
 import signal
+import sys
 import tempfile
 import threading
 from pathlib import Path
@@ -11,12 +12,13 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from daq.console import reported
+from daq.console import print_json, reported
 from daq.errors import InputError
 from daq.machine_file import Machine, load_machine
 
 if TYPE_CHECKING:
     from sim_backends.fault_file import FaultScript
+    from sim_backends.simulated_machine import SimulatedMachine
 
 
 def register(app: typer.Typer) -> None:
@@ -54,6 +56,7 @@ def simulate(
     faults: Annotated[Path | None, typer.Option(help="Fault file (YAML): what breaks when, and for how long.")] = None,
     motion: Annotated[list[Path] | None, typer.Option(help="Motion files to follow at once; repeatable.")] = None,
     workdir: Annotated[Path | None, typer.Option(help="Where machine.yaml and the inbox go.")] = None,
+    json: Annotated[bool, typer.Option("--json", help="Print where things are as JSON, on standard output.")] = False,
 ) -> None:
     """Run simulated buses of MACHINE until interrupted; prints the machine file to acquire with."""
     # The physics engine is an extra, and other commands need not load it.
@@ -81,16 +84,26 @@ def simulate(
             speed,
             workdir or Path(scratch),
             faults=script,
-            said=typer.echo,
+            said=lambda text: typer.echo(text, err=json),
         )
         with simulated:
             for path in motion or []:
                 part = simulated.inbox / f".{path.name}.part"
                 shutil.copyfile(path, part)
                 part.replace(simulated.inbox / path.name)
-            typer.echo(f"machine file  {simulated.machine_path}")
-            typer.echo(f"motion inbox  {simulated.inbox}")
-            typer.echo(f"controller    {simulated.status_path}")
-            typer.echo("Machine time advances with each SYNC. Ctrl-C ends it.")
+            _say_where(simulated, json)
             while not ended.wait(1.0):
                 simulated.check()
+
+
+def _say_where(simulated: SimulatedMachine, json: bool) -> None:
+    """Where the files are that others meet the simulated machine by."""
+    if json:
+        places = {"machine": simulated.machine_path, "inbox": simulated.inbox, "controller": simulated.status_path}
+        print_json({name: str(path) for name, path in places.items()})
+        sys.stdout.flush()
+        return
+    typer.echo(f"machine file  {simulated.machine_path}")
+    typer.echo(f"motion inbox  {simulated.inbox}")
+    typer.echo(f"controller    {simulated.status_path}")
+    typer.echo("Machine time advances with each SYNC. Ctrl-C ends it.")

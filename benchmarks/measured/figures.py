@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -55,7 +55,7 @@ def residuals(x: FloatArray, before: FloatArray, after: FloatArray, label: str, 
         reach = float(np.quantile(np.abs(before), 0.998))
         axes[0].set_ylim(-1.3 * reach, 1.3 * reach)
 
-    return _svg(draw, 8.6, 3.4)
+    return svg(draw, 8.6, 3.4)
 
 
 def friction(seals: Sequence[Seal]) -> str:
@@ -77,10 +77,11 @@ def friction(seals: Sequence[Seal]) -> str:
         ax.set_ylim(bottom=0.0)
         ax.legend(loc="lower right")
 
-    return _svg(draw, 6.4, 4.2)
+    return svg(draw, 6.4, 4.2)
 
 
-def _svg(draw: Any, width: float, height: float) -> str:
+def svg(draw: Callable[[Any], None], width: float, height: float) -> str:
+    """What ``draw`` puts on a figure of so many inches, as SVG that is the same for the same numbers."""
     import matplotlib
     from matplotlib.backends.backend_svg import FigureCanvasSVG
     from matplotlib.figure import Figure

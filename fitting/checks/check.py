@@ -8,7 +8,7 @@ before the next one looks, so that a wrong unit is not said a second time as a s
 from __future__ import annotations
 
 import logging
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -103,6 +103,7 @@ def check_files(
     *,
     columns: ColumnMap | None = None,
     resample: bool = False,
+    progress: Callable[[float, str], None] = lambda share, text: None,
 ) -> tuple[Finding, ...]:
     """Check recordings on disk, as far as they can be read.
 
@@ -112,6 +113,7 @@ def check_files(
     machine_file : where lines are looked up
     columns : which column is which channel, where names do not tell
     resample : whether recordings of other rates are brought to the machine's first
+    progress : called with the share that is done and what is being done
 
     Raises
     ------
@@ -120,11 +122,13 @@ def check_files(
     """
     recordings: list[Recording] = []
     found: list[Finding] = []
-    for role, path in files:
+    for number, (role, path) in enumerate(files):
+        progress(0.5 * number / len(files), f"reading {path.name}")
         read = read_leniently(path, machine, role, columns, resample=resample)
         found += read.findings
         if read.recording is not None:
             recordings.append(read.recording)
+    progress(0.5, "checking")
     return check_recordings(machine, recordings, places=Places.of(machine_file), found=found)
 
 

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from daq.console import print_json, reported
+from daq.console import print_json, progress_bar, reported
 from daq.errors import InputError
 
 Files = list[Path] | None
@@ -52,7 +53,12 @@ def check(
         raise InputError("check: no recording; give at least one file, or one with --train FILE")
     described = load_machine(machine)
     named = None if columns is None else load_map(columns, described)
-    found = check_files(described, files, machine, columns=named, resample=resample)
+    with progress_bar("checking", show=sys.stderr.isatty() and not json) as bar:
+
+        def progress(share: float, text: str) -> None:
+            bar(share, 1.0, text)
+
+        found = check_files(described, files, machine, columns=named, resample=resample, progress=progress)
     wrong = any(finding.severity == "mistake" for finding in found)
     if json:
         print_json({"machine": str(machine), "findings": [finding.to_json() for finding in found]})

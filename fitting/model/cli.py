@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from daq.console import print_json, reported
+from daq.console import print_json, reported, working
 from daq.errors import InputError
 
 if TYPE_CHECKING:
@@ -45,8 +45,9 @@ def predict(
     from fitting.model.codec import load_model
     from fitting.model.prediction import load_recording, predict, write_predicted
 
-    loaded = load_model(model)
-    found = predict(loaded, load_recording(loaded, recording, columns=columns, resample=resample))
+    with working("predicting", show=not json):
+        loaded = load_model(model)
+        found = predict(loaded, load_recording(loaded, recording, columns=columns, resample=resample))
     if output is not None:
         write_predicted(output, found)
     if json:
@@ -79,7 +80,8 @@ def compare(
     from fitting.model.prediction import load_recording
 
     one, other = load_model(first), load_model(second)
-    found = compare(one, other, load_recording(one, recording, columns=columns, resample=resample))
+    with working("comparing", show=not json):
+        found = compare(one, other, load_recording(one, recording, columns=columns, resample=resample))
     summaries = [_summary(own) for own in (found.first, found.second)]
     if json:
         shifts = [asdict(shift) for shift in found.shifts]
@@ -139,7 +141,8 @@ def export(
 
     if to not in FORMATS:
         raise InputError(f"export: there is no format '{to}'; use one of {', '.join(FORMATS)}")
-    done = export_model(load_model(model), to, output)
+    with working(f"writing {to}", show=not json):
+        done = export_model(load_model(model), to, output)
     if json:
         print_json({"format": to, "files": [str(path) for path in done.files], "left_out": list(done.left_out)})
         return

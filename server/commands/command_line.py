@@ -1,7 +1,7 @@
 """The ``hilfit`` command: the commands of all packages, errors as one line and an exit code.
 
-Exit codes: 0 done, 1 failed, 2 bad usage or input, 130 interrupted. Every option can be set in the environment:
-``--data-dir`` by ``HILFIT_DATA_DIR``. A command's module is imported when the command is used, so that help is quick
+Exit codes: 0 done, 1 failed, 2 bad usage or input, 130 interrupted. Every option can be set in the environment
+(:mod:`server.commands.conventions`). A command's module is imported when the command is used, so that help is quick
 and a missing extra costs only the commands that need it.
 """
 
@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from importlib import import_module
 from importlib.metadata import entry_points, version
@@ -17,6 +17,8 @@ from typing import Annotated, Any, NoReturn
 
 import typer
 from typer.core import TyperGroup
+
+from server.commands import conventions
 
 #: What typer raises for a command line that it does not understand; only its subclasses are public.
 UsageError: Any = typer.BadParameter.__mro__[1]
@@ -86,6 +88,7 @@ PARTS = (
         },
     ),
     Part("server.commands.serve_command", {"serve": "Serve machines, recordings and identifications over HTTP."}),
+    Part("server.commands.doctor_command", {"doctor": "Say whether this computer is ready, and what to do if not."}),
 )
 #: Entry points of other distributions that add a command: its name, and a module with ``register(app)``.
 ENTRY_POINT_GROUP = "hilfit.commands"
@@ -101,6 +104,8 @@ class _Commands(TyperGroup):
         for part in all_parts():
             if args and args[0] in part.commands:
                 self.commands[args[0]] = load_commands(part)[args[0]]
+                for words, own in conventions.walk(self.commands[args[0]], args[0]):
+                    conventions.refuse_old_names(words, own)
         return super().resolve_command(ctx, args)
 
 
@@ -123,8 +128,19 @@ def load_commands(part: Part) -> dict[str, Any]:
     app.callback()(lambda: None)  # or a lone command would not be a group
     import_module(part.module).register(app)
     group: Any = typer.main.get_command(app)
-    name_environment(group)
+    conventions.apply(group)
     return dict(group.commands)
+
+
+def every_command() -> Iterator[tuple[str, Any]]:
+    """Every command with its words after ``hilfit``, as the help orders them, but for those that lack an extra."""
+    for part in all_parts():
+        try:
+            loaded = load_commands(part)
+        except ModuleNotFoundError:
+            continue
+        for name, command in loaded.items():
+            yield from conventions.walk(command, name)
 
 
 def build() -> typer.Typer:
@@ -134,7 +150,7 @@ def build() -> typer.Typer:
         cls=_Commands,
         help="Hardware-in-the-loop acquisition and fitting for hydraulically driven arms.",
         no_args_is_help=True,
-        add_completion=False,
+        add_completion=True,  # --install-completion for the shell that is used, --show-completion
         pretty_exceptions_enable=False,
         context_settings={"help_option_names": ["-h", "--help"]},
     )
@@ -174,16 +190,6 @@ def main(arguments: Sequence[str] | None = None) -> None:
         _fail(str(error), 2 if isinstance(error, InputError) else 1)
 
 
-def name_environment(command: Any) -> None:
-    """Let ``HILFIT_<OPTION>`` in the environment set every option of a command and its subcommands."""
-    for parameter in command.params:
-        long = [name for name in parameter.opts if name.startswith("--")]
-        if parameter.param_type_name == "option" and long and long[0] != "--help":
-            parameter.envvar = parameter.envvar or "HILFIT_" + long[0][2:].upper().replace("-", "_")
-    for subcommand in getattr(command, "commands", {}).values():
-        name_environment(subcommand)
-
-
 def _show_version(wanted: bool) -> None:
     if wanted:
         print(f"hilfit {version('hilfit')}")
@@ -192,7 +198,7 @@ def _show_version(wanted: bool) -> None:
 
 def _root(
     show_version: Annotated[
-        bool, typer.Option("--version", help="Print the version and exit.", callback=_show_version, is_eager=True)
+        bool, typer.Option("-V", "--version", help="Print the version and exit.", callback=_show_version, is_eager=True)
     ] = False,
 ) -> None:
     """Options of the command itself."""

@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import socket
+from json import dumps
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
-from daq.console import print_json
+from daq.console import print_json, working
 from server.platform.secret_options import no_secret
 
 Config = Annotated[Path | None, typer.Option(help="Configuration file of the service.", dir_okay=False)]
 DataDir = Annotated[Path | None, typer.Option(help="Data directory of the service.", file_okay=False)]
+Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]
 DatabaseUrl = Annotated[
     str | None,
     typer.Option(help="PostgreSQL of the service, without a password; else the SQLite.", callback=no_secret),
@@ -31,13 +33,18 @@ def worker(
     config: Config = None,
     data_dir: DataDir = None,
     database_url: DatabaseUrl = None,
+    json: Annotated[bool, typer.Option("--json", help="Print the worker's name as JSON once it takes jobs.")] = False,
 ) -> None:
     """Take numerical jobs of a service with PostgreSQL until stopped."""
     from server.composition.worker import work
 
     own = name or socket.gethostname()
     settings = _settings(config, data_dir=data_dir, database_url=database_url)
-    work(settings, own, lambda: print(f"hilfit worker {own} takes jobs (Ctrl-C stops)", flush=True))
+
+    def ready() -> None:
+        print(dumps({"worker": own}) if json else f"hilfit worker {own} takes jobs (Ctrl-C stops)", flush=True)
+
+    work(settings, own, ready)
 
 
 def backup(
@@ -45,7 +52,7 @@ def backup(
     config: Config = None,
     data_dir: DataDir = None,
     database_url: DatabaseUrl = None,
-    json: Annotated[bool, typer.Option("--json", help="Print the result as JSON.")] = False,
+    json: Json = False,
 ) -> None:
     """Make a backup; the service may run meanwhile."""
     from server.backups.backup_archive import Backups
@@ -63,7 +70,8 @@ def backup(
     backups = Backups(
         files, BackupContent.of(RESOURCES), settings.database(files), utc_now, output or settings.backup_dir
     )
-    made = backups.make()
+    with working("making a backup", show=not json):
+        made = backups.make()
     place = backups.directory / made.id
     if json:
         print_json({**made.__dict__, "path": str(place)})
@@ -78,6 +86,7 @@ def restore(
     config: Config = None,
     data_dir: DataDir = None,
     database_url: DatabaseUrl = None,
+    json: Json = False,
 ) -> None:
     """Put a backup in the place of what is there; the service has to be stopped."""
     from server.backups.backup_archive import manifest_of
@@ -89,9 +98,12 @@ def restore(
     settings = _settings(config, data_dir=data_dir, database_url=database_url)
     manifest_of(source)  # before a data directory is made
     files = DataDirectory(settings.data_dir)
-    with files.locked():
+    with files.locked(), working("putting files back", show=not json):
         count = put_back(source, files, BackupContent.of(RESOURCES), settings.database(files))
-    print(f"{count} files of {source} are back in {files.root}")
+    if json:
+        print_json({"backup": str(source), "data_dir": str(files.root), "files": count})
+    else:
+        print(f"{count} files of {source} are back in {files.root}")
 
 
 def _settings(config: Path | None, **given: Any) -> Any:

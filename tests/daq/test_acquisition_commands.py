@@ -18,7 +18,7 @@ from modbus_test_server import FakeModbus, float_registers
 from typer.testing import CliRunner
 
 from daq import cli, parse_machine, write_recording
-from daq.console import progress_bar, reported
+from daq.console import progress_bar, reported, working
 from daq.errors import AcquisitionError, RecordingError
 from daq.journal import journal_path
 from daq.recording_files import read_table
@@ -225,6 +225,13 @@ def test_the_progress_bar_takes_unknown_totals(capsys: pytest.CaptureFixture[str
     with progress_bar("quiet", show=False) as bar:
         bar(1, 2)
     assert "quiet" not in capsys.readouterr().err
+
+
+def test_a_pipe_gets_no_bar_and_no_control_characters(capsys: pytest.CaptureFixture[str]) -> None:
+    with working("thinking"), progress_bar("doing") as bar:
+        bar(0.5, 1.0, "half")
+    said = capsys.readouterr()
+    assert said.out == "" and said.err == "[ 50 %] half\n"
 
 
 @pytest.mark.slow

@@ -11,7 +11,16 @@ ROOT = Path(__file__).parents[2]
 DECISIONS = sorted((ROOT / "docs" / "decisions").glob("0*.md"))
 DOCUMENTS = sorted(
     path
-    for folder in (".", "benchmarks", "benchmarks/results", "docs", "docs/decisions", "news")
+    for folder in (
+        ".",
+        "benchmarks",
+        "benchmarks/results",
+        "docs",
+        "docs/decisions",
+        "docs/explanation",
+        "docs/how-to",
+        "news",
+    )
     for path in (ROOT / folder).glob("*.md")
 )
 LINK = re.compile(r"\]\(([^)\s]+)\)")

@@ -1,0 +1,279 @@
+"""What the page of the claims is made of: simulated arms whose truth is known, and measured machines.
+
+Truth is read here after the fits, and never by them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from benchmarks.attribution.judging import recordings_of
+from benchmarks.measured import emps, staubli
+from benchmarks.measured.ways import cut
+from benchmarks.paper.stribeck import StribeckRun, stribeck_run
+from benchmarks.stages import ARMS, Arm, truth_vector
+from benchmarks.targets import Check, Outcome, fact
+from daq.machine_file import Machine, load_machine
+from daq.recording import read_recording
+from fitting.arm.dynamics import rigid_body_regressor
+from fitting.loop.session import Options, Session
+from fitting.pipeline.stage_two import comparison
+from fitting.pipeline.stages import STEPS
+from sim_backends.cases import Case, simulate_case
+
+FloatArray = npt.NDArray[np.float64]
+Show = Callable[[str], None]
+
+#: Standard deviation of measured minus computed joint torque in N m, on the motion that was fitted, as published.
+PUBLISHED_STD = (0.226, 0.289, 0.378, 0.193, 0.179, 0.336)
+#: Standard parameters before, and base parameters after the regrouping, as published.
+PUBLISHED_COUNTS = (78, 18)
+#: States at which the rank of the regressor is computed by its singular values.
+_STATES = 2000
+_RANK_TOLERANCE = 1e-9  # of the largest singular value
+#: Largest relative error of Coulomb friction and of stiffness that the sample recordings are held to as well.
+MOST_COULOMB, MOST_STIFFNESS = 0.05, 0.03
+
+
+@dataclass(frozen=True)
+class CylinderRun:
+    """Stage 1 of one cylinder.
+
+    Attributes
+    ----------
+    names, theta, covariance : what was estimated, (k,) and (k, k), SI
+    truth : (k,) what the plant has
+    residual_std : N
+    fastest : m/s, largest piston speed of the unloaded recording
+    """
+
+    joint: str
+    names: tuple[str, ...]
+    theta: FloatArray
+    covariance: FloatArray
+    truth: FloatArray
+    residual_std: float
+    fastest: float
+
+
+@dataclass(frozen=True)
+class ArmRun:
+    """Both stages on one simulated arm.
+
+    Attributes
+    ----------
+    counts : standard and base parameters
+    rank : of the regressor at random states, by its singular values
+    base : expression, value, standard deviation and truth of every base parameter, by stage 2 with friction frozen
+    cylinders : stage 1
+    joints : names
+    floor, fitted, unseen : (n,) N m: noise floor, error of the two stages on the fitted motions and on ``validate``
+    compared : two stages against one (:func:`fitting.pipeline.comparison.compare`)
+    """
+
+    arm: Arm
+    seed: int
+    counts: tuple[int, int]
+    rank: int
+    base: tuple[tuple[str, float, float, float], ...]
+    cylinders: tuple[CylinderRun, ...]
+    joints: tuple[str, ...]
+    floor: FloatArray
+    fitted: FloatArray
+    unseen: FloatArray
+    compared: Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class Claims:
+    """All runs of a page.
+
+    Attributes
+    ----------
+    shown : the arm whose tables are printed in full
+    arms : every simulated arm
+    measured : two stages against one on measured machines, by name
+    stribeck : an arm with Stribeck friction that its model lacks
+    skipped : measured machines whose data is not there
+    """
+
+    shown: ArmRun
+    arms: tuple[ArmRun, ...]
+    measured: Mapping[str, Mapping[str, Any]]
+    stribeck: StribeckRun
+    skipped: tuple[str, ...]
+
+
+def run(count: int, seed: int, data: Path, page: Path | None, show: Show = lambda line: None) -> Outcome:
+    """Make the runs, and the page where one is wanted.
+
+    Parameters
+    ----------
+    count : simulated arms of each kind
+    seed : of the first
+    data : directory of the measured data; what is not there is left out with a line
+    page : Markdown file; figures go into a folder of the same name beside it
+    show : called with a line when something begins or is skipped
+    """
+    from benchmarks.paper.page import write
+
+    arms = []
+    for kind in ARMS:
+        for number in range(seed, seed + count):
+            show(f"{kind} arm {number}: both stages, one-shot")
+            arms.append(arm_run(kind, number))
+    show("folding arm with Stribeck friction: the loop")
+    found = stribeck_run(seed)
+    measured, skipped = _measured(data, show)
+    claims = Claims(arms[0], tuple(arms), measured, found, skipped)
+    if page is not None:
+        write(page, claims)
+    return Outcome(checks(claims), skipped)
+
+
+def arm_run(arm: Arm, seed: int) -> ArmRun:
+    """Both stages and the one-shot regression on a simulated arm without any undeclared effect."""
+    case = simulate_case(arm, seed)
+    session = Session(case.machine, recordings_of(case.machine, case.recordings), Options(loop=False))
+    compared, results = compare_ways(session)
+    design = session.plain.design
+    two, first = results["rigid_body_stage"]["two_stage"], len(design.parameters.names) - len(session.base)
+    truth = truth_vector(case, design)
+    base = tuple(
+        (name, float(two["theta"][k]), float(two["std"][k]), float(truth[k]))
+        for k, name in enumerate(design.parameters.names)
+        if k >= first
+    )
+    return ArmRun(
+        arm,
+        seed,
+        (session.base.standard_count, len(session.base)),
+        rank(case.machine, seed),
+        base,
+        _cylinders(case, session, results),
+        tuple(joint.name for joint in case.machine.joints),
+        np.asarray(results["residual"]["noise_floor"], dtype=float),
+        np.array(two["errors"]["train"], dtype=float),
+        np.array(two["errors"]["validate"], dtype=float),
+        compared,
+    )
+
+
+def rank(machine: Machine, seed: int) -> int:
+    """Rank of the rigid-body regressor of all standard parameters, by its singular values at random states."""
+    rng = np.random.default_rng([seed, 52])
+    limits = np.array([joint.limits.position for joint in machine.joints])
+    q = rng.uniform(limits[:, 0], limits[:, 1], (_STATES, len(limits)))
+    qd, qdd = rng.normal(size=(2, *q.shape))
+    W = rigid_body_regressor(machine, q, qd, qdd)
+    values = np.linalg.svd(W.reshape(-1, W.shape[-1]), compute_uv=False)
+    return int(np.count_nonzero(values > _RANK_TOLERANCE * values[0]))
+
+
+def compare_ways(session: Session) -> tuple[dict[str, Any], dict[str, dict[str, Any]]]:
+    """Two stages against one on a session's recordings, with 95 % intervals; and the stages' results."""
+    results: dict[str, dict[str, Any]] = {}
+    for stage in ("check", "cylinder_stage", "rigid_body_stage", "residual"):
+        results[stage] = STEPS[stage](session, results, lambda share, text: None)
+    return comparison(session, results, np.asarray(results["residual"]["noise_floor"])), results
+
+
+def _cylinders(case: Case, session: Session, results: Mapping[str, Any]) -> tuple[CylinderRun, ...]:
+    free = next(r for r in session.recordings if r.role == "unloaded")
+    found = []
+    for own in results["cylinder_stage"]["cylinders"]:
+        position = np.asarray(free.values[f"{own['joint']}.piston_position"])
+        speed = np.abs(np.gradient(position, free.time))
+        truth = vars(case.truth.cylinders[own["joint"]])
+        found.append(
+            CylinderRun(
+                own["joint"],
+                tuple(own["names"]),
+                np.array(own["theta"]),
+                np.array(own["covariance"]),
+                np.array([truth[name] for name in own["names"]]),
+                float(own["residual_std"]),
+                float(np.quantile(speed, 0.99)),
+            )
+        )
+    return tuple(found)
+
+
+def _measured(data: Path, show: Show) -> tuple[dict[str, Mapping[str, Any]], tuple[str, ...]]:
+    found: dict[str, Mapping[str, Any]] = {}
+    skipped = []
+    with TemporaryDirectory(prefix="hilfit-paper-") as scratch:
+        directory = Path(scratch)
+        ways: dict[str, tuple[str, Callable[[Path], Session]]] = {
+            "EMPS": ("emps", lambda place: emps.session_of(place, directory)),
+            "TX40, last 30 %": ("staubli_tx40", lambda place: _tx40(place, directory)),
+            "KUKA LWR": ("kuka_lwr4", _kuka),
+        }
+        for name, (folder, session_of) in ways.items():
+            if not (data / folder).is_dir():
+                skipped.append(f"{name}: no data in {data.name}/{folder}, left out")
+                show(skipped[-1])
+                continue
+            show(f"{name}: both stages, one-shot")
+            found[name] = compare_ways(session_of(data / folder))[0]
+    return found, tuple(skipped)
+
+
+def _tx40(place: Path, directory: Path) -> Session:
+    whole = staubli.session_of(staubli.recording(place, directory))
+    return Session(whole.machine, cut(whole.recordings[0], 0.7), Options(loop=False))
+
+
+def _kuka(place: Path) -> Session:
+    machine = load_machine(place / "machine.yaml")
+    roles = ("train", "repeat", "validate")
+    recordings = [read_recording(place / f"{role}.parquet", machine, role) for role in roles]
+    return Session(machine, recordings, Options(loop=False))
+
+
+def checks(claims: Claims) -> tuple[Check, ...]:
+    """What the page says, as numbers beside targets."""
+    own = claims.shown
+    folding = [each for each in claims.arms if each.arm == "folding"]
+    counts = {each.counts for each in folding}
+    ranks = {each.rank for each in folding}
+    worst = {name: max(_apart(c, name) for each in claims.arms for c in each.cylinders) for name in ("f_c", "K")}
+    bump = claims.stribeck
+    return (
+        fact("parameters of a folding arm", counts == {PUBLISHED_COUNTS}, f"{own.counts[0]} to {own.counts[1]}"),
+        fact("rank of its regressor by singular values", ranks == {PUBLISHED_COUNTS[1]}, str(own.rank)),
+        Check("stage 1: f_c apart from the truth, worst cylinder", worst["f_c"], f"{100 * worst['f_c']:.1f} %"),
+        Check("stage 1: K apart from the truth, worst cylinder", worst["K"], f"{100 * worst['K']:.1f} %"),
+        Check(
+            "error on the unseen motion over the noise floor, all joints of the arm shown",
+            over_floor(own),
+            f"{over_floor(own):.2f}",
+            "at most",
+            1.2,
+        ),
+        fact("Stribeck friction is named at its joint", bump.named, bump.said),
+        Check(
+            "friction curve after the loop over before, distance from the truth",
+            bump.after / bump.before,
+            f"{bump.before:.1f} N before, {bump.after:.1f} N after",
+            "at most",
+            1.0,
+        ),
+    )
+
+
+def over_floor(own: ArmRun) -> float:
+    """Root mean square over the joints of the error on ``validate`` in noise floors."""
+    return float(np.sqrt(np.mean((own.unseen / own.floor) ** 2)))
+
+
+def _apart(cylinder: CylinderRun, name: str) -> float:
+    k = cylinder.names.index(name)
+    return abs(float(cylinder.theta[k] / cylinder.truth[k]) - 1.0)

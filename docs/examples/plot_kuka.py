@@ -1,0 +1,38 @@
+"""
+KUKA LWR: seven joints with torque sensors
+==========================================
+
+Recordings of FloBaRoID (LGPL-3.0): one motion twice, and another one. The torque sensors sit on the link side of the
+gears. This example runs where ``../shared/data/kuka_lwr4`` is there.
+"""
+
+# %%
+# No cylinder, no pressures: the same machine file describes an arm with motors and torque sensors.
+
+from pathlib import Path
+
+import hilfit
+
+data = Path.cwd().parents[2] / "shared" / "data" / "kuka_lwr4"
+if data.is_dir():
+    machine = hilfit.Machine.load(data / "machine.yaml")
+    result = hilfit.identify(
+        machine,
+        train=[data / "train.parquet"],
+        repeat=[data / "repeat.parquet"],
+        validate=[data / "validate.parquet"],
+        loop=False,
+    )
+    print(result.report["reduction"])
+    for joint, errors in result.report["errors"].items():
+        print(f"{joint}  fitted {errors['before']['train']:.2f}  another motion {errors['before']['validate']:.2f} N m")
+else:
+    result = None
+    print("skipped: the measured data of the KUKA LWR is not beside the repository (../shared/data/kuka_lwr4)")
+
+# %%
+# Least squares leaves some links that cannot exist. The report names them; ``estimator="consistent"`` forbids them.
+
+if result is not None:
+    for violation in result.report["plausibility"]["violations"]:
+        print(violation["joint"] or "", violation["parameter"], f"= {violation['value']:.3g} {violation['unit']}")
