@@ -9,7 +9,7 @@ from typing import Any, Literal, NotRequired, TypedDict, Unpack
 from hilfit_client.transport import Transport
 
 #: SHA-256 of the description that this was made from.
-SOURCE_SHA256 = "25e4167bd1480f8e1dfe6e7fbf2d75ebcd8275d5aab1088ea666cbe8b8993e9f"
+SOURCE_SHA256 = "c1284ff7d73ca644e4dd9d1c1a2649e1853b42ab6cce641ecbf46ecdd29dbc60"
 
 
 class AcquisitionWish(TypedDict):
@@ -374,6 +374,9 @@ class MonitorResource(TypedDict):
     calibration: NotRequired[str | None]
     delay_s: NotRequired[float | None]
     joints: NotRequired[list[MonitoredJoint]]
+    overload: NotRequired[OverloadNow | None]
+    overload_delay_s: NotRequired[float | None]
+    payload: NotRequired[Payload | None]
     reason: NotRequired[str | None]
     since: NotRequired[str | None]
     state: Literal["off", "learning", "watching", "drift"]
@@ -410,6 +413,18 @@ class NewKey(TypedDict):
     streams: int
 
 
+class OverloadNow(TypedDict):
+    """An overload that has not ended: where, measured minus predicted effort there, and that over its band."""
+
+    joint: str
+    on: bool
+    residual: float
+    score: float
+    threshold: float
+    time: float
+    unit: str
+
+
 class Paired(TypedDict):
     """The device's token: it is shown this once."""
 
@@ -431,6 +446,13 @@ class Parameter(TypedDict):
     std: float | None
     unit: str | None
     value: float | None
+
+
+class Payload(TypedDict):
+    """Mass at the tip beyond that of the calibration's recordings, kg, of the last ten seconds of motion."""
+
+    mass: float
+    std: float
 
 
 class PrincipalResource(TypedDict):
@@ -890,7 +912,7 @@ class CalibrationsApi:
         return answer
 
     def model(self, id: str) -> dict[str, Any]:
-        """Download the fitted model (schema `hilfit/model/1`)."""
+        """Download the fitted model (schema `hilfit/model/1`), with the calibration's id in its provenance."""
         answer: dict[str, Any] = self._transport.json(
             "GET", f"/api/v1/calibrations/{self._transport.quoted(id)}/model.json"
         )
