@@ -15,9 +15,9 @@ import pyarrow.parquet
 import pytest
 from service_fakes import API, MACHINE, Fakes, running_service
 
-import server.recordings.recording_uploads
 from server.platform.processes import heavy_work as heavy
 from server.platform.processes.children import ChildResult
+from server.recordings.file_children import FileChildren
 
 
 @pytest.mark.slow
@@ -45,7 +45,7 @@ class Gate:
         self.now = self.most = 0
         self._lock = threading.Lock()
 
-    def __call__(self, *_: object, **__: object) -> ChildResult:
+    def run(self, *_: object, **__: object) -> ChildResult:
         with self._lock:
             self.now += 1
             self.most = max(self.most, self.now)
@@ -56,10 +56,15 @@ class Gate:
 
 
 @pytest.fixture
-def gate(monkeypatch: pytest.MonkeyPatch) -> Gate:
-    gate = Gate()
-    monkeypatch.setattr(server.recordings.recording_uploads, "run_child", gate)
-    return gate
+def gate() -> Gate:
+    return Gate()
+
+
+def behind(gate: Gate) -> Fakes:
+    """A service whose uploads are looked at by the gate."""
+    fakes = Fakes()
+    fakes.parts[FileChildren] = gate
+    return fakes
 
 
 @contextmanager
@@ -73,7 +78,7 @@ def threads(count: int, gate: Gate) -> Iterator[ThreadPoolExecutor]:
 
 @pytest.mark.slow
 def test_many_uploads_at_once_stall_nobody(tmp_path: Path, csv: bytes, gate: Gate) -> None:
-    with running_service(tmp_path, Fakes()) as running, threads(45, gate) as pool:
+    with running_service(tmp_path, behind(gate)) as running, threads(45, gate) as pool:
         assert running.client.post(f"{API}/machines", content=MACHINE).status_code == 201
 
         def upload(number: int) -> tuple[int, str | None]:
@@ -100,7 +105,7 @@ def test_many_uploads_at_once_stall_nobody(tmp_path: Path, csv: bytes, gate: Gat
 
 @pytest.mark.slow
 def test_when_all_places_are_taken_everybody_is_told_to_come_again(tmp_path: Path, csv: bytes, gate: Gate) -> None:
-    with running_service(tmp_path, Fakes()) as running, threads(2, gate) as pool:
+    with running_service(tmp_path, behind(gate)) as running, threads(2, gate) as pool:
         running.client.post(f"{API}/machines", content=MACHINE)
         running.service.heavy = heavy.Heavy(slots=1, places=2, share=2)
         running.service.heavy._taken["another"] = 1
