@@ -214,3 +214,12 @@ def test_help_imports_nothing_heavy() -> None:
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=True)
     assert done.stdout.splitlines()[-1] == "[]"
+
+
+@pytest.mark.slow
+def test_the_service_starts_without_what_only_its_children_need() -> None:
+    heavy = ("scipy", "mujoco", "matplotlib", "asammdf", "mcap")
+    code = "import sys, server.composition.serve, server.composition.declarations, daq.acquisition_child\n"
+    code += f"print([name for name in {heavy} if name in sys.modules])"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=120, check=True)
+    assert done.stdout.splitlines()[-1] == "[]"
