@@ -24,7 +24,7 @@ demo: $(VENV)/.use ## the whole job on a simulated machine, about two minutes; e
 test: check ## the checks, then every test; the slowest twenty are listed at the end
 	$(PYTEST) -n $(JOBS) --durations 20
 
-test-quick: $(VENV)/.dev ## the tests that take no more than a few seconds each
+test-quick: $(VENV)/.dev ## the tests that are not marked slow; says at the end which those are
 	$(PYTEST) -n 2 -m "not slow" --durations 5
 
 check: $(VENV)/.dev ## ruff, mypy --strict, import-linter

@@ -16,6 +16,7 @@ from concurrent.futures import ThreadPoolExecutor
 from multiprocessing.connection import Connection
 from pathlib import Path
 
+import daq.without_mdf4  # noqa: F401
 from daq.channels import channel_table, channels_by_bus
 from daq.clock import Clock, SyncClock, clock_for
 from daq.cycles import Cycles, run_cycles

@@ -16,7 +16,6 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from scipy.interpolate import make_interp_spline
 
 FloatArray = npt.NDArray[np.float64]
 BoolArray = npt.NDArray[np.bool_]
@@ -133,6 +132,9 @@ def _through(time: FloatArray, values: FloatArray, at: FloatArray) -> FloatArray
     """Values (N, k) at ``at`` of a spline through values (M, k)."""
     degree = min(_DEGREE, (len(time) - 2) | 1)  # odd, and below the number of samples
     inside = np.clip(at, time[0], time[-1])
+    # Takes longer to load than most recordings to read, and few clocks are uneven.
+    from scipy.interpolate import make_interp_spline
+
     return np.asarray(make_interp_spline(time, values, k=degree)(inside), dtype=np.float64)
 
 

@@ -11,6 +11,7 @@ import socket
 import time
 from typing import Any
 
+import daq.without_mdf4  # noqa: F401
 from sim_backends import backplane
 from sim_backends.canopen_device import SimulatedNode
 from sim_backends.child import Order, Orders, report

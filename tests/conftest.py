@@ -1,6 +1,8 @@
 """What all tests share."""
 
 import os
+import resource
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -16,13 +18,22 @@ settings.register_profile(
 )
 settings.load_profile("hilfit")
 
+#: Seconds of processor time, which do not depend on what else the computer does, of a test that is not marked slow.
+QUICK_S = 1.0
+TESTS = Path(__file__).parent
+_QUICK_ONLY = "not slow"
+
 
 def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
     """Files that are slow as a whole are not even imported where slow tests are left out."""
-    if config.option.markexpr != "not slow" or not collection_path.name.startswith("test_"):
+    if config.option.markexpr != _QUICK_ONLY or not collection_path.name.startswith("test_"):
         return None
-    lines = collection_path.read_text(encoding="utf-8").splitlines()
-    return any(line.startswith("pytestmark") and "pytest.mark.slow" in line for line in lines) or None
+    return _slow_as_a_whole(collection_path) or None
+
+
+def _slow_as_a_whole(path: Path) -> bool:
+    lines = path.read_text(encoding="utf-8").splitlines()
+    return any(line.startswith("pytestmark") and "pytest.mark.slow" in line for line in lines)
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
@@ -33,3 +44,41 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
         seconds = float(asked.args[0]) if asked else 0.0
         longest[item.path] = max(longest.get(item.path, 0.0), seconds)
     items.sort(key=lambda item: -longest[item.path])
+
+
+def _processor_s() -> float:
+    """Of this process and the children that it has waited for."""
+    own, children = resource.getrusage(resource.RUSAGE_SELF), resource.getrusage(resource.RUSAGE_CHILDREN)
+    return own.ru_utime + own.ru_stime + children.ru_utime + children.ru_stime
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_call(item: pytest.Item) -> Iterator[None]:
+    """Note what a test took."""
+    before = _processor_s()
+    try:
+        return (yield)
+    finally:
+        if item.get_closest_marker("slow") is None:
+            item.user_properties.append(("processor_s", _processor_s() - before))
+
+
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter, config: pytest.Config) -> None:
+    """Say what was left out, and which tests should be."""
+    if config.option.markexpr == _QUICK_ONLY:
+        texts = {path: path.read_text(encoding="utf-8") for path in sorted(TESTS.rglob("test_*.py"))}
+        whole = [path for path in texts if _slow_as_a_whole(path)]
+        part = [path for path, text in texts.items() if "mark.slow" in text and path not in whole]
+        terminalreporter.section("left out, since marked slow; make test runs it")
+        folders = {folder: [p.stem for p in whole if p.parent == folder] for folder in {p.parent for p in whole}}
+        for folder, names in sorted(folders.items()):
+            terminalreporter.line(f"{folder.relative_to(TESTS.parent)}: {', '.join(names)}")
+        terminalreporter.line(f"and single tests of {len(part)} of the {len(texts)} files")
+    took = [
+        (dict(report.user_properties).get("processor_s", 0.0), report.nodeid)
+        for report in terminalreporter.getreports("passed")
+    ]
+    if long := sorted((entry for entry in took if entry[0] > QUICK_S), reverse=True):
+        terminalreporter.section(f"more than {QUICK_S:g} s of processor time, and not marked slow")
+        for seconds, test in long:
+            terminalreporter.line(f"{seconds:6.1f} s  {test}")

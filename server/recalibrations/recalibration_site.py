@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from daq import load_machine
 from daq.errors import HilfitError
-from fitting.excitation.motion import read_motion
 from server.excitations.excitation_job import ExcitationKind
 from server.excitations.excitation_store import Excitations
 from server.excitations.motion_delivery import MotionDelivery
@@ -57,6 +56,9 @@ class Site:
 
     def motion_seconds(self, excitation: str) -> float:
         """Length of a designed motion, s."""
+        # Loads scipy, which takes as long as all the rest of the service.
+        from fitting.excitation.motion import read_motion
+
         try:
             self._excitations.get(excitation)
             return read_motion(self._designs.motion(excitation)).seconds

@@ -1,6 +1,4 @@
-"""Look at an uploaded recording in a process of its own.
-
-``python -m server.recordings.inspect_recording FILE MACHINE_FILE ROLE``
+"""Look at an uploaded recording, in a process of its own (:mod:`server.recordings.file_child`).
 
 A file from outside may be hostile; reading it must not cost the process that serves HTTP more than a child.
 Speaks the protocol of :mod:`server.platform.processes.children`.
@@ -10,6 +8,7 @@ from __future__ import annotations
 
 import json
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -55,6 +54,8 @@ def main(recording_file: Path, machine_file: Path, role: str) -> int:
     return 0
 
 
-if __name__ == "__main__":
-    limit_child(RECORDING_CPU_S, Path(sys.argv[1]).stat().st_size)
-    sys.exit(main(Path(sys.argv[1]), Path(sys.argv[2]), sys.argv[3]))
+def limited(arguments: Sequence[str]) -> int:
+    """As :func:`main`, of ``FILE MACHINE_FILE ROLE``, with this process limited to what such a file may take."""
+    file, machine_file, role = arguments
+    limit_child(RECORDING_CPU_S, Path(file).stat().st_size)
+    return main(Path(file), Path(machine_file), role)

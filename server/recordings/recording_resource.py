@@ -16,6 +16,7 @@ from server.platform.files import DataDirectory
 from server.platform.parts import PartName, Parts
 from server.platform.resource import BackedUp, NamedFiles, Phase, Resource, Running
 from server.platform.settings import Settings
+from server.recordings.file_children import FileChildren
 from server.recordings.formats.exports import Exports
 from server.recordings.recording_desk import USED_BY, RecordingDesk
 from server.recordings.recording_routes import router
@@ -39,6 +40,12 @@ def _sessions(parts: Parts) -> Sessions:
 def _shared(parts: Parts) -> SharedRecordings | None:
     url = parts[Settings].recordings_url
     return None if url is None else SharedRecordings(url)
+
+
+def _file_children(parts: Parts) -> FileChildren:
+    children = FileChildren()
+    parts.at_close(children.close)
+    return children
 
 
 def _being_recorded(parts: Parts) -> Callable[[str], str | None]:
@@ -81,8 +88,9 @@ RECORDINGS = Resource(
         SHARED: _shared,
         BEING_RECORDED: _being_recorded,
         Recordings: lambda parts: Recordings(parts[Database]),
-        Exports: lambda parts: Exports(parts[DataDirectory]),
-        RecordingUploads: lambda parts: RecordingUploads(parts[Database], parts[DataDirectory]),
+        FileChildren: _file_children,
+        Exports: lambda parts: Exports(parts[DataDirectory], parts[FileChildren]),
+        RecordingUploads: lambda parts: RecordingUploads(parts[Database], parts[DataDirectory], parts[FileChildren]),
         Sessions: _sessions,
         RecordingDesk: lambda parts: RecordingDesk(
             parts[Recordings], parts[DataDirectory], parts[SHARED], parts[USED_BY]

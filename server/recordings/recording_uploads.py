@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import secrets
-import sys
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Literal, cast
@@ -19,7 +18,8 @@ from server.platform.errors import (
     UnsupportedFormatError,
 )
 from server.platform.files import DataDirectory, sync_directory
-from server.platform.processes.children import ChildResult, run_child
+from server.platform.processes.children import ChildResult
+from server.recordings.file_children import FileChildren
 from server.recordings.formats.exports import Exports
 from server.recordings.recording_store import RecordingRow, Recordings
 
@@ -32,12 +32,13 @@ ENDINGS = (".csv", ".parquet", ".txt", ".tsv", ".mf4", ".mat", ".db3", ".mcap")
 class RecordingUploads:
     """Takes recordings as CSV, Parquet, and as other tools write them (which is kept as Parquet)."""
 
-    def __init__(self, database: Database, files: DataDirectory) -> None:
+    def __init__(self, database: Database, files: DataDirectory, children: FileChildren) -> None:
         self._database = database
         self._recordings = Recordings(database)
         self._machines = Machines(database)
-        self._exports = Exports(files)
+        self._exports = Exports(files, children)
         self._files = files
+        self._children = children
 
     def incoming(self, machine: str, role: str, name: str) -> Path:
         """Where to stream an upload that is named ``name``, before a byte of it is read.
@@ -117,19 +118,8 @@ class RecordingUploads:
     def _inspected(self, file: Path, machine: str, version: int, role: str, label: str) -> ChildResult:
         """What a process of its own says of a file; InvalidError if it is no good recording."""
         machine_file = self._files.machine_file(machine, version)
-        result = run_child(
-            [
-                sys.executable,
-                "-P",
-                "-m",
-                "server.recordings.inspect_recording",
-                str(file),
-                str(machine_file),
-                role,
-            ],
-            log=self._files.recordings / "inspect.log",
-            timeout_s=INSPECTION_S,
-        )
+        log = self._files.recordings / "inspect.log"
+        result = self._children.run("inspect", str(file), str(machine_file), role, log=log, timeout_s=INSPECTION_S)
         if result.outcome == "input":
             raise InvalidError((result.error or "").replace(str(file), label))
         if result.outcome == "failed" and result.error is not None and "ended by" in result.error:

@@ -69,6 +69,7 @@ def test_a_law_has_the_shape_of_what_was_put_in(strange: Attribution) -> None:
     assert np.corrcoef(lump, given)[0, 1] > 0.9
 
 
+@pytest.mark.slow
 def test_every_accepted_term_helps_where_nothing_was_fitted(strange: Attribution) -> None:
     assert all(a.validate_gain is not None and a.validate_gain > 0 for a in strange.accepted)
     assert all(a.score.gain > least_gain(a.score.live) for a in strange.accepted)
@@ -131,6 +132,7 @@ def test_the_same_data_give_the_same_answer(strange: Attribution) -> None:
     assert np.array_equal(again.model.fit.theta, strange.model.fit.theta)
 
 
+@pytest.mark.slow
 def test_terms_survive_their_way_through_json(strange: Attribution) -> None:
     for term in (*strange.model.terms, Term(effect("sensor_latency"), 1, {}, (0.02,))):
         assert term_from_json(term_to_json(term)) == term
@@ -144,6 +146,7 @@ def test_the_final_model_is_the_loops_model() -> None:
     assert model.fit.theta == pytest.approx(attribution.model.fit.theta, rel=1e-6, abs=1e-6)
 
 
+@pytest.mark.slow
 def test_limits_are_given_for_what_was_not_found() -> None:
     attribution = run(clean_session(2))
     assert attribution.verdict == "nothing_missing"
@@ -282,6 +285,7 @@ def test_a_delay_is_named_with_all_that_moving_the_effort_gains() -> None:
     assert found[0].held_out.own_gain * found[0].held_out.own_noise > column.gain
 
 
+@pytest.mark.slow
 def test_what_is_added_itself_is_no_other_name_for_what_was_added_before() -> None:
     session = session_with(
         lambda s, i: 900.0 * (s.x[:, 1] - 0.15) * np.sign(s.v[:, 1]) + 9000.0 * s.v[:, 1] * np.abs(s.v[:, 1])

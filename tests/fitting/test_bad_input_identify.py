@@ -174,6 +174,7 @@ def test_bad_input_is_one_line_and_nothing_is_written(
     assert tree(arm) == before and not (arm / "out").exists()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("changed", "words"),
     [
@@ -197,6 +198,7 @@ def test_recordings_in_the_wrong_place_are_one_line(
     assert not (arm / "out").exists()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("bandwidth", ["0", "-3", "40"])
 def test_an_impossible_bandwidth_is_one_line(bandwidth: str, arm: Path, run: Callable[[list[str]], Outcome]) -> None:
     outcome = run([*command(arm), "--bandwidth", bandwidth])

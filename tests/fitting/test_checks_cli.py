@@ -43,6 +43,7 @@ def test_nothing_is_wrong_with_a_sound_arm(arm: Path, capsys: pytest.CaptureFixt
     assert "nothing was found to be wrong with 2 recording(s)" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_a_mistake_is_printed_with_its_cure_and_line(arm: Path, capsys: pytest.CaptureFixture[str]) -> None:
     files = ["--train", str(arm / "swapped-train.csv"), "--validate", str(arm / "swapped-validate.csv")]
     assert run("check", *files, "--machine", str(arm / "machine.yaml"), "--json") == 1
@@ -54,6 +55,7 @@ def test_a_mistake_is_printed_with_its_cure_and_line(arm: Path, capsys: pytest.C
     assert "swap the two channels in machine.yaml lines" in line
 
 
+@pytest.mark.slow
 def test_a_map_and_another_rate_are_taken_as_identify_takes_them(
     arm: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -226,6 +226,7 @@ def test_what_nothing_explains_is_said_in_general() -> None:
     assert code == "unexplained"
 
 
+@pytest.mark.slow
 def test_the_line_of_the_machine_file_is_said(tmp_path: Path) -> None:
     file = tmp_path / "machine.yaml"
     file.write_text(machine_to_yaml(JOINT), encoding="utf-8")

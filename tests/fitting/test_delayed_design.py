@@ -84,6 +84,7 @@ def test_what_did_not_move_is_shared() -> None:
     assert again.whitenings[1].std == pytest.approx(delayed.noise.whitenings[1].std)
 
 
+@pytest.mark.slow
 def test_columns_follow_a_moved_effort() -> None:
     """Of the joint that moved they are those made anew; others keep theirs, the model's own force apart."""
     made = session()

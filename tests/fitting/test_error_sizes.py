@@ -107,6 +107,7 @@ def reports(tmp_path_factory: pytest.TempPathFactory) -> dict[str, tuple[dict[st
     return found
 
 
+@pytest.mark.slow
 def test_an_offset_on_validate_is_seen(
     reports: dict[str, tuple[dict[str, Any], Path]], capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -127,6 +128,7 @@ def test_an_offset_on_validate_is_seen(
     assert f"{after['validate_mean']:.3g}" in printed and "relative error of all joints" in printed
 
 
+@pytest.mark.slow
 def test_one_shot_and_two_stages_carry_the_same_sizes(reports: dict[str, tuple[dict[str, Any], Path]]) -> None:
     report, _ = reports["sound"]
     wanted = {f"{role}{size}" for role in ROLES for size in ("", "_rms", "_mean", "_relative")}

@@ -183,6 +183,7 @@ def recorded(run, tmp_path):
     return machine
 
 
+@pytest.mark.slow
 def test_command_counts_what_recordings_have_gathered(run, recorded, tmp_path):
     """The new motion is weighed together with the recording, in whatever role that was made."""
     out = tmp_path / "m.csv"
@@ -231,6 +232,7 @@ def test_command_makes_an_experiment(run, tmp_path):
     assert {use["joint"] for use in limits} == {"joint2"}
 
 
+@pytest.mark.slow
 def test_command_forecasts_effects_and_parameters(run, tmp_path):
     """A motion of one joint shows that joint's effects, and says that it tells nothing of the other's friction."""
     arguments = ("-o", str(tmp_path / "m.csv"), "--seconds", "15", "--starts", "1", "--joint", "joint2", "--effects")

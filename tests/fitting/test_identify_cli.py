@@ -62,6 +62,7 @@ def test_json_prints_the_report_and_nothing_else(arm: Path, tmp_path: Path, caps
     assert written.err == ""
 
 
+@pytest.mark.slow
 def test_csv_gives_the_same_parameters(arm: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     values = []
     for suffix in ("parquet", "csv"):
@@ -89,6 +90,7 @@ CHANNELS = ("joint1.x", "joint1.head", "joint1.rod", "joint1.q")
 UNITS = ("m", "Pa", "Pa", "rad")
 
 
+@pytest.mark.slow
 def test_a_loggers_files_are_identified_with_a_map_on_request(
     arm: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -48,6 +48,7 @@ def usual(arm: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]
     return report_of(output)
 
 
+@pytest.mark.slow
 def test_the_default_is_the_joint_refit_with_least_squares_beside_it(usual: dict[str, Any]) -> None:
     body = usual["rigid_body"]
     assert body["estimator"] == "gls" and body["stage_2"]["estimator"] == "ols"
@@ -106,6 +107,7 @@ def test_an_earlier_report_is_a_prior_that_narrows(arm: Path, tmp_path: Path) ->
     assert "recordings tell" in (tmp_path / "second" / "report.html").read_text(encoding="utf-8")
 
 
+@pytest.mark.slow
 def test_the_links_of_a_consistent_fit_are_in_the_report(arm: Path, tmp_path: Path) -> None:
     pytest.importorskip("cvxpy", reason="the extra 'consistent' is not installed")
     assert run(arm, tmp_path, "--estimator", "consistent") == 0
@@ -116,6 +118,7 @@ def test_the_links_of_a_consistent_fit_are_in_the_report(arm: Path, tmp_path: Pa
     assert "links that can exist" in (tmp_path / "report.html").read_text(encoding="utf-8")
 
 
+@pytest.mark.slow
 def test_the_comparison_is_in_json_text_and_page(
     arm: Path, usual: dict[str, Any], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -130,6 +133,7 @@ def test_the_comparison_is_in_json_text_and_page(
     assert comparison["said"].split(".")[0] in page and "one-shot, unloaded recordings too" in page
 
 
+@pytest.mark.slow
 def test_without_an_unloaded_recording_there_is_one_contender_less(arm: Path, tmp_path: Path) -> None:
     assert run(arm, tmp_path, roles=("train", "repeat", "validate")) == 0
     comparison = report_of(tmp_path)["one_shot"]["comparison"]
@@ -137,6 +141,7 @@ def test_without_an_unloaded_recording_there_is_one_contender_less(arm: Path, tm
     assert "unloaded" not in comparison["said"]
 
 
+@pytest.mark.slow
 def test_what_is_hardly_told_is_flagged_in_json_text_and_page(
     arm: Path, usual: dict[str, Any], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

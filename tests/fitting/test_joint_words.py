@@ -82,6 +82,7 @@ def robot(tmp_path_factory: pytest.TempPathFactory) -> tuple[dict[str, Any], str
     return report_of(machine, tmp_path_factory.mktemp("robot"), friction(machine, 0, 60.0), bootstrap=0)
 
 
+@pytest.mark.slow
 def test_a_robots_report_speaks_of_joints(
     robot: tuple[dict[str, Any], str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -95,6 +96,7 @@ def test_a_robots_report_speaks_of_joints(
     assert "joint position" in spoken(page)
 
 
+@pytest.mark.slow
 def test_a_robots_report_has_radians_and_newton_metres(robot: tuple[dict[str, Any], str]) -> None:
     report, _ = robot
     found = units(report)

@@ -137,6 +137,7 @@ def test_one_position_sensor_cannot_be_checked() -> None:
         assert findings == ()
 
 
+@pytest.mark.slow
 def test_what_was_found_survives_its_way_through_json() -> None:
     session = with_reading(lambda q: q + 0.01)
     findings, corrections = kinematic_findings(session)

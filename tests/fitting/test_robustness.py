@@ -59,6 +59,7 @@ def test_noise_that_hangs_together_counts_for_a_slow_effect() -> None:
     assert found(rows_with(noise, np.where(np.arange(ROWS) % 2, 1.0, -1.0))) < 1.2, "power is low up there"
 
 
+@pytest.mark.slow
 def test_false_gains_against_their_own_noise_are_those_of_chance() -> None:
     """Of 300 useless columns on uneven noise, one in a hundred passes a threshold of one in a hundred; not ten."""
     rng = np.random.default_rng(4)

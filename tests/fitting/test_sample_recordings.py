@@ -1,4 +1,7 @@
-"""The whole identification on recordings of a plant that shares no code with it; ``truth.yaml`` checks the answer."""
+"""The whole identification on recordings of a plant that shares no code with it; ``truth.yaml`` checks the answer.
+
+One case of each kind: nothing missing, an effect of the catalogue, one outside. ``hilfit bench samples`` does all six.
+"""
 
 from __future__ import annotations
 
@@ -56,14 +59,6 @@ def named(case: str) -> list[tuple[str, str | None]]:
     return [(e["id"], e["joint"]) for e in report(case)["loop"]["effects"]]
 
 
-def sets(case: str) -> list[set[tuple[str, str | None]]]:
-    """Per effect of the report the whole set that the data cannot tell apart."""
-    return [
-        {(e["id"], e["joint"]), *((r["id"], r["joint"]) for r in e["indistinguishable_from"])}
-        for e in report(case)["loop"]["effects"]
-    ]
-
-
 def over_floor(case: str) -> float:
     """Validate error over noise floor, root mean square over the joints."""
     ratios = [e["after"]["validate"] / e["noise_floor"] for e in report(case)["errors"].values()]
@@ -109,28 +104,6 @@ def test_position_friction_is_named_added_and_confirmed() -> None:
     assert high < 0 and low <= content["overall"]["change_percent"] <= high
 
 
-def test_load_friction_is_named_or_in_the_set() -> None:
-    content = report("load-friction-joint2")
-    assert content["loop"]["verdict"] in ("effect_added", "ambiguous")
-    assert len(sets("load-friction-joint2")) == 1
-    assert ("load_dependent_friction", "joint2") in sets("load-friction-joint2")[0]
-    if content["loop"]["verdict"] == "ambiguous":
-        assert content["loop"]["next_experiment"]["separates"]
-    errors = content["errors"]["joint2"]
-    assert errors["after"]["validate"] <= 1.2 * errors["noise_floor"]
-
-
-def test_a_late_sensor_is_named_with_its_delay() -> None:
-    content = report("latency-joint3")
-    assert any(("sensor_latency", "joint3") in members for members in sets("latency-joint3"))
-    assert {joint for _, joint in named("latency-joint3")} == {"joint3"}
-    (effect,) = content["loop"]["effects"]
-    if effect["id"] == "sensor_latency":
-        size = truth_of("latency-joint3")["effects"][0]["size"]
-        assert effect["parameters"]["tau"]["value"] == pytest.approx(size, abs=1e-3)
-    assert content["errors"]["joint3"]["after"]["validate"] < 0.4 * content["errors"]["joint3"]["before"]["validate"]
-
-
 def test_a_bent_guide_is_in_no_catalogue_and_gets_no_name() -> None:
     content = report("bent-guide-joint1")
     assert content["loop"]["verdict"] == "unexplained"
@@ -154,21 +127,9 @@ def test_two_laws_of_one_signal_are_drawn_once_as_what_they_add_up_to() -> None:
     assert drawn.law_back == pytest.approx(same - turning, abs=1e-2 * scale)
 
 
-def test_a_tilted_base_is_one_effect_of_the_whole_machine() -> None:
-    content = report("tilted-base")
-    assert named("tilted-base") == [("base_tilt", None)]
-    size = truth_of("tilted-base")["effects"][0]["size"]
-    tilt = content["loop"]["effects"][0]["parameters"]
-    # To first order in an angle of two degrees; which way it leans is not told.
-    angle = np.hypot(tilt["tilt_1"]["value"], tilt["tilt_2"]["value"])
-    assert angle == pytest.approx(size, rel=0.2)
-    for errors in content["errors"].values():
-        assert errors["after"]["validate"] < 1.5 * errors["noise_floor"]
-
-
 @pytest.mark.parametrize(
     "case",
-    ["nothing-missing", "position-friction-joint2", "load-friction-joint2", "latency-joint3", "tilted-base"],
+    ["nothing-missing", "position-friction-joint2"],
 )
 def test_no_joint_gets_worse_on_the_validation_motion(case: str) -> None:
     for joint, errors in report(case)["errors"].items():
@@ -178,14 +139,7 @@ def test_no_joint_gets_worse_on_the_validation_motion(case: str) -> None:
 
 @pytest.mark.parametrize(
     "case",
-    [
-        "nothing-missing",
-        "position-friction-joint2",
-        "load-friction-joint2",
-        "latency-joint3",
-        "bent-guide-joint1",
-        "tilted-base",
-    ],
+    ["nothing-missing", "position-friction-joint2", "bent-guide-joint1"],
 )
 def test_every_candidate_has_a_reason_and_every_limit_a_size(case: str) -> None:
     loop = report(case)["loop"]

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import asyncio
+import atexit
 import json
 import sys
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -32,6 +34,7 @@ from server.platform.parts import Key
 from server.platform.resource import Resource
 from server.platform.service import Service
 from server.platform.settings import Settings
+from server.recordings.file_children import FileChildren
 from server.recordings.recording_resource import RECORDER
 from server.recordings.recording_sessions import RecordOrder
 
@@ -156,6 +159,14 @@ class FakeRecorder:
         return found
 
 
+@cache
+def file_children() -> FileChildren:
+    """What looks at uploads, one for all services of this process: it takes two seconds to load."""
+    children = FileChildren()
+    atexit.register(children.close)
+    return children
+
+
 class Fakes:
     """The fakes behind a service."""
 
@@ -167,6 +178,7 @@ class Fakes:
             STAGE_PROGRAM: lambda: StageProgram(STAGES, (sys.executable, str(script))),
             LAUNCH: self.acquisition,
             RECORDER: self.recorder,
+            FileChildren: file_children(),
         }
 
 

@@ -14,6 +14,7 @@ import pytest
 from service_fakes import MACHINE
 
 from daq.errors import AcquisitionError, InputError
+from daq.without_mdf4 import PROGRAMS
 from server.access.access_desk import Access
 from server.audit.audit_log import Audit
 from server.commands import command_line as cli
@@ -214,3 +215,22 @@ def test_help_imports_nothing_heavy() -> None:
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=True)
     assert done.stdout.splitlines()[-1] == "[]"
+
+
+@pytest.mark.slow
+def test_the_service_starts_without_what_only_its_children_need() -> None:
+    heavy = ("scipy", "mujoco", "matplotlib", "asammdf", "mcap")
+    code = "import sys, server.composition.serve, server.composition.declarations\n"
+    code += f"print([name for name in {heavy} if name in sys.modules])"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=250, check=True)
+    assert done.stdout.splitlines()[-1] == "[]"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("program", PROGRAMS)
+def test_what_talks_to_a_bus_starts_without_what_reads_files(program: str) -> None:
+    command = [sys.executable, "-X", "importtime", "-m", program]  # told nothing, it ends when it has loaded
+    done = subprocess.run(command, capture_output=True, text=True, timeout=250, stdin=subprocess.DEVNULL)
+    loaded = {line.rpartition("|")[2].strip() for line in done.stderr.splitlines() if "|" in line}
+    assert "can.io.mf4" in loaded
+    assert not loaded & {"asammdf.mdf", "pandas", "scipy"}

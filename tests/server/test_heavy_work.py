@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import io
+import sys
 import threading
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -15,23 +16,36 @@ import pyarrow.parquet
 import pytest
 from service_fakes import API, MACHINE, Fakes, running_service
 
-import server.recordings.recording_uploads
 from server.platform.processes import heavy_work as heavy
 from server.platform.processes.children import ChildResult
+from server.recordings import recording_uploads
+from server.recordings.file_children import FileChildren
+
+#: What looks at files, with memory for what it has loaded and a little more: so does a small bomb for a large one.
+SMALL = """
+import sys
+from server.platform.processes import child_limits, forking_child
+from server.recordings import file_child
+child_limits._PROGRAM_BYTES = 2**31
+sys.exit(forking_child.serve(file_child.work, sys.argv[1:]))
+"""
 
 
 @pytest.mark.slow
-def test_a_small_file_that_unfolds_to_gigabytes_is_refused(tmp_path: Path) -> None:
+@pytest.mark.timeout(900)
+def test_a_small_file_that_unfolds_to_gigabytes_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(recording_uploads, "INSPECTION_S", 800.0)  # it is memory that ends it, on a busy computer too
     column = pa.DictionaryArray.from_arrays(np.zeros(2**21, np.int32), pa.array([1.0]))
     buffer = io.BytesIO()
     schema = pa.schema([(name, column.type) for name in ("time", "joint1.angle", "joint1.torque")])
     with pyarrow.parquet.ParquetWriter(buffer, schema, compression="zstd") as writer:
-        for _ in range(100):
+        for _ in range(50):
             writer.write_table(pa.table([column] * 3, schema=schema))
     content = buffer.getvalue()
-    assert len(content) < 2**22 < 100 * 2**21 * 3 * 8  # 5 GB of doubles
+    assert len(content) < 2**21 < 2**31 < 50 * 2**21 * 3 * 8
     parameters = {"machine": "lever", "role": "train", "name": "x.parquet"}
-    with running_service(tmp_path, Fakes()) as running:
+    children = FileChildren((sys.executable, "-c", SMALL))
+    with closing(children), running_service(tmp_path, behind(children)) as running:
         running.client.post(f"{API}/machines", content=MACHINE)
         answer = running.client.post(f"{API}/recordings/upload", params=parameters, content=content)
     assert answer.status_code == 422, answer.text
@@ -45,7 +59,7 @@ class Gate:
         self.now = self.most = 0
         self._lock = threading.Lock()
 
-    def __call__(self, *_: object, **__: object) -> ChildResult:
+    def run(self, *_: object, **__: object) -> ChildResult:
         with self._lock:
             self.now += 1
             self.most = max(self.most, self.now)
@@ -56,10 +70,15 @@ class Gate:
 
 
 @pytest.fixture
-def gate(monkeypatch: pytest.MonkeyPatch) -> Gate:
-    gate = Gate()
-    monkeypatch.setattr(server.recordings.recording_uploads, "run_child", gate)
-    return gate
+def gate() -> Gate:
+    return Gate()
+
+
+def behind(reader: Gate | FileChildren) -> Fakes:
+    """A service whose uploads are looked at by ``reader``."""
+    fakes = Fakes()
+    fakes.parts[FileChildren] = reader
+    return fakes
 
 
 @contextmanager
@@ -73,7 +92,7 @@ def threads(count: int, gate: Gate) -> Iterator[ThreadPoolExecutor]:
 
 @pytest.mark.slow
 def test_many_uploads_at_once_stall_nobody(tmp_path: Path, csv: bytes, gate: Gate) -> None:
-    with running_service(tmp_path, Fakes()) as running, threads(45, gate) as pool:
+    with running_service(tmp_path, behind(gate)) as running, threads(45, gate) as pool:
         assert running.client.post(f"{API}/machines", content=MACHINE).status_code == 201
 
         def upload(number: int) -> tuple[int, str | None]:
@@ -100,7 +119,7 @@ def test_many_uploads_at_once_stall_nobody(tmp_path: Path, csv: bytes, gate: Gat
 
 @pytest.mark.slow
 def test_when_all_places_are_taken_everybody_is_told_to_come_again(tmp_path: Path, csv: bytes, gate: Gate) -> None:
-    with running_service(tmp_path, Fakes()) as running, threads(2, gate) as pool:
+    with running_service(tmp_path, behind(gate)) as running, threads(2, gate) as pool:
         running.client.post(f"{API}/machines", content=MACHINE)
         running.service.heavy = heavy.Heavy(slots=1, places=2, share=2)
         running.service.heavy._taken["another"] = 1

@@ -33,6 +33,8 @@ from server.platform.database.patience import away
 from server.platform.errors import StartError
 from server.platform.files import DataDirectory
 
+pytestmark = pytest.mark.slow
+
 CONTENT = BackupContent.of(RESOURCES)
 
 
@@ -60,7 +62,6 @@ def backups_of(files: DataDirectory, url: str) -> Backups:
     return Backups(files, CONTENT, copies.postgresql_url(url), lambda: datetime(2026, 1, 1, tzinfo=UTC))
 
 
-@pytest.mark.slow
 def test_a_backup_is_restored_as_it_was_the_engine_s_tables_and_the_audit_log_included(
     tmp_path: Path, url: str, postgresql: PostgreSQL
 ) -> None:
@@ -96,7 +97,6 @@ def test_a_backup_is_restored_as_it_was_the_engine_s_tables_and_the_audit_log_in
             run_sql(target, "DELETE FROM audit_log")
 
 
-@pytest.mark.slow
 def test_a_damaged_dump_changes_nothing_and_a_copy_of_sqlite_does_not_fit(tmp_path: Path, url: str) -> None:
     database = Database(url, TABLES, changed=nothing, backups=tmp_path)
     Machines(database).add("lever", 1, "hash")
@@ -128,7 +128,6 @@ def test_without_postgresql_s_programs_a_backup_is_refused_and_says_why(
     assert list(files.backups.iterdir()) == []
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("statement", CHANGES)
 def test_the_database_refuses_to_change_the_audit_log(tmp_path: Path, url: str, statement: str) -> None:
     database = Database(url, TABLES, changed=nothing, backups=tmp_path)
@@ -261,7 +260,6 @@ def test_a_process_that_is_stopped_while_it_writes_does_not_hold_up_the_others(
         each.close()
 
 
-@pytest.mark.slow
 def test_a_recalibration_by_the_clock(tmp_path: Path, url: str) -> None:
     with setting(tmp_path, database_url=url) as site:
         schedule = site.schedule()

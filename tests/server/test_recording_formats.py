@@ -19,6 +19,7 @@ from service_fakes import API, MACHINE, Running, motion, recording_bytes
 
 from daq import parse_machine, read_recording, write_recording
 from daq.recording_files import Table, read_table
+from server.recordings.file_children import FileChildren
 from server.recordings.formats.exports import Exports
 from server.recordings.formats.recording_statistics import statistics
 
@@ -223,7 +224,10 @@ def test_a_missing_library_says_what_to_install(
     blocked.mkdir()
     (blocked / "__init__.py").write_text("raise ModuleNotFoundError('no', name='asammdf')")
     monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    children = FileChildren()  # that start now
+    monkeypatch.setattr(running.service[Exports], "_children", children)
     response = running.client.get(f"{API}/recordings/{sealed}/data", params={"format": "mdf4"})
+    children.close()
     assert response.status_code == 503
     assert "pip install 'hilfit[export]'" in response.json()["detail"]
 

@@ -37,7 +37,7 @@ def files(tmp_path: Path) -> DataDirectory:
     return DataDirectory(tmp_path)
 
 
-@pytest.fixture(params=["sqlite", "postgresql"])
+@pytest.fixture(params=["sqlite", pytest.param("postgresql", marks=pytest.mark.slow)])
 def database(files: DataDirectory, request: pytest.FixtureRequest) -> Iterator[Database]:
     """The same store on either; a new one for each test."""
     sqlite = request.param == "sqlite"

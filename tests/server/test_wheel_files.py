@@ -96,6 +96,7 @@ def served(installed: Path, data_dir: Path) -> Iterator[httpx2.Client]:
             process.terminate()
 
 
+@pytest.mark.slow
 def test_a_wheel_holds_the_packages_and_no_benchmark(installed: Path) -> None:
     names = {path.name for path in installed.iterdir() if not path.name.endswith(".dist-info")}
     assert names == {package.name for package in PACKAGES} | {"bin"}
@@ -105,6 +106,7 @@ def test_a_wheel_holds_the_packages_and_no_benchmark(installed: Path) -> None:
     assert missing == []
 
 
+@pytest.mark.slow
 def test_the_installed_command_is_the_wheels_own_and_shows_its_help(installed: Path, tmp_path: Path) -> None:
     def run(*command: str) -> str:
         done = subprocess.run(

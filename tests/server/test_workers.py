@@ -213,7 +213,7 @@ def test_a_worker_that_starts_again_releases_what_somebody_else_was_given_meanwh
         assert ran(running, order.id) == ["check", "cylinder_stage", "cylinder_stage", "report"]
 
 
-@pytest.fixture(params=["sqlite", "postgresql"])
+@pytest.fixture(params=["sqlite", pytest.param("postgresql", marks=pytest.mark.slow)])
 def database(tmp_path: Path, request: pytest.FixtureRequest) -> Iterator[Database]:
     """The same store on either."""
     sqlite = request.param == "sqlite"

@@ -6,7 +6,8 @@ anything else failed.
 
 A child may stay for more of the same program, so that its libraries and its input are loaded once: its last line is
 then ``{"summary": {...}, "stays": true}``, and it reads ``{"arguments": [...], "log": "..."}`` from standard input,
-until that ends.
+until that ends. One that does each piece of work in a process forked from it
+(:mod:`server.platform.processes.forking_child`) says with ``{"ended": EXIT_CODE, "stays": true}`` how that one ended.
 """
 
 from __future__ import annotations
@@ -59,10 +60,12 @@ class Child:
     Parameters
     ----------
     clock : monotonic seconds
+    threads : most of a numerical library in the child
     """
 
-    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
+    def __init__(self, clock: Callable[[], float] = time.monotonic, threads: str = THREADS) -> None:
         self._clock = clock
+        self._threads = threads
         self._staying: tuple[tuple[str, ...], subprocess.Popen[bytes]] | None = None
 
     def __enter__(self) -> Self:
@@ -94,12 +97,17 @@ class Child:
         should_stop : looked at four times a second; when true the child is ended and the outcome is ``stopped``
         """
         deadline = self._clock() + timeout_s
-        process = self._told(tuple(program), arguments, log) or _started([*program, *arguments], log)
+        process = self._told(tuple(program), arguments, log)
+        told = process is not None
+        process = process or _started([*program, *arguments], log, self._threads)
         assert process.stdout is not None
         last: dict[str, Any] = {}
         try:
             for line in _lines(process.stdout):
                 said = None if line is None else _parse(line)
+                if said is not None and "ended" in said:
+                    self._staying = (tuple(program), process)
+                    return _result(int(said["ended"]), last, log)
                 if said is not None:
                     last = said
                     if "fraction" in said:
@@ -115,6 +123,9 @@ class Child:
         finally:
             if self._staying is None:
                 _end(process)
+        if told and not last and process.returncode == 0:  # it had nothing to do for long, and was just leaving
+            left = max(0.0, deadline - self._clock())
+            return self.run(program, arguments, log=log, timeout_s=left, progress=progress, should_stop=should_stop)
         return _result(process.returncode, last, log)
 
     def _told(self, program: tuple[str, ...], arguments: Sequence[str], log: Path) -> subprocess.Popen[bytes] | None:
@@ -146,7 +157,7 @@ def run_child(
         return child.run(command, log=log, timeout_s=timeout_s, progress=progress, should_stop=should_stop)
 
 
-def _started(command: Sequence[str], log: Path) -> subprocess.Popen[bytes]:
+def _started(command: Sequence[str], log: Path, threads: str) -> subprocess.Popen[bytes]:
     """A new process below the guard."""
     guard = [sys.executable, "-I", "-S", str(Path(__file__).with_name("child_guard.py"))]
     with log.open("ab") as errors:
@@ -157,7 +168,7 @@ def _started(command: Sequence[str], log: Path) -> subprocess.Popen[bytes]:
             stderr=errors,
             start_new_session=True,
             bufsize=0,
-            env=os.environ | dict.fromkeys(THREAD_VARIABLES, THREADS),
+            env=os.environ | dict.fromkeys(THREAD_VARIABLES, threads),
         )
 
 
@@ -185,9 +196,9 @@ def _parse(line: bytes) -> dict[str, Any] | None:
         content = json.loads(line)
     except ValueError:
         return None
-    if not isinstance(content, dict) or not content.keys() & {"fraction", "summary", "error"}:
+    if not isinstance(content, dict) or not content.keys() & {"fraction", "summary", "error", "ended"}:
         return None
-    if not isinstance(content.get("fraction", 0.0), int | float):
+    if not isinstance(content.get("fraction", 0.0), int | float) or not isinstance(content.get("ended", 0), int):
         return None
     return content
 

@@ -1,16 +1,15 @@
-"""One piece of work on one file.
+"""One piece of work on one file, in a process of its own (:mod:`server.recordings.file_child`).
 
-``python -m server.recordings.formats.conversion_child WHAT SOURCE TARGET MACHINE_FILE SHOWN``
-
-``WHAT`` is ``parquet``, ``csv``, ``mdf4`` or ``mcap`` (write SOURCE as that), ``import`` or ``import-resampled`` (write
-SOURCE, a file of another tool, as a recording in Parquet; a map of its columns stands beside it if there is one) or
-``statistics`` (JSON into TARGET). Speaks the protocol of :mod:`server.platform.processes.children`.
+It is told ``WHAT SOURCE TARGET MACHINE_FILE SHOWN``. ``WHAT`` is ``parquet``, ``csv``, ``mdf4`` or ``mcap`` (write
+SOURCE as that), ``import`` or ``import-resampled`` (write SOURCE, a file of another tool, as a recording in Parquet; a
+map of its columns stands beside it if there is one) or ``statistics`` (JSON into TARGET). Speaks the protocol of
+:mod:`server.platform.processes.children`.
 """
 
 from __future__ import annotations
 
 import json
-import sys
+from collections.abc import Sequence
 from pathlib import Path
 
 from daq import InputError, load_machine
@@ -54,8 +53,8 @@ def units_of(table: Table, machine: Machine) -> dict[str, str]:
     return {**{c.name: c.unit for c in machine.channels}, **units_in(table)}
 
 
-def main(arguments: list[str]) -> int:
-    """Entry of the process."""
+def main(arguments: Sequence[str]) -> int:
+    """Entry of the process, which is limited to what such a file may take; the exit code."""
     what, source, target, machine_file, shown = arguments
     limit_child(RECORDING_CPU_S, Path(source).stat().st_size)
     try:
@@ -74,7 +73,3 @@ def main(arguments: list[str]) -> int:
         return 1
     print(json.dumps({"summary": {}}))
     return 0
-
-
-if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import json
-import sys
 from pathlib import Path
 from typing import Any, Literal
 
 from server.platform.errors import ConflictError, InvalidError, NotFoundError, UnavailableError
 from server.platform.files import DataDirectory
-from server.platform.processes.children import run_child
+from server.recordings.file_children import FileChildren
 from server.recordings.formats.imports import IMPORTS, map_beside
 from server.recordings.recording_store import RecordingRow
 
@@ -28,8 +27,9 @@ WORK_S = 300.0
 class Exports:
     """Recordings in other forms."""
 
-    def __init__(self, files: DataDirectory) -> None:
+    def __init__(self, files: DataDirectory, children: FileChildren) -> None:
         self._files = files
+        self._children = children
 
     def source(self, row: RecordingRow) -> Path:
         """The file of a sealed recording.
@@ -99,19 +99,8 @@ class Exports:
 
     def _work(self, what: str, source: Path, target: Path, machine: str, version: int, shown: str) -> None:
         machine_file = self._files.machine_file(machine, version)
-        result = run_child(
-            [
-                sys.executable,
-                "-P",
-                "-m",
-                "server.recordings.formats.conversion_child",
-                what,
-                *map(str, (source, target, machine_file)),
-                shown,
-            ],
-            log=self._files.recordings / "formats.log",
-            timeout_s=WORK_S,
-        )
+        arguments = [what, *map(str, (source, target, machine_file)), shown]
+        result = self._children.run("convert", *arguments, log=self._files.recordings / "formats.log", timeout_s=WORK_S)
         if result.outcome == "done":
             return
         target.unlink(missing_ok=True)
