@@ -170,12 +170,12 @@ def _way(change: Mapping[str, Any]) -> tuple[str | None, str]:
 
 def _reason(way: str | None, other: str | None) -> str:
     if other == _LESS:
-        return "the order of work is worth it."
+        return "two-stage fitting is better here."
     if other == _MORE:
-        return "the order of work costs accuracy."
+        return "two-stage fitting costs accuracy here."
     if way == _LESS:
-        return "what helps is the unloaded recordings, not the order of work."
-    return "the order of work makes no difference."
+        return "what helps is the unloaded recordings, not fitting in two stages."
+    return "two-stage fitting makes no difference here."
 
 
 def stage_condition(cylinders: Mapping[str, float], rigid_body: float | None) -> float | None:

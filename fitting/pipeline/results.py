@@ -379,7 +379,11 @@ def _hypotheses(found: Sequence[Mapping[str, Any]], names: Sequence[str]) -> lis
             {
                 "effects": [{"id": t.id, "joint": place} for t, place in both if not isinstance(t.content, Law)],
                 "laws": [
-                    {"joint": place, "variable": t.content.variable(tuple(names))}
+                    {
+                        "joint": place,
+                        "variable": t.content.variable(tuple(names)),
+                        "times_sign_of_speed": t.content.signed,
+                    }
                     for t, place in both
                     if isinstance(t.content, Law)
                 ],

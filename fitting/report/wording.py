@@ -310,7 +310,9 @@ def chance(probability: object) -> str:
 def explanation(hypothesis: Mapping[str, Any], titles: Mapping[str, str]) -> str:
     """A hypothesis in words: its effects and laws with their places, or that nothing is missing."""
     parts = [at({**entry, "title": titles.get(str(entry["id"]))}) for entry in hypothesis.get("effects") or []]
-    parts += [f"{follows(law)} as no known effect does" for law in hypothesis.get("laws") or []]
+    laws = list(dict.fromkeys(follows(law) for law in hypothesis.get("laws") or []))
+    if laws:
+        parts.append(f"{listed(laws)}{',' if len(laws) > 1 else ''} as no known effect does")
     return listed(parts) if parts else "nothing is missing"
 
 

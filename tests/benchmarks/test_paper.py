@@ -72,8 +72,8 @@ def test_the_rank_is_that_of_the_arm(arm: Any, count: int) -> None:
     ("interval", "said", "order"),
     [
         ((-2.0, -0.5), "two stages better on 1, worse on 0", "gains something even then"),
-        ((0.5, 2.0), "two stages better on 0, worse on 1", "the order of work alone gains nothing"),
-        ((-1.0, 1.0), "the same within the interval on 1", "the order of work alone gains nothing"),
+        ((0.5, 2.0), "two stages better on 0, worse on 1", "fitting in two stages alone gains nothing"),
+        ((-1.0, 1.0), "the same within the interval on 1", "fitting in two stages alone gains nothing"),
     ],
 )
 def test_the_verdict_on_two_stages_follows_the_intervals(interval: tuple[float, float], said: str, order: str) -> None:

@@ -35,7 +35,7 @@ def test_a_perfect_and_a_spoiled_model_differ_by_what_was_spoiled() -> None:
     assert result["against"]["one_shot"]["ci95_percent"][1] < -50
     assert result["against"]["one_shot_with_unloaded"]["change_percent"] == 0.0
     assert "smaller than that of the one-shot" in result["said"]
-    assert "what helps is the unloaded recordings, not the order of work" in result["said"]
+    assert "what helps is the unloaded recordings, not fitting in two stages" in result["said"]
     assert [entry["name"] for entry in result["apart"]] == [design.parameters.names[11]]
 
 
@@ -98,9 +98,9 @@ def outcome(one_shot: list[float], unloaded: list[float] | None = None, **condit
         (outcome([-9.0, -4.0]), "smaller than that of the one-shot regression"),
         (outcome([4.0, 9.0]), "larger than that of the one-shot regression"),
         (outcome([-1.0, 1.0]), "the same within its uncertainty as that of the one-shot regression"),
-        (outcome([-9.0, -4.0], [-5.0, -2.0]), "the order of work is worth it"),
-        (outcome([-9.0, -4.0], [2.0, 5.0]), "the order of work costs accuracy"),
-        (outcome([-1.0, 1.0], [-1.0, 1.0]), "the order of work makes no difference"),
+        (outcome([-9.0, -4.0], [-5.0, -2.0]), "two-stage fitting is better here"),
+        (outcome([-9.0, -4.0], [2.0, 5.0]), "two-stage fitting costs accuracy here"),
+        (outcome([-1.0, 1.0], [-1.0, 1.0]), "two-stage fitting makes no difference here"),
         (outcome([-1.0, 1.0], hierarchical=20.0), "worse conditioned"),
         (outcome([-1.0, 1.0], hierarchical=2.0), "better conditioned"),
     ],

@@ -20,7 +20,7 @@ export interface JointRow {
   offset: boolean;
   /** Percent of before; null where nothing was added or there is no validation motion. */
   change: number | null;
-  /** Error after over noise floor: 1 is the best possible. */
+  /** Error after over noise floor: 1 is the noise itself. */
   overNoise: number | null;
   /** Whether something was added at this joint, or is blamed there. */
   named: boolean;
