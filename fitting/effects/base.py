@@ -168,16 +168,24 @@ class DriveView:
     @property
     def p1(self) -> FloatArray:
         """Head pressure that the model's force and the expected rod pressure make, Pa."""
-        cylinder = self.machine.joints[self.joint].cylinder
-        assert cylinder is not None
-        return (self.force + self.p2 * cylinder.rod_area) / cylinder.head_area
+        return self.head_pressure_of(self.joint)
 
     @property
     def p2(self) -> FloatArray:
         """Expected rod pressure, Pa: what motion and model force tell of it, without its own noise."""
+        return self.rod_pressure_of(self.joint)
+
+    def head_pressure_of(self, joint: int) -> FloatArray:
+        """:attr:`p1` of any joint that has a cylinder with pressures."""
+        cylinder = self.machine.joints[joint].cylinder
+        assert cylinder is not None
+        return (self.forces[:, joint] + self.rod_pressure_of(joint) * cylinder.rod_area) / cylinder.head_area
+
+    def rod_pressure_of(self, joint: int) -> FloatArray:
+        """:attr:`p2` of any joint that has a cylinder with pressures."""
         if "rod_pressures" not in self.shared:
             self.shared["rod_pressures"] = self.rod_pressures()
-        return self.shared["rod_pressures"][:, self.joint]
+        return self.shared["rod_pressures"][:, joint]
 
     @property
     def range(self) -> Ranges:

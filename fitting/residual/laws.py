@@ -40,6 +40,8 @@ NEIGHBOUR: dict[str, tuple[str, Callable[[DriveView, int], FloatArray]]] = {
     "piston_speed": ("m/s", lambda view, other: view.segment.v[:, other]),
     "piston_acceleration": ("m/s^2", lambda view, other: view.segment.a[:, other]),
     "cylinder_force": ("N", lambda view, other: view.forces[:, other]),
+    "head_pressure": ("Pa", lambda view, other: view.head_pressure_of(other)),
+    "rod_pressure": ("Pa", lambda view, other: view.rod_pressure_of(other)),
     "link_angle": ("rad", lambda view, other: link_angle(view, other)),
 }
 #: The joint's own force, which is what is to be predicted.
@@ -50,6 +52,7 @@ OWN_FUNCTIONS, OTHER_FUNCTIONS = 16, 8
 GONE_UNLOADED = ("piston_position", "link_angle", "cylinder_force")
 #: Signals that are the model's own, not measured.
 OF_THE_MODEL = ("cylinder_force", "force_rate", "head_pressure", "rod_pressure")
+_PRESSURES = ("head_pressure", "rod_pressure")
 #: Deviations of the speed's noise above which its sign is sure.
 _SURE = 3.0
 
@@ -116,7 +119,7 @@ def laws(views: Views, joint: int, fitted: tuple[int, ...]) -> Iterator[Law]:
     """All laws of a joint that these recordings can show."""
     machine = views[0][joint].machine
     for signal, (_, own) in OWN.items():
-        if signal in ("head_pressure", "rod_pressure") and not has_pressures(machine, joint):
+        if signal in _PRESSURES and not has_pressures(machine, joint):
             continue
         if signal == "oil_temperature" and any(views[i][joint].segment.temperature is None for i in fitted):
             continue
@@ -136,6 +139,8 @@ def laws(views: Views, joint: int, fitted: tuple[int, ...]) -> Iterator[Law]:
             continue
         for signal, (_, getter) in NEIGHBOUR.items():
             if signal == "link_angle" and len(parallel_joints(machine, other)) == 1:
+                continue
+            if signal in _PRESSURES and not has_pressures(machine, other):
                 continue
             loaded_only = signal not in ("piston_speed", "piston_acceleration")
             values = np.concatenate(
