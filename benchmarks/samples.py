@@ -59,7 +59,7 @@ def samples(
         seconds = time.process_time() - started
         truth = yaml.safe_load((place / "truth.yaml").read_text(encoding="utf-8"))
         show(f"{case}: {said(report)}  ({seconds:.1f} s of CPU, bandwidth {report['bandwidth_hz']:.2f} Hz)")
-        found += checks(case, report, truth)
+        found += [*checks(case, report, truth), *of_sizes(case, report, truth), *complete(case, report)]
     return Outcome(tuple(found))
 
 
@@ -100,7 +100,6 @@ def checks(case: str, report: Report, truth: dict[str, Any]) -> Iterator[Check]:
     loop, true = report["loop"], true_effects(truth)
     before, after = (over_floor(report, when) for when in ("before", "after"))
     yield Check(f"{case}: validate over noise floor", after, f"{before:.2f} before, {after:.2f} after")
-    yield from complete(case, report)
     sets = [
         {(e["id"], e["joint"]), *((r["id"], r["joint"]) for r in e["indistinguishable_from"])} for e in loop["effects"]
     ]
@@ -128,7 +127,6 @@ def checks(case: str, report: Report, truth: dict[str, Any]) -> Iterator[Check]:
         right and not loop["unexplained"],
         said(report),
     )
-    yield from of_one_effect(case, report, truth)
     if true[0][1] is not None:
         before, after = (over_floor(report, when, true[0][1]) for when in ("before", "after"))
         shown = f"{before:.2f} before, {after:.2f} after"
@@ -153,7 +151,7 @@ def complete(case: str, report: Report) -> Iterator[Check]:
         yield fact(f"{case}: an experiment separates the set", bool(experiment["separates"]), said(report))
 
 
-def of_one_effect(case: str, report: Report, truth: dict[str, Any]) -> Iterator[Check]:
+def of_sizes(case: str, report: Report, truth: dict[str, Any]) -> Iterator[Check]:
     """Parameters against the truth, for the effects whose size is one of them."""
     for effect in report["loop"]["effects"]:
         size, own = float(truth["effects"][0]["size"]), effect["parameters"]

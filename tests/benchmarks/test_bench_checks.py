@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -57,6 +58,31 @@ def test_nothing_missing_is_judged_by_verdict_floor_and_parameters() -> None:
     accused = report("effect_added", ["stribeck@joint1"], after=1.2)
     found = verdicts("nothing-missing", accused, truth(there=False))
     assert not found["verdict nothing_missing"] and not found["error over noise floor"]
+
+
+def met(checks: Iterator[Check]) -> list[bool | None]:
+    return [check.met for check in checks]
+
+
+def test_sizes_of_a_delay_and_of_a_tilt_are_those_of_the_truth() -> None:
+    late = report("effect_added", ["sensor_latency@joint2"])  # a third of the error is left
+    for tau, right in ((1.0005, True), (1.002, False)):
+        late["loop"]["effects"][0]["parameters"] = {"tau": {"value": tau}}
+        assert met(samples.of_sizes("latency-joint3", late, truth("sensor_latency", "joint2"))) == [right, True]
+    tilted = report("effect_added", ["base_tilt"], after=1.6)
+    for side, right in ((0.7, True), (0.9, False)):
+        tilted["loop"]["effects"][0]["parameters"] = {f"tilt_{n}": {"value": side} for n in (1, 2)}
+        assert met(samples.of_sizes("tilted-base", tilted, truth("base_tilt"))) == [right, False]
+
+
+def test_a_report_is_complete_and_no_joint_worse() -> None:
+    said = report("ambiguous", [])
+    said["loop"] |= {"candidates": [{"reason": "too small"}], "detection_limits": [{"smallest": 1.0}]}
+    said["loop"]["next_experiment"] = {"separates": ["a", "b"]}
+    assert met(samples.complete("x", said)) == [True, True, True]
+    said["loop"] |= {"candidates": [{"reason": ""}], "next_experiment": {"separates": []}}
+    said["errors"] = {"joint1": {"noise_floor": 2.0, "before": {"validate": 6.0}, "after": {"validate": 6.2}}}
+    assert met(samples.complete("x", said)) == [False, False, False]
 
 
 @pytest.mark.parametrize(

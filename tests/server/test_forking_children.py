@@ -100,7 +100,25 @@ def test_what_takes_too_long_or_loses_its_parent_ends(child: Child, tmp_path: Pa
 
 
 def test_a_child_that_left_for_want_of_work_is_started_again(child: Child, tmp_path: Path) -> None:
-    first = run(child, tmp_path, "one", idle_s=0)
-    second = run(child, tmp_path, "two", idle_s=0)
+    parent = run(child, tmp_path, "one", idle_s=1).summary["parent"]
+    left = os.pidfd_open(parent)
+    assert select.select([left], [], [], 200)[0]
+    os.close(left)
+    second = run(child, tmp_path, "two", idle_s=1)
     assert second.outcome == "done"
-    assert second.summary["parent"] != first.summary["parent"]
+    assert second.summary["parent"] != parent
+
+
+def test_an_order_that_reaches_a_child_that_is_leaving_is_done_by_the_next(child: Child, tmp_path: Path) -> None:
+    leaves = """
+import json, os, sys
+print(json.dumps({"summary": {"pid": os.getpid()}}))
+print(json.dumps({"ended": 0, "stays": True}), flush=True)
+sys.stdin.readline()  # and no answer
+"""
+    pids = []
+    for name in ("one", "two"):
+        done = child.run([sys.executable, "-c", leaves], [name], log=tmp_path / "log", timeout_s=280)
+        assert done.outcome == "done"
+        pids.append(done.summary["pid"])
+    assert pids[0] != pids[1]
