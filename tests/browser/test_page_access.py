@@ -102,9 +102,11 @@ def test_the_keyboard_is_enough(page: Any, site: Site) -> None:
     assert page.evaluate("document.activeElement.textContent").strip() == "Skip to the content"
     page.keyboard.press("Enter")
     assert page.evaluate("document.activeElement.id") == "content"
-    for _ in range(3):  # motion, label, the button
+    for _ in range(60):  # the plots' controls, then motion, label and the button
         page.keyboard.press("Tab")
         assert page.evaluate("document.activeElement.matches(':focus-visible')")
+        if page.evaluate("document.activeElement.textContent").strip() == "Start recording":
+            break
     assert page.evaluate("document.activeElement.textContent").strip() == "Start recording"
     page.keyboard.press("Enter")
     stop = page.get_by_role("button", name="Stop recording")

@@ -42,7 +42,7 @@ def test_a_result_is_read_proposed_approved_used_compared_and_rolled_back(
         id = identified(page, site, tmp_path, label)
         page.goto(f"{site.url}/#/results/{id}")
         page.get_by_text(re.compile("^The model lacked friction that depends on the piston position")).wait_for()
-        assert page.get_by_role("img", name=re.compile("^joint2: before 5.30, after 1.86")).is_visible()
+        assert page.get_by_role("img", name=re.compile("^joint2: before 5.30, after 1.86")).first.is_visible()
         assert page.locator(".plot canvas").count() == 4  # before, after, and the friction of two cylinders
         page.get_by_text(re.compile("rejected, with reasons")).click()
         page.get_by_role("region", name="Rejected causes, with reasons").wait_for()
