@@ -232,7 +232,9 @@ def _conclusion(named: Mapping[str, Mapping[str, Any]]) -> str:
     refits = [own["contenders"]["joint_refit"]["overall"] / own["contenders"]["one_shot"]["overall"] for own in every]
     better, worse, _ = _sides(every, unloaded=True)
     order = (
-        "fitting in two stages alone gains nothing" if better <= worse else "fitting in two stages gains something even then"
+        "fitting in two stages alone gains nothing"
+        if better <= worse
+        else "fitting in two stages gains something even then"
     )
     return (
         f"The two stages are better conditioned on {conditioned} of {len(told)} machines. Held against a one-shot regression of the "
