@@ -2,24 +2,13 @@
 
 from __future__ import annotations
 
-import json as json_text
-from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
-from pydantic import ValidationError
 
-from daq import safe_yaml
-from daq.commissioning.cli_scan import SCHEMA
-from daq.commissioning.draft import QUANTITIES, SKIP, Choice, Draft, as_text, bus_of
-from daq.commissioning.offers import Offer, of_dbc, of_eds, of_nodes, signals_bus
 from daq.console import print_json
-from daq.errors import InputError, MachineFileError
-from daq.machine_file import Channel, parse_machine, read_machine_text
-from daq.quantities import JOINT_QUANTITIES
-
-_DEFAULT_JOINTS = 6
+from daq.errors import InputError
 
 
 def new(
@@ -41,137 +30,16 @@ def new(
         raise InputError(f"{output}: is there already; choose another name, or add --force")
     if not (scan or eds or dbc):
         raise InputError("machine new: says nothing about devices; give --scan, --eds or --dbc")
-    whole = {} if joints is None else safe_yaml.read(read_machine_text(joints))[1]
-    names = [f"joint{number}" for number in range(1, _DEFAULT_JOINTS + 1)]
-    if whole:
-        names = [str(joint["name"]) for joint in whole["joints"]]
-    buses, offers = _gathered(scan or [], eds or [], dbc or [], interface, channel, output.absolute().parent)
-    draft = Draft(names) if yes or json else Draft(names, lambda offer, proposed: _asked(offer, proposed, names))
-    draft.add(offers)
-    _valid(draft.channels)
-    head = _head(draft, whole=bool(whole))
-    kept = {key: value for key, value in whole.items() if key not in ("buses", "channels")}
-    text = as_text(head, {**kept, "channels": draft.channels, "buses": buses})
-    notes = []
-    if whole:
-        try:
-            parse_machine(text, name=str(output), folder=output.absolute().parent)
-        except MachineFileError as error:
-            notes.append(str(error))
-    output.write_text(text, encoding="utf-8")
+    from daq.commissioning.wizard import Origins, write_draft
+
+    origins = Origins(scan or [], eds or [], dbc or [], interface, channel, joints)
+    made = write_draft(output, origins, ask=not (yes or json))
     if json:
-        made = [content["name"] for content in draft.channels]
-        counts = {"buses": len(buses), "channels": made, "skipped": len(draft.skipped)}
-        print_json({"file": str(output), **counts, "notes": notes})
+        counts = {"buses": made.buses, "channels": list(made.channels), "skipped": made.skipped}
+        print_json({"file": str(output), **counts, "notes": list(made.notes)})
         return
-    print(f"{output}: {len(buses)} buses, {len(draft.channels)} channels; {len(draft.skipped)} values left out")
-    for note in notes:
+    print(f"{output}: {made.buses} buses, {len(made.channels)} channels; {made.skipped} values left out")
+    for note in made.notes:
         print(f"note: {note}")
-    print(f"then: hilfit machine check {output}" if whole else "then: add joints (hilfit machine import), and check it")
-
-
-def _gathered(
-    scans: Sequence[Path], eds: Sequence[str], dbc: Sequence[Path], interface: str, channel: str, folder: Path
-) -> tuple[list[dict[str, Any]], list[Offer]]:
-    """Buses, and what their devices have to offer."""
-    files = dict(_node_file(text) for text in eds)
-    buses: list[dict[str, Any]] = []
-    offers: list[Offer] = []
-    for path in scans:
-        for scanned in _scan(path):
-            bus = bus_of(scanned)
-            buses.append(bus)
-            if bus["type"] != "canopen":
-                continue
-            silent = bool(bus.get("listen_only"))
-            own = [node for node in scanned["nodes"] if node["node"] not in files]
-            offers += of_nodes(bus["name"], own, silent)
-            for node in [n["node"] for n in scanned["nodes"] if n["node"] in files]:
-                offers += _eds_offers(bus, node, files.pop(node), folder, silent)
-    if files:
-        first = next((bus for bus in buses if bus["type"] == "canopen"), None)
-        if first is None:
-            first = {"name": "can", "type": "canopen", "interface": interface, "channel": channel}
-            buses.append(first)
-        for node, file in files.items():
-            offers += _eds_offers(first, node, file, folder, bool(first.get("listen_only")))
-    if dbc:
-        name = "signals" if any(bus["name"] == "can" for bus in buses) else "can"
-        buses.append(signals_bus(name, interface, channel, [_beside(path, folder) for path in dbc]))
-        for path in dbc:
-            offers += of_dbc(name, str(path))
-    return buses, offers
-
-
-def _eds_offers(bus: dict[str, Any], node: int, file: Path, folder: Path, silent: bool) -> list[Offer]:
-    entry = next((held for held in bus.setdefault("nodes", []) if held["node"] == node), None)
-    if entry is None:
-        entry = {"node": node}
-        bus["nodes"].append(entry)
-    entry["eds"] = _beside(file, folder)
-    return of_eds(bus["name"], node, str(file), silent)
-
-
-def _beside(path: Path, folder: Path) -> str:
-    """A path as it stands in the machine file: relative where it lies beside it."""
-    absolute = path.absolute()
-    return str(absolute.relative_to(folder)) if absolute.is_relative_to(folder) else str(absolute)
-
-
-def _node_file(text: str) -> tuple[int, Path]:
-    number, equals, path = text.partition("=")
-    if not equals or not number.isdigit() or not 1 <= int(number) <= 127:
-        raise InputError(f"--eds {text}: write NODE=FILE, as 11=encoder.eds")
-    return int(number), Path(path)
-
-
-def _scan(path: Path) -> list[dict[str, Any]]:
-    try:
-        content = json_text.loads(path.read_text(encoding="utf-8"))
-        if content["schema"] != SCHEMA:
-            raise ValueError
-        found: list[dict[str, Any]] = content["buses"]
-        return found
-    except FileNotFoundError:
-        raise InputError(f"{path}: no such file; 'hilfit bus scan -o {path}' writes it") from None
-    except (ValueError, KeyError, TypeError):
-        raise InputError(f"{path}: is no scan; 'hilfit bus scan -o FILE.json' writes one") from None
-
-
-def _asked(offer: Offer, proposed: Choice, joints: Sequence[str]) -> Choice:
-    """What a person says that a value is."""
-    default = SKIP
-    if proposed.quantity is not None:
-        default = proposed.quantity if proposed.joint is None else f"{proposed.joint} {proposed.quantity}"
-    allowed = QUANTITIES[offer.kind] or tuple(sorted({q for own in QUANTITIES.values() for q in own}))
-    unit = f" in {offer.unit}" if offer.unit else ""
-    while True:
-        said = str(typer.prompt(f"{offer.device} {offer.what}, {offer.kind}{unit}: JOINT QUANTITY, or skip", default))
-        words = said.split()
-        if words == [SKIP]:
-            return Choice(None)
-        quantity = words[-1] if words else ""
-        if quantity not in allowed:
-            typer.echo(f"  there is no '{quantity}' for this; one of {', '.join(allowed)}")
-        elif (quantity in JOINT_QUANTITIES) != (len(words) == 2):
-            typer.echo("  a joint's value has a joint before it, others have none")
-        elif len(words) == 2 and words[0] not in joints:
-            typer.echo(f"  there is no joint '{words[0]}'; there are {', '.join(joints)}")
-        else:
-            return Choice(quantity, words[0] if len(words) == 2 else None)
-
-
-def _valid(channels: Sequence[Mapping[str, Any]]) -> None:
-    for channel in channels:
-        try:
-            Channel.model_validate(channel)
-        except ValidationError as error:
-            raise InputError(f"channel {channel['name']}: {error.errors()[0]['msg']}") from None
-
-
-def _head(draft: Draft, *, whole: bool) -> list[str]:
-    head = ["Made by 'hilfit machine new'; look at every line. Ranges and noise_std are not known to a bus."]
-    if not whole:
-        head.append("A part of a machine file: schema, name, gravity and joints are missing.")
-    head += [f"left out: {offer.device} {offer.what} ({offer.kind}): {dict(offer.source)}" for offer in draft.skipped]
-    return head
+    after = f"hilfit machine check {output}" if made.whole else "add joints (hilfit machine import), and check it"
+    print(f"then: {after}")
