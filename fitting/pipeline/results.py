@@ -293,6 +293,7 @@ def _loop(session: Session, results: Results, model: Model, terms: list[Term]) -
                         "amplitude": _amplitude(model, number),
                         "added": True,
                         "probability": accepted.get("probability"),
+                        "could_be": _rivals(accepted, names),
                         "evidence": evidence,
                     },
                 )
@@ -307,15 +308,7 @@ def _loop(session: Session, results: Results, model: Model, terms: list[Term]) -
                 "look_at": term.content.look_at,
                 "parameters": _term_parameters(term, model, part, machine),
                 "amplitude": _amplitude(model, number),
-                "indistinguishable_from": [
-                    {
-                        "id": r["id"],
-                        "title": effect(r["id"]).title,
-                        "joint": None if r["joint"] is None else names[r["joint"]],
-                        "probability": r.get("probability"),
-                    }
-                    for r in accepted["rivals"]
-                ],
+                "indistinguishable_from": _rivals(accepted, names),
                 "probability": accepted.get("probability"),
                 "evidence": evidence,
             }
@@ -366,6 +359,19 @@ def _loop(session: Session, results: Results, model: Model, terms: list[Term]) -
             for step in results.get("resolution", {}).get("steps", [])
         ],
     }
+
+
+def _rivals(accepted: Mapping[str, Any], names: Sequence[str]) -> list[dict[str, Any]]:
+    """Effects that explain the same, with their probabilities."""
+    return [
+        {
+            "id": r["id"],
+            "title": effect(r["id"]).title,
+            "joint": None if r["joint"] is None else names[r["joint"]],
+            "probability": r.get("probability"),
+        }
+        for r in accepted["rivals"]
+    ]
 
 
 def _hypotheses(found: Sequence[Mapping[str, Any]], names: Sequence[str]) -> list[dict[str, Any]]:

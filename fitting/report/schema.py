@@ -236,13 +236,14 @@ class Law(_Part):
 
 
 class Unexplained(_Part):
-    """Structure that no known effect fits."""
+    """Structure that no known effect fits for certain; ``could_be`` has those that may be it all the same."""
 
     joint: str | None
     variable: str
     law: Law
     added: bool = True
     probability: float | None = None
+    could_be: list[Likely] = []
     evidence: dict[str, Any] = {}
 
 

@@ -375,7 +375,14 @@ def _found(report: Mapping[str, Any], titles: Mapping[str, str]) -> list[str]:
             )
     if laws:
         lines = listed(list(dict.fromkeys(follows(law) for law in laws)))
-        sentences.append(f"{lines}, and no known effect explains {'it' if len(laws) == 1 else 'them'}")
+        what = "it" if len(laws) == 1 else "them"
+        perhaps = [
+            lower(title({**e, "title": e.get("title") or titles.get(str(e["id"]))})) + chance(e.get("probability"))
+            for law in laws
+            for e in law.get("could_be") or []
+        ]
+        certain_or_not = f" for certain; it may be {listed(perhaps, 'or')}" if perhaps else ""
+        sentences.append(f"{lines}, and no known effect explains {what}{certain_or_not}")
     if gain:
         added = [*effects] + [law for law in laws if law.get("added", True)]
         with_it = "it added" if len(added) == 1 else "them added"

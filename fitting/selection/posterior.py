@@ -17,8 +17,8 @@ from fitting.selection.rated import Rated, family
 
 #: Alternatives of one place that are named, and explanations that are listed.
 MOST_NAMED, MOST_LISTED = 3, 8
-#: Probability below which none is listed.
-LEAST = 0.005
+#: Probability below which none is listed, and below which a name is none that a law could be.
+LEAST, LEAST_BESIDE_LAW = 0.005, 0.05
 
 
 @dataclass(frozen=True)
@@ -57,15 +57,17 @@ class Slot:
         return cls(item, listed, probability, float(np.exp(-total)))
 
     def rivals(self, wanted: float) -> list[tuple[Rated, float]]:
-        """The other names that it takes to reach the wanted probability, at most two; of a law none."""
-        if not isinstance(self.item.score.term.content, Effect):
-            return []
+        """The other names that it takes to reach the wanted probability, at most two.
+
+        Beside a law, names that are improbable by themselves are none.
+        """
+        law = not isinstance(self.item.score.term.content, Effect)
         own, reached, result = family(self.item.score.term), self.probability, list[tuple[Rated, float]]()
         for rated, p in self.alternatives:
             if reached >= wanted or len(result) >= MOST_NAMED - 1:
                 break
             content, name = rated.term.content, self.item.score.term
-            if family(rated.term) == own or not isinstance(content, Effect):
+            if family(rated.term) == own or not isinstance(content, Effect) or (law and p < LEAST_BESIDE_LAW):
                 continue
             if rated.term.joint == name.joint and name.id in content.includes:
                 continue  # only more general

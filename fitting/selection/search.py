@@ -381,7 +381,8 @@ class Search:
                 )
             )
             for rival, _ in rivals:
-                words = f"this data cannot tell it from {item.score.term.id}"
+                named = isinstance(item.score.term.content, Effect)
+                words = f"this data cannot tell it from {item.score.term.id if named else 'an unknown effect'}"
                 self.table[rival.term.family] = Candidate(
                     *rival.term.family, rival.score.score, "indistinguishable", words
                 )

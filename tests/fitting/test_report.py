@@ -26,7 +26,7 @@ from fitting.report import (
     write_report,
 )
 from fitting.report.text import moment, moved, number, percent, unit, with_std
-from fitting.report.wording import as_chance, chance, explanation, follows, nearest, readable, sizes
+from fitting.report.wording import as_chance, chance, explanation, follows, nearest, readable, sizes, verdict_sentence
 
 JOINTS = tuple(f"joint{i}" for i in range(1, 7))
 FLOORS = (41.0, 52.3, 30.1, 11.2, 4.31, 0.874)
@@ -729,6 +729,15 @@ def test_the_nearest_formula_of_a_law_is_said_with_its_share(kind: str, shape: f
     law = {"variable": "piston_position", "unit": "m", "law": {"formula": formula}}
     assert nearest(law) == f"The nearest simple formula is {words}; it explains 97 % of the curve."
     assert nearest({**law, "law": {}}) == ""
+
+
+def test_a_law_that_a_known_effect_may_be_says_so() -> None:
+    report = sample_report("unexplained")
+    law = report["loop"]["unexplained"][0]
+    assert "and no known effect explains it" in verdict_sentence(report, {})
+    law["could_be"] = [{"id": "gas_spring", "joint": law["joint"], "title": "a gas spring", "probability": 0.74}]
+    said = verdict_sentence(report, {})
+    assert "and no known effect explains it for certain; it may be a gas spring (74" in said
 
 
 def test_a_number_without_a_unit_has_none() -> None:
