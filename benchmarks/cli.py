@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
+from benchmarks.one_thread import one_blas_thread
 from daq.console import print_json, reported
 from daq.errors import InputError
 
@@ -18,6 +18,11 @@ if TYPE_CHECKING:
 
 ARMS: tuple[Literal["folding", "slewing"], ...] = ("folding", "slewing")
 DATABASES: tuple[Literal["sqlite", "postgresql"], ...] = ("sqlite", "postgresql")
+#: Options of the benchmarks on random arms.
+Replicas = Annotated[
+    int | None, typer.Option(help="Most replicas of a null distribution, 0 for none; as 'identify' if absent.", min=0)
+]
+Length = Annotated[float, typer.Option(help="Length of each recording in s.", min=20.0)]
 #: Name and what it shows; in the order of the list.
 BENCHMARKS = {
     "attribution": "How often the loop is right on random arms, effects, joints and sizes.",
@@ -118,16 +123,12 @@ def attribution(
     recipe: Annotated[
         int | None, typer.Option(help="Make the cases of an earlier recipe: 3 has folding and slewing arms only.")
     ] = None,
-    seconds: Annotated[float, typer.Option(help="Length of each recording in s.", min=20.0)] = 60.0,
-    bootstrap: Annotated[
-        int | None,
-        typer.Option(help="Most replicas of a null distribution, 0 for none; as 'identify' if absent.", min=0),
-    ] = None,
+    seconds: Length = 60.0,
+    bootstrap: Replicas = None,
     json: Annotated[bool, typer.Option("--json", help="Print checks and results as JSON.")] = False,
 ) -> None:
     """How often the loop is right on random arms, effects, joints and sizes."""
-    for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
-        os.environ[variable] = "1"
+    one_blas_thread()
     from benchmarks.attribution import summary
     from benchmarks.attribution.recipe import KINDS, RECIPE, RECIPES, CaseKey, Selection
     from benchmarks.attribution.runs import Order, plan_of, read_lines, run
@@ -186,16 +187,12 @@ def resolve(
     output: Annotated[
         Path | None, typer.Option("-o", "--output", help="Results, a line for each ambiguous case.")
     ] = None,
-    seconds: Annotated[float, typer.Option(help="Length of each recording in s.", min=20.0)] = 60.0,
-    bootstrap: Annotated[
-        int | None,
-        typer.Option(help="Most replicas of a null distribution, 0 for none; as 'identify' if absent.", min=0),
-    ] = None,
+    seconds: Length = 60.0,
+    bootstrap: Replicas = None,
     json: Annotated[bool, typer.Option("--json", help="Print checks and results as JSON.")] = False,
 ) -> None:
     """Ambiguous cases of effects that resemble others, closed by motions that the plant makes."""
-    for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
-        os.environ[variable] = "1"
+    one_blas_thread()
     from benchmarks.attribution import resolving
     from benchmarks.targets import lines_of, missed
     from fitting.loop.session import Options

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import multiprocessing
-import os
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
@@ -18,11 +17,11 @@ from benchmarks.attribution.judging import judge, recordings_of
 from benchmarks.attribution.making import make_case
 from benchmarks.attribution.recipe import KINDS, CaseKey, Selection
 from benchmarks.attribution.verdicts import verdict
+from benchmarks.one_thread import one_blas_thread
 from daq.errors import InputError
 from fitting.loop.session import Options
 
 Line = dict[str, Any]
-_THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
 
 @dataclass(frozen=True)
@@ -128,8 +127,7 @@ def run_case(order: Order) -> Line:
 
 def run_cases(orders: Sequence[Order], workers: int) -> Iterator[Line]:
     """Results as they come. Each worker is a process with one BLAS thread."""
-    for variable in _THREADS:
-        os.environ[variable] = "1"
+    one_blas_thread()
     if workers <= 1 or len(orders) <= 1:
         yield from map(run_case, orders)
         return

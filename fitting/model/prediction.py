@@ -114,6 +114,12 @@ def on_recording(model: ArmModel, recording: Recording) -> tuple[Evaluated, tupl
     return evaluate(kept, [replace(segment, recording=number) for segment in segments]), (*lines, *said)
 
 
+def require_arm(recording: Recording) -> None:
+    """Refuse a recording of free drives (RecordingError): nothing acts on the joints there."""
+    if recording.role == "unloaded":
+        raise RecordingError(f"{recording.file}: free drives carry no joint effort; give a recording of the arm")
+
+
 def predict(model: ArmModel, recording: Recording) -> Predicted:
     """Efforts in a recording.
 
@@ -122,8 +128,7 @@ def predict(model: ArmModel, recording: Recording) -> Predicted:
     RecordingError
         If it has no stretch that is long enough, or its drives carry no arm.
     """
-    if recording.role == "unloaded":
-        raise RecordingError(f"{recording.file}: free drives carry no joint effort; give a recording of the arm")
+    require_arm(recording)
     found, lines = on_recording(model, recording)
     design, indices = found.design, range(len(found.design.segments))
     errors = effort_errors(design, found.model.theta, indices, found.extra)

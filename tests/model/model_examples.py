@@ -11,6 +11,7 @@ import numpy as np
 from synthetic_arm import Truth, make_session, planar_machine, truth
 
 from daq.machine_file import Machine
+from fitting.arm.base_parameters import reduce_parameters
 from fitting.effects import effect
 from fitting.effects.base import Effect
 from fitting.loop.session import Session
@@ -85,3 +86,20 @@ def true_model(machine: Machine, arm: Truth, session: Session) -> ArmModel:
     model = hand_over(session, (), fitted(session, ()), report_of(session))
     exact = tuple(replace(own, speed=0.0) for own in model.noise)
     return replace(model, noise=exact, passes=(replace(model.passes[-1], theta=arm.theta(machine)),))
+
+
+def model_of(machine: Machine, session: Session) -> ArmModel:
+    """A model of another machine with the session's joints: its drives, and base parameters at random."""
+    base = reduce_parameters(machine)
+    model = model_with((), session)
+    drive = model.theta[: model.parameters.drive_count]
+    theta = np.concatenate([drive, np.random.default_rng(2).normal(size=len(base)) * 5.0])
+    count = len(theta)
+    return replace(
+        model,
+        machine=machine,
+        base=base,
+        passes=(replace(model.passes[-1], theta=theta),),
+        covariance=np.eye(count),
+        told=np.ones(count, dtype=bool),
+    )

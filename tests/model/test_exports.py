@@ -6,17 +6,15 @@ import ctypes
 import shutil
 import subprocess
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from model_examples import applies, law_of, model_with, session_of, term_of
+from model_examples import applies, law_of, model_of, model_with, session_of, term_of
 from synthetic_arm import make_motion
 
 from daq.errors import InputError
-from fitting.arm.base_parameters import reduce_parameters
 from fitting.effects import effects
 from fitting.model import motion
 from fitting.model.arm_model import ArmModel
@@ -137,19 +135,7 @@ def test_a_modified_table_is_traced_as_a_distal_one(tmp_path: Path) -> None:
         for joint, alpha in zip(machine.joints, (0.4, -1.2, 0.9), strict=True)
     ]
     modified = machine.model_copy(update={"convention": "modified", "joints": tuple(joints)})
-    base = reduce_parameters(modified)
-    model = model_with((), session)
-    drive = model.theta[: model.parameters.drive_count]
-    theta = np.concatenate([drive, np.random.default_rng(2).normal(size=len(base)) * 5.0])
-    count = len(theta)
-    model = replace(
-        model,
-        machine=modified,
-        base=base,
-        passes=(replace(model.passes[-1], theta=theta),),
-        covariance=np.eye(count),
-        told=np.ones(count, dtype=bool),
-    )
+    model = model_of(modified, session)
     export_model(model, "python", tmp_path / "arm.py")
     q, qd, qdd, t = held_out(model)
     found = python_answers(tmp_path / "arm.py")["inverse_dynamics"](q, qd, qdd, t)

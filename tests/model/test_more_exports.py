@@ -6,19 +6,17 @@ import csv
 import shutil
 import subprocess
 import zipfile
-from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from model_examples import model_with, session_of, term_of
+from model_examples import model_of, model_with, session_of, term_of
 from scipy.interpolate import RegularGridInterpolator
 from test_exports import assert_answers, assert_same, held_out, model, needs_compiler
 
 from daq.errors import InputError
-from fitting.arm.base_parameters import reduce_parameters
 from fitting.model import motion
 from fitting.model.arm_model import ArmModel
 from fitting.model.export import export_model
@@ -204,19 +202,7 @@ def test_gravity_about_twisted_axes_is_over_positions(tmp_path: Path) -> None:
     first, second = machine.joints
     joints = first.model_copy(update={"dh": first.dh.model_copy(update={"alpha": 0.7})}), second
     twisted = machine.model_copy(update={"joints": joints})
-    base = reduce_parameters(twisted)
-    model = model_with((), session)
-    drive = model.theta[: model.parameters.drive_count]
-    theta = np.concatenate([drive, np.random.default_rng(2).normal(size=len(base)) * 5.0])
-    count = len(theta)
-    model = replace(
-        model,
-        machine=twisted,
-        base=base,
-        passes=(replace(model.passes[-1], theta=theta),),
-        covariance=np.eye(count),
-        told=np.ones(count, dtype=bool),
-    )
+    model = model_of(twisted, session)
     export_model(model, "csv", tmp_path)
     with pytest.raises(InputError, match="is a file"):
         export_model(model, "csv", tmp_path / "tables.csv")

@@ -14,14 +14,13 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from daq.errors import InputError
 from daq.recording_files import replacing
 from fitting.model import motion
 from fitting.model.arm_model import ArmModel
 from fitting.model.export.graph import Node, needed
 from fitting.model.export.printing import Dialect, curves_of, statements
 from fitting.model.export.tracing import Tracer
-from fitting.model.export.words import Written, heading
+from fitting.model.export.words import Written, heading, require_folder
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -139,8 +138,7 @@ def write_c(model: ArmModel, path: Path) -> Written:
     InputError
         If the folder is a file.
     """
-    if path.exists() and not path.is_dir():
-        raise InputError(f"{path}: is a file; give a folder with -o")
+    require_folder(path)
     tracer = Tracer(model)
     files = c_files(tracer)
     for name, text in files.items():

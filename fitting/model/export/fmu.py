@@ -27,7 +27,7 @@ from daq.recording_files import replacing
 from fitting.model.arm_model import ArmModel
 from fitting.model.export.c import Function, c_files, functions_of, identifier
 from fitting.model.export.tracing import Tracer
-from fitting.model.export.words import Written, said_of
+from fitting.model.export.words import Written, require_folder, said_of
 
 #: Units by what SI makes of them: exponents of kg, m, s, rad.
 _UNITS = {
@@ -74,8 +74,7 @@ def write_fmu(model: ArmModel, path: Path) -> Written:
     InputError
         If the folder is a file, or the compiler refuses.
     """
-    if path.exists() and not path.is_dir():
-        raise InputError(f"{path}: is a file; give a folder with -o")
+    require_folder(path)
     tracer = Tracer(model)
     name, functions = identifier(model.machine.name), functions_of(tracer)
     left_out = list(tracer.left_out)

@@ -14,14 +14,13 @@ from pathlib import Path
 
 import numpy as np
 
-from daq.errors import InputError
 from daq.recording_files import replacing
 from fitting.model import motion
 from fitting.model.arm_model import ArmModel
 from fitting.model.evaluation import without
 from fitting.model.export.grids import Table, grid_points, tabled
 from fitting.model.export.table_quantities import friction_quantities, gravity_quantities
-from fitting.model.export.words import Written
+from fitting.model.export.words import Written, require_folder
 
 
 def write_csv(model: ArmModel, path: Path) -> Written:
@@ -32,8 +31,7 @@ def write_csv(model: ArmModel, path: Path) -> Written:
     InputError
         If the folder is a file.
     """
-    if path.exists() and not path.is_dir():
-        raise InputError(f"{path}: is a file; give a folder with -o")
+    require_folder(path)
     numbers = motion.left_out(model, regular=False)
     left_out = [f"{model.terms[k].id} in friction: it belongs to more than one moment" for k in sorted(numbers)]
     model = without(model, numbers)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from daq.errors import InputError
 from fitting.model.arm_model import ArmModel
 
 if TYPE_CHECKING:
@@ -19,6 +20,12 @@ class Written:
 
     files: tuple[Path, ...]
     left_out: tuple[str, ...]
+
+
+def require_folder(path: Path) -> None:
+    """Refuse to write a folder where a file is (InputError)."""
+    if path.exists() and not path.is_dir():
+        raise InputError(f"{path}: is a file; give a folder with -o")
 
 
 def said_of(model: ArmModel, left_out: Sequence[str]) -> list[str]:

@@ -19,12 +19,11 @@ import numpy as np
 import numpy.typing as npt
 from scipy.signal import savgol_coeffs
 
-from daq.errors import RecordingError
 from daq.recording import Recording
 from fitting.arm.expected import expected_sign
 from fitting.model.arm_model import ArmModel
 from fitting.model.evaluation import Evaluated
-from fitting.model.prediction import on_recording
+from fitting.model.prediction import on_recording, require_arm
 from fitting.model.tails import Tail, excursions, tail_of
 from fitting.signals.filters import FilterBank
 from fitting.signals.preparation import PositionNoise
@@ -176,8 +175,7 @@ def overloads(model: ArmModel, recording: Recording, limits: FloatArray) -> list
     RecordingError
         If it has no stretch that is long enough, or its drives carry no arm.
     """
-    if recording.role == "unloaded":
-        raise RecordingError(f"{recording.file}: free drives carry no joint effort; give a recording of the arm")
+    require_arm(recording)
     own, found = quick(model), list[Overload]()
     late, quiet = delay_s(own), round(QUIET_S * model.machine.rate_hz)
     for part in scores_of(own, recording):
