@@ -122,8 +122,9 @@ def monitor(
     seconds: Annotated[float | None, typer.Option(help="End after so long; else with Ctrl-C.", min=0.1)] = None,
     rate: Annotated[float, typer.Option(help="Pictures a second.", min=0.2, max=20)] = 4.0,
     plain: Annotated[bool, typer.Option("--plain", help="A table after another, also on a terminal.")] = False,
+    json: Annotated[bool, typer.Option("--json", help="A line of JSON for each picture.")] = False,
 ) -> None:
     """Watch values, qualities, ages and devices of a machine as they come."""
     from daq.commissioning.monitor import watch
 
-    watch(load_machine(machine), seconds, rate, plain=plain)
+    watch(load_machine(machine), seconds, rate, plain=plain, json=json)

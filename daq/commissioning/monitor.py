@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import contextlib
+import json as json_text
 import math
 import sys
 import time
 from collections import deque
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -66,6 +68,28 @@ class Picture:
         values = self._conversions[index].from_si([row["values"][index] for row in good])
         return len(good) / lasted, float(np.std(values)) if len(good) > 1 else math.nan
 
+    def content(self, statistics: AcquisitionStatistics) -> dict[str, Any]:
+        """The same as :meth:`table` for programs: values in the channels' units, None where there is none."""
+        newest = self._rows[-1] if self._rows else None
+        channels = {}
+        for index, channel in enumerate(self._machine.channels if newest is not None else ()):
+            assert newest is not None
+            rate, spread = self._window(index)
+            channels[channel.name] = {
+                "value": _known(float(self._conversions[index].from_si(newest["values"][index]))),
+                "unit": channel.unit,
+                "quality": Quality(int(newest["quality"][index])).name.lower(),
+                "age_ms": _known(1e3 * float(newest["ages"][index])),
+                "values_per_s": rate,
+                "spread": _known(spread),
+            }
+        time_s = None if newest is None else float(newest["time"])
+        return {"time": time_s, "state": statistics.state, "channels": channels, "buses": statistics.buses}
+
+
+def _known(value: float) -> float | None:
+    return None if math.isnan(value) else value
+
 
 def _number(value: float, digits: int) -> str:
     return "" if math.isnan(value) else f"{value:.{digits}g}"
@@ -89,8 +113,8 @@ def _troubles(statistics: AcquisitionStatistics) -> list[Text]:
     return [Text(line, style="red") for line in (*lines, *statistics.warnings)]
 
 
-def watch(machine: Machine, seconds: float | None, rate: float, *, plain: bool = False) -> None:
-    """Show a machine until ``seconds`` are over or Ctrl-C; ``rate`` pictures a second.
+def watch(machine: Machine, seconds: float | None, rate: float, *, plain: bool = False, json: bool = False) -> None:
+    """Show a machine until ``seconds`` are over or Ctrl-C; ``rate`` pictures a second, with ``json`` a line each.
 
     Raises
     ------
@@ -99,7 +123,7 @@ def watch(machine: Machine, seconds: float | None, rate: float, *, plain: bool =
     """
     console = Console()
     picture = Picture(machine)
-    plain = plain or not sys.stdout.isatty()
+    plain = plain or json or not sys.stdout.isatty()
     with (
         AcquisitionProcess(machine, strict=False) as acquisition,
         RingReader(acquisition.ring_name) as ring,
@@ -112,6 +136,9 @@ def watch(machine: Machine, seconds: float | None, rate: float, *, plain: bool =
             time.sleep(min(1.0 / rate, max(0.0, ends - time.monotonic())))
             acquisition.check()
             picture.add(ring.read().rows)
+            if json:
+                print(json_text.dumps(picture.content(acquisition.statistics())), flush=True)
+                continue
             shown = picture.table(acquisition.statistics())
             if live is None:
                 console.print(shown)

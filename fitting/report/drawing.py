@@ -9,7 +9,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from fitting.report.model import FloatArray, FrictionCurve, Scatter, Worst
+from fitting.report.model import FloatArray, FrictionCurve, JointDiagnostics, Scatter, Worst
 from fitting.report.plot import (
     AFTER,
     BEFORE,
@@ -26,7 +26,6 @@ from fitting.report.plot import (
     legend,
     text_width,
 )
-from fitting.report.residual_diagnostics import JointDiagnostics
 from fitting.report.text import number, unit, words
 
 _WIDTH = 690.0

@@ -49,6 +49,32 @@ _TEXTS = {
     "a staircase of constant speeds below 5 mm/s": "a staircase of slow constant speeds",
     "creeps over its stroke": "creeps over its range",
     "on the other side of gear or cylinder": "on the other side of the gear",
+    "rod and piston seals of the cylinder, and the zero of its two pressure sensors": (
+        "gear and bearings of the joint, and the zero of its effort sensor"
+    ),
+    "pins, bushings and gear between piston and joint": "bearings, coupling and gear between motor and joint",
+    "seals and bearings of the cylinder and its pins: lubrication": "gear and bearings of the joint: lubrication",
+    "seals and guide of the cylinder, and the oil's viscosity": (
+        "gear and bearings of the joint, and the viscosity of their grease"
+    ),
+    "bore, rod and guide of the cylinder where friction is high: a worn rod, a bore that is not round": (
+        "gear and guide of the joint where friction is high: wear, or parts that are not round"
+    ),
+    "screw, gear or rod surface: count": "screw or gear: count",
+    "seals of the cylinder: their preload": "gear and bearings of the joint: their preload",
+    "seals of the cylinder that chamber pressure presses: type and wear": "gear and bearings of the joint: wear",
+    "the pressure sensor and its temperature": "the effort sensor and its temperature",
+    "the pressure sensor's range and scale": "the effort sensor's range and scale",
+    "the pressure sensor's zero: vent both chambers and set it": (
+        "the effort sensor's zero: take the load off and set it"
+    ),
+    "port, fittings and hose between pressure sensor and chamber: a throttle, or a sensor far from the port": (
+        "gear and bearings of the joint: what grows with the square of the speed, as stirred grease"
+    ),
+    "seals and lubrication of the cylinder at low speed": "gear and bearings of the joint: lubrication at low speed",
+    "the oil: warm the machine up before recordings, or add an oil temperature sensor": (
+        "the grease: warm the machine up before recordings"
+    ),
 }
 #: Units that are written for a piston, at a joint that is turned directly.
 _TURNING = {

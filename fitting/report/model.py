@@ -7,9 +7,42 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from fitting.report.residual_diagnostics import JointDiagnostics
-
 FloatArray = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class JointDiagnostics:
+    """Residual joint effort of one joint.
+
+    Attributes
+    ----------
+    joint, unit : the joint, and its effort unit
+    fit_before, fit_after : 100 (1 - norm of the residual / norm of the effort about its mean), %
+    time, measured : (N,) s from the first row, all segments; measured effort
+    before, after : (N,) measured minus predicted effort without and with what was added
+    lag : (K,) s, from 0
+    auto : (K,) autocorrelation of ``after``
+    cross_lag, cross : (2 K - 1,) s; correlation of ``after`` with the drive's speed that much earlier
+    bound : correlations within it are those of white noise, 99 %
+    frequency, density_before, density_after : (M,) Hz; power spectral densities, unit^2/Hz
+    """
+
+    joint: str
+    unit: str
+    fit_before: float
+    fit_after: float
+    time: FloatArray
+    measured: FloatArray
+    before: FloatArray
+    after: FloatArray
+    lag: FloatArray
+    auto: FloatArray
+    cross_lag: FloatArray
+    cross: FloatArray
+    bound: float
+    frequency: FloatArray
+    density_before: FloatArray
+    density_after: FloatArray
 
 
 @dataclass(frozen=True)

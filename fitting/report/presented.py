@@ -13,8 +13,7 @@ from typing import Any
 import numpy as np
 
 from fitting.report import wording
-from fitting.report.model import Figures, FloatArray, FrictionCurve, Scatter
-from fitting.report.residual_diagnostics import JointDiagnostics
+from fitting.report.model import Figures, FloatArray, FrictionCurve, JointDiagnostics, Scatter
 
 #: Points of a cloud at most: a structure that a person can see is there with fewer.
 POINTS = 400

@@ -9,13 +9,13 @@ correlates neighbours where its bandwidth is below half the reduced rate.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 from scipy import signal
 
 from fitting.regression.design import effort_residual
+from fitting.report.model import JointDiagnostics
 from fitting.residual.terms import Model
 
 FloatArray = npt.NDArray[np.float64]
@@ -24,41 +24,6 @@ FloatArray = npt.NDArray[np.float64]
 LONGEST_S, LAGS = 4.0, 60
 _BOUND = 2.576  # 99 % of a normal distribution
 _WINDOW = 256
-
-
-@dataclass(frozen=True)
-class JointDiagnostics:
-    """Residual joint effort of one joint.
-
-    Attributes
-    ----------
-    joint, unit : the joint, and its effort unit
-    fit_before, fit_after : 100 (1 - norm of the residual / norm of the effort about its mean), %
-    time, measured : (N,) s from the first row, all segments; measured effort
-    before, after : (N,) measured minus predicted effort without and with what was added
-    lag : (K,) s, from 0
-    auto : (K,) autocorrelation of ``after``
-    cross_lag, cross : (2 K - 1,) s; correlation of ``after`` with the drive's speed that much earlier
-    bound : correlations within it are those of white noise, 99 %
-    frequency, density_before, density_after : (M,) Hz; power spectral densities, unit^2/Hz
-    """
-
-    joint: str
-    unit: str
-    fit_before: float
-    fit_after: float
-    time: FloatArray
-    measured: FloatArray
-    before: FloatArray
-    after: FloatArray
-    lag: FloatArray
-    auto: FloatArray
-    cross_lag: FloatArray
-    cross: FloatArray
-    bound: float
-    frequency: FloatArray
-    density_before: FloatArray
-    density_after: FloatArray
 
 
 def diagnostics(before: Model, after: Model, shown: Sequence[int]) -> tuple[JointDiagnostics, ...]:

@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from scipy import signal
 
 from server.platform.errors import InvalidError, UnavailableError
 from server.platform.files import DataDirectory
@@ -108,6 +107,8 @@ class RecordedSignals:
             )
         rate = (len(time) - 1) / float(time[-1] - time[0])
         window = min(SPECTRUM_ROWS, max(16, len(values) // 4))
+        from scipy import signal  # the service starts without it
+
         frequency, density = signal.welch(values, fs=rate, nperseg=window)
         return about.units[column], len(values) / rate, frequency[1:], density[1:]
 

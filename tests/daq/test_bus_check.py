@@ -121,3 +121,8 @@ def test_the_commands_on_a_simulated_machine(tmp_path: Path) -> None:
 
         watched = CliRunner().invoke(build(), ["bus", "monitor", file, "--seconds", "1.5", "--rate", "2"])
         assert watched.exit_code == 0 and "joint6.angle" in watched.stdout and "fresh" in watched.stdout
+
+        asked = CliRunner().invoke(build(), ["bus", "monitor", file, "--seconds", "1.5", "--rate", "2", "--json"])
+        pictures = [json.loads(line) for line in asked.stdout.splitlines()]
+        assert len(pictures) >= 2
+        assert pictures[-1]["channels"]["joint6.angle"]["quality"] == "fresh"

@@ -41,4 +41,6 @@ def test_one_version_of_each_is_for_every_computer(python: str, machine: str) ->
 
 
 def test_every_line_is_a_name_and_a_version() -> None:
-    assert [line for line in LINES if not re.fullmatch(r"[a-z0-9-]+==[a-z0-9.]+( ; [a-z0-9_ .<>=!'A-Z]+)?", line)] == []
+    assert [
+        line for line in LINES if not re.fullmatch(r"[a-z0-9-]+==[a-z0-9.]+( ; [a-z0-9_ .<>=!'*A-Z]+)?", line)
+    ] == []
