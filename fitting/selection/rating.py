@@ -111,21 +111,23 @@ class Rating:
             near = sorted(near, key=lambda n: -scores[n].gain)[:MOST_LAWS] if lost > priors.SMALLEST**2 else []
             if not near:
                 continue
-            alike = self._overlap(best, scores[best], near, joint)
+            alike = self._overlap(best, near, scores, joint)
             for law, share in zip(near, alike, strict=True):
                 self._trust[law] = min(self._trust.get(law, 1.0), 1.0 - share * lost / scores[law].gain)
 
-    def _overlap(self, name: int, score: Score, laws: Sequence[int], joint: int) -> FloatArray:
-        """Share (L,) of what a name contributes that each law could contribute as well."""
+    def _overlap(self, name: int, laws: Sequence[int], scores: Mapping[int, Score], joint: int) -> FloatArray:
+        """How alike a name and each law are (L,): the share of either's contribution that the other could make."""
         S, _ = self._candidates.products(self._model, joint, [name, *laws])
         starts = np.cumsum([0, *(self._candidates.width(n) for n in (name, *laws))])
-        values = np.asarray(score.values)
-        whole = float(values @ S[: starts[1], : starts[1]] @ values)
+        own = slice(0, int(starts[1]))
         found = []
-        for first, last in pairwise(starts[1:]):
-            root = whitened_parts(S[first:last, first:last])
-            found.append(float(np.sum((root.T @ (S[first:last, : starts[1]] @ values)) ** 2)))
-        return np.clip(np.array(found) / max(whole, 1e-300), 0.0, 1.0)
+        for law, (first, last) in zip(laws, pairwise(starts[1:].tolist()), strict=True):
+            other = slice(first, last)
+            found.append(
+                _explained(S, own, other, np.asarray(scores[name].values))
+                * _explained(S, other, own, np.asarray(scores[law].values))
+            )
+        return np.array(found)
 
     def _against_leftovers(self, rated: Sequence[Rated]) -> list[Rated]:
         """Odds against nothing but what found effects leave: in the direction of any candidate, by its prior."""
@@ -362,6 +364,13 @@ class Rating:
             Rated(scores[n], float(o), float(b), float(o), float(rest), float(rest))
             for n, o, b, rest in zip(numbers, odds, bayes, leftover, strict=True)
         ]
+
+
+def _explained(gram: FloatArray, one: slice, other: slice, values: FloatArray) -> float:
+    """Share of what columns ``one`` contribute with these values that columns ``other`` could contribute."""
+    whole = float(values @ gram[one, one] @ values)
+    root = whitened_parts(gram[other, other])
+    return float(np.clip(np.sum((root.T @ (gram[other, one] @ values)) ** 2) / max(whole, 1e-300), 0.0, 1.0))
 
 
 def _signal(term: Term) -> tuple[str, int | None]:

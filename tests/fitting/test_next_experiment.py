@@ -425,7 +425,7 @@ def measured_separation(session, tables, rivals):
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("true", "rival", "size"),
-    [("quadratic_loss", "stribeck", 100.0), ("position_dependent_friction", "load_dependent_friction", 40.0)],
+    [("position_dependent_friction", "load_dependent_friction", 40.0)],
 )
 def test_the_designed_experiment_separates_rivals_in_the_plant_best(true, rival, size):
     """One short training motion leaves two names; the motion that was chosen tells them apart better than others."""
@@ -452,6 +452,7 @@ def test_the_designed_experiment_separates_rivals_in_the_plant_best(true, rival,
         expected[option.kind] = option.expected.chi_square
         measured[option.kind] = measured_separation(session, tables, rivals)
     before = measured_separation(session, [("train", training)], rivals)
+    assert found.best is not None
     best = found.best.kind
     assert best in measured
     assert measured[best] == max(measured.values())
