@@ -37,9 +37,9 @@ def packed(path: Path) -> bool:
     """Whether setuptools takes a file; patterns of ``*`` are for the files of every package."""
     data = SETUPTOOLS["package-data"]
     everywhere = SOURCES not in path.parents and any(fnmatch(path.name, pattern) for pattern in data["*"])
-    top = path.relative_to(ROOT).parts[0]
+    packages = ((ROOT.joinpath(*name.split(".")), patterns) for name, patterns in data.items() if name != "*")
     # To setuptools, unlike fnmatch, a star does not cross directories.
-    own = any(path in set((ROOT / top).glob(pattern)) for pattern in data.get(top, ()))
+    own = any(path in set(package.glob(pattern)) for package, patterns in packages for pattern in patterns)
     return everywhere or own
 
 
