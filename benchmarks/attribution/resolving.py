@@ -79,7 +79,7 @@ def keys(seed: int) -> Iterator[tuple[CaseKey, str]]:
 
 
 def ambiguous(seed: int, seconds: float, bootstrap: int, most: int) -> Iterator[Line | None]:
-    """At most so many cases, one after the other: what became of it, or None where nothing was ambiguous."""
+    """At most so many cases in turn: the result of each, or None where nothing was ambiguous."""
     for key, effect in islice(keys(seed), most):
         yield resolved(key, Selection(only=effect, seconds=seconds), bootstrap)
 

@@ -17,7 +17,7 @@ from daq.machine_file import Machine
 from fitting.arm.linkage import lever_arm, piston_motion
 from fitting.excitation.motion import Motion
 from fitting.signals.filters import FilterBank
-from fitting.signals.preparation import REST_SECONDS, REST_SPEED, PositionNoise, Segment
+from fitting.signals.preparation import REST_SPEED, PositionNoise, Segment, long_rests
 
 FloatArray = npt.NDArray[np.float64]
 BoolArray = npt.NDArray[np.bool_]
@@ -131,11 +131,5 @@ def _resampled(time: FloatArray, values: FloatArray, wanted: FloatArray) -> Floa
 
 
 def _rest(speed: FloatArray, noise: float, rate_hz: float) -> BoolArray:
-    """Where an element stands still for longer than a reversal takes, as in preparation."""
-    slow = np.abs(speed) <= max(REST_SPEED * noise, 1e-12)
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], slow.astype(np.int8), [0]])))
-    rest = np.zeros_like(slow)
-    for begin, end in zip(edges[::2], edges[1::2], strict=True):
-        if end - begin >= REST_SECONDS * rate_hz:
-            rest[begin:end] = True
-    return rest
+    """Where an element stands still, as in preparation; without noise as well."""
+    return long_rests(np.abs(speed) <= max(REST_SPEED * noise, 1e-12), rate_hz)

@@ -98,7 +98,7 @@ def _law(model: Model, number: int) -> Law:
 
 
 def _both_ways(model: Model, numbers: tuple[int, int]) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Grid, the law forth and back, and the larger of their standard deviations, of two laws that add up."""
+    """Of two laws that add up: grid, the law at positive and at negative speed, and the larger of their deviations."""
     laws = [_law(model, number) for number in numbers]
     grid = np.linspace(max(law.knots[0] for law in laws), min(law.knots[-1] for law in laws), _GRID)
     part = np.concatenate([np.arange(s.start, s.stop) for s in map(model.term_slice, numbers)])

@@ -57,7 +57,7 @@ class Scatter:
     before, after : (N,) measured minus predicted effort without and with what was added
     law_x, law_y, law_std : (K,) the law that was found, and its standard deviation; empty where there is none
     effort_unit : unit of the residuals and of the law; the joint's effort unit of the report if empty
-    direction : (N,) sign of the speed (0 at rest) where the law is another one forth and back, None where it is
+    direction : (N,) sign of the speed (0 at rest) where the law differs between the directions, None where it is
         the same: an odd law averages out unless both ways are drawn apart
     partial : (N,) ``after`` with the law's own part put back: what the law has to explain, so points lie on it; None
         where that was not worked out

@@ -106,9 +106,11 @@ class Rating:
                 continue
             best = max(drawn, key=lambda n: scores[n].gain)
             lost = biased_gain(scores[best]) - scores[best].gain * self._trust[best]
+            if lost <= priors.SMALLEST**2:
+                continue
             joint = scores[best].term.joint or 0
             near = [n for key, n in self._laws.items() if key[0] == joint and n in scores and scores[n].gain > lost]
-            near = sorted(near, key=lambda n: -scores[n].gain)[:MOST_LAWS] if lost > priors.SMALLEST**2 else []
+            near = sorted(near, key=lambda n: -scores[n].gain)[:MOST_LAWS]
             if not near:
                 continue
             alike = self._overlap(best, near, scores, joint)

@@ -19,6 +19,7 @@ import numpy.typing as npt
 from daq.errors import RecordingError
 from daq.machine_file import Joint, Machine
 from daq.recording import Recording
+from daq.recording_checks import runs
 from fitting.arm.linkage import joint_motion, joint_position, lever_arm, piston_motion
 from fitting.signals.filters import FilterBank, advanced
 from fitting.signals.position_sensors import channel_noise, joint_velocity_share, piston_weight, position_variances
@@ -453,12 +454,13 @@ def drive_effort(joint: Joint, channel: Callable[[str], FloatArray | None]) -> F
 
 def _rest(speed: FloatArray, speed_noise: float, rate_hz: float) -> BoolArray:
     """Where the element stands still for longer than a reversal takes."""
-    slow = np.abs(speed) < REST_SPEED * speed_noise
-    if not slow.any():
-        return slow
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], slow.astype(np.int8), [0]])))
+    return long_rests(np.abs(speed) < REST_SPEED * speed_noise, rate_hz)
+
+
+def long_rests(slow: BoolArray, rate_hz: float) -> BoolArray:
+    """Of the samples (N,) at which an element is slow those that are no mere reversal."""
     rest = np.zeros_like(slow)
-    for begin, end in zip(edges[::2], edges[1::2], strict=True):
-        if end - begin >= REST_SECONDS * rate_hz:
-            rest[begin:end] = True
+    for run in runs(slow):
+        if run.stop - run.start >= REST_SECONDS * rate_hz:
+            rest[run] = True
     return rest

@@ -102,7 +102,7 @@ def demo(
 
 
 def _asked_of_the_machine(loop: Mapping[str, Any]) -> str:
-    """What became of ``--resolve``, in a line."""
+    """What ``--resolve`` achieved, in a line."""
     made, hypotheses = len(loop["resolution"]), loop["hypotheses"]
     motions = {0: "no motion was", 1: "one motion was"}.get(made, f"{made} motions were") + " recorded to resolve it"
     if not loop["effects"] and not loop["unexplained"]:

@@ -41,7 +41,7 @@ def model() -> ArmModel:
 
 
 def program(machine: str, seconds: float = 4.0) -> Motion:
-    """One joint forth and back with a jerk that begins and ends at zero; the other holds."""
+    """One joint out and back with a jerk that begins and ends at zero; the other holds."""
     t = np.linspace(0.0, seconds, 161)
     s = t / seconds
     return Motion(machine, "pinned", t, {"joint1": 0.3 * (64 * s**3 * (1 - s) ** 3) - 0.1})
@@ -72,7 +72,7 @@ def test_a_motion_of_free_pistons_is_refused(exact: ArmModel) -> None:
 
 
 def test_energy_of_a_motion_that_returns_is_what_friction_takes(exact: ArmModel) -> None:
-    """Forth and back to the same pose at rest: gravity and inertia give back what they took."""
+    """Out and back to the same pose at rest: gravity and inertia do no work in all."""
     found = energy_of_motion(exact, path_of(exact, program(exact.machine.name)))
     net = found.given - found.returned
     # The spring and the holding joint do no work over the whole motion either; what is left is dissipated.

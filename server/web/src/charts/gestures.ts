@@ -3,7 +3,7 @@
  * Touch: one finger moves, two zoom, a tap puts the cursor there.
  */
 import type uPlot from "uplot";
-import type { Range } from "./range";
+import { type Range, within, zoomed } from "./range";
 
 export interface Hands {
   /** The range that is shown now. */
@@ -12,6 +12,17 @@ export interface Hands {
   show(range: Range): void;
   zoom(factor: number, centre: number): void;
   back(): void;
+}
+
+/** Hands that choose a range within `bounds`; null gives it back. */
+export function rangeHands(now: Range, bounds: Range, choose: (range: Range | null) => void): Hands {
+  const show = (next: Range): void => choose(within(next, bounds));
+  return {
+    range: () => now,
+    show,
+    zoom: (factor, centre) => show(zoomed(now, factor, centre, bounds)),
+    back: () => choose(null),
+  };
 }
 
 /** A finger that moved less than this (CSS pixels) has tapped. */

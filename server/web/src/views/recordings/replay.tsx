@@ -1,9 +1,9 @@
 /** A recording over time: zoom, replay, a second one beside it, what was not measured, and a part of it to keep. */
 import { useCallback, useEffect, useMemo, useRef, useState } from "preact/hooks";
 import type { components } from "../../net/api.gen";
-import type { Hands } from "../../charts/gestures";
+import { type Hands, rangeHands } from "../../charts/gestures";
 import type { ChartMark } from "../../charts/overlays";
-import { type Range, within, zoomed } from "../../charts/range";
+import type { Range } from "../../charts/range";
 import { DASHES, secondLabels, TimeChart } from "../../charts/time_chart";
 import { RangeButtons } from "../../charts/toolbar";
 import { type Signals, Trace, type Value } from "../../charts/trace";
@@ -46,13 +46,7 @@ export function Replay({ recording, others, remarks }: ReplayProps) {
   const bounds: Range = [0, Math.max(end.current, 0.1)];
   const now: Range = range ?? bounds;
   const playing = usePlaying(now, bounds[1], setRange);
-  const show = (next: Range): void => setRange(within(next, bounds));
-  const hands: Hands = {
-    range: () => now,
-    show,
-    zoom: (factor, centre) => show(zoomed(now, factor, centre, bounds)),
-    back: () => setRange(null),
-  };
+  const hands = rangeHands(now, bounds, setRange);
   const marks = useMemo(() => eventMarks(remarks), [remarks]);
   if (first.error !== null) return <Notice kind="bad">{first.error}</Notice>;
   if (detail.error !== null) return <Notice kind="bad">{detail.error}</Notice>;
@@ -68,7 +62,7 @@ export function Replay({ recording, others, remarks }: ReplayProps) {
   return (
     <>
       <div class="chart-toolbar" role="toolbar" aria-label="What the plots show">
-        <RangeButtons range={() => now} bounds={() => bounds} onRange={show} />
+        <RangeButtons range={() => now} bounds={() => bounds} onRange={hands.show} />
         <Button disabled={range === null} onClick={() => setRange(null)}>
           Show all
         </Button>

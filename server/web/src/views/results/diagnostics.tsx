@@ -1,7 +1,7 @@
 /** What is left of each joint: over time with zoom, over its own past and the speed, over frequency. */
 import { useCallback, useEffect, useMemo, useRef, useState } from "preact/hooks";
-import type { Hands } from "../../charts/gestures";
-import { type Range, within, zoomed } from "../../charts/range";
+import { type Hands, rangeHands } from "../../charts/gestures";
+import type { Range } from "../../charts/range";
 import { secondLabels, TimeChart } from "../../charts/time_chart";
 import { RangeButtons } from "../../charts/toolbar";
 import { Button } from "../../ui/controls";
@@ -19,19 +19,13 @@ export function Diagnostics({ report }: { report: Report }) {
   const bounds: Range = [Math.min(0, ...ends), Math.max(1, ...ends)];
   const [range, setRange] = useState<Range | null>(null);
   const now = range ?? bounds;
-  const show = (next: Range): void => setRange(within(next, bounds));
-  const hands: Hands = {
-    range: () => now,
-    show,
-    zoom: (factor, centre) => show(zoomed(now, factor, centre, bounds)),
-    back: () => setRange(null),
-  };
+  const hands = rangeHands(now, bounds, setRange);
   if (joints.length === 0) return null;
   return (
     <Panel title="What is left, joint by joint">
       <p class="hint">Measured minus predicted effort over time: thin before, thick after. Drag to look closer.</p>
       <div class="chart-toolbar" role="toolbar" aria-label="What the plots show">
-        <RangeButtons range={() => now} bounds={() => bounds} onRange={show} />
+        <RangeButtons range={() => now} bounds={() => bounds} onRange={hands.show} />
         <Button disabled={range === null} onClick={() => setRange(null)}>
           Show all
         </Button>
