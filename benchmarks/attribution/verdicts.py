@@ -34,21 +34,23 @@ class Verdict:
 def verdict(kind: str, effects: tuple[TrueEffect, ...], said: Said) -> Verdict:
     """Compare one case.
 
-    ``right``: named, alone, at its joint (of pairs: both). ``in set``: it stands in a set with others. ``unexplained``:
-    a law, no name. ``silent``: nothing. ``wrong``: a name alone that is not there; ``wrong set``: a set without it.
-    Of pairs, ``partly`` is one of two. Nothing missing: ``right`` if nothing was said, else ``accused``. Outside the
+    ``right``: named, alone, at its joint (of pairs: both). ``in set``: it stands in a set with others, which may be
+    an effect of no catalogue (a law said with the names that it may be). ``unexplained``: a law, no such name.
+    ``silent``: nothing. ``wrong``: a name alone that is not there; ``wrong set``: a set without it. Of pairs,
+    ``partly`` is one of two. Nothing missing: ``right`` if nothing was said, else ``accused``. Outside the
     catalogue: ``right`` if only laws were said, all at the right joint and one of them in a variable that shows the
     effect, or an effect of no catalogue is at least as probable there as not; ``elsewhere`` if joint or variable
     differ; any name is ``wrong``.
     """
     true = {(e.id, e.reported) for e in effects}
     sets = [set(members) for members in said.sets]
+    perhaps = [members for members in _beside_laws(said) if members & true]
     false_sets = [members for members in sets if not members & true]
     wrong_alone = tuple(next(iter(members)) for members in false_sets if len(members) == 1)
     widest = max((len(members) for members in sets), default=0)
     places = {joint for _, joint in said.laws} | {joint for members in sets for _, joint in members}
     located = bool(effects) and all(e.reported in places for e in effects)
-    found = {one for one in true if any(one in members for members in sets)}
+    found = {one for one in true if any(one in members for members in (*sets, *perhaps))}
     surplus = 0
 
     if kind == "null":
@@ -66,7 +68,7 @@ def verdict(kind: str, effects: tuple[TrueEffect, ...], said: Said) -> Verdict:
             fits = all(joint in joints for _, joint in said.laws) and seen
             result = "right" if fits else "elsewhere"
     elif found:
-        surplus = len(false_sets) + len(said.laws)
+        surplus = len(false_sets) + len(said.laws) - len(perhaps)
         surplus += sum(1 for one in true if sum(one in members for members in sets) > 1)
         alone = all({one} in sets for one in found)
         result = "partly" if found != true else "right" if alone else "in set"
@@ -75,3 +77,9 @@ def verdict(kind: str, effects: tuple[TrueEffect, ...], said: Said) -> Verdict:
     else:
         result = "unexplained" if said.laws else "silent"
     return Verdict(result, wrong_alone, surplus, widest, located)
+
+
+def _beside_laws(said: Said) -> list[set[Place]]:
+    """Names that are said beside each law: what it may be, if it is no unknown effect."""
+    laws = set(said.laws)
+    return [{(name, joint) for name, joint, _ in own[1:]} for own in said.stated if own and own[0][:2] in laws]

@@ -18,17 +18,18 @@ class HoseStiffness(Effect):
     variable = "joint_position"
     series = True
     uses_model = False
-    equation = "(k_1 u + k_2 u^2 + k_3 u^3) / r, u = q - q_m"
+    equation = "(k_1 u + k_0 + k_2 u^2 + k_3 u^3) / r, u = q - q_m"
     parity = "even in v, function of the own angle"
     parameters = (
         Parameter("k_1", "N m/rad"),
+        Parameter("k_0", "N m"),
         Parameter("k_2", "N m/rad^2"),
         Parameter("k_3", "N m/rad^3"),
     )
     confounders = ("gas_spring", "linkage_geometry")
     experiment = "take the harness off and repeat"
     look_at = "hoses and cable harness across the joint: how they are led and where they are clamped"
-    source = "polynomial of the joint angle"
+    source = "polynomial of the joint angle; k_0 because nobody knows where the hoses rest"
 
     def references(self, view: DriveView, shape: Shape) -> Mapping[str, tuple[float, str]]:
         """Values that the formula counts from; see :class:`Effect`."""
@@ -38,5 +39,5 @@ class HoseStiffness(Effect):
         """Columns (N, k); see :class:`Effect`."""
         low, high = view.machine.joints[view.joint].limits.position
         angle = view.q - 0.5 * (low + high)
-        pull = np.column_stack([angle, angle**2, angle**3]) / view.r[:, None]
+        pull = np.column_stack([angle, np.ones_like(angle), angle**2, angle**3]) / view.r[:, None]
         return pull if view.segment.loaded else np.zeros_like(pull)

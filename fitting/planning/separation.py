@@ -32,9 +32,10 @@ from fitting.regression.design import WhiteRows
 from fitting.residual.laws import Law
 from fitting.residual.scoring import Score
 from fitting.residual.terms import Term
+from fitting.selection.decision import odds_behind
 from fitting.selection.evidence import log_mean, whitened_parts
 from fitting.selection.gains import averaged, orders, plausible
-from fitting.selection.priors import CLOSE, INEXACT, SAID_ODDS, USUAL_EFFORT
+from fitting.selection.priors import SAID_ODDS, USUAL_EFFORT
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -241,10 +242,10 @@ def _stated(chances: Sequence[float] | None, true: int, false: int) -> float | N
 def _pair(now: Lead, then: Lead, both: tuple[Rival, Rival], stated: float | None) -> Pair:
     names = not any(rival.is_law for rival in both)
 
-    def shrunk_by(size: float) -> float:
-        return 1.0 + INEXACT**2 * size / CLOSE if names else 1.0
+    def behind(said: float, size: float) -> float:
+        return odds_behind(said, size) if names else said
 
-    start = now.log_odds if stated is None else stated * shrunk_by(now.size)
+    start = now.log_odds if stated is None else behind(stated, now.size)
     more = max(then.chi_square - now.chi_square, 0.0)
     return Pair(
         0.0,
@@ -252,5 +253,5 @@ def _pair(now: Lead, then: Lead, both: tuple[Rival, Rival], stated: float | None
         then.size,
         start + then.log_odds - now.log_odds,
         float(np.hypot(np.sqrt(then.chi_square if stated is None else more), _LEAST_SPREAD)),
-        SAID_ODDS * shrunk_by(then.size),
+        behind(SAID_ODDS, then.size),
     )

@@ -81,6 +81,19 @@ class Null:
         freedom = (self.draws - 1 + PRIOR_DRAWS) * self.live
         return max(1.0, (total + PRIOR_DRAWS * self.live) / freedom)
 
+    def inflation_along(self, values: FloatArray) -> float:
+        """The same of noise that looks like these values (k,): noise that hangs together is not alike in every way.
+
+        A constant in 16 coefficients is a constant: it has the variance that it has in one.
+        """
+        direction = self._told(np.asarray(values, dtype=float)[None, :])[0]
+        length = float(direction @ self.information @ direction)
+        if not length > 0:
+            return self.inflation
+        spread = self._told(self.values - self.values.mean(axis=0))
+        total = float(np.sum((spread @ (self.information @ direction / np.sqrt(length))) ** 2))
+        return max(1.0, (total + PRIOR_DRAWS) / (self.draws - 1 + PRIOR_DRAWS))
+
     def _told(self, values: FloatArray) -> FloatArray:
         """Rows of values with only those directions that the data tells well: the others differ between replicas."""
         own = np.diag(self.information)
@@ -98,14 +111,14 @@ class Null:
         """Chi-square of values whose bias was taken off, as far as that bias and the theory's variance can be trusted.
 
         :data:`BIAS_TRUST` of the bias counts as one more standard deviation along it (how the replicas' motion differs
-        from the machine's is not known better), and everything is divided by the inflation.
+        from the machine's is not known better), and everything is divided by the inflation along the values.
         """
         along, length = float(unbiased @ information @ self.bias), float(self.bias @ information @ self.bias)
         whole = float(unbiased @ information @ unbiased)
         # Far beyond the bias, how well that is known does not matter.
         doubt = BIAS_TRUST**2 if whole < FAR_BEYOND**2 * length else 0.0
         gain = whole - doubt * along**2 / (1.0 + doubt * length)
-        return max(0.0, gain) / self.inflation
+        return max(0.0, gain) / self.inflation_along(unbiased)
 
 
 class Replicas:

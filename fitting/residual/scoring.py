@@ -97,7 +97,7 @@ class Score:
         if self.null is None:
             return self.score
         if not isinstance(self.term.content, Effect):
-            return self.gain / self.null.inflation - (self.gain - self.score)
+            return self.gain / self.null.inflation_along(np.asarray(self.values)) - (self.gain - self.score)
         return self.null.weight(np.asarray(self.values), self.information) - (self.gain - self.score)
 
 
@@ -187,12 +187,24 @@ class Candidates:
 
         Columns are those of ``numbers`` one after the other; all act on this joint alone.
         """
+        C = self._of(joint, numbers)
+        shadow = model.fit.orthonormal[joint].T @ C
+        return C.T @ C - shadow.T @ shadow, C.T @ model.fit.residual[joint]
+
+    def cross_products(self, model: Model, joint: int, numbers: Sequence[int], others: Sequence[int]) -> FloatArray:
+        """Products (k, p) of some candidates' columns with those of others, less what the model explains."""
+        both = self._of(joint, [*numbers, *others])
+        first = sum(self._widths[n] for n in numbers)
+        own, C = both[:, :first], both[:, first:]
+        Q = model.fit.orthonormal[joint]
+        return np.asarray(own.T @ C - (Q.T @ own).T @ (Q.T @ C))
+
+    def _of(self, joint: int, numbers: Sequence[int]) -> FloatArray:
+        """Columns of these candidates one after the other; all act on this joint alone."""
         group = self._groups[joint]
         starts = dict(zip(group, np.cumsum([0, *(self._widths[n] for n in group)]).tolist(), strict=False))
         into = np.concatenate([np.arange(starts[n], starts[n] + self._widths[n]) for n in numbers])
-        C = self._columns[joint][:, into]
-        shadow = model.fit.orthonormal[joint].T @ C
-        return C.T @ C - shadow.T @ shadow, C.T @ model.fit.residual[joint]
+        return np.asarray(self._columns[joint][:, into])
 
     def _built(self, model: Model, place: int | None, numbers: Sequence[int]) -> FloatArray:
         joints = range(len(model.views[0])) if place is None else range(place, place + 1)

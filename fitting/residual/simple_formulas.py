@@ -3,21 +3,28 @@
 Five one-shape families are tried on the law's curve, each with an offset of its own (a constant is the base model's):
 power, exponential, threshold, sine and step. The shape is searched on a grid and then between its points; amplitude and
 offset follow by least squares weighted with the curve's own uncertainty.
+
+The same families, without an offset, are what a law is likely to be before any data (:func:`simple_curves`).
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 import numpy.typing as npt
 from scipy import optimize
 
+from fitting.signals.splines import evaluate
+
 FloatArray = npt.NDArray[np.float64]
 
 #: Shapes that are tried of every family before the best is searched between its neighbours.
 _SHAPES = 40
+#: Shapes of every family that stand for it before any data, and places at which a spline is fitted to one.
+_FEW_SHAPES, _PLACES = 16, 120
 #: Standard deviations below this share of their median are taken for it: no point of a curve is exact.
 _LEAST_STD = 0.05
 
@@ -70,6 +77,37 @@ def nearest_formula(grid: npt.ArrayLike, value: npt.ArrayLike, std: npt.ArrayLik
     return max(found, key=lambda own: own.share - (1.0 / len(x) if own.kind == "sine" else 0.0))
 
 
+@lru_cache(maxsize=4096)
+def simple_curves(knots: tuple[float, ...]) -> tuple[FloatArray, FloatArray]:
+    """The short list as coefficients of a cubic spline over its range: curves, and the share of each in the list.
+
+    Returns
+    -------
+    coefficients : (F, n, 2) of the spline whose clamped knots are ``knots``; the second column is that of a sine's
+        phase, else zero
+    weights : (F,) summing to 1; every kind has the same share, however many shapes it has
+    """
+    x = np.linspace(knots[0], knots[-1], _PLACES)
+    nearest = np.linalg.pinv(evaluate(np.asarray(knots), x))
+    families = _families(x)
+    kinds = [family.kind for family in families]
+    curves, weights = [], []
+    for family in families:
+        share = 1.0 / (len(set(kinds)) * kinds.count(family.kind) * _FEW_SHAPES)
+        for shape in _spaced(family, _FEW_SHAPES):
+            column = family.columns(x, float(shape)).reshape(len(x), -1)
+            curves.append(nearest @ np.hstack([column, np.zeros((len(x), 2 - column.shape[1]))]))
+            weights.append(share)
+    return np.array(curves), np.array(weights)
+
+
+def _spaced(family: _Family, count: int) -> FloatArray:
+    """So many shapes of a family."""
+    return np.asarray(
+        (np.linspace if family.kind in ("threshold", "step") else np.geomspace)(family.low, family.high, count)
+    )
+
+
 def _families(x: FloatArray) -> list[_Family]:
     span = float(x[-1] - x[0])
     origin = 0.0 if x[0] <= 0.0 <= x[-1] else float(x[0] if x[0] > 0 else x[-1])
@@ -107,8 +145,7 @@ def _fitted(family: _Family, x: FloatArray, y: FloatArray, weights: FloatArray, 
     def cost(shape: float) -> float:
         return _left(table(shape), y, weights)
 
-    spaced = np.linspace if family.kind in ("threshold", "step") else np.geomspace
-    shapes = spaced(family.low, family.high, _SHAPES)
+    shapes = _spaced(family, _SHAPES)
     best = int(np.argmin([cost(shape) for shape in shapes]))
     near = float(shapes[max(0, best - 1)]), float(shapes[min(len(shapes) - 1, best + 1)])
     found = optimize.minimize_scalar(cost, bounds=near, method="bounded", options={"xatol": 1e-3 * (near[1] - near[0])})

@@ -6,6 +6,9 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+import numpy.typing as npt
+from scipy import optimize
+from scipy.special import expit
 
 from fitting.effects.base import Effect
 from fitting.residual.laws import Law
@@ -13,6 +16,8 @@ from fitting.residual.terms import Term
 from fitting.selection import priors
 from fitting.selection.evidence import log_sum
 from fitting.selection.rated import Rated
+
+FloatArray = npt.NDArray[np.float64]
 
 
 def by_formula(rated: Sequence[Rated]) -> list[Rated]:
@@ -34,20 +39,49 @@ def by_formula(rated: Sequence[Rated]) -> list[Rated]:
 def believed(rated: Sequence[Rated]) -> list[tuple[Rated, float]]:
     """Explanations of one place with their log odds, best first; names differ as far as formulas can be believed.
 
-    Whichever name is right, its own formula leaves chi-square, :data:`~fitting.selection.priors.INEXACT` squared of
-    what is there; differences of that size are chance, so those of names shrink by as much as it outweighs what noise
-    alone asks for. A law has no formula; names are compared with it with a curve beside them.
+    Whichever name is right, its own formula leaves chi-square, a share epsilon squared of what is there; differences of
+    that size are chance, so those of names shrink by as much as it outweighs what noise alone asks for. How far nature
+    is from the formula is not known: probabilities are averaged over :data:`~fitting.selection.priors.EPSILONS`. A law
+    has no formula; names are compared with it with a curve beside them.
     """
     if not rated:
         return []
     near = [r for r in rated if r.log_odds > 0 and _same_place(r.term, rated[0].term)] or [rated[0]]
     head = next((r for r in near if isinstance(r.term.content, Effect)), near[0])
-    share = 1.0 / (1.0 + priors.INEXACT**2 * head.score.gain / priors.CLOSE)
-    result = [
-        (r, head.log_odds - share * (head.log_odds - r.log_odds) if isinstance(r.term.content, Effect) else r.log_odds)
-        for r in near
-    ]
+    series = isinstance(head.term.content, Effect) and head.term.content.series
+    odds = np.array([r.log_odds for r in near])
+    named = np.array([isinstance(r.term.content, Effect) for r in near])
+    probable = []
+    for share in _shares(head.score.gain):
+        own = np.where(named, head.log_odds - share * (head.log_odds - odds), odds)
+        probable.append(np.append(own, 0.0) - float(log_sum(np.append(own, 0.0))))
+    whole = log_sum(np.array(probable), axis=0, weights=np.array(priors.weights(series))[:, None])
+    result = list(zip(near, (whole[:-1] - whole[-1]).tolist(), strict=True))
     return sorted(result, key=lambda pair: -pair[1])
+
+
+def odds_behind(stated: float, gain: float, series: bool = False) -> float:
+    """Log odds of one name over another as their formulas say, that :func:`believed` states as ``stated``.
+
+    Parameters
+    ----------
+    stated : log odds, as they are said
+    gain : chi-square that the effect takes
+    series : whether it is a short series
+    """
+    shares, weights = _shares(gain), np.array(priors.weights(series))
+
+    def missing(odds: float) -> float:
+        return float(weights @ expit(shares * odds)) - float(expit(abs(stated)))
+
+    # At the smallest share it is enough for every share.
+    found = float(optimize.brentq(missing, 0.0, abs(stated) / float(shares.min()) + 1.0))
+    return float(np.copysign(found, stated))
+
+
+def _shares(gain: float) -> FloatArray:
+    """Of each of :data:`~fitting.selection.priors.EPSILONS`, which share of differences between names is believed."""
+    return np.asarray(1.0 / (1.0 + np.array(priors.EPSILONS) ** 2 * gain / priors.CLOSE))
 
 
 def _same_place(one: Term, other: Term) -> bool:

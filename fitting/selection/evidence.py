@@ -98,6 +98,24 @@ def curve_evidence(gram: FloatArray, products: FloatArray, roots: FloatArray, am
     return np.asarray(0.5 * np.sum(scale * turned**2 / spread - np.log(spread), axis=-1))
 
 
+def formula_gains(gram: FloatArray, products: FloatArray, curves: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Chi-square (T, F) that formulas take of what splines could, and their live directions (T, F).
+
+    Parameters
+    ----------
+    gram, products : (T, n, n) and (T, n) of the splines, what the base explains taken off
+    curves : (T, F, n, 2) coefficients; a formula has one amplitude or two
+    """
+    half = np.einsum("tij,tfja->tfia", gram, curves, optimize=True)
+    H = np.einsum("tfia,tfib->tfab", curves, half, optimize=True)
+    h = np.einsum("tfia,ti->tfa", curves, products, optimize=True)
+    norms = np.sqrt(np.maximum(np.einsum("tfaa->tfa", H), 1e-300))
+    values, vectors = np.linalg.eigh(H / (norms[..., :, None] * norms[..., None, :]))
+    live = (values > DEAD) & (norms.max(axis=-1, keepdims=True) > 1e-100)
+    turned = np.einsum("tfab,tfa->tfb", vectors, h / norms)
+    return np.sum(np.where(live, turned**2 / np.where(live, values, 1.0), 0.0), axis=-1), np.sum(live, axis=-1)
+
+
 def whitened_parts(gram: FloatArray) -> FloatArray:
     """Root (k, live) of a term's parameters whose visible contribution is a unit ball: ``root' gram root = I``."""
     norms = np.sqrt(np.maximum(np.diag(gram), 1e-300))

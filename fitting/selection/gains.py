@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 import numpy.typing as npt
-from scipy.stats import norm
+from scipy.special import ndtr
 
 from fitting.effects.base import Effect
 from fitting.residual.laws import Law
@@ -16,6 +16,9 @@ from fitting.selection import priors
 from fitting.selection.evidence import log_sum, named_evidence, whitened_parts
 
 FloatArray = npt.NDArray[np.float64]
+
+#: Gain beyond which no noise in regressors makes it: 17 standard deviations.
+BEYOND_BIAS = 300.0
 
 
 def averaged(gain: FloatArray, live: FloatArray, limits: FloatArray) -> FloatArray:
@@ -53,8 +56,13 @@ def trusted(score: Score) -> float:
     if score.null is None or not score.gain > 0:
         return 1.0
     if not isinstance(score.term.content, Effect):
-        return 1.0 / score.null.inflation
+        return 1.0 / score.null.inflation_along(np.asarray(score.values))
     return score.null.weight(np.asarray(score.values), score.information) / score.gain
+
+
+def known_bias(score: Score) -> bool:
+    """Whether it is known what noise in the regressors makes of a gain: from replicas, or as it makes none so large."""
+    return score.null is not None or score.gain >= BEYOND_BIAS
 
 
 def biased_gain(score: Score) -> float:
@@ -75,7 +83,7 @@ def plausible(score: Score) -> float:
         if not (np.isfinite(parameter.low) or np.isfinite(parameter.high)):
             continue
         std = max(std, 1e-300)
-        inside *= float(norm.cdf((parameter.high - value) / std) - norm.cdf((parameter.low - value) / std))
+        inside *= float(ndtr((parameter.high - value) / std) - ndtr((parameter.low - value) / std))
         if not parameter.low < 0 < parameter.high:
             before *= 0.5  # a prior about zero has half of its mass on the right side
     if not effect.plausible(score.values, score.stds):

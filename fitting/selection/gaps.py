@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import norm
+from scipy.special import ndtr
 
 from fitting.residual.kinematics import GapRows, GapScore
 from fitting.selection import priors
@@ -61,5 +61,5 @@ def _plausible(score: GapScore) -> float:
     inside = 1.0
     for parameter, value, std in zip(score.effect.parameters, score.values, score.stds, strict=True):
         if std > 0:
-            inside *= float(norm.cdf((parameter.high - value) / std) - norm.cdf((parameter.low - value) / std))
+            inside *= float(ndtr((parameter.high - value) / std) - ndtr((parameter.low - value) / std))
     return float(np.log((1 - priors.OUTSIDE) * inside + priors.OUTSIDE))

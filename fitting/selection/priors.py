@@ -12,6 +12,8 @@ NOTHING, CATALOGUE, UNKNOWN = 0.5, 0.4, 0.1
 SMALLEST, RATIO = 3.0, 3.0
 #: Correlation lengths of a law of nature along a signal, in sixteenths of its range.
 LENGTHS = (1.0, 2.0, 4.0, 8.0)
+#: Chance that a law of an unknown effect is one of a few simple formulas rather than any smooth curve: nobody knows.
+SIMPLE = 0.5
 #: How far nature is from a formula, as share of what is visible of the effect: of laws of physics, and of short series
 #: that stand for any smooth law; with their weights.
 EPSILONS = (0.03, 0.1, 0.15)
@@ -39,10 +41,13 @@ NAMED = 0.8
 USUAL_FAMILIES, USUAL_EFFORT = 120, 2000.0
 #: Difference of chi-square at which one explanation is that probable beside another.
 CLOSE = 2.0 * SAID_ODDS
-#: How far a formula is from nature as a rule, as share of what is visible of the effect.
-INEXACT = 0.15
 #: Most effects that are looked for.
 MOST = 4
+
+
+def weights(series: bool) -> tuple[float, ...]:
+    """Weights of :data:`EPSILONS` for a short series that stands for any smooth law, or for a law of physics."""
+    return SERIES if series else PHYSICS
 
 
 def amplitudes(largest: float) -> npt.NDArray[np.float64]:

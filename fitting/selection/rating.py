@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from itertools import pairwise
 
 import numpy as np
 import numpy.typing as npt
@@ -14,6 +13,7 @@ from fitting.effects.base import Effect
 from fitting.residual.laws import Law
 from fitting.residual.refinement import refined
 from fitting.residual.scoring import Candidates, Score
+from fitting.residual.simple_formulas import simple_curves
 from fitting.residual.surfaces import Surface
 from fitting.residual.terms import Model, Term
 from fitting.selection import priors
@@ -21,13 +21,14 @@ from fitting.selection.decision import by_formula
 from fitting.selection.evidence import (
     curve_evidence,
     curve_roots,
+    formula_gains,
     joint_evidence,
     log_mean,
     log_sum,
     named_evidence,
     whitened_parts,
 )
-from fitting.selection.gains import averaged, biased_gain, efforts, orders, plausible, shares
+from fitting.selection.gains import averaged, biased_gain, efforts, known_bias, orders, plausible, shares
 from fitting.selection.rated import Family, Rated, family
 
 FloatArray = npt.NDArray[np.float64]
@@ -36,8 +37,6 @@ FloatArray = npt.NDArray[np.float64]
 FAINT = 0.01
 #: Standard deviations of what is expected of a curve beside a name that one may be large.
 MOST_BESIDE = 2.0
-#: Laws of a joint that share the bias of a name.
-MOST_LAWS = 12
 #: Fewer columns are no curve.
 LEAST_CURVE = 4
 #: Shapes of a name that are compared with a bent formula, and the least gain for which that can matter.
@@ -99,37 +98,44 @@ class Rating:
         return by_formula(self._against_leftovers(result))
 
     def _share_bias(self, names: Mapping[Family, Sequence[int]], scores: Mapping[int, Score]) -> None:
-        """What noise in the regressors makes of a name it makes of the laws of its joint, as far as they are alike."""
-        for own in names.values():
-            drawn = [n for n in own if scores[n].null is not None and isinstance(scores[n].term.content, Effect)]
-            if not drawn or scores[drawn[0]].term.everywhere:
-                continue
-            best = max(drawn, key=lambda n: scores[n].gain)
-            lost = biased_gain(scores[best]) - scores[best].gain * self._trust[best]
-            if lost <= priors.SMALLEST**2:
-                continue
-            joint = scores[best].term.joint or 0
-            near = [n for key, n in self._laws.items() if key[0] == joint and n in scores and scores[n].gain > lost]
-            near = sorted(near, key=lambda n: -scores[n].gain)[:MOST_LAWS]
-            if not near:
-                continue
-            alike = self._overlap(best, near, scores, joint)
-            for law, share in zip(near, alike, strict=True):
-                self._trust[law] = min(self._trust.get(law, 1.0), 1.0 - share * lost / scores[law].gain)
+        """What noise in the regressors makes of a name it makes of the laws of its joint, as far as they are alike.
 
-    def _overlap(self, name: int, laws: Sequence[int], scores: Mapping[int, Score], joint: int) -> FloatArray:
-        """How alike a name and each law are (L,): the share of either's contribution that the other could make."""
-        S, _ = self._candidates.products(self._model, joint, [name, *laws])
-        starts = np.cumsum([0, *(self._candidates.width(n) for n in (name, *laws))])
-        own = slice(0, int(starts[1]))
-        found = []
-        for law, (first, last) in zip(laws, pairwise(starts[1:].tolist()), strict=True):
-            other = slice(first, last)
-            found.append(
-                _explained(S, own, other, np.asarray(scores[name].values))
-                * _explained(S, other, own, np.asarray(scores[law].values))
-            )
-        return np.array(found)
+        Replicas are few, and their scatter, times a large gain, would decide between two that tell the same. So a
+        law's own replicas count for that part of it only which the most similar name does not share.
+        """
+        joints: dict[int, list[int]] = {}
+        for own in names.values():
+            drawn = [n for n in own if known_bias(scores[n]) and isinstance(scores[n].term.content, Effect)]
+            if drawn and not scores[drawn[0]].term.everywhere:
+                best = max(drawn, key=lambda n: scores[n].gain)
+                joints.setdefault(scores[best].term.joint or 0, []).append(best)
+        for joint, drawn in joints.items():
+            near = [n for key, n in self._laws.items() if key[0] == joint and n in scores]
+            near = [n for n in near if scores[n].gain > priors.SMALLEST**2]
+            drawn = [n for n in drawn if scores[n].gain > priors.SMALLEST**2]
+            if not near or not drawn:
+                continue
+            alike = self._overlap(drawn, near, scores, joint)
+            trust = np.array([scores[n].gain * self._trust[n] / biased_gain(scores[n]) for n in drawn])
+            for law, most, share in zip(near, np.argmax(alike, axis=0), np.max(alike, axis=0), strict=True):
+                self._trust[law] = float(share * trust[most] + (1.0 - share) * self._trust.get(law, 1.0))
+
+    def _overlap(
+        self, names: Sequence[int], laws: Sequence[int], scores: Mapping[int, Score], joint: int
+    ) -> FloatArray:
+        """How alike names and laws are (N, L): the share of either's contribution that the other could make."""
+        cross = self._candidates.cross_products(self._model, joint, names, laws)
+        first = np.cumsum([0, *(self._candidates.width(n) for n in names)])
+        then = np.cumsum([0, *(self._candidates.width(n) for n in laws)])
+        roots = {n: whitened_parts(scores[n].information) for n in (*names, *laws)}
+        found = np.empty((len(names), len(laws)))
+        for row, name in enumerate(names):
+            for column, law in enumerate(laws):
+                between = cross[first[row] : first[row + 1], then[column] : then[column + 1]]
+                found[row, column] = _explained(scores[name], between.T, roots[law]) * _explained(
+                    scores[law], between, roots[name]
+                )
+        return found
 
     def _against_leftovers(self, rated: Sequence[Rated]) -> list[Rated]:
         """Odds against nothing but what found effects leave: in the direction of any candidate, by its prior."""
@@ -223,6 +229,7 @@ class Rating:
             rated.exact + exact,
             rated.leftover,
             rated.refuted,
+            rated.fit + max(0.0, both[0].fit - both[1].fit),
         )
 
     def alone(self, number: int, scores: Mapping[int, Score]) -> Rated:
@@ -291,7 +298,7 @@ class Rating:
         bayes, plain = float(log_mean(total)), float(log_mean(np.array([exact[n] for n in numbers]) + believable))
         share = self._trust.get(numbers[int(np.argmax(total))], 1.0)
         leftover, refuted = (self._as_leftover(best, share, laws) for laws in (True, False))
-        return Rated(best, prior + bayes, bayes, prior + plain, leftover, refuted)
+        return Rated(best, prior + bayes, bayes, prior + plain, leftover, refuted, 0.5 * share * best.gain)
 
     def _with_curves(self, score: Score, S: FloatArray, g: FloatArray, widths: Sequence[int]) -> float:
         """Log evidence of a name, with curves of its signal beside it; columns are the name's, then each curve's."""
@@ -303,7 +310,7 @@ class Rating:
         shown = float(np.sqrt(max(score.gain, priors.SMALLEST**2)))
         near = sizes[np.abs(np.log(sizes / shown)) < 1.5 * np.log(priors.RATIO)]
         near = near if len(near) else sizes[-1:]
-        weights = np.log(priors.SERIES if effect.series else priors.PHYSICS)
+        weights = np.log(priors.weights(effect.series))
         pairs = [(a, e) for a in near for e in priors.EPSILONS]
         found = []
         for length in range(len(priors.LENGTHS)):
@@ -356,23 +363,52 @@ class Rating:
         sizes = priors.amplitudes(float(limits.max()))
         values = curve_evidence(grams, products, roots, sizes)
         allowed = sizes[None, :] <= np.maximum(limits, priors.SMALLEST)[:, None] * priors.RATIO
-        bayes = log_sum(log_mean(values, axis=1), weights=allowed / allowed.sum(axis=1, keepdims=True))
+        short = [simple_curves(_law(scores[n]).knots) for n in numbers]
+        gains, live = formula_gains(grams, products, np.array([curves for curves, _ in short]))
+        listed = short[0][1]  # of every formula of the short list, its share
+        bayes = _either(log_mean(values, axis=1), _formulas(gains, live, sizes, listed))
+        bayes = log_sum(bayes, weights=allowed / allowed.sum(axis=1, keepdims=True))
         leftover = np.zeros(len(numbers))
         if left.max() > 0:
-            spread = curve_evidence(grams, products, roots, left)
-            leftover = log_sum(log_mean(spread, axis=1), weights=priors.LEFTOVER_WEIGHTS)
+            spread = log_mean(curve_evidence(grams, products, roots, left), axis=1)
+            leftover = _either(spread, _formulas(gains, live, left, listed))
+            leftover = log_sum(leftover, weights=priors.LEFTOVER_WEIGHTS)
         odds = prior + bayes
         return [
-            Rated(scores[n], float(o), float(b), float(o), float(rest), float(rest))
+            Rated(
+                scores[n],
+                log_odds=float(o),
+                log_bayes=float(b),
+                exact=float(o),
+                leftover=float(rest),
+                refuted=float(rest),
+                fit=0.5 * self._trust.get(n, 1.0) * scores[n].gain,
+            )
             for n, o, b, rest in zip(numbers, odds, bayes, leftover, strict=True)
         ]
 
 
-def _explained(gram: FloatArray, one: slice, other: slice, values: FloatArray) -> float:
-    """Share of what columns ``one`` contribute with these values that columns ``other`` could contribute."""
-    whole = float(values @ gram[one, one] @ values)
-    root = whitened_parts(gram[other, other])
-    return float(np.clip(np.sum((root.T @ (gram[other, one] @ values)) ** 2) / max(whole, 1e-300), 0.0, 1.0))
+def _law(score: Score) -> Law:
+    assert isinstance(score.term.content, Law)
+    return score.term.content
+
+
+def _formulas(gains: FloatArray, live: FloatArray, amplitudes: FloatArray, shares: FloatArray) -> FloatArray:
+    """Log evidence (T, A) of a law that is one of a list of formulas (F,): gains and live (T, F), shares (F,)."""
+    found = named_evidence(gains.ravel(), live.ravel().astype(float), amplitudes)
+    return log_sum(found.reshape(*gains.shape, -1), axis=1, weights=shares[:, None])
+
+
+def _either(curve: FloatArray, simple: FloatArray) -> FloatArray:
+    """Log evidence of a law that is any smooth curve or one of the simple formulas."""
+    return np.asarray(np.logaddexp(curve + np.log(1 - priors.SIMPLE), simple + np.log(priors.SIMPLE)))
+
+
+def _explained(own: Score, cross: FloatArray, root: FloatArray) -> float:
+    """Share of what a candidate contributes that others could: their products with its columns (m, k), their root."""
+    values = np.asarray(own.values)
+    whole = float(values @ own.information @ values)
+    return min(1.0, float(np.sum((root.T @ (cross @ values)) ** 2)) / max(whole, 1e-300))
 
 
 def _signal(term: Term) -> tuple[str, int | None]:

@@ -26,6 +26,7 @@ from fitting.selection import priors
 from fitting.selection.confirm import LEAST_Z_ALONE, Gate
 from fitting.selection.decision import by_formula, decided
 from fitting.selection.evidence import least_gain, named_evidence
+from fitting.selection.gains import BEYOND_BIAS
 from fitting.selection.posterior import Slot, hypotheses
 from fitting.selection.rated import Rated, family
 from fitting.selection.rating import Rating
@@ -44,8 +45,6 @@ SHARED_Z = 4.0
 MOST_CONTENDERS = 12
 #: Times that contenders are drawn which came up because others lost.
 MOST_ROUNDS = 3
-#: Gain beyond which no noise in regressors makes it: 17 standard deviations.
-BEYOND_BIAS = 300.0
 
 
 def attribute(
@@ -238,7 +237,11 @@ class Search:
         """A delay with what moving the effort gains: its column is its beginning only."""
         trial = self.gate.with_term(model, late.term)
         more = 0.5 * (model.fit.chi_square - trial.fit.chi_square - late.score.gain)
-        return late if more <= 0 else replace(late, log_odds=late.log_odds + more, exact=late.exact + more)
+        return (
+            late
+            if more <= 0
+            else replace(late, log_odds=late.log_odds + more, exact=late.exact + more, fit=late.fit + more)
+        )
 
     def _followers(self, first: Rated, joint: int) -> float:
         """Log odds of the best further explanation on a joint, once ``first`` is there."""

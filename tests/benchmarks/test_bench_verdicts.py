@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 
 from benchmarks.attribution.judging import Said
@@ -64,6 +66,17 @@ def test_a_set_without_the_truth_is_no_wrong_name_alone() -> None:
 
 def test_one_effect_named_twice_is_surplus() -> None:
     assert verdict("large", (STRIBECK,), said("stribeck@joint2", "stribeck@joint2|gas_spring@joint2")).surplus == 1
+
+
+def test_a_law_said_with_the_right_name_beside_it_is_a_set_with_an_unknown_effect() -> None:
+    law = ("piston_speed", "joint2")
+    place = ((*law, 0.6), ("stribeck", "joint2", 0.3))
+    what = replace(said(laws=(law,)), stated=(place,))
+    assert (verdict("large", (STRIBECK,), what).result, verdict("large", (STRIBECK,), what).surplus) == ("in set", 0)
+    other = replace(what, stated=((place[0], ("gas_spring", "joint2", 0.3)),))
+    assert verdict("large", (STRIBECK,), other).result == "unexplained"
+    beside_another = replace(what, stated=(place, (("time", "joint3", 0.9),)), laws=(law, ("time", "joint3")))
+    assert verdict("large", (STRIBECK,), beside_another).surplus == 1
 
 
 def test_a_law_at_the_right_joint_locates_the_effect() -> None:

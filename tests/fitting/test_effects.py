@@ -219,7 +219,7 @@ CASES = [
         or_set=("encoder_offset", "hose_stiffness"),
     ),
     Case("payload", None, (2.0,), {"recording": 2.0, "t_0": 14.0}),
-    Case("hose_stiffness", 1, (0.0, 60.0, 300.0)),
+    Case("hose_stiffness", 1, (0.0, 0.0, 60.0, 300.0)),
     Case("pose_dependent_friction", 1, (120.0,), {"other": 0.0}),
     # A liquid that follows at frequencies far above the motion's is nothing but an inertia.
     Case("actuator_inertia", 2, (10.0,), or_set=("carried_liquid",)),

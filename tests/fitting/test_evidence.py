@@ -12,6 +12,7 @@ from fitting.selection import priors
 from fitting.selection.evidence import (
     curve_evidence,
     curve_roots,
+    formula_gains,
     joint_evidence,
     least_gain,
     log_mean,
@@ -114,3 +115,19 @@ def test_what_a_part_of_the_parameters_contributes_is_measured_where_it_shows() 
     (_, shown) = joint_evidence(gram, products, np.full((1, 4), 1e4), 2)
     fit = np.linalg.lstsq(columns, residual, rcond=None)[0]
     assert shown[0] == pytest.approx(np.linalg.norm(columns[:, 2:] @ fit[2:]), rel=1e-4)
+
+
+@settings(max_examples=20, deadline=None)
+@given(seed=st.integers(0, 10_000))
+def test_a_formula_gains_what_a_least_squares_fit_of_its_curve_takes(seed: int) -> None:
+    columns, residual, gram, products = problem(seed, 8)
+    rng = np.random.default_rng(seed)
+    curves = rng.normal(size=(3, 8, 2))
+    curves[0, :, 1] = 0.0  # one amplitude
+    curves[2, :, 1] = 2.0 * curves[2, :, 0]  # twice the same one
+    gains, live = formula_gains(gram[None], products[None], curves[None])
+    assert live.tolist() == [[1, 2, 1]]
+    for curve, gain in zip(curves, gains[0], strict=True):
+        shown = columns @ curve
+        left = residual - shown @ np.linalg.lstsq(shown, residual, rcond=None)[0]
+        assert gain == pytest.approx(residual @ residual - left @ left, rel=1e-6, abs=1e-6)

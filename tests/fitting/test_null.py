@@ -49,6 +49,21 @@ def test_inflation_is_that_of_the_draws_joined_with_the_theory() -> None:
     assert null.joined(null).draws == 8
 
 
+def test_noise_along_what_was_found_is_that_of_a_single_parameter_in_any_number_of_columns() -> None:
+    rng = np.random.default_rng(1)
+    slow, white = 3.0 * rng.standard_normal(12), rng.standard_normal((12, 7))
+    information = np.eye(8)
+    many = Null(np.column_stack([slow, white]), information, 8)
+    one = Null(slow[:, None], np.eye(1), 1)
+    along = np.r_[5.0, np.zeros(7)]
+    assert many.inflation < 0.6 * one.inflation  # seven quiet directions hide the loud one
+    assert many.inflation_along(along) == pytest.approx(one.inflation_along(np.array([2.0])))
+    assert one.inflation_along(np.array([-7.0])) == pytest.approx(one.inflation)
+    # So a curve whose constant is all that it shows weighs no more than the constant itself.
+    assert many.weight(along, information) <= one.weight(np.array([5.0]), np.eye(1)) * (1 + 1e-9)
+    assert many.inflation_along(np.zeros(8)) == many.inflation
+
+
 def test_a_score_against_its_null_has_the_bias_taken_off() -> None:
     model = clean_session(2).base_model
     (score,) = score_terms(model, [Term(effect("load_dependent_friction"), 1)], [1])

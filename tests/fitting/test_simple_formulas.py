@@ -7,7 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fitting.residual.simple_formulas import nearest_formula
+from fitting.residual.simple_formulas import nearest_formula, simple_curves
+from fitting.signals.splines import evaluate, spline_knots
 
 X = np.linspace(0.1, 0.6, 61)
 V = np.linspace(-0.2, 0.2, 61)
@@ -59,3 +60,32 @@ def test_a_flat_curve_has_no_formula() -> None:
 def test_a_share_is_a_share(values: list[float]) -> None:
     found = nearest_formula(X, values, np.ones(len(X)))
     assert found is None or (0.0 <= found.share <= 1.0 + 1e-9 and np.isfinite(found.shape))
+
+
+def test_the_short_list_as_splines_is_the_formulas_themselves() -> None:
+    knots = tuple(spline_knots(np.random.default_rng(0).uniform(-1.0, 1.0, 4000), 16).tolist())
+    curves, shares = simple_curves(knots)
+    assert shares.sum() == pytest.approx(1.0)
+    assert shares.min() > 0
+    assert curves.shape == (len(shares), 16, 2)
+    x = np.linspace(knots[0], knots[-1], 300)
+    drawn = np.einsum("xn,fnk->fxk", evaluate(np.asarray(knots), x), curves)
+    own = {
+        "linear": x,
+        "square": x**2,
+        "beyond": np.maximum(0.0, x - 0.3),
+        "below": np.maximum(0.0, -0.3 - x),
+        "from the left": np.exp((x[0] - x) / 0.5),
+    }
+    for name, wanted in own.items():
+        # By the best of the list, amplitude free: none is farther off than half a step of its shape makes it.
+        likeness = [_explained(curve, wanted) for curve in drawn]
+        assert max(likeness) > 0.99, name
+    # No formula has an offset: what is zero below a threshold stays zero.
+    assert all(_explained(curve, np.ones_like(x)) < 0.999 for curve in drawn)
+
+
+def _explained(curve: np.ndarray, wanted: np.ndarray) -> float:
+    used = curve[:, np.abs(curve).max(axis=0) > 1e-12]
+    left = wanted - used @ np.linalg.lstsq(used, wanted, rcond=None)[0]
+    return 1.0 - float(left @ left / (wanted @ wanted))
