@@ -44,8 +44,8 @@ from fitting.model.export.c import identifier, states
 from fitting.model.handover import hand_over
 from fitting.model.prediction import predict
 from fitting.regression.drive import drive_names
-from fitting.residual.kinematics import Corrections
 from fitting.residual.terms import Term
+from fitting.signals.corrections import Corrections
 from fitting.signals.preparation import PositionNoise
 
 FloatArray = npt.NDArray[np.float64]

@@ -39,7 +39,7 @@ from fitting.model.uses.energy import energy_of_recording
 from fitting.model.uses.feedforward import feedforward, path_of, write_feedforward
 from fitting.model.uses.overload import overloads, thresholds
 from fitting.model.uses.payload import payload_signal
-from fitting.residual.kinematics import Corrections
+from fitting.signals.corrections import Corrections
 from sim_backends.closed_loop import FRICTION_SPEED, ClosedLoop, Run
 from sim_backends.motion import Motion, Rods, random_motion, write_motion
 from sim_backends.plant import record

@@ -114,7 +114,7 @@ def effects() -> Iterator[str]:
         yield f"| acts on | {each.level} |"
         if each.parameters:
             yield "| parameters | " + ", ".join(f"`{p.name}` [{_cell(p.unit)}]" for p in each.parameters) + " |"
-        yield f"| parity | {_cell(each.parity)} |"
+        yield f"| parity | {_cell(each.dependence)} |"
         if each.confounders:
             yield "| confused with | " + ", ".join(f"[{name}](#{name})" for name in each.confounders) + " |"
         yield f"| experiment that tells | {_cell(each.experiment)} |"

@@ -13,7 +13,7 @@ comes *out* than it goes in; it is checked like every effect of the catalogue, a
 import matplotlib.pyplot as plt
 import numpy as np
 
-from fitting.effects.base import DriveView, Effect, Parameter
+from fitting.effects.base import DriveView, Effect, Parameter, Parity
 from fitting.effects.conformance import check_effect
 
 
@@ -26,7 +26,8 @@ class WiperDrag(Effect):
     variable = "piston_speed"
     uses_model = False
     equation = "f_w max(v, 0)"
-    parity = "neither: nothing on the way in"
+    parity = Parity.NEITHER
+    dependence = "nothing on the way in"
     parameters = (Parameter("f_w", "N s/m", low=0.0),)
     confounders = ("asymmetric_friction",)
     experiment = "the same stroke slowly and fast, in both directions"

@@ -123,7 +123,7 @@ def show_effect(
         "title": entry.title,
         "level": entry.level,
         "equation": entry.equation,
-        "parity": entry.parity,
+        "parity": entry.dependence,
         "parameters": [{"name": p.name, "unit": p.unit} for p in entry.parameters],
         "confounders": list(entry.confounders),
         "experiment": entry.experiment,

@@ -9,9 +9,9 @@ from __future__ import annotations
 from functools import lru_cache
 
 from daq.seams import EFFECTS
-from fitting.effects.base import DriveView, Effect, Parameter
+from fitting.effects.base import DriveView, Effect, FoundBy, Parameter, Parity
 
-__all__ = ["DriveView", "Effect", "Parameter", "effect", "effects"]
+__all__ = ["DriveView", "Effect", "FoundBy", "Parameter", "Parity", "effect", "effects", "line_effect"]
 
 
 @lru_cache(maxsize=1)
@@ -23,3 +23,8 @@ def effects() -> tuple[Effect, ...]:
 def effect(name: str) -> Effect:
     """The effect with this id (KeyError if there is none)."""
     return {e.id: e for e in effects()}[name]
+
+
+def line_effect() -> Effect:
+    """The effect that a spectral line of the residual is."""
+    return next(e for e in effects() if e.found_by is FoundBy.LINES)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from fitting.effects.base import DriveView, Effect, FloatArray, Parameter, Shape
+from fitting.effects.base import DriveView, Effect, FloatArray, Parameter, Parity, Shape
 
 
 class ActuatorInertia(Effect):
@@ -16,7 +16,8 @@ class ActuatorInertia(Effect):
     variable = "piston_acceleration"
     uses_model = False
     equation = "J q'' / r"
-    parity = "own acceleration only"
+    parity = Parity.OTHER
+    dependence = "own acceleration only"
     parameters = (Parameter("J", "kg m^2", low=0.0),)
     confounders = ()
     experiment = "report it lumped with the link"

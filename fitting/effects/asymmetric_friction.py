@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from fitting.effects.base import DriveView, Effect, FloatArray, Parameter, Shape
+from fitting.effects.base import DriveView, Effect, FloatArray, Parameter, Parity, Shape
 
 
 class AsymmetricFriction(Effect):
@@ -16,7 +16,8 @@ class AsymmetricFriction(Effect):
     variable = "piston_speed"
     uses_model = False
     equation = "(f_c+ + f_v+ v) [v > 0]"
-    parity = "neither even nor odd in v"
+    parity = Parity.NEITHER
+    dependence = "neither even nor odd in v"
     parameters = (
         Parameter("f_c_extending", "N"),
         Parameter("f_v_extending", "N s/m"),

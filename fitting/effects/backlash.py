@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from daq.machine_file import Machine
-from fitting.effects.base import DriveView, Effect, FloatArray, Parameter, Shape, has_both_positions
+from fitting.effects.base import DriveView, Effect, FloatArray, Parameter, Parity, Shape, has_both_positions
+from fitting.signals.corrections import Corrections
 
 
 class Backlash(Effect):
@@ -17,8 +20,10 @@ class Backlash(Effect):
     variable = "cylinder_force"
     over_time = True
     equation = "x = x(q) + g/2 sgn F_l"
-    parity = "follows the sign of the load; where it never changes this is an offset"
+    parity = Parity.OTHER
+    dependence = "follows the sign of the load; where it never changes this is an offset"
     parameters = (Parameter("g", "m", low=0.0, high=0.02),)
+    stays_in_gap = True
     confounders = ("presliding_hysteresis", "structural_flexibility", "encoder_offset")
     experiment = "move slowly through zero load in both directions"
     look_at = "pins, bushings and gear between piston and joint: measure the play by hand"
@@ -37,6 +42,16 @@ class Backlash(Effect):
         if not has_both_positions(view.machine, view.joint):
             return None
         return 0.5 * _side(view)[:, None]
+
+    def places(self, shape: Shape) -> Sequence[Shape]:
+        """In the pin, or between piston and its sensor: friction jumps with the piston's own speed."""
+        return tuple({**shape, "sensor": sensor} for sensor in (0.0, 1.0))
+
+    def apply_to_signals(
+        self, corrections: Corrections, joint: str, shape: Shape, values: Sequence[float]
+    ) -> Corrections:
+        """Play in the pin, or at the piston's sensor; see :meth:`places`."""
+        return corrections.with_play(joint, "sensor" if shape.get("sensor") else "pin")
 
 
 def _side(view: DriveView) -> FloatArray:

@@ -22,6 +22,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from enum import Enum
 from functools import cached_property
 from typing import ClassVar, Literal
 
@@ -31,6 +32,7 @@ import numpy.typing as npt
 from daq.machine_file import Machine
 from fitting.arm.base_parameters import BaseParameters, base_regressor
 from fitting.regression.drive import expected_power, expected_sign
+from fitting.signals.corrections import Corrections
 from fitting.signals.filters import FilterBank
 from fitting.signals.preparation import PositionNoise, Segment
 from fitting.signals.quiet_motion import quiet_motion
@@ -212,6 +214,22 @@ class DriveView:
         return self.segment.v[:, other]
 
 
+class Parity(Enum):
+    """How an effect depends on the sense of motion."""
+
+    ODD = "odd in v"
+    EVEN = "even in v"
+    NEITHER = "neither even nor odd in v"
+    OTHER = "follows something else"
+
+
+class FoundBy(Enum):
+    """Where an effect is looked for."""
+
+    COLUMNS = "its columns in the residual"
+    LINES = "spectral lines of the residual"
+
+
 class Effect(ABC):
     """Base class of effects; see the module's text for what each hook is for."""
 
@@ -223,7 +241,10 @@ class Effect(ABC):
     #: False where the columns depend on the measured motion only, not on the model's present parameters.
     uses_model: ClassVar[bool] = True
     equation: ClassVar[str]
-    parity: ClassVar[str]
+    #: How it depends on the sense of motion; conformance checks it against the columns.
+    parity: ClassVar[Parity]
+    #: The same for people, with what else is typical of it.
+    dependence: ClassVar[str]
     parameters: ClassVar[tuple[Parameter, ...]]
     confounders: ClassVar[tuple[str, ...]] = ()
     experiment: ClassVar[str]
@@ -241,6 +262,14 @@ class Effect(ABC):
     #: True where the formula is a short series for any smooth law of its variables, not a law of physics: nature may
     #: then differ from it by more.
     series: ClassVar[bool] = False
+    #: Where it is looked for.
+    found_by: ClassVar[FoundBy] = FoundBy.COLUMNS
+    #: Entries of its shapes that are choices, not numbers to be searched between.
+    discrete_shapes: ClassVar[frozenset[str]] = frozenset()
+    #: True where the joint's effort itself is moved in time; the column is only the beginning of what that does.
+    delays_effort: ClassVar[bool] = False
+    #: True where what it does to positions stays between the sensors: both are right, each for its own side.
+    stays_in_gap: ClassVar[bool] = False
     #: Effects that are this one with some parameters zero: where they explain the same, they are the simpler name.
     includes: ClassVar[tuple[str, ...]] = ()
 
@@ -288,6 +317,16 @@ class Effect(ABC):
         """What these values add to that gap, m (N,), however large they are; None if nothing."""
         columns = self.gap_columns(view, shape)
         return None if columns is None else np.asarray(columns @ np.asarray(values))
+
+    def places(self, shape: Shape) -> Sequence[Shape]:
+        """Shapes among which only the efforts can choose, for what is found between position sensors."""
+        return (shape,)
+
+    def apply_to_signals(
+        self, corrections: Corrections, joint: str, shape: Shape, values: Sequence[float]
+    ) -> Corrections:
+        """Take it out of positions when recordings are prepared again, where it was found between position sensors."""
+        raise NotImplementedError(f"{self.id} is no effect on positions")
 
     def plausible(self, values: Sequence[float], stds: Sequence[float]) -> bool:
         """Whether each value lies, within two standard deviations, in its parameter's interval."""

@@ -6,7 +6,7 @@ import numpy as np
 
 from daq.machine_file import Machine
 from fitting.arm.base_parameters import base_gravity_regressor
-from fitting.effects.base import DriveView, Effect, FloatArray, Parameter, Shape
+from fitting.effects.base import DriveView, Effect, FloatArray, Parameter, Parity, Shape
 
 
 class BaseTilt(Effect):
@@ -17,7 +17,8 @@ class BaseTilt(Effect):
     level = "joint"
     variable = "joint_position"
     equation = "dY/dg (e_1 t_1 + e_2 t_2) pi, e_1 and e_2 across gravity"
-    parity = "independent of speed; all joints at once"
+    parity = Parity.EVEN
+    dependence = "independent of speed; all joints at once"
     parameters = (
         Parameter("tilt_1", "rad", low=-0.3, high=0.3),
         Parameter("tilt_2", "rad", low=-0.3, high=0.3),

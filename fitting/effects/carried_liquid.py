@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from scipy import signal
 
-from fitting.effects.base import DriveView, Effect, FloatArray, Parameter, Shape, geometric
+from fitting.effects.base import DriveView, Effect, FloatArray, Parameter, Parity, Shape, geometric
 
 
 class CarriedLiquid(Effect):
@@ -20,7 +20,8 @@ class CarriedLiquid(Effect):
     uses_model = False
     over_time = True
     equation = "(J_s H(s) q'' + J_f q'') / r, H(s) = w^2 / (s^2 + 2 zeta w s + w^2)"
-    parity = "ring-down at 0.5 to 1.5 Hz"
+    parity = Parity.OTHER
+    dependence = "ring-down at 0.5 to 1.5 Hz"
     # J_f is what the rigid body holds of the liquid as if it were frozen: it is taken out again at this joint.
     parameters = (Parameter("J_s", "kg m^2"), Parameter("J_f", "kg m^2"))
     confounders = ("structural_flexibility",)

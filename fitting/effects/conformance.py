@@ -23,7 +23,7 @@ import yaml
 from daq.machine_file import Machine, parse_machine
 from fitting.arm.base_parameters import reduce_parameters
 from fitting.arm.linkage import lever_arm, piston_motion
-from fitting.effects.base import DriveView, Effect, FloatArray, Parameter, Shape
+from fitting.effects.base import DriveView, Effect, FloatArray, Parameter, Parity, Shape
 from fitting.regression.design import build_design
 from fitting.residual.views import Views, build_views
 from fitting.signals.filters import filter_bank
@@ -46,7 +46,7 @@ VARIABLES = frozenset(
 )
 _RATE = 50.0
 _SECONDS = 24.0
-_TEXTS = ("id", "title", "level", "variable", "equation", "parity", "experiment", "source")
+_TEXTS = ("id", "title", "level", "variable", "equation", "dependence", "experiment", "source")
 
 
 @dataclass(frozen=True)
@@ -161,12 +161,12 @@ def _check_columns(effect: Effect, bench: _Bench, joint: int) -> None:
         still = _columns(effect, unloaded, shape, place)
         if effect.level == "joint":
             _require(effect, not np.any(still), f"{place} a joint's effect must be zero in an unloaded recording")
-        if effect.parity.startswith("odd in v"):
+        if effect.parity is Parity.ODD:
             # A lagged or averaged column is odd too: every speed of the recording is turned round.
             _require(effect, _like(effect.columns(_turned(loaded), shape), -columns), f"{place} it is not odd in v")
-        elif effect.parity.startswith(("even in v", "independent of speed", "constant", "slow in time")):
+        elif effect.parity is Parity.EVEN:
             _require(effect, _like(effect.columns(_turned(loaded), shape), columns), f"{place} it is not even in v")
-        elif effect.parity.startswith("neither even nor odd"):
+        elif effect.parity is Parity.NEITHER:
             other = effect.columns(_turned(loaded), shape)
             _require(
                 effect, not _like(other, columns) and not _like(other, -columns), f"{place} it is even or odd in v"

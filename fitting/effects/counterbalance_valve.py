@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from fitting.effects.base import DriveView, Effect, FloatArray, Parameter, Shape
+from fitting.effects.base import DriveView, Effect, FloatArray, Parameter, Parity, Shape
 
 
 class CounterbalanceValve(Effect):
@@ -18,11 +18,13 @@ class CounterbalanceValve(Effect):
     needs_cylinder = True
     variable = "cylinder_force"
     equation = "(b_0 + b_1 |v|) [v < 0] tanh(max(F_l, 0) / F_0), or mirrored; F_0 = 0: [F_l > 0]"
-    parity = "only while an overrunning load is lowered"
+    parity = Parity.OTHER
+    dependence = "only while an overrunning load is lowered"
     parameters = (
         Parameter("b_0", "N"),
         Parameter("b_1", "N s/m"),
     )
+    discrete_shapes = frozenset({"side"})
     confounders = ("asymmetric_friction",)
     experiment = "move the sensor to the cylinder port"
     look_at = "the load-holding valve: its setting, and on which side of it the pressure is measured"

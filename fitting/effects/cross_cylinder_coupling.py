@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from daq.machine_file import Machine
-from fitting.effects.base import DriveView, Effect, FloatArray, Parameter, Shape
+from fitting.effects.base import DriveView, Effect, FloatArray, Parameter, Parity, Shape
 
 #: Standard deviations from which on a part counts as having a sign: a right line loses its name one time in a hundred.
 SURE = 2.5
@@ -24,13 +24,15 @@ class CrossCylinderCoupling(Effect):
     series = True
     uses_model = False
     equation = "b_1 v_k + b_2 |v_k| + b_3 v_k |v_k| + b_4 v_k^2"
-    parity = "follows a neighbour's speed"
+    parity = Parity.OTHER
+    dependence = "follows a neighbour's speed"
     parameters = (
         Parameter("b_1", "N s/m"),
         Parameter("b_2", "N s/m"),
         Parameter("b_3", "N s^2/m^2"),
         Parameter("b_4", "N s^2/m^2"),
     )
+    discrete_shapes = frozenset({"other"})
     confounders = ()
     experiment = "move the neighbour alone"
     look_at = "the return line that both cylinders share: hose bore, filter, back-pressure"

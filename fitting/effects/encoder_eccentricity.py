@@ -7,7 +7,17 @@ from collections.abc import Sequence
 import numpy as np
 
 from daq.machine_file import Machine
-from fitting.effects.base import DriveView, Effect, FloatArray, Parameter, Shape, has_both_positions, position_change
+from fitting.effects.base import (
+    DriveView,
+    Effect,
+    FloatArray,
+    Parameter,
+    Parity,
+    Shape,
+    has_both_positions,
+    position_change,
+)
+from fitting.signals.corrections import Corrections
 
 
 class EncoderEccentricity(Effect):
@@ -19,8 +29,10 @@ class EncoderEccentricity(Effect):
     variable = "joint_position"
     over_time = True
     equation = "q = q_measured - (e_s sin n q + e_c cos n q + e_0), e_0 from where it was zeroed"
-    parity = "harmonic of the joint angle"
+    parity = Parity.OTHER
+    dependence = "harmonic of the joint angle"
     parameters = tuple(Parameter(name, "rad", low=-0.1, high=0.1) for name in ("e_s", "e_c", "e_0"))
+    discrete_shapes = frozenset({"n"})
     confounders = ("encoder_offset", "linkage_geometry", "position_harmonic")
     experiment = "compare joint and piston encoder over the whole stroke; no dynamics needed"
     look_at = "how the joint encoder is mounted: its disc or shaft is not centred"
@@ -47,6 +59,15 @@ class EncoderEccentricity(Effect):
     def gap_columns(self, view: DriveView, shape: Shape) -> FloatArray | None:
         """``-r sin n q``, ``-r cos n q`` and ``-r``."""
         return -view.r[:, None] * self._waves(view, shape)
+
+    def apply_to_signals(
+        self, corrections: Corrections, joint: str, shape: Shape, values: Sequence[float]
+    ) -> Corrections:
+        """The encoder's error over its own reading."""
+        n = shape["n"]
+        return corrections.with_position_error(
+            joint, lambda q: values[0] * np.sin(n * q) + values[1] * np.cos(n * q) + values[2]
+        )
 
     def gap_change(self, view: DriveView, shape: Shape, values: Sequence[float]) -> FloatArray | None:
         """The same for an error of any size."""

@@ -7,7 +7,17 @@ from collections.abc import Sequence
 import numpy as np
 
 from daq.machine_file import Machine
-from fitting.effects.base import DriveView, Effect, FloatArray, Parameter, Shape, has_both_positions, position_change
+from fitting.effects.base import (
+    DriveView,
+    Effect,
+    FloatArray,
+    Parameter,
+    Parity,
+    Shape,
+    has_both_positions,
+    position_change,
+)
+from fitting.signals.corrections import Corrections
 
 
 class EncoderOffset(Effect):
@@ -19,7 +29,8 @@ class EncoderOffset(Effect):
     variable = "joint_position"
     over_time = True
     equation = "q = q_measured - q_0"
-    parity = "independent of speed; gravity curve shifted along q"
+    parity = Parity.EVEN
+    dependence = "independent of speed; gravity curve shifted along q"
     parameters = (Parameter("q_0", "rad", low=-0.3, high=0.3),)
     confounders = ("linkage_geometry", "base_tilt")
     experiment = "drive the joint to a mechanical zero and read the encoder"
@@ -40,6 +51,12 @@ class EncoderOffset(Effect):
     def gap_columns(self, view: DriveView, shape: Shape) -> FloatArray | None:
         """``-r``: x(q) is taken at a position that is too large by the offset."""
         return -view.r[:, None]
+
+    def apply_to_signals(
+        self, corrections: Corrections, joint: str, shape: Shape, values: Sequence[float]
+    ) -> Corrections:
+        """The encoder's zero."""
+        return corrections.with_position_error(joint, lambda q: np.full_like(q, values[0]))
 
     def gap_change(self, view: DriveView, shape: Shape, values: Sequence[float]) -> FloatArray | None:
         """The same for an offset of any size."""

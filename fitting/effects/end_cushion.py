@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from fitting.effects.base import DriveView, Effect, FloatArray, Parameter, Shape
+from fitting.effects.base import DriveView, Effect, FloatArray, Parameter, Parity, Shape
 
 
 class EndCushion(Effect):
@@ -19,11 +19,13 @@ class EndCushion(Effect):
     variable = "piston_position"
     uses_model = False
     equation = "w^n (k + d v), w = distance inside the cushion, which begins at x_c"
-    parity = "even and odd parts, only near one end"
+    parity = Parity.OTHER
+    dependence = "even and odd parts, only near one end"
     parameters = (
         Parameter("k", "N/m^n"),
         Parameter("d", "N s/m^(n+1)"),
     )
+    discrete_shapes = frozenset({"side", "n"})
     confounders = ("linkage_geometry", "hose_stiffness", "gas_spring")
     experiment = "dwell inside the cushion"
     look_at = "the cushion at that end of the cylinder: its screw and its seal"

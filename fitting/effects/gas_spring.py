@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from fitting.effects.base import DriveView, Effect, FloatArray, Parameter, Shape
+from fitting.effects.base import DriveView, Effect, FloatArray, Parameter, Parity, Shape
 
 
 class GasSpring(Effect):
@@ -19,8 +19,10 @@ class GasSpring(Effect):
     variable = "piston_position"
     uses_model = False
     equation = "f_g (1 - x / x_0)^(-n) + f_0, its rest force with a transducer's zero"
-    parity = "even in v, monotone in x"
+    parity = Parity.EVEN
+    dependence = "even in v, monotone in x"
     parameters = (Parameter("f_g", "N"), Parameter("f_0", "N"))
+    discrete_shapes = frozenset({"side", "n"})
     confounders = ("hose_stiffness", "end_cushion")
     experiment = "isolate the accumulator"
     look_at = "gas in the chamber or an accumulator on the line: bleed the cylinder, check the accumulator"

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from fitting.effects.base import DriveView, Effect, FloatArray, Parameter, Shape
+from fitting.effects.base import DriveView, Effect, FloatArray, Parameter, Parity, Shape
 
 
 class HoseStiffness(Effect):
@@ -19,7 +19,8 @@ class HoseStiffness(Effect):
     series = True
     uses_model = False
     equation = "(k_1 u + k_0 + k_2 u^2 + k_3 u^3) / r, u = q - q_m"
-    parity = "even in v, function of the own angle"
+    parity = Parity.EVEN
+    dependence = "even in v, function of the own angle"
     parameters = (
         Parameter("k_1", "N m/rad"),
         Parameter("k_0", "N m"),

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from daq.linkages import Linkage, Polynomial, reduced
 from daq.machine_file import Machine
 from fitting.arm.linkage import lever_arm_derivatives, parameter_derivatives, parameter_names, with_parameter
-from fitting.effects.base import DriveView, Effect, FloatArray, Parameter, Shape, has_both_positions
+from fitting.effects.base import DriveView, Effect, FloatArray, Parameter, Parity, Shape, has_both_positions
+from fitting.signals.corrections import Corrections
 
 
 class LinkageGeometry(Effect):
@@ -21,12 +23,14 @@ class LinkageGeometry(Effect):
     variable = "joint_position"
     series = True
     equation = "-F_l d ln r / d p"
-    parity = "multiplies the load by a function of q"
+    parity = Parity.OTHER
+    dependence = "multiplies the load by a function of q"
     parameters = (
         Parameter("shift", "m or rad", low=-0.1, high=0.1),
         Parameter("turn", "rad", low=-0.1, high=0.1),
         Parameter("zero", "m", low=-0.1, high=0.1),
     )
+    discrete_shapes = frozenset({"parameter", "turn", "zero"})
     confounders = ("encoder_offset", "load_dependent_friction")
     experiment = "compare piston position and joint angle over the whole stroke"
     look_at = "the lengths of the linkage in the machine file against the drawing, and worn or wrongly set pins"
@@ -71,6 +75,20 @@ class LinkageGeometry(Effect):
         """``dx/dp``: the piston is where the true linkage puts it, the model's x(q) where the file's does."""
         linkage = _linkage(view)
         return _chosen(linkage, parameter_derivatives(linkage, view.q), shape)
+
+    def apply_to_signals(
+        self, corrections: Corrections, joint: str, shape: Shape, values: Sequence[float]
+    ) -> Corrections:
+        """The machine's linkage, as it is found to be."""
+        machine = corrections.machine
+        number = next(n for n, each in enumerate(machine.joints) if each.name == joint)
+        cylinder = machine.joints[number].cylinder
+        assert cylinder is not None
+        linkage = changed(reduced(cylinder.linkage), shape, values)
+        joints = list(machine.joints)
+        own = cylinder.model_copy(update={"linkage": linkage})
+        joints[number] = joints[number].model_copy(update={"cylinder": own})
+        return replace(corrections, machine=machine.model_copy(update={"joints": tuple(joints)}))
 
     def gap_change(self, view: DriveView, shape: Shape, values: Sequence[float]) -> FloatArray | None:
         """The same for a displacement of any size."""

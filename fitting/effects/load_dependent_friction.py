@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from fitting.effects.base import DriveView, Effect, FloatArray, Parameter, Shape
+from fitting.effects.base import DriveView, Effect, FloatArray, Parameter, Parity, Shape
 
 
 class LoadDependentFriction(Effect):
@@ -17,7 +17,8 @@ class LoadDependentFriction(Effect):
     level = "cylinder"
     variable = "cylinder_force"
     equation = "mu g(F^) sgn v, g = (hypot(F^, F_0) - F_0) F_m / (hypot(F_m, F_0) - F_0), F_m the largest |F^|"
-    parity = "odd in v; gone when unloaded"
+    parity = Parity.ODD
+    dependence = "odd in v; gone when unloaded"
     parameters = (Parameter("mu", "1", low=0.0, high=0.5),)
     confounders = ("position_dependent_friction", "pressure_dependent_friction", "linkage_geometry")
     experiment = "the same stroke with two loads"

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from scipy import signal
 
-from fitting.effects.base import DriveView, Effect, FloatArray, Parameter, Shape
+from fitting.effects.base import DriveView, Effect, FloatArray, Parameter, Parity, Shape
 
 
 class LubricantFilmLag(Effect):
@@ -20,8 +20,10 @@ class LubricantFilmLag(Effect):
     uses_model = False
     over_time = True
     equation = "b sgn v (h_ss - h), h_ss = |v|^n, tau dh/dt = h_ss - h"
-    parity = "odd in v; the loop opens with frequency"
+    parity = Parity.ODD
+    dependence = "odd in v; the loop opens with frequency"
     parameters = (Parameter("b", "N (s/m)^n", low=0.0),)
+    discrete_shapes = frozenset({"n"})
     confounders = ("sensor_latency", "actuator_inertia")
     experiment = "one amplitude at three frequencies"
     look_at = "seals and guide of the cylinder, and the oil's viscosity"

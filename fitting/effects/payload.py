@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from fitting.arm.dynamics import rigid_body_regressor
-from fitting.effects.base import DriveView, Effect, FloatArray, Parameter, Shape
+from fitting.effects.base import DriveView, Effect, FloatArray, Parameter, Parity, Shape
 
 
 class Payload(Effect):
@@ -18,8 +18,10 @@ class Payload(Effect):
     level = "joint"
     variable = "time"
     equation = "Y_tip(q, q', q'') m_p from t_0 on, in one recording or in all"
-    parity = "all joints upstream at once"
+    parity = Parity.OTHER
+    dependence = "all joints upstream at once"
     parameters = (Parameter("m_p", "kg"),)
+    discrete_shapes = frozenset({"recording"})
     confounders = ("thermal_viscosity_drift", "pressure_drift")
     experiment = "an empty and a loaded run"
     look_at = "what the arm carries at its tip: take it off, or tell the model its mass"

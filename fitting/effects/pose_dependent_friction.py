@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from daq.machine_file import Machine
-from fitting.effects.base import DriveView, Effect, FloatArray, Parameter, Shape
+from fitting.effects.base import DriveView, Effect, FloatArray, Parameter, Parity, Shape
 
 
 class PoseDependentFriction(Effect):
@@ -20,8 +20,10 @@ class PoseDependentFriction(Effect):
     series = True
     uses_model = False
     equation = "b (q_k - q_m) sgn v"
-    parity = "odd in v; follows a neighbour's pose"
+    parity = Parity.ODD
+    dependence = "odd in v; follows a neighbour's pose"
     parameters = (Parameter("b", "N/rad"),)
+    discrete_shapes = frozenset({"other"})
     confounders = ("load_dependent_friction",)
     experiment = "a single joint at three poses of the other"
     look_at = "the joint's bearing and what bends it in that pose"

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from fitting.effects.base import DriveView, Effect, FloatArray, Parameter, Shape
+from fitting.effects.base import DriveView, Effect, FloatArray, Parameter, Parity, Shape
 
 
 class PositionDependentFriction(Effect):
@@ -19,7 +19,8 @@ class PositionDependentFriction(Effect):
     series = True
     uses_model = False
     equation = "(f_1 u + f_2 u^2 + f_3 u^3) sgn v, u = x - x_m"
-    parity = "odd in v, smooth in x"
+    parity = Parity.ODD
+    dependence = "odd in v, smooth in x"
     parameters = (Parameter("f_1", "N/m"), Parameter("f_2", "N/m^2"), Parameter("f_3", "N/m^3"))
     confounders = ("load_dependent_friction", "pose_dependent_friction")
     experiment = "move other joints so that load and position decorrelate"

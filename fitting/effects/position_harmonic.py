@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from fitting.effects.base import DriveView, Effect, FloatArray, Parameter, Shape
+from fitting.effects.base import DriveView, Effect, FloatArray, Parameter, Parity, Shape
 
 
 class PositionHarmonic(Effect):
@@ -18,11 +18,13 @@ class PositionHarmonic(Effect):
     variable = "piston_position"
     uses_model = False
     equation = "a sin(2 pi (x - x_m) / pitch) + b cos(2 pi (x - x_m) / pitch), also times sgn v"
-    parity = "periodic in x"
+    parity = Parity.OTHER
+    dependence = "periodic in x"
     parameters = (
         Parameter("a", "N"),
         Parameter("b", "N"),
     )
+    discrete_shapes = frozenset({"odd"})
     confounders = ("encoder_eccentricity", "supply_ripple")
     experiment = "change the speed: a harmonic stays in x, a ripple in t"
     look_at = "screw, gear or rod surface: count its teeth or its pitch against the period that was found"

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from fitting.effects.base import DriveView, Effect, FloatArray, Parameter, Shape, geometric
+from fitting.effects.base import DriveView, Effect, FloatArray, Parameter, Parity, Shape, geometric
 
 
 class PreslidingHysteresis(Effect):
@@ -19,7 +19,8 @@ class PreslidingHysteresis(Effect):
     uses_model = False
     over_time = True
     equation = "f_c (z - sgn v), dz/dx = (1 - z sgn v) / x_s"
-    parity = "hysteresis in x, within three x_s of a reversal"
+    parity = Parity.OTHER
+    dependence = "hysteresis in x, within three x_s of a reversal"
     parameters = (Parameter("f_c", "N", low=0.0),)
     confounders = ("sensor_latency", "backlash", "structural_flexibility")
     experiment = "slow reversals at three rates: presliding depends on distance, a delay on time"

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from daq.machine_file import Machine
-from fitting.effects.base import DriveView, Effect, FloatArray, Parameter, Shape, has_pressures
+from fitting.effects.base import DriveView, Effect, FloatArray, Parameter, Parity, Shape, has_pressures
 
 
 class PressureDependentFriction(Effect):
@@ -18,8 +18,10 @@ class PressureDependentFriction(Effect):
     level = "cylinder"
     variable = "head_pressure"
     equation = "beta p sgn v, p = p1 + p2, p1, p2, or max(p1, p2) + w p2 (piston seal and rod seal)"
-    parity = "odd in v; there even without a load"
+    parity = Parity.ODD
+    dependence = "odd in v; there even without a load"
     parameters = (Parameter("beta", "N/Pa", low=0.0, high=0.01),)
+    discrete_shapes = frozenset({"head", "rod"})
     confounders = ("load_dependent_friction",)
     experiment = "change the back-pressure at constant load"
     look_at = "seals of the cylinder that chamber pressure presses: type and wear"

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from fitting.effects.base import DriveView, Effect, FloatArray, Parameter, Shape
+from fitting.effects.base import DriveView, Effect, FloatArray, Parameter, Parity, Shape
 
 
 class PressureDrift(Effect):
@@ -18,7 +18,8 @@ class PressureDrift(Effect):
     variable = "time"
     uses_model = False
     equation = "d t + d_0, or d tau (1 - exp(-t / tau)) + d_0 where it settles"
-    parity = "slow in time, independent of motion"
+    parity = Parity.EVEN
+    dependence = "slow in time, independent of motion"
     parameters = (Parameter("d", "N/s"), Parameter("d_0", "N"))
     confounders = ("thermal_viscosity_drift", "payload")
     experiment = "take the first pose again at the end"

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from daq.machine_file import Machine
-from fitting.effects.base import DriveView, Effect, FloatArray, Parameter, Shape, has_pressures
+from fitting.effects.base import DriveView, Effect, FloatArray, Parameter, Parity, Shape, has_pressures
 
 
 class PressureGain(Effect):
@@ -16,8 +16,10 @@ class PressureGain(Effect):
     level = "measurement"
     variable = "head_pressure"
     equation = "g p1 A1 or -g p2 A2"
-    parity = "follows one chamber"
+    parity = Parity.OTHER
+    dependence = "follows one chamber"
     parameters = (Parameter("g", "1", low=-0.3, high=0.3),)
+    discrete_shapes = frozenset({"chamber"})
     confounders = ("asymmetric_friction", "load_dependent_friction")
     experiment = "a known mass, or both ports joined"
     look_at = "the pressure sensor's range and scale in the machine file, then the sensor itself"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from fitting.effects.base import DriveView, Effect, FloatArray, Parameter, Shape
+from fitting.effects.base import DriveView, Effect, FloatArray, Parameter, Parity, Shape
 
 
 class PressureOffset(Effect):
@@ -16,7 +16,8 @@ class PressureOffset(Effect):
     variable = "cylinder_force"
     uses_model = False
     equation = "F_0"
-    parity = "constant"
+    parity = Parity.EVEN
+    dependence = "constant"
     parameters = (Parameter("F_0", "N"),)
     confounders = ("asymmetric_friction", "base_tilt")
     experiment = "vent both chambers and read the sensors"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from fitting.effects.base import DriveView, Effect, FloatArray, Parameter, Shape
+from fitting.effects.base import DriveView, Effect, FloatArray, Parameter, Parity, Shape
 
 
 class QuadraticLoss(Effect):
@@ -16,7 +16,8 @@ class QuadraticLoss(Effect):
     variable = "piston_speed"
     uses_model = False
     equation = "f_q v |v|"
-    parity = "odd in v"
+    parity = Parity.ODD
+    dependence = "odd in v"
     parameters = (Parameter("f_q", "N s^2/m^2", low=0.0),)
     confounders = ("stribeck", "velocity_root_friction")
     experiment = "fast strokes; move the sensor to the port"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from fitting.effects.base import DriveView, Effect, FloatArray, Parameter, Shape
+from fitting.effects.base import DriveView, Effect, FloatArray, Parameter, Parity, Shape
 
 
 class SensorLatency(Effect):
@@ -13,8 +13,10 @@ class SensorLatency(Effect):
     level = "measurement"
     variable = "force_rate"
     over_time = True
+    delays_effort = True
     equation = "-tau dF^/dt"
-    parity = "follows the rate of the force"
+    parity = Parity.OTHER
+    dependence = "follows the rate of the force"
     parameters = (Parameter("tau", "s", low=0.0, high=0.25),)
     confounders = ("presliding_hysteresis", "structural_flexibility")
     experiment = "move at two frequencies: the phase of a delay grows with frequency"

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from fitting.effects.base import DriveView, Effect, FloatArray, Parameter, Shape, geometric
+from fitting.effects.base import DriveView, Effect, FloatArray, Parameter, Parity, Shape, geometric
 
 
 class Stribeck(Effect):
@@ -18,8 +18,10 @@ class Stribeck(Effect):
     variable = "piston_speed"
     uses_model = False
     equation = "f_b exp(-|v / v_s|^delta) sgn v"
-    parity = "odd in v, only at low speed"
+    parity = Parity.ODD
+    dependence = "odd in v, only at low speed"
     parameters = (Parameter("f_b", "N", low=0.0),)
+    discrete_shapes = frozenset({"delta"})
     confounders = ("velocity_root_friction", "presliding_hysteresis", "quadratic_loss")
     experiment = "a staircase of constant speeds below 5 mm/s"
     look_at = "seals and lubrication of the cylinder at low speed"

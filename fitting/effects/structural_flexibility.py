@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
-from fitting.effects.base import DriveView, Effect, FloatArray, Parameter, Shape
+from fitting.effects.base import DriveView, Effect, FloatArray, Parameter, Parity, Shape
+from fitting.signals.corrections import Corrections
 
 
 class StructuralFlexibility(Effect):
@@ -16,8 +19,10 @@ class StructuralFlexibility(Effect):
     variable = "cylinder_force"
     over_time = True
     equation = "q_link = q - c tau: c (dY/dq) (-tau) pi / r for all joints"
-    parity = "follows the load and its derivatives; resonance at 2 to 15 Hz"
+    parity = Parity.OTHER
+    dependence = "follows the load and its derivatives; resonance at 2 to 15 Hz"
     parameters = (Parameter("c", "rad/(N m)", low=0.0),)
+    stays_in_gap = True
     confounders = ("presliding_hysteresis", "sensor_latency")
     experiment = "a tap test: hit the boom and look for the resonance"
     look_at = "the link behind the joint: cracks, loose bolts, a boom that gives way"
@@ -34,3 +39,9 @@ class StructuralFlexibility(Effect):
     def gap_columns(self, view: DriveView, shape: Shape) -> FloatArray | None:
         """``r tau``: the encoder sits on the link, which stays behind the piston by ``c tau``."""
         return (view.r * view.r * view.load)[:, None]
+
+    def apply_to_signals(
+        self, corrections: Corrections, joint: str, shape: Shape, values: Sequence[float]
+    ) -> Corrections:
+        """Each sensor tells of its own side."""
+        return corrections.with_play(joint, "pin")

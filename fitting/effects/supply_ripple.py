@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from fitting.effects.base import DriveView, Effect, FloatArray, Parameter, Shape
+from fitting.effects.base import DriveView, Effect, FloatArray, FoundBy, Parameter, Parity, Shape
 
 
 class SupplyRipple(Effect):
@@ -24,7 +24,9 @@ class SupplyRipple(Effect):
     uses_model = False
     needs_cylinder = True
     equation = "a sin(2 pi f t + phase) + b cos(2 pi f t + phase), a phase per recording"
-    parity = "a spectral line unrelated to motion"
+    found_by = FoundBy.LINES
+    parity = Parity.OTHER
+    dependence = "a spectral line unrelated to motion"
     parameters = (Parameter("a", "N"), Parameter("b", "N"))
     confounders = ()
     experiment = "change the pump's speed: the line moves with it"

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from fitting.effects.base import DriveView, Effect, FloatArray, Parameter, Shape
+from fitting.effects.base import DriveView, Effect, FloatArray, Parameter, Parity, Shape
 
 
 class ThermalViscosityDrift(Effect):
@@ -18,7 +18,8 @@ class ThermalViscosityDrift(Effect):
     variable = "time"
     uses_model = False
     equation = "d v exp(-t / tau)"
-    parity = "odd in v; slow in time, saturating"
+    parity = Parity.ODD
+    dependence = "odd in v; slow in time, saturating"
     parameters = (Parameter("d", "N s/m"),)
     confounders = ("payload", "pressure_drift")
     experiment = "the same cycle cold and warm"

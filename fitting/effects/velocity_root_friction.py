@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from fitting.effects.base import DriveView, Effect, FloatArray, Parameter, Shape
+from fitting.effects.base import DriveView, Effect, FloatArray, Parameter, Parity, Shape
 
 
 class VelocityRootFriction(Effect):
@@ -16,8 +16,10 @@ class VelocityRootFriction(Effect):
     variable = "piston_speed"
     uses_model = False
     equation = "b |v|^n sgn v"
-    parity = "odd in v"
+    parity = Parity.ODD
+    dependence = "odd in v"
     parameters = (Parameter("b", "N (s/m)^n"),)
+    discrete_shapes = frozenset({"n"})
     confounders = ("stribeck", "quadratic_loss")
     experiment = "a staircase of constant speeds"
     look_at = "nothing is broken: this seal has another friction curve than the base model"

@@ -19,11 +19,11 @@ from fitting.loop.residual_loop import run_attribution
 from fitting.loop.session import Session
 from fitting.planning.next_experiment import NextExperiment, design_next, term_label
 from fitting.residual.findings import Accepted, Attribution, Hypothesis
-from fitting.residual.kinematics import Corrections
 from fitting.residual.laws import Law
 from fitting.residual.terms import Term
 from fitting.selection import priors
 from fitting.selection.posterior import MOST_NAMED
+from fitting.signals.corrections import Corrections
 
 #: Motions that are made at most.
 MOST_MOTIONS = 2

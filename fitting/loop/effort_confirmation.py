@@ -22,8 +22,8 @@ from fitting.loop.weighting import Weighed, weighed
 from fitting.regression.design import effort_errors
 from fitting.residual.confirmation import MOST_WORSE, error_change
 from fitting.residual.findings import Accepted, Attribution, Candidate
-from fitting.residual.kinematics import Corrections
 from fitting.residual.terms import Model
+from fitting.signals.corrections import Corrections
 
 FloatArray = npt.NDArray[np.float64]
 Errors = tuple[FloatArray, ...]

@@ -20,12 +20,12 @@ from fitting.loop.session import Search, Session
 from fitting.loop.sharper import sharpened
 from fitting.residual.confirmation import validate_gain, worse_joint
 from fitting.residual.findings import Accepted, Attribution, Candidate, Family
-from fitting.residual.kinematics import Corrections
 from fitting.residual.refinement import refined
 from fitting.residual.scoring import PARAMETER_PRICE, Score
 from fitting.residual.terms import Model, Term
 from fitting.selection import priors
 from fitting.selection.evidence import least_gain
+from fitting.signals.corrections import Corrections
 
 Progress = Callable[[float, str], None]
 

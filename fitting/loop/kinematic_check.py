@@ -16,27 +16,19 @@ import numpy as np
 from fitting.effects import effect, effects
 from fitting.effects.base import Effect
 from fitting.loop.session import Described, Prepared, Session
-from fitting.residual.kinematics import (
-    Corrections,
-    GapScore,
-    checkable,
-    corrected,
-    gap_error,
-    gap_rows,
-    score_gaps,
-)
+from fitting.residual.kinematics import GapScore, checkable, corrected, gap_error, gap_rows, score_gaps
 from fitting.residual.terms import Model, fit_model
 from fitting.selection import priors
 from fitting.selection.evidence import log_sum
 from fitting.selection.gaps import RatedGap, rated_gaps
 from fitting.selection.posterior import MOST_NAMED
+from fitting.signals.corrections import Corrections
 
 Progress = Callable[[float, str], None]
 
 _MOST_PER_JOINT = 2
 _REBUILDS = 4
 #: Effects that are not built into the positions: each sensor then tells of its own side.
-IN_PLACE = ("backlash", "structural_flexibility")
 #: A sensor's steps are not noise: structure of a few hundredths of a step is significant and means nothing. What is
 #: rebuilt has to take a tenth off the filtered gap at least.
 LEAST_GAP_SHARE = 0.9
@@ -138,7 +130,7 @@ def _of_joint(session: Session, start: _State, joint: int) -> tuple[list[Kinemat
             break
         found.append(following[0])
         states.append(following[1])
-        if found[-1].effect.id in IN_PLACE:
+        if found[-1].effect.stays_in_gap:
             break  # it is still in this gap, and would be taken for whatever resembles it
     if len(found) > 1:
         alone = _alone(session, start, found[-1], joint)
@@ -151,7 +143,7 @@ def _alone(
     session: Session, start: _State, second: KinematicFinding, joint: int
 ) -> tuple[KinematicFinding, _State] | None:
     """The second finding in the place of the first, where it can stand there."""
-    if second.effect.id in IN_PLACE:
+    if second.effect.stays_in_gap:
         return None
     rated = start.rated(joint, 0.0)
     own = [r for r in rated if r.score.effect.id == second.effect.id]
@@ -176,14 +168,14 @@ def _rebuilt(session: Session, state: _State, usable: Sequence[RatedGap]) -> tup
     near = [r for r in usable if r.score.gain > NEAR * usable[0].score.gain][:MOST_NAMED]
     built = {}
     for number, one in enumerate(near if len(near) > 1 else []):
-        if one.score.effect.id not in IN_PLACE:  # what is rebuilt is compared by what is really left
+        if not one.score.effect.stays_in_gap:  # what is rebuilt is compared by what is really left
             built[one.score.effect.id] = _steps(session, state.corrections, one.score)
             there = built[one.score.effect.id][1]
             more = _left(state, there, one.score.joint, by=state) - one.score.gain
             near[number] = replace(one, log_odds=one.log_odds + 0.5 * more)
     usable = sorted([*near, *(r for r in usable if r.score not in [n.score for n in near])], key=lambda r: -r.log_odds)
     best = usable[0].score
-    if best.effect.id in IN_PLACE:  # it stays in the gap: judged by what its column takes away
+    if best.effect.stays_in_gap:  # it stays in the gap: judged by what its column takes away
         steps, changed = _placed(session, state.corrections, best)
         after = state.gap(best.joint, best)
         values = np.asarray(best.values)
@@ -238,9 +230,8 @@ def _placed(session: Session, corrections: Corrections, best: GapScore) -> tuple
     Friction jumps with the piston's own speed, so efforts tell whether the piston made the jump that its sensor did.
     """
     tried, noise = list[tuple[float, GapScore, _State]](), None
-    places = [{"sensor": 0.0}, {"sensor": 1.0}] if best.effect.id == "backlash" else [{}]
-    for place in places:
-        step = replace(best, shape={**best.shape, **place})
+    for shape in best.effect.places(best.shape):
+        step = replace(best, shape=shape)
         trial = corrected(corrections, step)
         prepared = session.prepared(trial)
         noise = noise or prepared.noise

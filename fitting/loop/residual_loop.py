@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from fitting.effects import effect, effects
+from fitting.effects import effect, effects, line_effect
 from fitting.effects.base import Effect
 from fitting.loop.session import Described, Options, Prepared, Session
 from fitting.loop.weighting import Weighed, weighed
@@ -21,7 +21,6 @@ from fitting.residual.change_points import ChangePoint, change_points, joint_row
 from fitting.residual.confirmation import Misfit, misfit, validate_gain
 from fitting.residual.cross_validation import held_out_gain
 from fitting.residual.findings import Accepted, Attribution, Family
-from fitting.residual.kinematics import Corrections
 from fitting.residual.laws import Law
 from fitting.residual.levelling import residual_parts
 from fitting.residual.lines import Line, machine_lines
@@ -31,6 +30,7 @@ from fitting.residual.surfaces import Surface
 from fitting.residual.terms import Model, Term, fit_model
 from fitting.residual.uncertainty import with_doubts
 from fitting.selection.search import attribute
+from fitting.signals.corrections import Corrections
 from fitting.signals.preparation import position_channel_noise
 
 FloatArray = npt.NDArray[np.float64]
@@ -121,11 +121,11 @@ class SessionSignals:
         return misfit(model, self.prepared(model.terms).pairs, joint)
 
     def rebuilt(self, model: Model) -> Model:
-        """Move the effort in time instead of approximating it, once ``sensor_latency`` is the last term.
+        """Move the effort in time instead of approximating it, once a delay is the last term.
 
         Whether a sensor was late, or its samples were handed on late, shows where friction jumps.
         """
-        if model.terms[-1].id != "sensor_latency":
+        if not model.terms[-1].delays_effort:
             return model
         sampled_late = self._moved(model, resampled=False), self._prepared
         handed_on_late = self._moved(model, resampled=True), self._prepared
@@ -148,7 +148,7 @@ class SessionSignals:
 def delays(session: Described, terms: Sequence[Term]) -> tuple[dict[str, float], frozenset[str]]:
     """Joint name to seconds by which accepted terms say its effort is late, and whose samples were handed on late."""
     joints = session.machine.joints
-    late = [(joints[t.joint].name, t) for t in terms if t.id == "sensor_latency" and t.rebuilt and t.joint is not None]
+    late = [(joints[t.joint].name, t) for t in terms if t.delays_effort and t.rebuilt and t.joint is not None]
     return {name: t.rebuilt[0] for name, t in late}, frozenset(name for name, t in late if t.resampled)
 
 
@@ -278,7 +278,7 @@ def _ripples(signals: SessionSignals) -> tuple[tuple[Line, ...], tuple[Accepted,
         if line.frequency_hz > design.bank.bandwidth_hz:
             continue
         parts = residual_parts(design, theta, line.joint, prepared.validate) if prepared.validate else ()
-        term = Term(effect("supply_ripple"), line.joint, (line.on(parts) if parts else line).shape)
+        term = Term(line_effect(), line.joint, (line.on(parts) if parts else line).shape)
         before = signals.refit([item.score.term for item in accepted])
         for score in score_terms(before, [term], [1]):
             trial = signals.refit([*(item.score.term for item in accepted), term])

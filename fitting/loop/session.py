@@ -30,8 +30,8 @@ from fitting.regression.noise import Pairing, noise_model, pair_repeats
 from fitting.regression.prior import Prior, mass_prior
 from fitting.regression.stored import storing
 from fitting.regression.streamed import triangle
-from fitting.residual.kinematics import Corrections
 from fitting.residual.terms import Model, fit_model
+from fitting.signals.corrections import Corrections
 from fitting.signals.filters import FilterBank, edge_frequency, filter_bank, white_noise_std
 from fitting.signals.preparation import PIECE_SAMPLES, PositionNoise, pieces, position_noise, segments_of, with_delays
 from fitting.signals.rods import with_rods_as_said

@@ -17,7 +17,6 @@ import numpy.typing as npt
 from fitting.effects.base import Effect
 from fitting.regression.prior import Prior, with_prior
 from fitting.regression.streamed import folded
-from fitting.residual.refinement import CHOICES
 from fitting.residual.terms import Model, Term, extra_columns
 
 FloatArray = npt.NDArray[np.float64]
@@ -42,7 +41,7 @@ def sharpened(model: Model, prior: Prior, reach: float) -> tuple[Term, ...]:
     for number, term in enumerate(terms):
         if not isinstance(term.content, Effect) or term.rebuilt:
             continue
-        for key in (key for key in term.shape if key not in CHOICES):
+        for key in (key for key in term.shape if key not in term.discrete):
             for trials in _rounds(key, reach):
                 values = sorted({terms[number].shape[key], *trials(terms[number].shape[key])})
                 candidates = [

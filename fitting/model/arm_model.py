@@ -19,10 +19,10 @@ from fitting.loop.residual_loop import delays
 from fitting.model.tails import Tail
 from fitting.regression.design import Parameters
 from fitting.regression.drive import UNITS, direct_units, drive_names
-from fitting.residual.kinematics import Corrections
 from fitting.residual.laws import Law
 from fitting.residual.terms import Term
 from fitting.residual.views import RodLaw
+from fitting.signals.corrections import Corrections
 from fitting.signals.filters import FilterBank, filter_bank
 from fitting.signals.preparation import PositionNoise
 

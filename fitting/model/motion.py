@@ -109,7 +109,7 @@ def left_out(model: ArmModel, regular: bool) -> frozenset[int]:
     return frozenset(
         number
         for number, term in enumerate(model.terms)
-        if term.id == "sensor_latency" or phase_unknown(term, FOREIGN) or (over_time(term) and not regular)
+        if term.delays_effort or phase_unknown(term, FOREIGN) or (over_time(term) and not regular)
     )
 
 

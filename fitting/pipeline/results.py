@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from daq.machine_file import Machine
-from fitting.effects import effect
+from fitting.effects import effect, line_effect
 from fitting.loop.kinematic_check import corrections_from_json
 from fitting.loop.residual_loop import final_model, term_from_json
 from fitting.loop.session import Prepared, Session
@@ -426,7 +426,7 @@ def _kinematic_effect(machine: Machine, finding: Mapping[str, Any]) -> dict[str,
 
 def _line_effect(names: list[str], line: Mapping[str, Any]) -> dict[str, Any]:
     """A spectral line above the identification band: named, but there is nothing to add."""
-    content = effect("supply_ripple")
+    content = line_effect()
     (frequency, frequency_std), (amplitude, amplitude_std) = line["frequency"], line["amplitude"]
     return {
         "id": content.id,

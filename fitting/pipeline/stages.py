@@ -54,11 +54,11 @@ from fitting.report.drawing_data import spline_curve
 from fitting.residual.change_points import ChangePoint
 from fitting.residual.confirmation import overall_change
 from fitting.residual.findings import Accepted, Attribution, Family, Unconfirmed
-from fitting.residual.kinematics import Corrections
 from fitting.residual.laws import Law
 from fitting.residual.surfaces import second_variable
 from fitting.residual.terms import Model
 from fitting.selection.evidence import least_gain
+from fitting.signals.corrections import Corrections
 
 FloatArray = npt.NDArray[np.float64]
 Progress = Callable[[float, str], None]

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from fitting.effects.base import Parity
 from fitting.regression.design import effort_residual, full_residual
 from fitting.regression.drive import UNITS, drive_columns, effort_unit
 from fitting.report.joint_words import joint_words
@@ -142,7 +143,7 @@ def _scatter(before: Model, after: Model, number: int, shown: Sequence[int], oth
     law_x, law_y = _binned(np.concatenate(x), np.concatenate(columns))
     odd = isinstance(term.content, Law) and term.content.signed
     if not isinstance(term.content, Law):
-        odd = term.content.parity.startswith("odd")
+        odd = term.content.parity is Parity.ODD
     law_back = None
     law_std = np.zeros(0)
     if other is not None:

@@ -18,7 +18,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy import stats
 
-from fitting.effects.base import Effect
+from fitting.effects.base import Effect, Parity
 from fitting.regression.design import Fit
 from fitting.residual.laws import Law
 from fitting.residual.terms import Model, Term
@@ -140,6 +140,4 @@ def rubs(term: Term, joint: int) -> bool:
         return False
     if isinstance(term.content, Law):
         return term.content.signed
-    return isinstance(term.content, Effect) and (
-        term.content.parity.startswith("odd in v") or term.id == "asymmetric_friction"
-    )
+    return isinstance(term.content, Effect) and term.content.parity in (Parity.ODD, Parity.NEITHER)

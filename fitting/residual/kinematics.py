@@ -8,21 +8,19 @@ the gap is looked at again, so that large errors are not left to a linear correc
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
 from scipy import linalg
 
-from daq.linkages import reduced
 from daq.machine_file import Machine
 from fitting.effects.base import DriveView, Effect, Shape, has_both_positions
-from fitting.effects.linkage_geometry import changed
 from fitting.regression.design import Design
 from fitting.regression.noise import Pairing
 from fitting.residual.views import Views
-from fitting.signals.preparation import Play, PositionError
+from fitting.signals.corrections import Corrections
 from fitting.signals.spectrum import Whitening, whitening
 from fitting.signals.splines import spline_basis
 
@@ -60,22 +58,6 @@ class GapRows:
     def chi_square(self) -> float:
         """Sum of squares of the whitened gap."""
         return float(sum(v @ v for v in self.values))
-
-
-@dataclass(frozen=True)
-class Corrections:
-    """What was learnt about positions: rebuilt when recordings are prepared again.
-
-    Attributes
-    ----------
-    machine : the machine, with corrected linkages
-    position_error : joint name to the error of its measured position as a function of it
-    play : joints with play between piston and joint, and where it is
-    """
-
-    machine: Machine
-    position_error: Mapping[str, PositionError] = field(default_factory=dict)
-    play: Mapping[str, Play] = field(default_factory=dict)
 
 
 def gap_rows(design: Design, fitted: Sequence[int], pairs: Sequence[Pairing], joint: int) -> GapRows:
@@ -193,38 +175,5 @@ def checkable(machine: Machine) -> tuple[int, ...]:
 
 def corrected(corrections: Corrections, finding: GapScore) -> Corrections:
     """The corrections with one more finding (or one more step of the same finding) rebuilt into them."""
-    name = corrections.machine.joints[finding.joint].name
-    if finding.effect.id == "backlash":
-        where: Play = "sensor" if finding.shape.get("sensor") else "pin"
-        return replace(corrections, play={**corrections.play, name: where})
-    if finding.effect.id == "linkage_geometry":
-        machine = _with_linkage(corrections.machine, finding)
-        return replace(corrections, machine=machine)
-    if finding.effect.id == "structural_flexibility":
-        return replace(corrections, play={**corrections.play, name: "pin"})  # each sensor tells of its own side
-    before = corrections.position_error.get(name)
-    error = _position_error(finding)
-
-    def total(q: FloatArray) -> FloatArray:
-        earlier = np.zeros_like(q) if before is None else before(q)
-        return earlier + error(q - earlier)
-
-    return replace(corrections, position_error={**corrections.position_error, name: total})
-
-
-def _position_error(finding: GapScore) -> PositionError:
-    values = finding.values
-    if finding.effect.id == "encoder_offset":
-        return lambda q: np.full_like(q, values[0])
-    n = finding.shape["n"]
-    return lambda q: values[0] * np.sin(n * q) + values[1] * np.cos(n * q) + values[2]
-
-
-def _with_linkage(machine: Machine, finding: GapScore) -> Machine:
-    cylinder = machine.joints[finding.joint].cylinder
-    assert cylinder is not None
-    linkage = changed(reduced(cylinder.linkage), finding.shape, finding.values)
-    joints = list(machine.joints)
-    own = cylinder.model_copy(update={"linkage": linkage})
-    joints[finding.joint] = joints[finding.joint].model_copy(update={"cylinder": own})
-    return machine.model_copy(update={"joints": tuple(joints)})
+    joint = corrections.machine.joints[finding.joint].name
+    return finding.effect.apply_to_signals(corrections, joint, finding.shape, finding.values)

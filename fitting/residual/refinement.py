@@ -8,10 +8,6 @@ from fitting.effects.base import Effect
 from fitting.residual.scoring import Score, score_terms
 from fitting.residual.terms import Model, Term
 
-#: Shape entries that are choices, not numbers to be searched between.
-CHOICES = frozenset({"other", "side", "n", "odd", "law", "delta", "recording", "parameter", "chamber", "head", "rod"})
-
-
 #: Relative step at which the search of a shape ends, and factor by which it may leave the grid: the grid spans what is
 #: plausible, and a cushion over half of the stroke would be another thing under that name.
 _FINEST = 0.004
@@ -25,7 +21,7 @@ def refined(model: Model, score: Score) -> Score:
     second round, of small steps, follows where parameters pull at each other.
     """
     best = _plain(model, score)
-    keys = [key for key in score.term.shape if key not in CHOICES]
+    keys = [key for key in score.term.shape if key not in score.term.discrete]
     limits = {key: _limits(model, score.term, key) for key in keys}
     for first in (0.5, 0.05) if len(keys) > 1 else (0.5,):
         for key in keys:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import numpy.typing as npt
 
-from fitting.effects.base import DriveView, Effect, Shape
+from fitting.effects.base import DriveView, Effect, FoundBy, Shape
 from fitting.regression.design import Design, Extra, Fit, NoiseModel, WhiteRows, whitened
 from fitting.regression.prior import Prior, with_prior
 from fitting.regression.streamed import fit_rows
@@ -55,6 +55,21 @@ class Term:
     def confined(self) -> bool:
         """True where it acts in single recordings, so that another recording says nothing of it."""
         return isinstance(self.content, Effect) and self.content.confined(self.shape)
+
+    @property
+    def is_line(self) -> bool:
+        """True where it is a spectral line, which is looked for in the residual's spectrum, not by its columns."""
+        return isinstance(self.content, Effect) and self.content.found_by is FoundBy.LINES
+
+    @property
+    def delays_effort(self) -> bool:
+        """True where it is moved in the signal itself; its column is a beginning only."""
+        return isinstance(self.content, Effect) and self.content.delays_effort
+
+    @property
+    def discrete(self) -> frozenset[str]:
+        """Entries of its shape that are choices, not numbers to be searched between."""
+        return self.content.discrete_shapes if isinstance(self.content, Effect) else frozenset()
 
     @property
     def uses_model(self) -> bool:

@@ -34,7 +34,6 @@ from fitting.regression.design import Extra, WhiteRows
 from fitting.regression.freedom import coverage_factors, degrees_of_freedom
 from fitting.regression.prior import Prior
 from fitting.residual.laws import Law
-from fitting.residual.refinement import CHOICES
 from fitting.residual.terms import Model, Term, extra_columns
 from fitting.signals.filters import FilterBank
 
@@ -148,7 +147,7 @@ def shape_columns(model: Model) -> Extra | None:
             continue
         values = model.fit.theta[model.term_slice(number)]
         for key, value in term.shape.items():
-            if key in CHOICES or not value:
+            if key in term.discrete or not value:
                 continue
             slope = _slope(model, term, key, values)
             found = [c for joint in slope for c in joint if c is not None]

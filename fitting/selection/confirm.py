@@ -20,10 +20,11 @@ from fitting.residual.witness import Witness, witness
 from fitting.residual.witness import objection as of_the_load
 from fitting.selection.evidence import least_gain
 
-#: Standard errors by which the gain on held-out blocks has to be above zero; more where no validation motion has a say.
+#: Standard errors by which the gain on held-out blocks has to be above zero; more where no validation motion has a say
+#: and most of the gain is lost there.
 LEAST_Z, LEAST_Z_ALONE = 1.5, 3.0
-#: What keeps this share of its gain on held-out blocks holds, even if a few of them brought it all: a resonance rings
-#: where it was hit, a load is overrun in one place.
+#: What keeps this share of its gain on held-out blocks holds, even if a few of them brought it: a resonance rings where
+#: it was hit, a load is overrun in one place, a drift shows at both ends.
 HELD_SHARE = 0.5
 
 
@@ -99,8 +100,11 @@ def objection(choice: Score, held_out: HeldOut, validate: OnValidate | None) -> 
         return "it acts in one recording only, and is not significant enough to be believed without another"
     blind = is_blind(choice, validate)
     alone = validate is None or blind
-    least_z = LEAST_Z_ALONE if alone else LEAST_Z
-    holds = held_out.z >= least_z or (not alone and held_out.gain >= HELD_SHARE * choice.gain)
+    kept = held_out.gain >= HELD_SHARE * choice.gain
+    if alone:  # what keeps its gain still has to be more than a few blocks' luck
+        holds = held_out.z >= (LEAST_Z if kept else LEAST_Z_ALONE)
+    else:
+        holds = kept or held_out.z >= LEAST_Z
     if not (held_out.gain > 0 and holds):
         return (
             f"it does not hold on blocks that were left out of the fit (chi-square {held_out.gain:+.1f}, "

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.linalg import block_diag
 
-from fitting.effects.base import Effect
+from fitting.effects.base import Effect, Parity
 from fitting.residual.laws import Law
 from fitting.residual.refinement import refined
 from fitting.residual.scoring import Candidates, Score
@@ -74,7 +74,7 @@ class Rating:
         laws: dict[int, list[int]] = {}
         for number, score in scores.items():
             term = score.term
-            if term.id == "supply_ripple":
+            if term.is_line:
                 continue
             if isinstance(term.content, Law) and not isinstance(term.content, Surface):
                 laws.setdefault(term.joint or 0, []).append(number)
@@ -337,7 +337,7 @@ class Rating:
         if not isinstance(effect, Effect):
             return []
         name, other = _signal(term)
-        odd, even = effect.parity.startswith("odd"), effect.parity.startswith("even")
+        odd, even = effect.parity is Parity.ODD, effect.parity is Parity.EVEN
         result = []
         for signed in (False, True):
             if (odd and not signed) or (even and signed):

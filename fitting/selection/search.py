@@ -171,7 +171,7 @@ class Search:
         joints = len(model.design.machine.joints)
         seen = np.zeros(joints)
         for number, term in enumerate(model.terms):
-            if term.id == "supply_ripple":
+            if term.is_line:
                 continue
             item = next((a for a in self.accepted if a.score.term.family == term.family), None)
             size = model.wald(number) if item is None else max(model.wald(number), item.score.gain)
@@ -230,7 +230,7 @@ class Search:
             and isinstance(r.term.content, Effect)
             and r.score.gain > NEAR * head.score.gain
         ][:WIDTH]
-        sharp = [self._moved(r, model) if r.term.id == "sensor_latency" else rating.sharper(r, model) for r in near]
+        sharp = [self._moved(r, model) if r.term.delays_effort else rating.sharper(r, model) for r in near]
         return by_formula([*sharp, *(r for r in rated if r not in near)])
 
     def _moved(self, late: Rated, model: Model) -> Rated:

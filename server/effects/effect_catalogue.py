@@ -32,7 +32,7 @@ def _describe(entry: Effect) -> dict[str, Any]:
         "title": entry.title,
         "level": entry.level,
         "equation": entry.equation,
-        "parity": entry.parity,
+        "parity": entry.dependence,
         "parameters": [
             {"name": p.name, "unit": p.unit, "low": _finite(p.low), "high": _finite(p.high)} for p in entry.parameters
         ],

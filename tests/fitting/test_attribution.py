@@ -14,7 +14,6 @@ from fitting.loop.session import Session
 from fitting.residual.confirmation import OnValidate, on_validate, overall_change, validate_gain, worse_joint
 from fitting.residual.cross_validation import HeldOut
 from fitting.residual.findings import Accepted, Attribution
-from fitting.residual.kinematics import Corrections
 from fitting.residual.laws import Law
 from fitting.residual.scoring import Score, score_terms
 from fitting.residual.terms import Model, Term, fit_model
@@ -22,6 +21,7 @@ from fitting.selection import confirm
 from fitting.selection.confirm import objection
 from fitting.selection.evidence import least_gain
 from fitting.selection.search import attribute
+from fitting.signals.corrections import Corrections
 from fitting.signals.filters import advanced
 
 MACHINE, ARM = planar_machine(2), truth(2)

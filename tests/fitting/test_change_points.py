@@ -19,7 +19,7 @@ from fitting.residual.change_points import (
     step_at,
     supremum_chance,
 )
-from fitting.residual.kinematics import Corrections
+from fitting.signals.corrections import Corrections
 
 RATE, SECONDS, RECORDINGS = 8.0, 60.0, 4
 

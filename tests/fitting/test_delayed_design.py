@@ -12,9 +12,9 @@ from fitting.effects import effects
 from fitting.loop.session import Options, Prepared, Session
 from fitting.regression.design import Design
 from fitting.regression.noise import noise_model
-from fitting.residual.kinematics import Corrections
 from fitting.residual.scoring import Candidates, catalogue_terms, law_terms
 from fitting.residual.terms import fit_model
+from fitting.signals.corrections import Corrections
 
 ROLES = (("unloaded", 1), ("train", 2), ("repeat", 2), ("validate", 3))
 

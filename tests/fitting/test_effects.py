@@ -18,11 +18,11 @@ import fitting.effects
 from daq.machine_file import Machine
 from daq.seams import EFFECTS
 from fitting.effects import effect, effects
-from fitting.effects.base import DriveView, Effect, FloatArray, Parameter, Shape
+from fitting.effects.base import DriveView, Effect, FloatArray, Parameter, Parity, Shape
 from fitting.effects.conformance import check_effect
 from fitting.loop.residual_loop import run_attribution
 from fitting.residual.findings import Attribution
-from fitting.residual.kinematics import Corrections
+from fitting.signals.corrections import Corrections
 
 IDS = [e.id for e in effects()]
 
@@ -82,7 +82,8 @@ class Good(Effect):
     variable = "piston_speed"
     uses_model = False
     equation = "b v^3"
-    parity = "odd in v"
+    parity = Parity.ODD
+    dependence = "odd in v"
     parameters: ClassVar[tuple[Parameter, ...]] = (Parameter("b", "N s^3/m^3", low=0.0),)
     experiment = "fast strokes"
     source = "a test"

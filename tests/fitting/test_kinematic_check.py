@@ -13,7 +13,8 @@ from synthetic_arm import RATE, clean_session, force, make_motion, make_session,
 from daq.machine_file import Machine
 from fitting.loop.kinematic_check import KinematicFinding, corrections_from_json, kinematic_findings, step_to_json
 from fitting.loop.session import Session
-from fitting.residual.kinematics import Corrections, checkable, gap_error
+from fitting.residual.kinematics import checkable, gap_error
+from fitting.signals.corrections import Corrections
 
 ARM = truth(2)
 

@@ -14,8 +14,8 @@ from synthetic_arm import RATE, USUAL, force, make_motion, make_recordings, plan
 from fitting.effects.base import DriveView
 from fitting.loop.residual_loop import run_attribution
 from fitting.loop.session import Options, Session
-from fitting.residual.kinematics import Corrections
 from fitting.residual.laws import OWN, Law
+from fitting.signals.corrections import Corrections
 
 
 def ages(v: np.ndarray) -> np.ndarray:

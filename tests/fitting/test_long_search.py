@@ -27,11 +27,11 @@ from fitting.regression.prior import mass_prior
 from fitting.regression.stored import storing
 from fitting.residual.cross_validation import HeldOut
 from fitting.residual.findings import Accepted, Attribution
-from fitting.residual.kinematics import Corrections
 from fitting.residual.scoring import score_terms
 from fitting.residual.stored_views import StoredColumns, StoredViews
 from fitting.residual.terms import Model, Term, extra_columns, fit_model
 from fitting.residual.views import build_views
+from fitting.signals.corrections import Corrections
 from fitting.signals.filters import filter_bank
 from fitting.signals.preparation import segments_of
 

@@ -11,10 +11,10 @@ from synthetic_arm import clean_session
 from fitting.effects import effect
 from fitting.loop.residual_loop import SessionSignals
 from fitting.residual.confirmation import misfit
-from fitting.residual.kinematics import Corrections
 from fitting.residual.null import PRIOR_DRAWS, Null, resampled
 from fitting.residual.scoring import score_terms
 from fitting.residual.terms import Term
+from fitting.signals.corrections import Corrections
 
 
 @settings(max_examples=25, deadline=None)

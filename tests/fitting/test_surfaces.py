@@ -13,12 +13,12 @@ from fitting.loop.session import Session
 from fitting.report.drawing_data import spline_curve
 from fitting.report.wording import verdict_sentence
 from fitting.residual.findings import Attribution
-from fitting.residual.kinematics import Corrections
 from fitting.residual.laws import Law
 from fitting.residual.scoring import score_terms
 from fitting.residual.surfaces import Surface, best_surface, second_variable, surfaces
 from fitting.residual.terms import Term
 from fitting.selection.evidence import least_gain
+from fitting.signals.corrections import Corrections
 
 MACHINE, ARM = planar_machine(3), truth(3)
 TWIST, MIDDLE = 400.0, 0.0  # N/rad^2, rad

@@ -72,7 +72,7 @@ class Tracer:
         for number, term in enumerate(model.terms):
             place = "the machine" if term.joint is None else model.joints[term.joint]
             name = "a law" if isinstance(term.content, Law) else term.content.title
-            if term.id == "sensor_latency":
+            if term.delays_effort:
                 why = "it belongs to the sensors"
             elif phase_unknown(term, FOREIGN):
                 why = "its phase belongs to single recordings"
