@@ -25,6 +25,8 @@ from server.platform.authorization.principals import Principal
 from server.platform.database.engine import Database, Page, page
 from server.platform.errors import ConflictError, NotFoundError, PreconditionError
 
+#: Notes of steps that undo an activation, by which a page can tell what rolling back leads to.
+ROLLED_BACK, OUT_OF_USE = "rolled back to", "taken out of use"
 State = Literal["proposed", "approved", "rejected", "active", "retired"]
 
 
@@ -190,7 +192,7 @@ class CalibrationStore:
             current, before = lasting
             connection.execute(activations.update().where(activations.c.number == current.number).values(undone=True))
             again = _get(connection, before.calibration)
-            self._put_in_use(connection, again, self._database.now(), by, "rolled back to")
+            self._put_in_use(connection, again, self._database.now(), by, ROLLED_BACK)
             return _get(connection, before.calibration)
 
     def deactivate(self, id: str, revision: int | None, by: Principal, note: str) -> Calibration:
@@ -210,7 +212,7 @@ class CalibrationStore:
             newest = self._lasting(connection, found.machine)[0]
             connection.execute(activations.update().where(activations.c.number == newest.number).values(undone=True))
             _update(connection, found, state="retired")
-            self._step(connection, id, "retired", by, note)
+            self._step(connection, id, "retired", by, f"{OUT_OF_USE}: {note}" if note else OUT_OF_USE)
             return _get(connection, id)
 
     def _lasting(self, connection: sa.Connection, machine: str) -> builtins.list[Any]:

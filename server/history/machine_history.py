@@ -84,19 +84,19 @@ def _files(connection: sa.Connection, machine: str, since: str) -> Iterator[Hist
 
 def _calibrations(connection: sa.Connection, machine: str, since: str) -> Iterator[HistoryEvent]:
     kept: dict[str, tuple[list[FoundEffect], float | None]] = {}
-    query = (
-        sa.select(
-            calibration_steps,
-            calibrations.c.label,
-            calibrations.c.overall,
-            calibrations.c.model,
-        )
+    steps = (
+        sa.select(calibration_steps, calibrations.c.label, calibrations.c.overall, calibrations.c.model)
         .join(calibrations, calibrations.c.id == calibration_steps.c.calibration)
-        .where(calibrations.c.machine == machine, calibration_steps.c.time >= since)
+        .where(calibrations.c.machine == machine)
         .order_by(calibration_steps.c.number.desc())
-        .limit(MOST)
     )
-    for row in connection.execute(query):
+    rows = list(connection.execute(steps.where(calibration_steps.c.time >= since).limit(MOST)))
+    # What was in use when the time begins: the last change of use before it, if it put one in use.
+    use = calibration_steps.c.action.in_(("activated", "retired"))
+    before = connection.execute(steps.where(calibration_steps.c.time < since, use).limit(1)).first()
+    if before is not None and before.action == "activated":
+        rows.append(before)
+    for row in rows:
         if row.calibration not in kept:
             kept[row.calibration] = (list(effects_in(row.model)), _error(row.overall))
         effects, error = kept[row.calibration]

@@ -152,7 +152,7 @@ def test_the_first_activation_can_be_undone(guarded: Guarded, identified: Any) -
     assert (undone["state"], undone["history"][-1]["action"], undone["history"][-1]["note"]) == (
         "retired",
         "retired",
-        "as measured",
+        "taken out of use: as measured",
     )
     assert service[Calibrations].active("lever") is None
     back = f"{API}/machines/lever/calibrations/rollback"

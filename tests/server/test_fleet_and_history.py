@@ -18,10 +18,11 @@ from server.alarms.alarm_tables import alarms
 from server.calibrations.calibration_content import content_of
 from server.calibrations.calibration_desk import Calibrations
 from server.fleet.fleet_view import worst_joint
+from server.history.machine_history import MachineHistory
 from server.identifications.identification_store import Identification, Identifications
 from server.jobs.job_store import Jobs
 from server.platform.authorization.principals import LOCAL
-from server.platform.database.engine import Database
+from server.platform.database.engine import Database, as_stored
 
 EFFECT = {"id": "stribeck", "joint": "joint1", "title": "Stribeck friction", "parameters": {}}
 REPORT: dict[str, Any] = {
@@ -173,6 +174,14 @@ def test_what_is_older_is_left_out_unless_it_lasts(guarded: Guarded) -> None:
     year = ask(guarded, "/machines/other/history?days=365")["items"]
     assert {"stays"} == {one["subject"] for one in month} & {"gone", "stays"}
     assert {"gone", "stays"} <= {one["subject"] for one in year}
+
+
+def test_a_calibration_in_use_when_the_time_begins_is_in_it(guarded: Guarded, calibrated: str) -> None:
+    """Of what was done before only that, so that a time line shows for how long it has been in use."""
+    service = guarded.running.service
+    later = datetime.fromisoformat(service.now()) + timedelta(seconds=1)
+    found = service[MachineHistory].gather("lever", as_stored(later)).items
+    assert [(one.what, one.subject) for one in found if one.kind == "calibration"] == [("activated", calibrated)]
 
 
 def test_a_report_that_is_gone_takes_no_history_with_it(guarded: Guarded) -> None:
