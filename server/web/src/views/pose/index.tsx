@@ -121,7 +121,7 @@ export function Drawing({ arm, found }: { arm: Arm; found: Position[] }) {
           return (
             <g key={name}>
               <circle class={found[index]?.q == null ? "joint unknown" : "joint"} cx={x} cy={y} r={7} />
-              <text x={x + 11} y={y - 9}>
+              <text x={x + 6} y={index % 2 === 0 ? y - 13 : y + 25}>
                 {name}
               </text>
             </g>
