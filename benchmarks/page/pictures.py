@@ -17,11 +17,12 @@ VIEWS = {
     "live": ("live", ".strip canvas"),
     "alarms": ("alarms", ".alarm"),
     "recalibrate": ("recalibrate", ".panel"),
+    "guide": ("recalibrate", ".guide-steps"),
     "results": ("results", "table"),
     "result": ("results/{result}", ".plot canvas"),
     "pose": ("pose", ".pose .link"),
     "recordings": ("recordings", "table"),
-    "recording": ("recordings/{recording}", ".time-chart canvas"),
+    "recording": ("recordings", ".time-chart canvas"),
     "jobs": ("jobs", "table"),
     "job": ("jobs/{job}", ".steps"),
     "calibrations": ("calibrations", ".calibration"),
@@ -34,6 +35,8 @@ VIEWS = {
     "log": ("service/log", ".panel"),
     "pair": ("pair", ".panel"),
 }
+#: What is pressed first, by view.
+PRESSED = {"recording": "View train before the seals", "guide": "Begin"}
 #: What sticks out of the page sideways.
 _WIDER = "document.documentElement.scrollWidth - document.documentElement.clientWidth"
 
@@ -53,14 +56,16 @@ def run(target: Path, only: str | None, say: Callable[[str], None]) -> Outcome:
                     if only is not None and name != only:
                         continue
                     path = target / f"{name}-{width}x{height}-{scheme}.png"
-                    checks.append(_picture(page, f"{site.url}/#/{address.format(**ids)}", there, path))
+                    page.goto(f"{site.url}/#/{address.format(**ids)}")
+                    if name in PRESSED and not page.locator(there).first.is_visible():
+                        page.get_by_role("button", name=PRESSED[name]).click()
+                    checks.append(_picture(page, there, path))
                     say(path.name)
                 context.close()
     return Outcome(tuple(checks))
 
 
-def _picture(page: Any, address: str, there: str, path: Path) -> Check:
-    page.goto(address)
+def _picture(page: Any, there: str, path: Path) -> Check:
     page.locator(there).first.wait_for()
     page.wait_for_timeout(700)  # drawings follow what they draw
     wider = int(page.evaluate(_WIDER))

@@ -12,7 +12,7 @@ import { ChannelChoice, chosen, Thresholds, useChoice } from "./choice";
 import { Diagnostics } from "./diagnostics";
 import type { Group } from "./groups";
 import { useMarks } from "./marks";
-import { paced, realClock } from "./pace";
+import { realClock, sliced } from "./pace";
 import { Strip } from "./strip";
 import { useSignals } from "./use_signals";
 import type { Live } from "./use_live";
@@ -37,10 +37,10 @@ export function Plots({ machine, groups, live }: { machine: string; groups: Grou
   const drawings = useRef(0);
   const draw = useMemo(
     () =>
-      paced(
+      sliced(
         () => {
           drawings.current += 1;
-          draws.current.forEach((one) => one());
+          return [...draws.current.values()];
         },
         realClock,
         FRAME_MS,
