@@ -42,8 +42,7 @@ class History(BaseModel):
     """The time line of a machine, newest first.
 
     ``since``: where it begins; what held then, an alarm or a calibration in use, is in it although it began before.
-    ``complete``: false where a kind of event has more in that time than are given, of which
-    the oldest are left out.
+    ``complete``: false where a kind of event has more in that time than are given; the oldest are left out.
     """
 
     machine: str

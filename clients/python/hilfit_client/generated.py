@@ -9,7 +9,7 @@ from typing import Any, Literal, NotRequired, TypedDict, Unpack
 from hilfit_client.transport import Transport
 
 #: SHA-256 of the description that this was made from.
-SOURCE_SHA256 = "91656c5eb95cee56f07396c8ca956b8b289566c0095aa1a286c366cf5d94a425"
+SOURCE_SHA256 = "b83790ab4bcd145c74f2756b5aa8403e23a34692ebf63dd49ed95496246de68a"
 
 
 class AcquisitionWish(TypedDict):

@@ -130,7 +130,7 @@ function Errors({ steps, x, left, end }: ErrorsProps) {
   return (
     <>
       <line class="noise" x1={left} x2={end} y1={y(1)} y2={y(1)} />
-      <text class="date" x={end - 4} y={y(1) - 4} text-anchor="end">
+      <text class="date" x={left + 4} y={y(1) + 16}>
         1: the noise
       </text>
       <path class="error-line" d={path} />
