@@ -98,7 +98,8 @@ export function share(machine: Machine): number | null {
 function Residual({ machine }: { machine: Machine }) {
   const used = share(machine);
   const joint = machine.joint;
-  if (used === null || joint === null) return <span class="hint reason">{machine.reason ?? "No joint is watched yet."}</span>;
+  if (used === null || joint === null)
+    return <span class="hint reason">{machine.reason ?? "No joint is watched yet."}</span>;
   const tone = used >= 1 ? "bad" : used >= 0.5 ? "warning" : "good";
   const measured = joint.residual === null ? "at rest" : `${number(joint.residual, 3)} ${joint.unit}`;
   return (

@@ -50,7 +50,7 @@ describe("a time line", () => {
 
   it("says what was found, and how large the error is", () => {
     const found = event({ kind: "identification", what: "effect_added", effects: [EFFECT], error: 1.08 });
-    expect(sentence(found)).toBe("Effect found and added: Stribeck friction at joint2, error 1.080 times the noise");
+    expect(sentence(found)).toBe("Effect found and added: Stribeck friction at joint2, error 1.08 times the noise");
     expect(lane("identification", [found], NOW)[0]?.label).toBe("Stribeck friction");
     expect(errors([found, event({})])).toEqual([[ms(found.time), 1.08]]);
   });
