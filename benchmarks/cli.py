@@ -43,6 +43,7 @@ BENCHMARKS = {
     "soak": "Hours of faults one after another: nothing lost, memory flat.",
     "channels": "How many machines of 40 channels at 50 Hz one computer carries, and what each costs.",
     "paper": "The claims that hilfit began with, made again in kind: 78 to 18, cylinders, errors, two stages or one.",
+    "page": "The page on a slow tablet: first view, frames dropped at 50 Hz; pictures of every view (--pictures).",
     "storm": "kill -9 of servers, workers, stages and acquisitions: nothing lost, nothing twice.",
 }
 
@@ -55,7 +56,7 @@ def register(app: typer.Typer) -> None:
     bench.callback()(_list)
     commands: tuple[Callable[..., None], ...] = (
         attribution, resolve, samples, demo, stages, speed, long, regressor, excitation, measured, mistakes, model,
-        uses, service, faults, soak, channels, paper, storm,
+        uses, service, faults, soak, channels, paper, page, storm,
     )  # fmt: skip
     for name, command in zip(BENCHMARKS, commands, strict=True):
         bench.command(name, help=BENCHMARKS[name])(reported(command))
@@ -433,6 +434,31 @@ def service(
     from benchmarks.service import run
 
     _finish("service", run(tablets, rate, seconds, _shown(json)), json)
+
+
+def page(
+    cpu: Annotated[float, typer.Option(help="How many times slower than this computer the tablet is.", min=1)] = 4.0,
+    megabits: Annotated[float, typer.Option(help="Its network, Mbit/s.", min=0.1)] = 10.0,
+    times: Annotated[int, typer.Option(help="First views, each with an empty cache.", min=1)] = 5,
+    seconds: Annotated[float, typer.Option(help="Seconds of looking at the live view.", min=1)] = 30.0,
+    pictures: Annotated[
+        Path | None, typer.Option(help="Make pictures of every view in this directory instead.", file_okay=False)
+    ] = None,
+    only: Annotated[str | None, typer.Option(help="With --pictures: only this view.")] = None,
+    json: Annotated[bool, typer.Option("--json", help="Print the checks as JSON.")] = False,
+) -> None:
+    """The page on a slow tablet: first view, frames dropped at 50 Hz; pictures of every view (--pictures)."""
+    from benchmarks.page import measuring
+    from benchmarks.page.browser import Tablet
+    from benchmarks.page.pictures import VIEWS
+    from benchmarks.page.pictures import run as make_pictures
+
+    if only is not None and only not in VIEWS:
+        raise InputError(f"--only {only}: is no view; one of {', '.join(VIEWS)}")
+    if pictures is not None:
+        _finish("page", make_pictures(pictures, only, _shown(json)), json)
+        return
+    _finish("page", measuring.run(Tablet(cpu, megabits), times, seconds, _shown(json)), json)
 
 
 def storm(

@@ -90,6 +90,14 @@ class Alarms:
         """All that are active."""
         return self._store.active()
 
+    def open(self) -> tuple[Alarm, ...]:
+        """All that are active, or that nobody acknowledged."""
+        return self._store.open()
+
+    def since(self, machine: str, since: str, limit: int) -> tuple[Alarm, ...]:
+        """Those of a machine that came or went since, or are active, see :meth:`AlarmStore.since`."""
+        return self._store.since(machine, since, limit)
+
     def acknowledge(self, id: str, who: str, tag: str | None = None) -> Alarm:
         """Somebody has seen it; doing it twice changes nothing. For ``tag`` see :meth:`unshelve`."""
         return self._change(id, partial(lifecycle.acknowledge, who=who), tag)

@@ -55,6 +55,20 @@ class AlarmStore:
         with self._database.read() as connection:
             return tuple(_alarm(row) for row in connection.execute(_select(alarms.c.state == "active")))
 
+    def open(self) -> tuple[Alarm, ...]:
+        """All that are active, or that nobody acknowledged."""
+        with self._database.read() as connection:
+            condition = sa.or_(alarms.c.state == "active", alarms.c.acknowledged.is_(False))
+            return tuple(_alarm(row) for row in connection.execute(_select(condition)))
+
+    def since(self, machine: str, since: str, limit: int) -> tuple[Alarm, ...]:
+        """Those of a machine that came, or went, at ``since`` (ISO 8601, UTC) or later, or are active; newest first."""
+        later = sa.or_(alarms.c.raised >= since, alarms.c.cleared >= since, alarms.c.state == "active")
+        query = sa.select(alarms).where(alarms.c.machine == machine, later)
+        with self._database.read() as connection:
+            rows = connection.execute(query.order_by(alarms.c.number.desc()).limit(limit))
+            return tuple(_alarm(row) for row in rows)
+
     def change(self, id: str, to: Callable[[Alarm], Alarm]) -> Alarm:
         """Put ``to(alarm)`` in the place of the alarm; NotFoundError if there is none."""
         with self._database.read() as connection:

@@ -124,6 +124,20 @@ def activate(
     return _tagged(service[Calibrations].activate(id, _revision(if_match), principal), response)
 
 
+@router.post("/{id}/deactivate", responses=problems(404, 409, 412, 422), dependencies=ENGINEER)
+def deactivate(
+    id: str,
+    body: Decision,
+    response: Response,
+    service: ServiceDep,
+    principal: PrincipalDep,
+    if_match: IfMatch = None,
+) -> CalibrationResource:
+    """Take the calibration in use out of use: none is in use then, and the monitor rests. It can be activated again."""
+    changed = service[Calibrations].deactivate(id, _revision(if_match), principal, body.note)
+    return _tagged(changed, response)
+
+
 @machine_router.post("/{name}/calibrations/rollback", responses=problems(404, 409, 422), dependencies=ENGINEER)
 def roll_back(name: str, response: Response, service: ServiceDep, principal: PrincipalDep) -> CalibrationResource:
     """Use the calibration again that was in use before the active one."""

@@ -3,7 +3,8 @@
 ::
 
     proposed ──approve──► approved ──activate──► active ──another one──► retired ──activate, roll back──► active
-        └──────reject──────┴──► rejected
+        └──────reject──────┴──► rejected             │
+                                 retired ◄─deactivate─┘
 """
 
 from __future__ import annotations
@@ -24,6 +25,8 @@ from server.platform.authorization.principals import Principal
 from server.platform.database.engine import Database, Page, page
 from server.platform.errors import ConflictError, NotFoundError, PreconditionError
 
+#: Notes of steps that undo an activation, by which a page can tell what rolling back leads to.
+ROLLED_BACK, OUT_OF_USE = "rolled back to", "taken out of use"
 State = Literal["proposed", "approved", "rejected", "active", "retired"]
 
 
@@ -184,13 +187,33 @@ class CalibrationStore:
         """Use the one again that was in use before the active one; ConflictError if there was none."""
         with self._database.write("calibrations") as connection:
             lasting = self._lasting(connection, machine)
-            if len(lasting) < 2:
+            if len(lasting) < 2 or _get(connection, lasting[0].calibration).state != "active":
                 raise ConflictError(f"machine '{machine}' had no other calibration in use before; activate one instead")
             current, before = lasting
             connection.execute(activations.update().where(activations.c.number == current.number).values(undone=True))
             again = _get(connection, before.calibration)
-            self._put_in_use(connection, again, self._database.now(), by, "rolled back to")
+            self._put_in_use(connection, again, self._database.now(), by, ROLLED_BACK)
             return _get(connection, before.calibration)
+
+    def deactivate(self, id: str, revision: int | None, by: Principal, note: str) -> Calibration:
+        """Take it out of use in the name of ``by``: the machine has none in use then, as before its first one.
+
+        Raises
+        ------
+        ConflictError
+            If it is not in use.
+        PreconditionError
+            If ``revision`` is given and not the current one.
+        """
+        with self._database.write("calibrations") as connection:
+            found = _expect(connection, id, revision)
+            if found.state != "active":
+                raise ConflictError(f"calibration '{id}' is {found.state}; only the one in use can be taken out of use")
+            newest = self._lasting(connection, found.machine)[0]
+            connection.execute(activations.update().where(activations.c.number == newest.number).values(undone=True))
+            _update(connection, found, state="retired")
+            self._step(connection, id, "retired", by, f"{OUT_OF_USE}: {note}" if note else OUT_OF_USE)
+            return _get(connection, id)
 
     def _lasting(self, connection: sa.Connection, machine: str) -> builtins.list[Any]:
         query = sa.select(activations).where(activations.c.machine == machine, sa.not_(activations.c.undone))

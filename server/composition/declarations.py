@@ -9,9 +9,12 @@ from server.backups.backup_resource import BACKUPS
 from server.calibrations.calibration_resource import CALIBRATIONS
 from server.effects.effect_resource import EFFECTS
 from server.excitations.excitation_resource import EXCITATIONS
+from server.fleet.fleet_resource import FLEET
+from server.history.history_resource import HISTORY
 from server.identifications.identification_resource import IDENTIFICATIONS
 from server.jobs.job_resource import JOBS
 from server.live.live_resource import LIVE
+from server.log_lines.log_resource import LOG_LINES
 from server.machines.machine_resource import MACHINES
 from server.monitor.monitor_resource import MONITOR
 from server.platform.resource import tables_of
@@ -25,6 +28,8 @@ RESOURCES = (
     LIVE,
     MACHINES,
     MONITOR,
+    FLEET,
+    HISTORY,
     TRACES,
     RECORDINGS,
     IDENTIFICATIONS,
@@ -38,6 +43,7 @@ RESOURCES = (
     ALARMS,
     ACCESS,
     AUDIT,
+    LOG_LINES,
 )
 #: All tables of the store.
 TABLES = tables_of(RESOURCES)

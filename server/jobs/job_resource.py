@@ -15,6 +15,7 @@ from server.jobs.job_routes import router
 from server.jobs.job_runner import EXECUTOR, QUEUES, JobRunner
 from server.jobs.job_store import Jobs
 from server.jobs.job_tables import executors, job_claims, job_events, jobs
+from server.jobs.job_times import JobTimes
 from server.platform.database.engine import Database
 from server.platform.files import DataDirectory
 from server.platform.parts import Parts
@@ -75,6 +76,7 @@ JOBS = Resource(
     kept={"/jobs": ("jobs", "identifications", "excitations", "recalibrations")},
     provides={
         Jobs: lambda parts: Jobs(parts[Database]),
+        JobTimes: lambda parts: JobTimes(parts[Database]),
         JobRunner: _runner,
         Silence: lambda parts: Silence(parts[Database]),
         Heartbeat: _heartbeat,

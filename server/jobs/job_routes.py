@@ -14,6 +14,7 @@ from fastapi.responses import StreamingResponse
 from server.jobs.job_runner import JobRunner
 from server.jobs.job_schemas import JobList, JobResource
 from server.jobs.job_store import FINAL, Jobs
+from server.jobs.job_times import JobTimes
 from server.platform.authorization.guard import PrincipalDep, require
 from server.platform.authorization.typed_route import TypedRoute
 from server.platform.http.route_parameters import Cursor, Limit, ServiceDep, problems
@@ -33,7 +34,7 @@ def list_jobs(
     service: ServiceDep, principal: PrincipalDep, state: State | None = None, limit: Limit = 50, cursor: Cursor = 0
 ) -> JobList:
     """List jobs, newest first; a page may be short where jobs of other machines are left out."""
-    jobs = JobList.of(service[Jobs].list(limit, cursor, state=state))
+    jobs = JobList.of(service[Jobs].list(limit, cursor, state=state), service[JobTimes].expected_end)
     if principal.machines is not None:
         machines = service.ownership.machines_of_jobs(job.id for job in jobs.items)
         jobs.items = [job for job in jobs.items if principal.may_see(machines.get(job.id))]
@@ -43,13 +44,15 @@ def list_jobs(
 @router.get("/{id}", responses=problems(404, 422), dependencies=[require("read")])
 def get(id: str, service: ServiceDep) -> JobResource:
     """Read a job."""
-    return JobResource.of(service[Jobs].get(id))
+    job = service[Jobs].get(id)
+    return JobResource.of(job, service[JobTimes].expected_end(job))
 
 
 @router.post("/{id}/cancel", status_code=202, responses=problems(404, 422), dependencies=[require("operate")])
 def cancel(id: str, service: ServiceDep) -> JobResource:
     """Ask a job to stop; one that has ended stays as it is."""
-    return JobResource.of(service[JobRunner].cancel(id))
+    job = service[JobRunner].cancel(id)
+    return JobResource.of(job, service[JobTimes].expected_end(job))
 
 
 @router.get(

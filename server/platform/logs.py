@@ -30,6 +30,30 @@ class _Lines(logging.StreamHandler[TextIO]):
             super().handleError(record)
 
 
+def _shared() -> list[Any]:
+    """What every event passes, ours and those of the libraries."""
+    return [
+        structlog.contextvars.merge_contextvars,
+        structlog.stdlib.add_log_level,
+        structlog.stdlib.add_logger_name,
+        structlog.processors.TimeStamper(fmt="iso", utc=True),
+        hide_secrets,
+    ]
+
+
+def json_lines() -> logging.Formatter:
+    """Writes a record, ours or a library's, as one JSON object without secrets."""
+    formatter: logging.Formatter = structlog.stdlib.ProcessorFormatter(
+        foreign_pre_chain=_shared(),
+        processors=[
+            structlog.stdlib.ProcessorFormatter.remove_processors_meta,
+            structlog.processors.format_exc_info,
+            structlog.processors.JSONRenderer(),
+        ],
+    )
+    return formatter
+
+
 def configure(level: str = "INFO", stream: TextIO | None = None) -> None:
     """Send every log record of this process to ``stream`` (standard error) as JSON lines.
 
@@ -37,24 +61,8 @@ def configure(level: str = "INFO", stream: TextIO | None = None) -> None:
     ----------
     level : least severe level of our own events; libraries are asked for warnings only
     """
-    shared: list[Any] = [
-        structlog.contextvars.merge_contextvars,
-        structlog.stdlib.add_log_level,
-        structlog.stdlib.add_logger_name,
-        structlog.processors.TimeStamper(fmt="iso", utc=True),
-        hide_secrets,
-    ]
     handler = _Lines(sys.stderr if stream is None else stream)
-    handler.setFormatter(
-        structlog.stdlib.ProcessorFormatter(
-            foreign_pre_chain=shared,
-            processors=[
-                structlog.stdlib.ProcessorFormatter.remove_processors_meta,
-                structlog.processors.format_exc_info,
-                structlog.processors.JSONRenderer(),
-            ],
-        )
-    )
+    handler.setFormatter(json_lines())
     root = logging.getLogger()
     root.handlers = [handler]
     root.setLevel(logging.WARNING)
@@ -65,7 +73,7 @@ def configure(level: str = "INFO", stream: TextIO | None = None) -> None:
         library.handlers = []
         library.propagate = True
     structlog.configure(
-        processors=[*shared, structlog.stdlib.ProcessorFormatter.wrap_for_formatter],
+        processors=[*_shared(), structlog.stdlib.ProcessorFormatter.wrap_for_formatter],
         logger_factory=structlog.stdlib.LoggerFactory(),
         wrapper_class=structlog.stdlib.BoundLogger,
         cache_logger_on_first_use=False,

@@ -9,13 +9,13 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable
-from datetime import UTC, datetime
+from datetime import datetime
 
 import structlog
 from sqlalchemy.exc import SQLAlchemyError
 
 from daq.errors import HilfitError
-from server.platform.database.engine import Database
+from server.platform.database.engine import Database, as_stored
 from server.platform.errors import ConflictError
 from server.recalibrations.recalibration_job import new_recalibration
 from server.schedules import schedule_slots as slots
@@ -83,7 +83,7 @@ class ScheduleClock:
         # While the machine is being recalibrated its slots wait, and have their turn together afterwards.
         if not due or self._schedules.busy(schedule.machine):
             return None
-        written = [text(slot) for slot in due]
+        written = [as_stored(slot) for slot in due]
         try:
             self._ready(schedule.machine)
         except HilfitError as error:
@@ -103,15 +103,10 @@ class ScheduleClock:
         return new.job
 
 
-def text(moment: datetime) -> str:
-    """A moment as the store writes it."""
-    return moment.astimezone(UTC).isoformat(timespec="milliseconds").replace("+00:00", "Z")
-
-
 def next_slot(schedule: Schedule) -> str | None:
     """The next slot of a schedule that has not had its turn; None if it does not run."""
     if not schedule.enabled:
         return None
     after = datetime.fromisoformat(schedule.considered)
     found = next(slots.upcoming(schedule.cron, schedule.timezone, after), None)
-    return None if found is None else text(found)
+    return None if found is None else as_stored(found)

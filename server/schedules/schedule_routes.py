@@ -16,12 +16,12 @@ from server.jobs.job_store import Jobs
 from server.machines.machine_store import Machines
 from server.platform.authorization.guard import PrincipalDep, require
 from server.platform.authorization.typed_route import TypedRoute
+from server.platform.database.engine import as_stored
 from server.platform.errors import InvalidError, PreconditionError
 from server.platform.http.route_parameters import Cursor, Idempotency, Limit, MachineQuery, ServiceDep, problems
 from server.platform.service import Service
 from server.schedules import schedule_slots as slots
 from server.schedules.recalibration_orders import RecalibrationOrders
-from server.schedules.schedule_clock import text
 from server.schedules.schedule_schemas import (
     ScheduleList,
     ScheduleResource,
@@ -80,7 +80,7 @@ def upcoming(
     """When a schedule with this expression would run next; it is refused where a schedule with it would be."""
     now = datetime.fromisoformat(service.now())
     slots.check(cron, timezone, now)
-    return UpcomingSlots(slots=[text(slot) for slot in islice(slots.upcoming(cron, timezone, now), UPCOMING)])
+    return UpcomingSlots(slots=[as_stored(slot) for slot in islice(slots.upcoming(cron, timezone, now), UPCOMING)])
 
 
 @router.get("/{id}", responses=problems(404, 422), dependencies=[require("read")])

@@ -84,7 +84,7 @@ def test_the_guide_survives_reloads_and_orders_one_identification(page: Any, sit
     assert page.get_by_text("rods").count() == 0  # the lever has no cylinder, so there is nothing to unpin
     for step in ("Record the training motion", "Record it once more"):
         page.get_by_role("region", name=re.compile(step)).get_by_role("button", name="Start recording").wait_for()
-        page.get_by_label("How long").select_option("0")
+        page.get_by_label("At most").select_option("0")
         page.get_by_role("button", name="Start recording").click()
         page.get_by_role("button", name="Stop and go on").wait_for()
         page.reload()

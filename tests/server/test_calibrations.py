@@ -138,6 +138,29 @@ def test_from_a_proposal_to_use_and_back(guarded: Guarded, identified: Any) -> N
     assert model.json()["effects"] == report(92.0)["loop"]["effects"]
 
 
+def test_the_first_activation_can_be_undone(guarded: Guarded, identified: Any) -> None:
+    """None is in use then, the same one can be used again, and rolling back leads past it to nothing."""
+    service = guarded.running.service
+    if (earlier := service[Calibrations].active("lever")) is not None:
+        service[Calibrations].deactivate(earlier.id, None, LOCAL, "")
+    id = propose(guarded, identified(report(70.0))).json()["id"]
+    assert act(guarded, id, "deactivate").status_code == 409, "it is not in use"
+    for verb in ("approve", "activate"):
+        act(guarded, id, verb)
+    assert act(guarded, id, "deactivate", "operator").status_code == 403
+    undone = act(guarded, id, "deactivate").json()
+    assert (undone["state"], undone["history"][-1]["action"], undone["history"][-1]["note"]) == (
+        "retired",
+        "retired",
+        "taken out of use: as measured",
+    )
+    assert service[Calibrations].active("lever") is None
+    back = f"{API}/machines/lever/calibrations/rollback"
+    assert guarded.client.post(back, headers=guarded.bearer("engineer")).status_code == 409
+    assert act(guarded, id, "activate").json()["state"] == "active"
+    act(guarded, id, "deactivate")
+
+
 def test_the_model_says_which_calibration_it_is(guarded: Guarded, identified: Any) -> None:
     """The model of the identification, its provenance completed, and else untouched."""
     id = propose(guarded, identified(report(70.0)), "engineer").json()["id"]

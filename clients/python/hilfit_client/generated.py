@@ -9,7 +9,7 @@ from typing import Any, Literal, NotRequired, TypedDict, Unpack
 from hilfit_client.transport import Transport
 
 #: SHA-256 of the description that this was made from.
-SOURCE_SHA256 = "c1284ff7d73ca644e4dd9d1c1a2649e1853b42ab6cce641ecbf46ecdd29dbc60"
+SOURCE_SHA256 = "b83790ab4bcd145c74f2756b5aa8403e23a34692ebf63dd49ed95496246de68a"
 
 
 class AcquisitionWish(TypedDict):
@@ -212,10 +212,79 @@ class ExcitationResource(TypedDict):
     state: Literal["queued", "running", "done", "failed", "cancelled"]
 
 
+class Fleet(TypedDict):
+    """All machines, the one nearest to its limit first; those that are not watched follow by name."""
+
+    items: list[FleetMachine]
+
+
+class FleetAlarms(TypedDict):
+    """How many alarms are active, and how many, active or not, nobody acknowledged."""
+
+    critical: NotRequired[int]
+    info: NotRequired[int]
+    waiting: NotRequired[int]
+    warning: NotRequired[int]
+
+
+class FleetCalibration(TypedDict):
+    """The calibration in use: since when, and the error over all joints that it reached, in noise floors."""
+
+    activated: str | None
+    error: float | None
+    id: str
+    label: str
+
+
+class FleetMachine(TypedDict):
+    """A machine at a glance."""
+
+    acquisition: str
+    alarms: FleetAlarms
+    calibration: FleetCalibration | None
+    joint: MonitoredJoint | None
+    monitor: Literal["off", "learning", "watching", "drift"]
+    name: str
+    reason: str | None
+    version: int
+
+
+class FoundEffect(TypedDict):
+    """An effect that an identification added to the model; `joint` is null for one of the whole machine."""
+
+    id: str
+    joint: str | None
+    title: str
+
+
 class Health(TypedDict):
     """Answered when all is well."""
 
     status: Literal["ok"]
+
+
+class History(TypedDict):
+    """The time line of a machine, newest first."""
+
+    complete: bool
+    items: list[HistoryEvent]
+    machine: str
+    since: str
+
+
+class HistoryEvent(TypedDict):
+    """Something that happened to a machine."""
+
+    by: NotRequired[str | None]
+    effects: NotRequired[list[FoundEffect]]
+    error: NotRequired[float | None]
+    kind: Literal["file", "identification", "calibration", "drift", "alarm"]
+    severity: NotRequired[Literal["info", "warning", "critical"] | None]
+    subject: str
+    text: str
+    time: str
+    until: NotRequired[str | None]
+    what: str
 
 
 class HolderList(TypedDict):
@@ -300,6 +369,7 @@ class JobResource(TypedDict):
     created: str
     ended: str | None
     error: str | None
+    expected_end: NotRequired[str | None]
     fraction: float
     id: str
     kind: str
@@ -327,6 +397,24 @@ class KeyOrder(TypedDict):
     machines: NotRequired[list[str] | None]
     name: str
     role: Literal["viewer", "operator", "engineer", "admin"]
+
+
+class LogLine(TypedDict):
+    """A line of the log; `detail` is what it says beside time, level, logger and event."""
+
+    detail: dict[str, Any]
+    event: str
+    level: str
+    logger: str
+    number: int
+    time: str
+
+
+class LogLines(TypedDict):
+    """Lines, oldest first; `newest`: number of the newest line there is, to go on from."""
+
+    items: list[LogLine]
+    newest: int
 
 
 class MachineCheck(TypedDict):
@@ -911,6 +999,16 @@ class CalibrationsApi:
         )
         return answer
 
+    def deactivate(self, id: str, *, if_match: str | None = None, **body: Unpack[Decision]) -> CalibrationResource:
+        """Take the calibration in use out of use: none is in use then, and the monitor rests. It can be activated again."""
+        answer: CalibrationResource = self._transport.json(
+            "POST",
+            f"/api/v1/calibrations/{self._transport.quoted(id)}/deactivate",
+            json=dict(body),
+            headers={"if-match": if_match},
+        )
+        return answer
+
     def model(self, id: str) -> dict[str, Any]:
         """Download the fitted model (schema `hilfit/model/1`), with the calibration's id in its provenance."""
         answer: dict[str, Any] = self._transport.json(
@@ -991,6 +1089,18 @@ class ExcitationsApi:
     def send(self, id: str) -> Sent:
         """Hand the motion to the simulated machine's controller; 409 for a real machine, whose controller is its own."""
         answer: Sent = self._transport.json("POST", f"/api/v1/excitations/{self._transport.quoted(id)}/send")
+        return answer
+
+
+class FleetApi:
+    """What is below ``/fleet``."""
+
+    def __init__(self, transport: Transport) -> None:
+        self._transport = transport
+
+    def fleet(self) -> Fleet:
+        """All machines with their residual against its limit, the calibration in use, and how many alarms there are."""
+        answer: Fleet = self._transport.json("GET", "/api/v1/fleet")
         return answer
 
 
@@ -1094,6 +1204,27 @@ class LiveApi:
         return answer
 
 
+class LogsApi:
+    """What is below ``/logs``."""
+
+    def __init__(self, transport: Transport) -> None:
+        self._transport = transport
+
+    def log_lines(
+        self,
+        *,
+        after: int | None = None,
+        level: Literal["debug", "info", "warning", "error", "critical"] | None = None,
+        containing: str | None = None,
+        limit: int | None = None,
+    ) -> LogLines:
+        """The newest lines of the service's log since its start, oldest first; workers have logs of their own."""
+        answer: LogLines = self._transport.json(
+            "GET", "/api/v1/logs", query={"after": after, "level": level, "containing": containing, "limit": limit}
+        )
+        return answer
+
+
 class MachinesApi:
     """What is below ``/machines``."""
 
@@ -1143,6 +1274,13 @@ class MachinesApi:
         return self._transport.content(
             "GET", f"/api/v1/machines/{self._transport.quoted(name)}/file", query={"version": version}
         )
+
+    def history(self, name: str, *, days: int | None = None) -> History:
+        """Calibrations, identifications with their effects, drifts, alarms and versions of a machine as one time line."""
+        answer: History = self._transport.json(
+            "GET", f"/api/v1/machines/{self._transport.quoted(name)}/history", query={"days": days}
+        )
+        return answer
 
     def monitor(self, name: str) -> MonitorResource:
         """Whether a machine still does what its active calibration says, joint by joint."""
@@ -1434,9 +1572,11 @@ class Api:
         self.effects = EffectsApi(transport)
         self.events = EventsApi(transport)
         self.excitations = ExcitationsApi(transport)
+        self.fleet = FleetApi(transport)
         self.identifications = IdentificationsApi(transport)
         self.jobs = JobsApi(transport)
         self.live = LiveApi(transport)
+        self.logs = LogsApi(transport)
         self.machines = MachinesApi(transport)
         self.recalibrations = RecalibrationsApi(transport)
         self.recordings = RecordingsApi(transport)

@@ -36,6 +36,11 @@ def utc_now() -> datetime:
     return datetime.now(UTC)
 
 
+def as_stored(moment: datetime) -> str:
+    """A moment as the store writes it: ISO 8601, UTC, milliseconds."""
+    return moment.astimezone(UTC).isoformat(timespec="milliseconds").replace("+00:00", "Z")
+
+
 @dataclass(frozen=True)
 class Page(Generic[Item]):
     """Some items of a longer list, and the cursor of the next page (None at the end)."""
@@ -188,7 +193,7 @@ class Database:
 
     def now(self) -> str:
         """The time as the store writes it: UTC, milliseconds."""
-        return self._clock().astimezone(UTC).isoformat(timespec="milliseconds").replace("+00:00", "Z")
+        return as_stored(self._clock())
 
     def revisions(self) -> dict[str, int]:
         """Per resource how often it changed since the store was made."""

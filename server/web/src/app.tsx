@@ -8,14 +8,18 @@ import { pairingCode, useRoute } from "./routes";
 import { useSession } from "./session";
 import Alarms from "./views/alarms";
 import Calibrations from "./views/calibrations";
+import Fleet from "./views/fleet";
+import History from "./views/history";
 import Jobs from "./views/jobs";
 import Live from "./views/live";
 import Machines from "./views/machines";
 import Pair from "./views/pair";
+import Pose from "./views/pose";
 import Recalibrate from "./views/recalibrate";
 import Recordings from "./views/recordings";
 import Results from "./views/results";
 import Schedules from "./views/schedules";
+import Service from "./views/service";
 
 const VIEWS = {
   live: [Live, "Live"],
@@ -27,6 +31,10 @@ const VIEWS = {
   calibrations: [Calibrations, "Calibrations"],
   schedules: [Schedules, "Schedules"],
   machines: [Machines, "Machines"],
+  pose: [Pose, "Pose"],
+  history: [History, "History"],
+  fleet: [Fleet, "Fleet"],
+  service: [Service, "Service"],
   pair: [Pair, "Pair this device"],
 } as const;
 

@@ -87,3 +87,15 @@ export function useResource<T>(path: string | null, watch: string | string[]): R
     reload: () => void read(),
   };
 }
+
+/** Read a resource again each `ms` milliseconds while the page is looked at: what changes without an event. */
+export function useRegularly(resource: Resource<unknown>, ms: number): void {
+  const latest = useRef(resource);
+  latest.current = resource;
+  useEffect(() => {
+    const timer = setInterval(() => {
+      if (!document.hidden) latest.current.reload();
+    }, ms);
+    return () => clearInterval(timer);
+  }, [ms]);
+}

@@ -29,6 +29,8 @@ export interface TimeChartProps {
   height: number;
   /** Labels of the times at `places`, of which `span` seconds are shown. */
   timeLabels: (places: number[], span: number) => string[];
+  /** Zone of the times, drawn at the left end of the axis; none where times are seconds since something. */
+  zone?: string;
   /** What is to be drawn now. */
   read: () => Drawn | null;
   overlays: () => Overlays;
@@ -108,7 +110,11 @@ function options(width: number, now: { current: TimeChartProps }): uPlot.Options
     hooks: {
       setCursor: [(plot) => now.current.onCursor((plot.cursor.left ?? -1) < 0 ? null : (plot.cursor.idx ?? null))],
     },
-    plugins: [overlays(() => now.current.overlays(), colour), gestures(hands)],
+    plugins: [
+      overlays(() => now.current.overlays(), colour),
+      gestures(hands),
+      zoneAtAxis(() => now.current.zone ?? "", colour),
+    ],
     axes: [
       {
         ...axis,
@@ -132,6 +138,23 @@ function options(width: number, now: { current: TimeChartProps }): uPlot.Options
         };
       }),
     ],
+  };
+}
+
+/** Writes the zone of the times below the labels of the other axis, where nothing else is. */
+function zoneAtAxis(read: () => string, colour: { text: string; font: string }): uPlot.Plugin {
+  return {
+    hooks: {
+      drawAxes: ({ ctx, bbox }) => {
+        ctx.save();
+        ctx.fillStyle = colour.text;
+        ctx.font = colour.font.replace(/^\d+px/, (size) => `${(parseFloat(size) - 1) * devicePixelRatio}px`);
+        ctx.textAlign = "left";
+        ctx.textBaseline = "top";
+        ctx.fillText(read(), 2 * devicePixelRatio, bbox.top + bbox.height + 8 * devicePixelRatio);
+        ctx.restore();
+      },
+    },
   };
 }
 

@@ -1,6 +1,7 @@
 /** Where one can go: a bar at the bottom of an upright tablet, a rail at the side of a wide screen. */
 import { useEffect, useRef, useState } from "preact/hooks";
 import { useRoute } from "../routes";
+import { useSession } from "../session";
 import { Icon, type IconName } from "../ui/icons";
 
 interface Place {
@@ -15,12 +16,17 @@ const MAIN: Place[] = [
   { name: "results", title: "Results", icon: "result" },
 ];
 const MORE: Place[] = [
+  { name: "pose", title: "Pose", icon: "pose" },
   { name: "recordings", title: "Recordings", icon: "recording" },
   { name: "jobs", title: "Jobs", icon: "job" },
   { name: "calibrations", title: "Calibrations", icon: "calibration" },
+  { name: "history", title: "History", icon: "history" },
   { name: "schedules", title: "Schedules", icon: "schedule" },
   { name: "machines", title: "Machines", icon: "machine" },
+  { name: "fleet", title: "Fleet", icon: "fleet" },
 ];
+/** What only an admin may look at. */
+const ADMIN: Place[] = [{ name: "service", title: "Service", icon: "service" }];
 
 export function Navigation({ at }: { at: string }) {
   const [open, setOpen] = useState(false);
@@ -41,7 +47,8 @@ export function Navigation({ at }: { at: string }) {
       document.removeEventListener("pointerdown", close);
     };
   }, [open]);
-  const further = MORE.some((place) => place.name === at);
+  const places = useSession().may("admin") ? [...MORE, ...ADMIN] : MORE;
+  const further = places.some((place) => place.name === at);
   return (
     <nav class="navigation" aria-label="Main" ref={box}>
       <ul>
@@ -64,7 +71,7 @@ export function Navigation({ at }: { at: string }) {
         </li>
       </ul>
       <ul id="more-places" class={open ? "further open" : "further"}>
-        {MORE.map((place) => (
+        {places.map((place) => (
           <li key={place.name}>
             <Link place={place} at={at} />
           </li>

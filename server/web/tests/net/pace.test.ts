@@ -1,5 +1,5 @@
 import { expect, it } from "vitest";
-import { paced, SHORTEST_MS } from "../../src/views/live/pace";
+import { paced, SHORTEST_MS, sliced } from "../../src/views/live/pace";
 import { FakeTimers } from "./fakes";
 
 function made(cost: number) {
@@ -32,4 +32,55 @@ it("leaves a slow device most of its time", () => {
     timers.pass(50);
   }
   expect(drawn).toEqual([0, 1000, 2000]);
+});
+
+/** Parts that each take `cost` ms to draw, on a screen with a frame each 16 ms. */
+function parts(cost: number, count: number) {
+  const timers = new FakeTimers();
+  let busy = 0;
+  const now = (): number => timers.now() + busy;
+  const drawn: [number, number][] = [];
+  const frame = (work: () => void): void => {
+    const spent = busy;
+    busy = 0;
+    timers.after(Math.max(16, spent), work);
+  };
+  const clock = { now, after: (ms: number, work: () => void) => void timers.after(ms, work), drawn: frame };
+  const pieces = Array.from({ length: count }, (_, number) => () => {
+    drawn.push([number, timers.now()]);
+    busy += cost;
+  });
+  return { timers, drawn, news: sliced(() => [...pieces], clock, 33) };
+}
+
+it("spreads a drawing over frames where its parts take long, each part once", () => {
+  const { timers, drawn, news } = parts(10, 4);
+  news();
+  news();
+  timers.pass(200);
+  expect(drawn).toEqual([
+    [0, 0],
+    [1, 16],
+    [2, 32],
+    [3, 48],
+  ]);
+});
+
+it("draws parts that take no time in one frame", () => {
+  const { timers, drawn, news } = parts(1, 4);
+  news();
+  timers.pass(10);
+  expect(drawn.map(([number, time]) => [number, time])).toEqual([0, 1, 2, 3].map((number) => [number, 0]));
+});
+
+it("leaves a slow device most of its time between drawings of several parts, too", () => {
+  const { timers, drawn, news } = parts(30, 4);
+  for (let frame = 0; frame < 100; frame += 1) {
+    news();
+    timers.pass(16);
+  }
+  const first = drawn.filter(([number]) => number === 0).map(([, time]) => time);
+  expect(first.length).toBeGreaterThan(2);
+  for (let number = 1; number < first.length; number += 1)
+    expect((first[number] as number) - (first[number - 1] as number)).toBeGreaterThanOrEqual(380); // 120 of 400 ms
 });

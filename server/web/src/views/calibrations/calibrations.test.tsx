@@ -90,6 +90,17 @@ describe("calibrations", () => {
     expect(fake.sent.length).toBe(1);
   });
 
+  it("are taken out of use where none was before", async () => {
+    const fake = service("engineer", IN_USE);
+    fake.answers["POST /calibrations/cal-2/deactivate"] = done(calibration({ state: "retired" }));
+    fake.show(<CalibrationsView />);
+    fireEvent.click(await screen.findByRole("button", { name: "Take it out of use" }));
+    const dialog = screen.getByRole("dialog");
+    expect(dialog.textContent).toContain("monitor rests");
+    fireEvent.click(within(dialog).getByRole("button", { name: "Take it out of use" }));
+    await waitFor(() => expect(fake.sent.map((one) => one.path)).toEqual(["/calibrations/cal-2/deactivate"]));
+  });
+
   it("appear when the service says that there are new ones", async () => {
     const fake = service("viewer");
     fake.show(<CalibrationsView />);

@@ -77,34 +77,52 @@ function RollBack({ machine, active, to, onDone }: RollBackProps) {
   const session = useSession();
   const command = useCommand();
   const [asking, setAsking] = useState(false);
-  if (to === null) return <p class="hint">There is none before it to roll back to.</p>;
-  if (!session.may("engineer")) return <p class="hint">An engineer can roll back to the calibration before it.</p>;
+  if (!session.may("engineer"))
+    return (
+      <p class="hint">
+        An engineer can {to === null ? "take it out of use" : "roll back to the calibration before it"}.
+      </p>
+    );
+  const words = to === null ? "Take it out of use" : "Roll back";
+  const undo = (): void => {
+    setAsking(false);
+    if (to === null) {
+      const path = `/calibrations/${encodeURIComponent(active.id)}/deactivate`;
+      void command.run({ method: "POST", path, json: { note: "" } }, onDone);
+      return;
+    }
+    const path = `/machines/${encodeURIComponent(machine)}/calibrations/rollback`;
+    void command.run<Calibration>({ method: "POST", path }, (now) => {
+      command.say({ kind: "good", text: `“${now.label}” is in use again.` });
+      onDone();
+    });
+  };
   return (
     <>
       <CommandNotice of={command} />
       <Button busy={command.busy} disabled={!session.online.value} onClick={() => setAsking(true)}>
-        Roll back
+        {words}
       </Button>
       {asking && (
         <Confirm
-          title="Roll back?"
+          title={`${words}?`}
           text={
-            <p>
-              “{active.label}” is taken out of use, and the calibration that was in use before it (“{to.label}”, if
-              nothing else happened meanwhile) is used again. The monitor compares with that one from then on.
-            </p>
+            to === null ? (
+              <p>
+                “{active.label}” is the first one that this machine has in use: without it there is none, as before, and
+                the monitor rests. It can be used again later.
+              </p>
+            ) : (
+              <p>
+                “{active.label}” is taken out of use, and the calibration that was in use before it (“{to.label}”, if
+                nothing else happened meanwhile) is used again. The monitor compares with that one from then on.
+              </p>
+            )
           }
-          confirm="Roll back"
+          confirm={words}
           kind="danger"
           onNo={() => setAsking(false)}
-          onYes={() => {
-            setAsking(false);
-            const path = `/machines/${encodeURIComponent(machine)}/calibrations/rollback`;
-            void command.run<Calibration>({ method: "POST", path }, (now) => {
-              command.say({ kind: "good", text: `“${now.label}” is in use again.` });
-              onDone();
-            });
-          }}
+          onYes={undo}
         />
       )}
     </>

@@ -91,6 +91,26 @@ describe("history", () => {
     expect(before([second, oldest, first])?.id).toBe("a");
     expect(before([second])).toBeNull();
   });
+
+  it("does not lead to one whose use was undone", () => {
+    type Steps = [string, "activated" | "retired", string][];
+    const told = (id: string, steps: Steps) =>
+      calibration({
+        id,
+        activated: steps[0]?.[0] ?? null,
+        history: steps.map(([time, action, note]) => ({ time, action, note, by: "Kim" })),
+      });
+    const first: Steps = [["01", "activated", ""]];
+    expect(before([told("a", first)])).toBeNull();
+    const replaced: Steps = [...first, ["02", "retired", ""]];
+    const newer: Steps = [["03", "activated", ""]];
+    expect(before([told("a", replaced), told("b", newer)])?.id).toBe("a");
+    const again: Steps = [...replaced, ["05", "activated", "rolled back to"]];
+    const undone: Steps = [...newer, ["04", "retired", ""]];
+    expect(before([told("a", again), told("b", undone)])).toBeNull();
+    const out: Steps = [...first, ["02", "retired", "taken out of use: by mistake"]];
+    expect(before([told("a", out), told("b", newer)])).toBeNull();
+  });
 });
 
 it("reads the errors of the motion that was not fitted", () => {

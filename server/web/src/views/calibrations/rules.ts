@@ -69,8 +69,31 @@ export function history(calibrations: Calibration[]): Step[] {
   return steps.sort((a, b) => b.time.localeCompare(a.time));
 }
 
-/** The last but one that was in use: what rolling back leads to; null if there is none. */
+/** Notes of the service at steps that undo an activation. */
+const ROLLED_BACK = "rolled back to";
+const OUT_OF_USE = "taken out of use";
+
+/**
+ * What rolling back leads to, null if there is none: what was put in use before the active one and not undone since, as
+ * the service counts it.
+ */
 export function before(calibrations: Calibration[]): Calibration | null {
+  if (calibrations.some((one) => one.activated !== null && one.history.length === 0)) return lastRetired(calibrations);
+  const steps = calibrations
+    .flatMap((one) => one.history.map((step) => ({ one, ...step })))
+    .sort((a, b) => a.time.localeCompare(b.time));
+  const used: Calibration[] = [];
+  for (const { one, action, note } of steps) {
+    const undone =
+      (action === "activated" && note === ROLLED_BACK) || (action === "retired" && note.startsWith(OUT_OF_USE));
+    if (undone) used.pop();
+    else if (action === "activated") used.push(one);
+  }
+  return used[used.length - 2] ?? null;
+}
+
+/** Where a calibration does not tell its history. */
+function lastRetired(calibrations: Calibration[]): Calibration | null {
   const retired = calibrations.filter((one) => one.state === "retired" && one.activated !== null);
   return retired.sort((a, b) => (b.activated as string).localeCompare(a.activated as string))[0] ?? null;
 }

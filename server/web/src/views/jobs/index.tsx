@@ -6,6 +6,7 @@ import { CommandNotice, useCommand } from "../../command";
 import { useResource } from "../../resource";
 import { useSession } from "../../session";
 import { Button, Mark, Notice, Progress } from "../../ui/controls";
+import { useSecond } from "../../ui/clock";
 import { DASH, duration, time } from "../../ui/format";
 import { Confirm, Empty, Panel, Table } from "../../ui/layout";
 import { jobWords } from "../../words";
@@ -65,7 +66,14 @@ function JobsPage() {
                 </a>
               ),
               state: <Mark kind={jobWords(job.state)[0]}>{jobWords(job.state)[1]}</Mark>,
-              progress: over(job) ? (job.error ?? job.text) : <Progress fraction={job.fraction} text={job.text} />,
+              progress: over(job) ? (
+                (job.error ?? job.text)
+              ) : (
+                <>
+                  <Progress fraction={job.fraction} text={job.text} />
+                  <Remaining job={job} />
+                </>
+              ),
               created: time(job.created),
             }))}
           />
@@ -89,6 +97,24 @@ function JobPage({ id }: { id: string }) {
   );
 }
 
+/** How long a job will probably still take, and what is known where that is not. */
+export function remaining(job: Job, now: number): string {
+  if (job.state === "queued") return "Begins when the jobs before it are over.";
+  if (job.expected_end === null || job.expected_end === undefined) return "How long it will take is not known yet.";
+  const seconds = (new Date(job.expected_end).getTime() - now) / 1000;
+  return seconds < 1 ? "It takes longer than usual." : `About ${duration(rounded(seconds))} left.`;
+}
+
+/** No more exact than an estimate is. */
+function rounded(seconds: number): number {
+  const step = seconds < 60 ? 5 : seconds < 600 ? 10 : seconds < 3600 ? 60 : 300;
+  return Math.max(step, Math.round(seconds / step) * step);
+}
+
+function Remaining({ job }: { job: Job }) {
+  return <p class="hint remaining">{remaining(job, useSecond())}</p>;
+}
+
 export function over(job: Job): boolean {
   return job.state === "done" || job.state === "failed" || job.state === "cancelled";
 }
@@ -103,6 +129,7 @@ export function JobPanel({ job }: { job: Job }) {
   return (
     <Panel title={KINDS[job.kind] ?? job.kind} actions={<Mark kind={kind}>{words}</Mark>}>
       {!over(job) && <Progress fraction={job.fraction} text={job.text} />}
+      {!over(job) && <Remaining job={job} />}
       {job.state === "failed" && <Notice kind="bad">{job.error ?? job.text}</Notice>}
       {job.state === "cancelled" && <Notice kind="info">It was cancelled; nothing was stored.</Notice>}
       <ol class="steps">

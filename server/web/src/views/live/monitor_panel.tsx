@@ -1,7 +1,6 @@
 /** Whether the arm still is as it was calibrated. */
-import { useEffect } from "preact/hooks";
 import type { components } from "../../net/api.gen";
-import { useResource } from "../../resource";
+import { useRegularly, useResource } from "../../resource";
 import { Mark, Notice, Progress } from "../../ui/controls";
 import { number, percent } from "../../ui/format";
 import { Panel, Table } from "../../ui/layout";
@@ -15,12 +14,7 @@ const LOOK_MS = 4000;
 export function MonitorPanel({ machine }: { machine: string }) {
   const path = `/machines/${encodeURIComponent(machine)}/monitor`;
   const monitor = useResource<Monitor>(path, ["calibrations", "machines"]);
-  useEffect(() => {
-    const timer = setInterval(() => {
-      if (!document.hidden) monitor.reload();
-    }, LOOK_MS);
-    return () => clearInterval(timer);
-  }, [path]);
+  useRegularly(monitor, LOOK_MS);
   const value = monitor.value;
   const [kind, words] = value === null ? (["info", "Asking the monitor"] as const) : monitorWords(value.state);
   const joints = value?.joints ?? [];

@@ -9,9 +9,10 @@ import { remember, remembered } from "../../storage";
 import { Button, Notice } from "../../ui/controls";
 import { zone } from "../../ui/format";
 import { ChannelChoice, chosen, Thresholds, useChoice } from "./choice";
+import { Diagnostics } from "./diagnostics";
 import type { Group } from "./groups";
 import { useMarks } from "./marks";
-import { paced, realClock } from "./pace";
+import { realClock, sliced } from "./pace";
 import { Strip } from "./strip";
 import { useSignals } from "./use_signals";
 import type { Live } from "./use_live";
@@ -33,7 +34,19 @@ export function Plots({ machine, groups, live }: { machine: string; groups: Grou
   );
   const marks = useMarks(machine);
   const draws = useRef(new Map<string, () => void>());
-  const draw = useMemo(() => paced(() => draws.current.forEach((one) => one()), realClock, FRAME_MS), []);
+  const drawings = useRef(0);
+  const draw = useMemo(
+    () =>
+      sliced(
+        () => {
+          drawings.current += 1;
+          return [...draws.current.values()];
+        },
+        realClock,
+        FRAME_MS,
+      ),
+    [],
+  );
   const signals = useSignals(machine, live.history, names, shown, live.link, draw);
   const register = useCallback((name: string, one: (() => void) | null) => {
     if (one === null) draws.current.delete(name);
@@ -94,6 +107,7 @@ export function Plots({ machine, groups, live }: { machine: string; groups: Grou
         ))}
       </div>
       <Marks marks={marks} onShow={fixed} />
+      <Diagnostics draws={() => drawings.current} missed={() => live.history.missed} />
     </>
   );
 }

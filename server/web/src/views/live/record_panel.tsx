@@ -1,10 +1,11 @@
 /** Start and stop a recording of the machine that is looked at. */
-import { useEffect, useState } from "preact/hooks";
+import { useState } from "preact/hooks";
 import type { components } from "../../net/api.gen";
 import { CommandNotice, useCommand } from "../../command";
 import { useResource } from "../../resource";
 import { useSession } from "../../session";
 import { Button, Field, Mark, type InputEvent, type SelectEvent } from "../../ui/controls";
+import { useSecond } from "../../ui/clock";
 import { duration } from "../../ui/format";
 import { Panel } from "../../ui/layout";
 import { ROLE_WORDS, type Role } from "../../words";
@@ -103,10 +104,6 @@ export function RecordPanel({ machine, acquired }: { machine: string; acquired: 
 
 /** How long since a time of the service, counted on. */
 export function Since({ iso }: { iso: string }) {
-  const [now, setNow] = useState(Date.now());
-  useEffect(() => {
-    const timer = setInterval(() => setNow(Date.now()), 1000);
-    return () => clearInterval(timer);
-  }, []);
+  const now = useSecond();
   return <>{duration((now - new Date(iso).getTime()) / 1000)}</>;
 }

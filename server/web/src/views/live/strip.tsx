@@ -6,7 +6,7 @@ import type { Range } from "../../charts/range";
 import { clock, clockLabels, DASHES, TimeChart } from "../../charts/time_chart";
 import type { Trace } from "../../charts/trace";
 import { Mark } from "../../ui/controls";
-import { fixed } from "../../ui/format";
+import { fixed, zone } from "../../ui/format";
 import { type Group, column, type Line, reading } from "./groups";
 import type { History } from "./history";
 import { mark, measured } from "./quality";
@@ -42,13 +42,18 @@ export function Strip(props: StripProps) {
     <section class={old ? "strip stale" : "strip"} aria-label={group.title}>
       <h3>
         {group.title} <span class="unit">{group.unit}</span>
-        {time !== undefined && <span class="at">at {clock(time, 2)}</span>}
+        {time !== undefined && (
+          <span class="at">
+            at {clock(time, 2)} {zone(new Date(1000 * time))}
+          </span>
+        )}
       </h3>
       <TimeChart
         title={group.title}
         series={series}
         height={HEIGHT}
         timeLabels={clockLabels}
+        zone={zone(new Date())}
         read={() => {
           const trace = props.trace();
           times.current = trace.t;

@@ -9,9 +9,22 @@ import { Confirm, Empty, Panel } from "../../ui/layout";
 import { time } from "../../ui/format";
 import type { MachineContent } from "../live/groups";
 import { CheckStep } from "./check_step";
+import { ClosingStep } from "./closing_step";
 import { IdentifyStep } from "./identify_step";
+import type { WatchedMachine } from "./motion_watch";
 import { RecordStep } from "./record_step";
-import { type Guide, STEPS, type Step, currentStep, newGuide, recordingsOf, storeGuide, storedGuide } from "./progress";
+import {
+  closingsOf,
+  recordingLabel,
+  type Guide,
+  STEPS,
+  type Step,
+  currentStep,
+  newGuide,
+  recordingsOf,
+  storeGuide,
+  storedGuide,
+} from "./progress";
 
 type Recordings = components["schemas"]["RecordingList"];
 type Machine = components["schemas"]["MachineDetail"];
@@ -24,6 +37,7 @@ const TITLES: Record<Step, string> = {
   train: "Record the training motion",
   repeat: "Record it once more",
   validate: "Record another motion",
+  closing: "Record the motion that tells the causes apart",
   identify: "Identify",
 };
 
@@ -47,7 +61,7 @@ function MachineGuide({ machine }: { machine: string }) {
   const recordings = useResource<Recordings>(path, "recordings");
   const [asking, setAsking] = useState(false);
   const detail = useResource<Machine>(`/machines/${encodeURIComponent(machine)}`, "machines");
-  const content = detail.value?.machine as unknown as MachineContent | undefined;
+  const content = detail.value?.machine as unknown as (MachineContent & WatchedMachine) | undefined;
   // Without cylinders there is nothing to unpin; the guide does not speak of it.
   const cylinders = content === undefined || content.joints.some((joint) => joint.cylinder != null);
   const guide = stored === null || cylinders ? stored : { ...stored, stayOn: true };
@@ -74,7 +88,8 @@ function MachineGuide({ machine }: { machine: string }) {
       </>
     );
   const mine = recordingsOf(guide, recordings.value.items);
-  const step = currentStep(guide, mine);
+  const closings = closingsOf(guide, recordings.value.items);
+  const step = currentStep(guide, mine, closings);
   return (
     <div class={recordings.stale ? "stale" : ""}>
       <h1 class="title">Recalibrate {machine}</h1>
@@ -82,7 +97,15 @@ function MachineGuide({ machine }: { machine: string }) {
         <StepList step={step} guide={guide} />
         <div>
           <Panel title={`${position(step, guide)}. ${TITLES[step]}`}>
-            <StepContent step={step} machine={machine} guide={guide} recordings={mine} keep={keep} />
+            <StepContent
+              step={step}
+              machine={machine}
+              content={content}
+              guide={guide}
+              recordings={mine}
+              closings={closings}
+              keep={keep}
+            />
           </Panel>
           <Button onClick={() => setAsking(true)}>End this guide</Button>
         </div>
@@ -107,12 +130,14 @@ function MachineGuide({ machine }: { machine: string }) {
 interface ContentProps {
   step: Step;
   machine: string;
+  content: (MachineContent & WatchedMachine) | undefined;
   guide: Guide;
   recordings: ReturnType<typeof recordingsOf>;
+  closings: ReturnType<typeof closingsOf>;
   keep: (change: Partial<Guide> | null) => void;
 }
 
-function StepContent({ step, machine, guide, recordings, keep }: ContentProps) {
+function StepContent({ step, machine, content, guide, recordings, closings, keep }: ContentProps) {
   switch (step) {
     case "check":
       return <CheckStep machine={machine} onDone={() => keep({ checked: true })} />;
@@ -143,13 +168,17 @@ function StepContent({ step, machine, guide, recordings, keep }: ContentProps) {
         </>
       );
     case "identify":
-      return <IdentifyStep machine={machine} guide={guide} recordings={recordings} keep={keep} />;
+      return <IdentifyStep machine={machine} guide={guide} recordings={recordings} closings={closings} keep={keep} />;
+    case "closing":
+      return <ClosingStep machine={machine} content={content} guide={guide} closings={closings} keep={keep} />;
     default:
       return (
         <RecordStep
           key={step}
           machine={machine}
+          content={content}
           role={step}
+          label={recordingLabel(guide, step)}
           guide={guide}
           recording={recordings[step]}
           onMotion={(id) => keep({ motions: { ...guide.motions, [step]: id } })}
@@ -186,7 +215,8 @@ function Begin({ onBegin, allowed, cylinders }: { onBegin: () => void; allowed: 
 }
 
 function used(guide: Guide): Step[] {
-  return guide.stayOn ? STEPS.filter((step) => step !== "unloaded" && step !== "pin" && step !== "unpin") : STEPS;
+  const steps = guide.closings.length > 0 ? STEPS : STEPS.filter((step) => step !== "closing");
+  return guide.stayOn ? steps.filter((step) => step !== "unloaded" && step !== "pin" && step !== "unpin") : steps;
 }
 
 function position(step: Step, guide: Guide): number {

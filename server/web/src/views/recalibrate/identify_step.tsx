@@ -9,7 +9,8 @@ import { Table } from "../../ui/layout";
 import { ROLE_WORDS, type Role } from "../../words";
 import { JobPanel, over } from "../jobs";
 import { randomName } from "../../net/random";
-import { type Guide, RECORDED, orderLabel, type recordingsOf } from "./progress";
+import { NextMotion } from "./next_motion";
+import { type Guide, RECORDED, type closingsOf, orderLabel, type recordingsOf } from "./progress";
 
 type Identifications = components["schemas"]["IdentificationList"];
 type Identification = components["schemas"]["IdentificationResource"];
@@ -19,23 +20,25 @@ interface IdentifyProps {
   machine: string;
   guide: Guide;
   recordings: ReturnType<typeof recordingsOf>;
+  closings: ReturnType<typeof closingsOf>;
   keep: (change: Partial<Guide> | null) => void;
 }
 
-export function IdentifyStep({ machine, guide, recordings, keep }: IdentifyProps) {
+export function IdentifyStep({ machine, guide, recordings, closings, keep }: IdentifyProps) {
   const session = useSession();
   const command = useCommand();
   const path = `/identifications?machine=${encodeURIComponent(machine)}&limit=100`;
   const list = useResource<Identifications>(path, "identifications");
   const mine = list.value?.items.find((one) => one.label === orderLabel(guide));
   const job = useResource<Job>(mine === undefined ? null : `/jobs/${mine.job}`, "jobs");
-  const chosen = RECORDED.map((role) => recordings[role]).filter((one) => one !== undefined);
+  const chosen = [...RECORDED.map((role) => recordings[role]), ...closings].filter((one) => one !== undefined);
 
   if (mine !== undefined)
     return (
       <>
         {job.error !== null && job.value === null && <Notice kind="bad">{job.error}</Notice>}
         {job.value !== null && <JobPanel job={job.value} />}
+        {job.value?.state === "done" && <NextMotion identification={mine.id} guide={guide} keep={keep} />}
         {job.value !== null && over(job.value) && (
           <div class="actions">
             {job.value.state === "done" ? (
@@ -62,11 +65,13 @@ export function IdentifyStep({ machine, guide, recordings, keep }: IdentifyProps
         ]}
         rows={chosen.map((one) => ({
           key: one.id,
-          role: ROLE_WORDS[one.role as Role] ?? one.role,
+          role: closings.includes(one) ? "Motion that tells causes apart" : (ROLE_WORDS[one.role as Role] ?? one.role),
           again: (
             <Button
               label={`Record again: ${ROLE_WORDS[one.role as Role] ?? one.role}`}
-              onClick={() => keep({ dropped: [...guide.dropped, one.id], ...redo(one.role) })}
+              onClick={() =>
+                keep({ dropped: [...guide.dropped, one.id], ...(closings.includes(one) ? {} : redo(one.role)) })
+              }
             >
               Record again
             </Button>

@@ -26,10 +26,33 @@ export interface Guide {
   dropped: string[];
   /** Motion (excitation) that was chosen for each role, if the service designed it. */
   motions: Partial<Record<Role, string>>;
+  /** Motions that an identification asked for, to tell apart what it could not; each is recorded once. */
+  closings: Closing[];
 }
 
-export type Step = "check" | "unpin" | "unloaded" | "pin" | "train" | "repeat" | "validate" | "identify";
-export const STEPS: Step[] = ["check", "unpin", "unloaded", "pin", "train", "repeat", "validate", "identify"];
+export interface Closing {
+  /** Whose next experiment it is. */
+  identification: string;
+  rods: "pinned" | "unpinned";
+  /** What the motion is, in words. */
+  text: string;
+}
+
+/** More motions tell nothing apart that two did not. */
+export const MOST_CLOSINGS = 2;
+
+export type Step = "check" | "unpin" | "unloaded" | "pin" | "train" | "repeat" | "validate" | "closing" | "identify";
+export const STEPS: Step[] = [
+  "check",
+  "unpin",
+  "unloaded",
+  "pin",
+  "train",
+  "repeat",
+  "validate",
+  "closing",
+  "identify",
+];
 export const RECORDED: Role[] = ["unloaded", "train", "repeat", "validate"];
 
 const place = (machine: string): string => `hilfit.guide.${machine}`;
@@ -61,6 +84,7 @@ export function newGuide(label: string, key: string): Guide {
     attempt: 1,
     dropped: [],
     motions: {},
+    closings: [],
   };
 }
 
@@ -87,8 +111,30 @@ export function recordingsOf(guide: Guide, recordings: Recording[]): Partial<Rec
   return found;
 }
 
+/** In what role a motion that closes an ambiguity is fitted. */
+export function closingRole(closing: Closing): Role {
+  return closing.rods === "unpinned" ? "unloaded" : "train";
+}
+
+/** What the recording of a motion that closes an ambiguity is called; the first is 0. */
+export function closingLabel(guide: Guide, number: number): string {
+  return `${guide.label}, to tell apart ${number + 1}`;
+}
+
+/** The recording of each motion that closes an ambiguity, in their order; undefined where there is none yet. */
+export function closingsOf(guide: Guide, recordings: Recording[]): (Recording | undefined)[] {
+  return guide.closings.map((_, number) => {
+    const label = closingLabel(guide, number);
+    return recordings.find((one) => one.label === label && one.state !== "failed" && !guide.dropped.includes(one.id));
+  });
+}
+
 /** The first step that is not done. */
-export function currentStep(guide: Guide, recordings: Partial<Record<Role, Recording>>): Step {
+export function currentStep(
+  guide: Guide,
+  recordings: Partial<Record<Role, Recording>>,
+  closings: (Recording | undefined)[] = [],
+): Step {
   const sealed = (role: Role): boolean => recordings[role]?.state === "sealed";
   if (!guide.checked) return "check";
   if (!guide.stayOn) {
@@ -97,5 +143,5 @@ export function currentStep(guide: Guide, recordings: Partial<Record<Role, Recor
     if (!guide.pinned) return "pin";
   }
   for (const role of ["train", "repeat", "validate"] as const) if (!sealed(role)) return role;
-  return "identify";
+  return closings.every((one) => one?.state === "sealed") ? "identify" : "closing";
 }

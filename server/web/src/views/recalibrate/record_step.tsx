@@ -6,9 +6,12 @@ import { useResource } from "../../resource";
 import { useSession } from "../../session";
 import { Button, Field, Mark, Notice, type SelectEvent } from "../../ui/controls";
 import type { Role } from "../../words";
+import type { MachineContent } from "../live/groups";
 import { Since } from "../live/record_panel";
 import { MotionChoice } from "./motion_choice";
-import { type Guide, recordingLabel } from "./progress";
+import { MotionProgress } from "./motion_progress";
+import type { WatchedMachine } from "./motion_watch";
+import type { Guide } from "./progress";
 
 type Recording = components["schemas"]["RecordingResource"];
 
@@ -28,23 +31,31 @@ const TIMES: [number, string][] = [
 
 interface RecordProps {
   machine: string;
+  content: (MachineContent & WatchedMachine) | undefined;
   role: Role;
+  label: string;
+  /** What to do, where it is not what the role says; the motion is at hand then. */
+  words?: string;
   guide: Guide;
   recording: Recording | undefined;
   onMotion: (id: string) => void;
 }
 
-export function RecordStep({ machine, role, guide, recording, onMotion }: RecordProps) {
+export function RecordStep({ machine, content, role, label, words, guide, recording, onMotion }: RecordProps) {
   const session = useSession();
   const command = useCommand();
-  const [seconds, setSeconds] = useState(60);
+  const [seconds, setSeconds] = useState(300);
   const away = !session.online.value;
-  const label = recordingLabel(guide, role);
+  const text = words ?? WORDS[role];
+  const choice =
+    words === undefined ? <MotionChoice machine={machine} role={role} guide={guide} onMotion={onMotion} /> : null;
   const others = useResource<components["schemas"]["RecordingList"]>(
     `/recordings?machine=${encodeURIComponent(machine)}&state=recording&limit=1`,
     "recordings",
   );
   const other = others.value?.items.find((one) => one.label !== label);
+
+  const stop = (id: string): void => void command.run({ method: "POST", path: `/recordings/${id}/stop` });
 
   if (recording?.state === "recording")
     return (
@@ -52,25 +63,30 @@ export function RecordStep({ machine, role, guide, recording, onMotion }: Record
         <p class="now-recording">
           <Mark kind="recording">Recording</Mark> for <Since iso={recording.created} />
         </p>
-        <p>{WORDS[role]}</p>
-        <MotionChoice machine={machine} role={role} guide={guide} onMotion={onMotion} />
+        <p>{text}</p>
+        {content !== undefined && (
+          <MotionProgress
+            key={recording.id}
+            machine={machine}
+            content={content}
+            role={role}
+            created={recording.created}
+            onParked={away || command.busy ? null : () => stop(recording.id)}
+          />
+        )}
+        {choice}
         <CommandNotice of={command} />
-        <Button
-          kind="danger"
-          busy={command.busy}
-          disabled={away}
-          onClick={() => void command.run({ method: "POST", path: `/recordings/${recording.id}/stop` })}
-        >
+        <Button kind="danger" busy={command.busy} disabled={away} onClick={() => stop(recording.id)}>
           Stop and go on
         </Button>
       </>
     );
   return (
     <>
-      <p>{WORDS[role]}</p>
-      <MotionChoice machine={machine} role={role} guide={guide} onMotion={onMotion} />
+      <p>{text}</p>
+      {choice}
       {other !== undefined && <Notice kind="warning">Somebody records this machine now: “{other.label}”.</Notice>}
-      <Field label="How long">
+      <Field label="At most">
         <select
           value={String(seconds)}
           onChange={(event: SelectEvent) => setSeconds(Number(event.currentTarget.value))}

@@ -65,6 +65,8 @@ export interface NextExperiment {
   joint?: string | null;
   kind?: string | null;
   motion_file?: string | null;
+  /** Whether the motion is made with the rods on the arm: `pinned`, or `unpinned`. */
+  rods?: string | null;
   otherwise?: string[];
 }
 export interface Shift {

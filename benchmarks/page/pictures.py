@@ -1,0 +1,73 @@
+"""Pictures of every view, upright and wide, dark and light."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from benchmarks.page.browser import chromium
+from benchmarks.page.site import furnish, simulated
+from benchmarks.targets import Check, Outcome, fact
+
+SIZES = ((800, 1280), (1280, 800), (1440, 900))
+SCHEMES = ("light", "dark")
+#: Views by name, the address of each with what it is of, and what is there when it is whole.
+VIEWS = {
+    "live": ("live", ".strip canvas"),
+    "alarms": ("alarms", ".alarm"),
+    "recalibrate": ("recalibrate", ".panel"),
+    "guide": ("recalibrate", ".guide-steps"),
+    "results": ("results", "table"),
+    "result": ("results/{result}", ".plot canvas"),
+    "pose": ("pose", ".pose .link"),
+    "recordings": ("recordings", "table"),
+    "recording": ("recordings", ".time-chart canvas"),
+    "jobs": ("jobs", "table"),
+    "job": ("jobs/{job}", ".steps"),
+    "calibrations": ("calibrations", ".calibration"),
+    "history": ("history", ".timeline svg"),
+    "schedules": ("schedules", ".panel"),
+    "machines": ("machines", "table"),
+    "machine": ("machines/{machine}", ".editor"),
+    "fleet": ("fleet", "table"),
+    "audit": ("service/audit", "table"),
+    "log": ("service/log", ".panel"),
+    "pair": ("pair", ".panel"),
+}
+#: What is pressed first, by view.
+PRESSED = {"recording": "View train before the seals", "guide": "Begin"}
+#: What sticks out of the page sideways.
+_WIDER = "document.documentElement.scrollWidth - document.documentElement.clientWidth"
+
+
+def run(target: Path, only: str | None, say: Callable[[str], None]) -> Outcome:
+    """Make them in a directory; each check says that a view fits its screen."""
+    target.mkdir(parents=True, exist_ok=True)
+    checks: list[Check] = []
+    with simulated() as site, chromium() as browser:
+        ids = furnish(site)
+        for scheme in SCHEMES:
+            for width, height in SIZES:
+                context = browser.new_context(viewport={"width": width, "height": height}, color_scheme=scheme)
+                context.set_default_timeout(60_000)
+                page = context.new_page()
+                for name, (address, there) in VIEWS.items():
+                    if only is not None and name != only:
+                        continue
+                    path = target / f"{name}-{width}x{height}-{scheme}.png"
+                    page.goto(f"{site.url}/#/{address.format(**ids)}")
+                    if name in PRESSED and not page.locator(there).first.is_visible():
+                        page.get_by_role("button", name=PRESSED[name]).click()
+                    checks.append(_picture(page, there, path))
+                    say(path.name)
+                context.close()
+    return Outcome(tuple(checks))
+
+
+def _picture(page: Any, there: str, path: Path) -> Check:
+    page.locator(there).first.wait_for()
+    page.wait_for_timeout(700)  # drawings follow what they draw
+    wider = int(page.evaluate(_WIDER))
+    page.screenshot(path=str(path), full_page=False)
+    return fact(path.stem, wider <= 0, "fits" if wider <= 0 else f"{wider} px too wide")

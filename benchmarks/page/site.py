@@ -1,0 +1,204 @@
+"""A service of its own with the simulated machine, and what a machine gathers over months."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+import tempfile
+import time
+import urllib.request
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+from typing import Any
+
+import sqlalchemy as sa
+
+from daq.errors import InputError
+from server.alarms.alarm_desk import Alarms
+from server.audit.audit_log import Audit
+from server.calibrations.calibration_content import content_of
+from server.calibrations.calibration_desk import Calibrations
+from server.composition.declarations import TABLES
+from server.identifications.identification_store import Identification, Identifications
+from server.jobs.job_store import Jobs
+from server.platform.authorization.principals import LOCAL
+from server.platform.database.engine import Database
+from server.platform.files import DataDirectory
+
+API = "/api/v1"
+#: What a real identification of the demonstration's arm found; tests of the page read it, too.
+REPORT = Path(__file__).parents[2] / "server" / "web" / "src" / "views" / "results" / "report.fixture.json"
+START_S = 180.0
+#: Id of the job under way.
+UNDER_WAY = "job-under-way"
+#: s of the recordings that are made, and how many there are of each role.
+RECORDED_S = 12.0
+
+
+@dataclass(frozen=True)
+class Site:
+    """A running service."""
+
+    url: str
+    data_dir: Path
+
+    def ask(self, method: str, path: str, content: Any = None) -> Any:
+        """One request; its JSON."""
+        body = None if content is None else json.dumps(content).encode()
+        headers = {} if body is None else {"Content-Type": "application/json"}
+        request = urllib.request.Request(f"{self.url}{API}{path}", body, headers, method=method)
+        with urllib.request.urlopen(request, timeout=60) as answer:
+            return json.loads(answer.read() or b"null")
+
+    def wait(self, path: str, key: str, wanted: str) -> None:
+        """Until a resource says so."""
+        until = time.monotonic() + START_S
+        while self.ask("GET", path)[key] != wanted:
+            if time.monotonic() > until:
+                raise InputError(f"{path} is not '{wanted}' after {START_S:g} s; try again on a less busy computer")
+            time.sleep(0.2)
+
+
+@contextmanager
+def simulated() -> Iterator[Site]:
+    """``hilfit serve --simulate`` on a free port, once it measures."""
+    with tempfile.TemporaryDirectory(prefix="hilfit-bench-") as directory:
+        data = Path(directory) / "data"
+        command = [sys.executable, "-m", "server.commands.command_line", "serve", "--simulate", "--port", "0", "--json"]
+        with subprocess.Popen(
+            [*command, "--data-dir", str(data)], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
+        ) as server:
+            try:
+                assert server.stdout is not None
+                site = Site(str(json.loads(server.stdout.readline())["url"]), data)
+                until = time.monotonic() + START_S
+                while not site.ask("GET", "/live"):
+                    if time.monotonic() > until:
+                        raise InputError(f"no live frame within {START_S:g} s; try again on a less busy computer")
+                    time.sleep(0.2)
+                yield site
+            finally:
+                server.terminate()
+
+
+def furnish(site: Site) -> dict[str, str]:
+    """Give a site recordings, results, calibrations, alarms and work under way; ids by what they are of.
+
+    Raises
+    ------
+    InputError
+        If this is no checkout of hilfit, which has the report that is shown.
+    """
+    if not REPORT.is_file():
+        raise InputError(f"{REPORT}: is missing; run this in a checkout of hilfit")
+    machine = site.ask("GET", "/machines")["items"][0]["name"]
+    recordings = []
+    for role in ("train", "repeat", "validate"):
+        order = {"machine": machine, "role": role, "label": f"{role} before the seals", "seconds": RECORDED_S}
+        made = site.ask("POST", "/recordings", order)
+        site.wait(f"/recordings/{made['id']}", "state", "sealed")
+        recordings.append({"id": made["id"]})
+    schedule = {"machine": machine, "label": "Sunday night", "cron": "0 3 * * 0", "timezone": "Europe/Berlin"}
+    site.ask("POST", "/schedules", schedule)
+    _months(site, machine)
+    return {"machine": machine, "recording": recordings[0]["id"], "result": "idn-months-4", "job": UNDER_WAY}
+
+
+class _Past:
+    """A clock that is set."""
+
+    def __init__(self) -> None:
+        self.now = datetime.now(UTC)
+
+    def __call__(self) -> datetime:
+        return self.now
+
+
+def _months(site: Site, machine: str) -> None:
+    """Five identifications over four months, of which three came into use, and what was wrong between them."""
+    clock, report = _Past(), json.loads(REPORT.read_text(encoding="utf-8"))
+    database = Database(site.data_dir / DataDirectory(site.data_dir).database.name, TABLES, clock=clock, changed=_quiet)
+    try:
+        desk, audit = Alarms(database), Audit(database)
+        calibrations = Calibrations(database, DataDirectory(site.data_dir))
+        for number, (days, error, found) in enumerate(
+            [(110, 1.42, False), (83, 1.19, True), (55, 1.31, False), (30, 1.02, True), (4, 1.01, True)]
+        ):
+            clock.now = datetime.now(UTC) - timedelta(days=days)
+            loop = report["loop"] if found else report["loop"] | {"verdict": "nothing_missing", "effects": []}
+            content = report | {"machine": machine, "loop": loop, "overall": report["overall"] | {"after": error}}
+            source = _identification(site, database, machine, f"idn-months-{number}", content)
+            if number == 2:
+                continue
+            proposed, _ = calibrations.add(source, f"Calibration {number + 1}", content_of(content), LOCAL)
+            audit.write(LOCAL, "calibrations.propose", proposed.id, {"identification": source.id})
+            if number == 4:
+                continue
+            clock.now += timedelta(hours=3)
+            calibrations.decide(proposed.id, "approved", replace(LOCAL, id="second", name="Kim"), "looked at it", None)
+            calibrations.activate(proposed.id, None, LOCAL)
+            audit.write(LOCAL, "calibrations.activate", proposed.id)
+        for ago, hours, kind, text, severity in _WRONG:
+            clock.now = datetime.now(UTC) - timedelta(days=ago)
+            for on in (True, False):
+                for _ in range(2):  # a delay of a kind has passed between the two
+                    desk.report(machine, kind, text, severity, on)
+                clock.now += timedelta(hours=hours)
+            for alarm in desk.open():
+                desk.acknowledge(alarm.id, "Kim")
+        clock.now = datetime.now(UTC) - timedelta(seconds=40)
+        _under_way(database, machine)
+        clock.now = datetime.now(UTC)
+        desk.report(machine, "residual_grew", "the error of joint2 grew by a fifth; recalibrate", "warning", True)
+    finally:
+        database.close()
+
+
+def _under_way(database: Database, machine: str) -> None:
+    """A job that looks as one half-way does; nobody works on it, so that pictures take no processor time."""
+    stages = ("check", "cylinder_stage", "rigid_body_stage", "residual", "attribution", "refit", "report")
+    new = Identification("idn-under-way", UNDER_WAY, machine, 1, "After the seals", (), {}, database.now())
+    jobs = Jobs(database)
+
+    def job(connection: sa.Connection) -> None:
+        jobs.insert(connection, id=UNDER_WAY, kind="identification", label=new.label, subject=new.id, stages=stages)
+
+    Identifications(database).add(new, job)
+    jobs.progress(UNDER_WAY, stages[0], 0.0, "Reads the recordings")
+    jobs.progress(UNDER_WAY, stages[2], 0.3, "Fits masses and inertias")
+
+
+_WRONG: tuple[tuple[float, float, str, str, Any], ...] = (
+    (96.0, 20.0, "residual_drift", "joint2: more or less force against the motion (friction); recalibrate", "warning"),
+    (62.0, 60.0, "residual_drift", "joint3: a constant force more or less; recalibrate", "warning"),
+    (41.0, 0.2, "overload", "joint1: 340 N m beyond the model", "critical"),
+    (12.0, 0.1, "clock_jumped", "the clock of this computer was set by 4 s", "info"),
+)
+
+
+def _quiet() -> None:
+    """Nobody waits in this process."""
+
+
+def _identification(site: Site, database: Database, machine: str, id: str, report: dict[str, Any]) -> Identification:
+    """One that is done."""
+    jobs, stages = (
+        Jobs(database),
+        ("check", "cylinder_stage", "rigid_body_stage", "residual", "attribution", "refit", "report"),
+    )
+    new = Identification(id, f"job-{id}", machine, 1, f"Identification {id[-1]}", (), {}, database.now())
+
+    def job(connection: sa.Connection) -> None:
+        jobs.insert(connection, id=new.job, kind="identification", label=new.label, subject=id, stages=stages)
+
+    Identifications(database).add(new, job)
+    place = site.data_dir / "identifications" / id
+    place.mkdir(parents=True, exist_ok=True)
+    (place / "report.json").write_text(json.dumps(report), encoding="utf-8")
+    result = Identifications.result(id, report["loop"]["verdict"], report["overall"])
+    jobs.finish(new.job, "done", "Done", result=result, place=".")
+    return new

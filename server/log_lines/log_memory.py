@@ -1,0 +1,98 @@
+"""The newest lines of the log in memory."""
+
+from __future__ import annotations
+
+import json
+import logging
+import threading
+from collections import deque
+from dataclasses import dataclass
+from typing import Any
+
+from server.platform.logs import json_lines
+
+#: Lines that are kept, and characters of one: a trace of an error may be long.
+MOST, LONGEST = 5000, 20_000
+_OWN = ("timestamp", "level", "logger", "event")
+
+
+@dataclass(frozen=True)
+class Line:
+    """A line of the log; ``number`` counts from 1 since the start of the service, ``detail`` is what else it says."""
+
+    number: int
+    time: str
+    level: str
+    logger: str
+    event: str
+    detail: dict[str, Any]
+
+
+class LogMemory(logging.Handler):
+    """Keeps the newest lines as :mod:`server.platform.logs` writes them: what is secret is hidden in them, too.
+
+    Parameters
+    ----------
+    most : lines that are kept
+    """
+
+    def __init__(self, most: int = MOST) -> None:
+        super().__init__()
+        self.setFormatter(json_lines())
+        self._lines: deque[Line] = deque(maxlen=most)
+        self._count = 0
+        self._guard = threading.Lock()
+
+    def start(self) -> None:
+        """Listen to every record of this process."""
+        logging.getLogger().addHandler(self)
+
+    def stop(self) -> None:
+        """Listen no more; what was heard stays."""
+        logging.getLogger().removeHandler(self)
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Keep a record."""
+        try:
+            content = json.loads(self.format(record))
+            detail = {name: _short(value) for name, value in content.items() if name not in _OWN}
+            time, level, logger, event = (str(content.get(name, "")) for name in _OWN)
+        except Exception:  # as every handler does: a line that cannot be written must not stop who wrote it
+            self.handleError(record)
+            return
+        with self._guard:
+            self._count += 1
+            self._lines.append(Line(self._count, time, level, logger, _short(event), detail))
+
+    def after(self, number: int, limit: int, least: int = logging.NOTSET, containing: str = "") -> tuple[Line, ...]:
+        """Lines after line ``number``, oldest first: the newest ``limit`` of them.
+
+        Parameters
+        ----------
+        least : least severe level, as the standard library counts them
+        containing : a part of the line, in whatever case
+        """
+        with self._guard:
+            lines = [line for line in self._lines if line.number > number]
+        wanted = containing.casefold()
+        known = logging.getLevelNamesMapping()
+        found = [
+            line
+            for line in lines
+            if known.get(line.level.upper(), logging.CRITICAL) >= least and (not wanted or wanted in _text(line))
+        ]
+        return tuple(found[-limit:])
+
+    @property
+    def count(self) -> int:
+        """Number of the newest line; 0 before the first."""
+        with self._guard:
+            return self._count
+
+
+def _short(value: Any) -> Any:
+    return f"{value[:LONGEST]} …" if isinstance(value, str) and len(value) > LONGEST else value
+
+
+def _text(line: Line) -> str:
+    return f"{line.logger} {line.event} {json.dumps(line.detail, ensure_ascii=False)}".casefold()

@@ -1,0 +1,38 @@
+/** For admins: who did what, and what the service says of itself. */
+import { useRoute } from "../../routes";
+import { useSession } from "../../session";
+import { Notice } from "../../ui/controls";
+import { AuditLog } from "./audit_log";
+import { LogConsole } from "./log_console";
+import "./service.css";
+
+const PARTS = [
+  ["audit", "Audit log", AuditLog],
+  ["log", "Log", LogConsole],
+] as const;
+
+export default function ServiceView() {
+  const session = useSession();
+  const [, chosen] = useRoute().path;
+  const [name, title, Part] = PARTS.find((part) => part[0] === chosen) ?? PARTS[0];
+  const principal = session.principal.value;
+  const may = session.may("admin") && principal?.machines == null;
+  return (
+    <>
+      <h1 class="title">{title}</h1>
+      <nav class="tabs" aria-label="Parts of the service">
+        {PARTS.map(([part, words]) => (
+          <a
+            key={part}
+            class={part === name ? "button current" : "button"}
+            href={`#/service/${part}`}
+            {...(part === name ? { "aria-current": "page" as const } : {})}
+          >
+            {words}
+          </a>
+        ))}
+      </nav>
+      {may ? <Part /> : <Notice kind="info">This is for admins of all machines.</Notice>}
+    </>
+  );
+}
