@@ -28,9 +28,7 @@ SYNC_ID = 0x080
 BUS_OFF = 0x040  # class of an error frame (linux/can/error.h)
 QUIET = 0.1  # s after rawmode in which a client gets no frames, unless it sends: its handshake expects bare answers
 STALLED = 64 << 20  # bytes that wait for a client that does not read
-PLANT_PATIENCE = (
-    120.0  # s for an answer to STEP: a busy computer; a plant that died closes its end, which is seen at once
-)
+PLANT_PATIENCE = 120.0  # s for an answer to STEP on a busy computer; a plant that died is seen at once
 
 
 class _Client:
