@@ -50,9 +50,7 @@ def test_a_joint_s_delay_is_that_of_its_effort_s_bus() -> None:
     np.testing.assert_allclose(told, [[0.012] * 2, [np.hypot(0.003, own)] * 2])
     told = expected_delays(on_two_buses(behind("angles", "middle", -0.01, 0.003), behind("oil", "middle", 0.02, 0.004)))
     assert told is not None
-    np.testing.assert_allclose(
-        told, [[0.03] * 2, [np.hypot(0.005, own)] * 2]
-    )  # along both
+    np.testing.assert_allclose(told, [[0.03] * 2, [np.hypot(0.005, own)] * 2])  # along both
     assert expected_delays(on_two_buses(behind("oil", "angles", 0.01, 0.001), efforts="angles")) is None
     assert expected_delays(on_two_buses(behind("oil", "angles", -0.05, 0.001))) is None  # then positions are late
 
