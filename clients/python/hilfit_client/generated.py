@@ -9,7 +9,7 @@ from typing import Any, Literal, NotRequired, TypedDict, Unpack
 from hilfit_client.transport import Transport
 
 #: SHA-256 of the description that this was made from.
-SOURCE_SHA256 = "c1284ff7d73ca644e4dd9d1c1a2649e1853b42ab6cce641ecbf46ecdd29dbc60"
+SOURCE_SHA256 = "ede8f7b3ad50163f8e772725a267418449db5c2a903717898ecc1152341eeb54"
 
 
 class AcquisitionWish(TypedDict):
@@ -212,6 +212,20 @@ class ExcitationResource(TypedDict):
     state: Literal["queued", "running", "done", "failed", "cancelled"]
 
 
+class FaultOffer(TypedDict):
+    """A fault that the simulated machine can have: its name, what it is of, and its keys of a fault file."""
+
+    entry: dict[str, Any]
+    fault: str
+    target: str
+
+
+class FaultWish(TypedDict):
+    """Faults to begin, with the keys of a fault file (`hilfit/faults/1`); `at` counts from now."""
+
+    faults: list[dict[str, Any]]
+
+
 class Health(TypedDict):
     """Answered when all is well."""
 
@@ -348,6 +362,14 @@ class MachineDetail(TypedDict):
     sha256: str
     version: int
     versions: list[int]
+
+
+class MachineFaults(TypedDict):
+    """What can be broken, and what is: keys of a fault file, with `left_s` seconds until it is over."""
+
+    offers: list[FaultOffer]
+    running: list[dict[str, Any]]
+    simulated: bool
 
 
 class MachineList(TypedDict):
@@ -1135,6 +1157,18 @@ class MachinesApi:
         """Use the calibration again that was in use before the active one."""
         answer: CalibrationResource = self._transport.json(
             "POST", f"/api/v1/machines/{self._transport.quoted(name)}/calibrations/rollback"
+        )
+        return answer
+
+    def faults(self, name: str) -> MachineFaults:
+        """What can be broken in a simulated machine, and what is broken now."""
+        answer: MachineFaults = self._transport.json("GET", f"/api/v1/machines/{self._transport.quoted(name)}/faults")
+        return answer
+
+    def begin(self, name: str, **body: Unpack[FaultWish]) -> MachineFaults:
+        """Let faults begin in the simulated machine; each ends by itself (409: this machine is not simulated)."""
+        answer: MachineFaults = self._transport.json(
+            "POST", f"/api/v1/machines/{self._transport.quoted(name)}/faults", json=dict(body)
         )
         return answer
 
