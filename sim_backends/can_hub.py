@@ -33,7 +33,6 @@ BUS_OFF = 0x040  # class of an error frame (linux/can/error.h)
 QUIET = 0.1  # s after rawmode in which a client gets no frames, unless it sends: its handshake expects bare answers
 SYNCS_WAITING = 8  # at most; older ones are lost, as frames are on a bus that is too slow
 PASSES = 4  # in which a barrier works off what came before it; a client that sends on does not keep the hub for ever
-PACKETS = 100  # of the nodes that are taken at once
 STALLED = 64 << 20  # bytes that wait for a client that does not read
 PLANT_PATIENCE = 120.0  # s for an answer to STEP on a busy computer; a plant that died is seen at once
 
@@ -288,17 +287,9 @@ class Hub:
         self._everything.modify(end, selectors.EVENT_READ, self._everything.get_key(end).data)
 
     def _from_nodes(self) -> None:
-        """All that the nodes have sent: they answer several SYNCs for each look that the hub takes."""
-        for _ in range(1 if self._slow else PACKETS):
-            try:
-                packet = self._nodes.recv(backplane.PACKET)
-            except BlockingIOError:
-                return
-            if not packet:
-                raise SystemExit("hub: the nodes are gone")
-            self._frames_of_nodes(packet)
-
-    def _frames_of_nodes(self, packet: bytes) -> None:
+        packet = self._nodes.recv(backplane.PACKET)
+        if not packet:
+            raise SystemExit("hub: the nodes are gone")
         if self._bus_off:
             return
         text = packet[1:]
