@@ -27,6 +27,7 @@ import yaml
 from benchmarks.targets import Check, Outcome, fact
 from daq.acquisition import AcquisitionProcess
 from daq.channels import channel_table
+from daq.errors import HilfitError
 from daq.machine_file import Machine, ModbusRtuBus, ModbusSource, Simulation, load_machine
 from daq.quality import Quality
 from daq.recorder import Recorder, RecordingSummary
@@ -34,6 +35,7 @@ from daq.ring import RingReader
 from sim_backends import Plant, SimulatedMachine, default_machine
 from sim_backends.fault_file import SCHEMA, Fault, fault_problems, targets
 from sim_backends.fault_runner import begin, end
+from sim_backends.plant_process import AHEAD
 
 SEED = 11
 WARM_UP_S = 7.0  # frozen values are told by what is normal, and that takes five seconds to learn
@@ -42,10 +44,12 @@ LASTS_S = (0.4, 1.0)
 PATIENCE_LOCKSTEP_S = 0.4  # that the machine stands still for a device that does not answer
 STANDS_STILL_S = 0.1  # a longer time between two frames is no time of the machine
 RECOVERY_S = 2.0
-PATIENCE_S = 30.0  # for a recovery that does not come
+PATIENCE_S = 60.0  # for a recovery that does not come
 SETTLED = 10  # rows in a row that are fresh on all channels: recovered
 SYNCS_AHEAD = 12  # among which the one is looked for that a row belongs to
 TOLERANCE = 2e-5  # of a value, for what float32 makes of it
+PLACES = 6  # wrong values of one fault that are told one by one
+NO_SYNC = 1_000
 SERIAL = "line"
 NS = 1_000_000_000
 #: What a sensor says that is wrong, and its device does not know: nobody can tell from that one value.
@@ -123,6 +127,7 @@ class Case:
     others : values of other devices that were not fresh while it lasted and until all had recovered
     mates : the same of devices that share its serial line, which a time-out keeps busy
     cost : values of its own device or bus that were not fresh
+    places : where the first wrong values are, in words
     """
 
     name: str
@@ -135,6 +140,7 @@ class Case:
     others: int = 0
     mates: int = 0
     cost: int = 0
+    places: list[str] = field(default_factory=list)
 
     @property
     def kind(self) -> str:
@@ -200,16 +206,22 @@ def run(times: int, seed: int, only: str | None, real_time: bool, say: Callable[
         directory = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="hilfit-bench-")))
         bench = Bench(directory, stack, real_time)
         cases = [case for case in _cases(bench.declared) if only is None or only in case.name]
-        bench.read(WARM_UP_S)
-        for case in cases:
-            for _ in range(times):
-                _one(bench, case, random)
-            say(f"{case.name:32s} {times} times")
+        broken = ""
+        try:
+            bench.read(WARM_UP_S)
+            for case in cases:
+                for _ in range(times):
+                    _one(bench, case, random)
+                say(f"{case.name:32s} {times} times")
+        except HilfitError as error:  # what came until then counts all the same
+            broken = str(error)
         summary = bench.recorder.stop()
         rows = np.concatenate(bench.rows)
         skipped = bench.acquisition.statistics().skipped
         _judge(cases, rows, bench)
-    return _outcome(cases, rows, summary, skipped, bench.declared)
+    outcome = _outcome([case for case in cases if case.spans], rows, summary, skipped, bench.declared)
+    ran = fact("came as often as asked", not broken, f"{times} times each" if not broken else f"broke off: {broken}")
+    return Outcome((ran, *outcome.checks), outcome.notes)
 
 
 def faults_of(machine: Machine) -> tuple[tuple[str, Fault], ...]:
@@ -246,7 +258,7 @@ def _one(bench: Bench, case: Case, random: np.random.Generator) -> None:
 def _judge(cases: Sequence[Case], rows: npt.NDArray[np.void], bench: Bench) -> None:
     """Count, in the time of each fault, what was lost and what was wrong."""
     names = channel_table(bench.declared).names
-    wrong = wrong_values(rows, bench.declared, bench.truth)
+    wrong, apart = wrong_values(rows, bench.declared, bench.truth)
     lost = ~np.isin(rows["quality"], (Quality.FRESH, Quality.HELD))
     at = rows["monotonic_ns"]
     for case in cases:
@@ -256,6 +268,8 @@ def _judge(cases: Sequence[Case], rows: npt.NDArray[np.void], bench: Bench) -> N
             case.recoveries.append(PATIENCE_S if back is None else _machine_seconds(at, ended, back))
             during = (at >= began) & (at <= (at[-1] if back is None else back))
             case.wrong += int(wrong[during].sum())
+            if case.kind not in (*UNKNOWABLE, "freeze"):
+                case.places += _places(wrong & during[:, None], apart, rows, names, began)
             case.cost += int(lost[during][:, own].sum())
             case.mates += int(lost[during][:, mates].sum())
             case.others += int(lost[during][:, ~own & ~mates].sum())
@@ -267,15 +281,40 @@ def _machine_seconds(at: npt.NDArray[np.int64], since: int, until: int) -> float
     return float(np.minimum(np.diff(moments) / NS, STANDS_STILL_S).sum())
 
 
-def wrong_values(rows: npt.NDArray[np.void], machine: Machine, truth: Any) -> BoolArray:
-    """(N, n) values called fresh that are not what the plant measured at the SYNC of their row.
+def _places(
+    wrong: BoolArray, apart: npt.NDArray[np.int64], rows: npt.NDArray[np.void], names: Sequence[str], began: int
+) -> list[str]:
+    """Where values are wrong: cycle, channel, time since the fault began, and which SYNC's they really are."""
+    found = []
+    for row, channel in np.argwhere(wrong)[:PLACES]:
+        lag = int(apart[row, channel])
+        whose = "of no SYNC near" if lag == NO_SYNC else f"of SYNC {lag:+d}"
+        after_s = (int(rows["monotonic_ns"][row]) - began) / NS
+        found.append(f"cycle {rows['cycle'][row]}, {names[channel]}, {after_s:.3f} s after it began: {whose}")
+    return found
 
-    Which SYNC that is, is what most values of the row say: a cycle sends one, but none while the bus is down.
+
+def measured(machine: Machine, truth: Any, periods: int) -> npt.NDArray[np.float64]:
+    """(at least ``periods``, n) what the idle plant measures from power-on, in the blocks that its process computes.
+
+    In other blocks it rounds otherwise, and of ten thousand pressures one then differs by more than it is read with.
     """
     plant = Plant(machine, truth, rng=np.random.default_rng(SEED))
-    states = np.concatenate([plant.advance(1), plant.advance(int(rows["cycle"][-1]) + 200)])
+    blocks = [plant.advance(1), *(plant.advance(AHEAD) for _ in range(-(-periods // AHEAD)))]
+    return np.asarray(np.concatenate(blocks))
+
+
+def wrong_values(rows: npt.NDArray[np.void], machine: Machine, truth: Any) -> tuple[BoolArray, npt.NDArray[np.int64]]:
+    """(N, n) values called fresh that are not what the plant measured at the SYNC of their row.
+
+    Which SYNC that is, is what most values of the row say: a cycle sends one, but none while the bus is down. The
+    second array says, where a value is wrong, how many SYNCs before (negative) or after it is one (:data:`NO_SYNC`:
+    none near).
+    """
+    states = measured(machine, truth, int(rows["cycle"][-1]) + 200)
     fresh = rows["quality"] == Quality.FRESH
     found = np.zeros(fresh.shape, dtype=np.bool_)
+    apart = np.full(fresh.shape, NO_SYNC, dtype=np.int64)
     sync = 0
     for number, (values, good) in enumerate(zip(rows["values"], fresh, strict=True)):
         if not good.any():
@@ -285,7 +324,12 @@ def wrong_values(rows: npt.NDArray[np.void], machine: Machine, truth: Any) -> Bo
         best = int(np.argmax(agree.sum(axis=1)))
         sync += best
         found[number, np.flatnonzero(good)] = ~agree[best]
-    return found
+        for channel in np.flatnonzero(found[number]):
+            near = states[max(0, sync - SYNCS_AHEAD) : sync + SYNCS_AHEAD, channel]
+            same = np.abs(near - values[channel]) <= TOLERANCE * max(abs(values[channel]), 1.0)
+            if same.any():
+                apart[number, channel] = int(np.argmax(same)) - min(sync, SYNCS_AHEAD)
+    return found, apart
 
 
 def _outcome(
@@ -298,6 +342,7 @@ def _outcome(
             f"{case.name:32s} {case.cost:16d} {case.others:7d} {case.mates:12d} {case.wrong:7d}"
             f"  {statistics.median(times):6.2f} s {max(times):6.2f} s"
         )
+        notes += [f"    wrong: {place}" for place in case.places]
     faults = sum(len(case.spans) for case in cases)
     honest = [case for case in cases if case.kind not in (*UNKNOWABLE, "freeze")]
     frozen = [case for case in cases if case.kind == "freeze"]

@@ -306,6 +306,21 @@ class OtherBus(FileModel):
 BUS_TYPES = ("canopen", "can_signals", "modbus_tcp", "modbus_rtu")
 
 
+class KnownDelay(FileModel):
+    """By how much what comes over one bus is behind what comes over another, as ``hilfit bus check`` estimates it."""
+
+    bus: Name
+    behind: Name
+    seconds: Annotated[float, Field(ge=-1, le=1)]
+    std: Annotated[float, Field(gt=0, le=1)]  # s, standard deviation
+
+    @model_validator(mode="after")
+    def _two_buses(self) -> KnownDelay:
+        if self.bus == self.behind:
+            raise ValueError(f"bus '{self.bus}' cannot be behind itself; name two buses")
+        return self
+
+
 def _bus_type(value: Any) -> str:
     kind = value.get("type") if isinstance(value, dict) else getattr(value, "type", None)
     return kind if kind in BUS_TYPES else "other"

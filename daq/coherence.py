@@ -42,7 +42,7 @@ def incoherences(machine: Machine) -> list[str]:
     )
     if problems:
         return problems
-    problems = _of((_one_sync, machine))
+    problems = _of((_one_sync, machine), (_delayed_buses, machine))
     problems += _of(*((_channel, machine, index, channel) for index, channel in enumerate(channels)))
     problems += _of(*((_couplings, machine, joint) for joint in joints))
     if problems:  # a channel that is nobody's makes its joint look unmeasured
@@ -55,6 +55,17 @@ def _one_sync(machine: Machine) -> None:
     led = [bus.name for bus in machine.buses if isinstance(bus, CanopenBus) and bus.sync == "external"]
     if len(led) > 1:
         raise ValueError(f"buses: {' and '.join(led)} both say sync: external; one of them leads the cycle")
+
+
+def _delayed_buses(machine: Machine) -> None:
+    names = [bus.name for bus in machine.buses]
+    told: set[frozenset[str]] = set()
+    for number, delay in enumerate(machine.delays):
+        for name in (delay.bus, delay.behind):
+            _known(name, names, "bus", f"delays[{number}]")
+        if frozenset((delay.bus, delay.behind)) in told:
+            raise ValueError(f"delays[{number}]: '{delay.bus}' and '{delay.behind}' are told twice; keep one")
+        told.add(frozenset((delay.bus, delay.behind)))
 
 
 def _of(*checks: tuple[Callable[..., None] | Any, ...]) -> list[str]:

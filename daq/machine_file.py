@@ -23,6 +23,7 @@ from daq.buses import (
     CanSignalsBus,
     CanSource,
     FileModel,
+    KnownDelay,
     ModbusRtuBus,
     ModbusSource,
     ModbusTcpBus,
@@ -66,6 +67,7 @@ __all__ = [
     "Drive",
     "Hydraulics",
     "Joint",
+    "KnownDelay",
     "Limits",
     "Machine",
     "ModbusRtuBus",
@@ -143,6 +145,7 @@ class Machine(FileModel):
     joints: Annotated[tuple[Joint, ...], Field(min_length=1)]
     channels: Annotated[tuple[Channel, ...], Field(min_length=1)]
     buses: tuple[Bus, ...] = ()
+    delays: tuple[KnownDelay, ...] = ()  # between buses: a prior of the fit
     hydraulics: Hydraulics | None = None
     simulation: Simulation | None = None
 

@@ -79,6 +79,11 @@ def recorded_delays(machine: Machine, recordings: list[Path]) -> list[BusDelay]:
     return list(best.values())
 
 
+def delay_line(delay: BusDelay) -> str:
+    """An entry of ``delays`` of a machine file."""
+    return f"{{bus: {delay.bus}, behind: {delay.reference}, seconds: {delay.seconds:.5f}, std: {delay.std:.5f}}}"
+
+
 def print_check(found: MachineCheck, page: Path | None) -> None:
     """Tables for people."""
     from rich.console import Console
@@ -110,6 +115,8 @@ def print_check(found: MachineCheck, page: Path | None) -> None:
             f"bus '{delay.bus}' is {1e3 * delay.seconds:.1f} ± {1e3 * delay.std:.1f} ms behind bus '{delay.reference}' "
             f"({delay.pairs[0].kind}s of {joints})"
         )
+    if found.delays:
+        print(f"for the machine file, as a prior of the fit: delays: [{', '.join(map(delay_line, found.delays))}]")
     for note in found.notes:
         print(f"note: {note}")
     for line in found.findings:

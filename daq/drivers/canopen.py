@@ -121,9 +121,7 @@ class CanopenDriver:
 
     def _alone(self, link: CanLink) -> None:
         """Listen before the first frame is sent; in lockstep with a simulation there is no time to listen in."""
-        if self._context.patience_s == 0:
-            self._stopped.wait(self._config.listen_s)
-        heard = link.masters()
+        heard = link.listen(self._config.listen_s if self._context.patience_s == 0 else 0.0, self._stopped.wait)
         if heard:
             self._starting = False
             self.stop()

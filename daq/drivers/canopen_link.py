@@ -28,6 +28,7 @@ SDO_REQUESTS = (0x601, 0x67F)
 Handler = Callable[[bytearray, int], None]
 SDO_TIMEOUT_S = 0.5
 SDO_ATTEMPTS = 3
+LOOK_S = 0.02  # between two looks whether another master was heard
 SDO_SEGMENTS = 64  # answers to one transfer: no object that is read or written here has as many as 448 bytes
 
 
@@ -68,6 +69,20 @@ class CanLink(CanPort):
             (self.remote, "remote frames (node guarding)"),
         )
         return ", ".join(f"{count} {what}" for count, what in heard if count)
+
+    def listen(self, seconds: float, pause: Callable[[float], bool | None] = time.sleep) -> str:
+        """Listen before anything is sent: what only a master sends, as soon as some came, in words; empty if none did.
+
+        Parameters
+        ----------
+        seconds : at most
+        pause : sleeps for so many seconds; True where there is no point in listening on
+        """
+        deadline = time.monotonic() + seconds
+        while not (heard := self.masters()) and (left := deadline - time.monotonic()) > 0:
+            if pause(min(left, LOOK_S)):
+                break
+        return heard
 
     def send_sync(self) -> None:
         """Send SYNC; a failure marks the link as failed."""

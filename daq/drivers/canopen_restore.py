@@ -49,9 +49,7 @@ def restore_nodes(machine: Machine, data_directory: Path) -> list[Restored]:
 def _bus(bus: CanopenBus, setups: dict[int, FoundSetup], kept: FoundSetups) -> list[Restored]:
     link = CanLink(bus, DriverContext(1.0, 0.0, time.monotonic_ns), BusHealth())
     try:
-        time.sleep(bus.listen_s)
-        heard = link.masters()
-        if heard:
+        if heard := link.listen(bus.listen_s):
             raise BusError(
                 f"bus '{bus.name}': another master leads it ({heard}); nothing was sent; end what leads it, try again"
             )

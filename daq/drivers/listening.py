@@ -129,7 +129,9 @@ class Listener:
         scratch = nothing(len(self._names))
         while self._port is not None and self.context.monotonic_ns() < deadline:
             self.decode(scratch)
-            if all(stream.at_ns is not None for stream in self.streams) or self._keeper.paused(self.context.period_s):
+            left = (deadline - self.context.monotonic_ns()) / NS
+            pause = max(0.0, min(self.context.period_s, left))
+            if all(stream.at_ns is not None for stream in self.streams) or self._keeper.paused(pause):
                 break
         if self._port is None:
             return (Problem(self._failure, self._names),)

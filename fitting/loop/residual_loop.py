@@ -113,7 +113,7 @@ class SessionSignals:
         session = Session(design.machine, recordings, Options(bandwidth_hz=design.bank.bandwidth_hz))
         plain = session.prepared(Corrections(design.machine), noise=model.noise)
         passes = 2 if known else 1
-        fitted = fit_model(plain.design, plain.noise, plain.fitted, known, self.prior, passes=passes)
+        fitted = fit_model(plain.design, plain.noise, plain.fitted, known, self.prior.undelayed(), passes=passes)
         return Candidates(fitted, terms, [1] * len(terms)).scores(fitted)
 
     def misfit(self, model: Model, joint: int) -> Misfit:

@@ -31,6 +31,7 @@ from fitting.regression.prior import Prior, mass_prior
 from fitting.regression.stored import storing
 from fitting.regression.streamed import triangle
 from fitting.residual.terms import Model, fit_model
+from fitting.signals.bus_delays import expected_delays
 from fitting.signals.corrections import Corrections
 from fitting.signals.filters import FilterBank, edge_frequency, filter_bank, white_noise_std
 from fitting.signals.preparation import PIECE_SAMPLES, PositionNoise, pieces, position_noise, segments_of, with_delays
@@ -286,8 +287,10 @@ class Session:
 
     @cached_property
     def prior(self) -> Prior:
-        """What is known of the moving masses."""
-        return mass_prior(self.machine)
+        """What is known of the moving masses, and of delays between buses."""
+        delays = expected_delays(self.machine)
+        known = mass_prior(self.machine)
+        return known if delays is None else replace(known, delay=delays[0], delay_std=delays[1])
 
     @cached_property
     def plain(self) -> Prepared:

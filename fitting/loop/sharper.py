@@ -17,7 +17,7 @@ import numpy.typing as npt
 from fitting.effects.base import Effect
 from fitting.regression.prior import Prior, with_prior
 from fitting.regression.streamed import folded
-from fitting.residual.terms import Model, Term, extra_columns
+from fitting.residual.terms import Model, Term, extra_columns, late_terms
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -62,7 +62,8 @@ def chi_squares(model: Model, prior: Prior, others: Sequence[Term], candidates: 
     """
     design = model.design
     extra = extra_columns(design, model.views, [*others, *candidates])
-    R = folded(design, model.noise, model.fitted, extra, lambda rows: with_prior(rows, design.parameters, prior))
+    late = late_terms(others, design.parameters)
+    R = folded(design, model.noise, model.fitted, extra, lambda rows: with_prior(rows, design.parameters, prior, late))
     width = len(candidates[0].names(design.parameters.joints))
     fixed = R.shape[1] - 1 - width * len(candidates)
     result = []

@@ -279,8 +279,19 @@ def _white_columns(model: Model, terms: Sequence[Term], joints: range, out: Sequ
             white = model.noise.whiten(joint, design.bank.reduce(full))[kept]
             out[number][ends[number] : ends[number] + len(white)] = white
             ends[number] += len(white)
-    for own, end in zip(out, ends, strict=True):
-        own[end:] = 0.0  # a prior's row knows nothing of candidates
+    for joint, own, end in zip(joints, out, ends, strict=True):
+        own[end:] = 0.0  # a prior's row knows nothing of candidates, but for a delay's
+        _prior_of_delays(model, terms, joint, own)
+
+
+def _prior_of_delays(model: Model, terms: Sequence[Term], joint: int, columns: FloatArray) -> None:
+    """In the last row of a joint whose delay is expected: the column of its delay (:mod:`fitting.regression.prior`)."""
+    expected = None if model.prior is None else model.prior.delay_of(joint)
+    start = 0
+    for term in terms if expected is not None else ():
+        if term.delays_effort and term.joint == joint and expected is not None:
+            columns[-1, start] = 1.0 / expected[1]
+        start += len(term.names(model.design.parameters.joints))
 
 
 def _scored(

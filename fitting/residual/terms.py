@@ -9,8 +9,8 @@ import numpy as np
 import numpy.typing as npt
 
 from fitting.effects.base import DriveView, Effect, FoundBy, Shape
-from fitting.regression.design import Design, Extra, Fit, NoiseModel, WhiteRows, whitened
-from fitting.regression.prior import Prior, with_prior
+from fitting.regression.design import Design, Extra, Fit, NoiseModel, Parameters, WhiteRows, whitened
+from fitting.regression.prior import Late, Prior, with_prior
 from fitting.regression.streamed import fit_rows
 from fitting.residual.laws import Law
 from fitting.residual.stored_views import StoredViews, stored_columns
@@ -128,7 +128,7 @@ class Model:
     """A fitted model: design, noise, terms, and the joint refit of everything.
 
     ``earlier`` has the parameters of the fits whose forces the columns of the next one were made of, the base model's
-    first; it is empty where there are no terms.
+    first; it is empty where there are no terms. ``prior`` is what it was fitted with.
     """
 
     design: Design
@@ -139,6 +139,7 @@ class Model:
     fit: Fit
     views: Views
     earlier: tuple[FloatArray, ...] = ()
+    prior: Prior | None = None
 
     def term_slice(self, number: int) -> slice:
         """Where term ``number`` has its parameters in ``fit.theta``."""
@@ -149,7 +150,7 @@ class Model:
     def rows(self, prior: Prior) -> tuple[WhiteRows, ...]:
         """The whitened rows that this model was fitted on, prior included."""
         rows = whitened(self.design, self.noise, self.fitted, self.extra)
-        return with_prior(rows, self.design.parameters, prior)
+        return with_prior(rows, self.design.parameters, prior, late_terms(self.terms, self.design.parameters))
 
     def wald(self, number: int) -> float:
         """Chi-square that dropping term ``number`` would cost, what was moved into the signals included (Wald's)."""
@@ -171,6 +172,17 @@ class Model:
         return np.asarray(own[:, part.start - first : part.stop - first] @ self.fit.theta[part])
 
 
+def late_terms(terms: Sequence[Term], parameters: Parameters) -> dict[int, Late]:
+    """Of each joint that has a delay among the terms, its column and the seconds by which its efforts were moved."""
+    found: dict[int, Late] = {}
+    column = len(parameters)
+    for term in terms:
+        if term.delays_effort and term.joint is not None:
+            found[term.joint] = (column, sum(term.rebuilt))
+        column += len(term.names(parameters.joints))
+    return found
+
+
 def fit_model(
     design: Design,
     noise: NoiseModel,
@@ -188,7 +200,8 @@ def fit_model(
     empty = extra_columns(design, (), ())
 
     def fit_with(extra: Extra) -> Fit:
-        return fit_rows(design, noise, fitted, extra, lambda rows: with_prior(rows, design.parameters, prior))
+        late = late_terms(terms if extra.names else (), design.parameters)
+        return fit_rows(design, noise, fitted, extra, lambda rows: with_prior(rows, design.parameters, prior, late))
 
     def views_of(fit: Fit, extra: Extra) -> Views:
         build = StoredViews if design.stored else build_views
@@ -205,4 +218,4 @@ def fit_model(
         extra = extra_columns(design, views, terms)
         fit = fit_with(extra)
         views = views_of(fit, extra)
-    return Model(design, noise, fitted, tuple(terms), extra, fit, views, tuple(earlier))
+    return Model(design, noise, fitted, tuple(terms), extra, fit, views, tuple(earlier), prior)

@@ -10,6 +10,8 @@ from prometheus_client.core import Metric
 
 from server.machines.acquisition import Acquisition, Launch
 from server.machines.acquisition_metrics import acquisition_metrics
+from server.machines.fault_routes import BREAKABLE
+from server.machines.fault_routes import router as fault_router
 from server.machines.launch import acquire
 from server.machines.machine_desk import BEING_RECORDED, MachineDesk, Simulate
 from server.machines.machine_reader import MachineReader
@@ -64,12 +66,13 @@ def _metrics(parts: Parts) -> Iterator[Metric]:
 
 MACHINES = Resource(
     name="machines",
-    routers=(router,),
+    routers=(router, fault_router),
     tables=(machines, machine_versions),
     kept={"/machines": ("machines",)},
     provides={
         LAUNCH: lambda parts: partial(acquire, data_directory=parts[Settings].data_dir),
         SIMULATE: lambda parts: simulated_machine,
+        BREAKABLE: lambda parts: None,
         Machines: lambda parts: Machines(parts[Database]),
         MachineReader: _reader,
         MachineUploads: lambda parts: MachineUploads(parts[Database], parts[DataDirectory], parts[MachineReader]),

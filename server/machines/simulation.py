@@ -6,12 +6,13 @@ import json
 import os
 import subprocess
 import sys
+import threading
 from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
-from server.platform.errors import StartError, UnavailableError
+from server.platform.errors import InvalidError, StartError, UnavailableError
 from server.platform.files import write_atomically
 
 #: s that the simulated buses have to end.
@@ -28,6 +29,8 @@ class Simulation:
 
     def __init__(self, faults: Path | None = None) -> None:
         self._faults = None if faults is None else str(faults.resolve())
+        self._ordering = threading.Lock()  # an answer belongs to the order before it
+        self._runs = False
         self._process = subprocess.Popen(
             [sys.executable, "-P", "-m", "server.machines.simulation_child", str(os.getpid())],
             stdin=subprocess.PIPE,
@@ -78,7 +81,39 @@ class Simulation:
             said = json.loads(line) if line else {"error": "its process ended; the log above says why"}
             if "error" in said:
                 raise StartError(f"--simulate: the simulated machine does not start: {said['error']}")
-            yield Path(said["machine"])
+            self._runs = True
+            try:
+                yield Path(said["machine"])
+            finally:
+                self._runs = False
+
+    def order(self, order: str, **details: Any) -> Any:
+        """Ask it for something (:mod:`server.machines.simulation_orders`) and wait for the answer.
+
+        Raises
+        ------
+        InvalidError
+            If it refuses the order, in one line.
+        UnavailableError
+            If it does not answer.
+        """
+        process = self._process
+        assert process.stdin is not None and process.stdout is not None
+        with self._ordering:
+            if not self._runs:
+                raise UnavailableError("the simulated machine does not run; restart the service")
+            try:
+                process.stdin.write(json.dumps({"order": order, **details}) + "\n")
+                process.stdin.flush()
+                line = process.stdout.readline()
+            except OSError:
+                line = ""
+        if not line:
+            raise UnavailableError("the simulated machine does not answer; restart the service")
+        said = json.loads(line)
+        if "error" in said:
+            raise InvalidError(said["error"])
+        return said["result"]
 
 
 @contextmanager

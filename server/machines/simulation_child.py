@@ -2,7 +2,8 @@
 
 Loading the plant's libraries takes as long as loading the service's; in a process of its own it is done meanwhile. It
 reads one order ``{"directory": ..., "speed": ..., "faults": ...}`` from standard input, answers ``{"machine": ...}`` or
-``{"error": ...}``, and ends everything when standard input does.
+``{"error": ...}``, then answers orders about faults (:mod:`server.machines.simulation_orders`), and ends everything
+when standard input does.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ import json
 import sys
 from pathlib import Path
 
+from server.machines.simulation_orders import FaultOrders
 from server.platform.processes.child_guard import die_with
 
 
@@ -37,7 +39,9 @@ def main(parent: int) -> int:
             faults=faults,
         ) as simulated:
             print(json.dumps({"machine": str(simulated.machine_path)}), flush=True)
-            sys.stdin.read()
+            orders = FaultOrders(simulated, machine, Path(order["directory"]) / "faults.jsonl")
+            for line in sys.stdin:
+                print(json.dumps(orders.answer(line)), flush=True)
     except HilfitError as error:
         print(json.dumps({"error": str(error)}), flush=True)
         return 1

@@ -36,8 +36,8 @@ buses:
   channel: {channel}
   listen_s: 0
   nodes:
-  - {{node: 5, device_type: 0x00080194, vendor_id: 0x2A, product_code: 7, boot_up_s: 0.2}}
-  - {{node: 6, heartbeat_ms: 50, boot_up_s: 0.2, settings: {{"0x61A1:1 uint16": 3}}}}
+  - {{node: 5, device_type: 0x00080194, vendor_id: 0x2A, product_code: 7, boot_up_s: 0.2, heartbeat_ms: 400}}
+  - {{node: 6, heartbeat_ms: 300, boot_up_s: 0.2, settings: {{"0x61A1:1 uint16": 3}}}}
 """
 MODBUS = """
 channels:
@@ -58,7 +58,7 @@ def plain(rate: float = 50) -> str:
 
 
 def can(channel: str, rate: float = 50) -> str:
-    """Encoder node 5 and pressure node 6 on a virtual bus."""
+    """Encoder node 5 and pressure node 6 on a virtual bus; no busy computer makes their heartbeats late by as much."""
     return HEAD.format(rate=rate) + CAN.format(channel=channel)
 
 
@@ -70,7 +70,7 @@ def socketcand(port: int, rate: float = 50) -> str:
     )
 
 
-def modbus(port: int, rate: float = 50, timeout_s: float = 0.5) -> str:
+def modbus(port: int, rate: float = 50, timeout_s: float = 5.0) -> str:
     """Units 1 and 2 behind one TCP port; the time-out is long enough that a busy computer is no dead device."""
     return HEAD.format(rate=rate) + MODBUS.format(
         bus=f"{{name: mb, type: modbus_tcp, host: 127.0.0.1, port: {port}, timeout_s: {timeout_s}}}"

@@ -18,7 +18,8 @@ from daq.drivers import DriverContext, Samples
 from daq.drivers.canopen import CanopenDriver
 
 PERIOD = 0.02
-#: A cycle waits this long for what is due: longer than a busy computer keeps a node's thread from running.
+#: A cycle waits this long for what is due. A busy computer may keep a node's thread from running for longer, so what
+#: one cycle brings is not asserted, but what comes in some cycle (:meth:`Bench.until`), and what never comes.
 PATIENCE = 0.3
 NS = 1_000_000_000
 ANGLE, HEAD, ROD = 0, 1, 2

@@ -31,7 +31,7 @@ def test_commissioning_writes_the_mapping_that_the_channels_need(bench: Bench) -
     mapping = [(s, int.from_bytes(v, "little")) for i, s, v in log if i == 0x1A00]
     assert mapping == [(0, 0), (1, 0x6130_0120), (2, 0x6130_0220), (0, 2)]  # CiA 301: 0 entries while it changes
     assert (0x1800, 2, b"\x01") in log  # at every SYNC
-    assert (0x1017, 0, struct.pack("<H", 50)) in log
+    assert (0x1017, 0, struct.pack("<H", 300)) in log
     assert (0x61A1, 1, struct.pack("<H", 3)) in log
     order = [i for i, _, _ in log]
     assert order.index(0x1A00) < order.index(0x1017) < order.index(0x61A1)
@@ -106,7 +106,8 @@ def test_a_refused_object_is_named(bench: Bench) -> None:
     assert "node 5" in problem and "refuses to write 0x1017:00" in problem
 
 
-def test_a_short_pdo_is_found_at_the_start(bench: Bench) -> None:
+def test_a_short_pdo_is_found_at_the_start(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("daq.drivers.canopen.ANSWER_S", 0.1)  # nothing is to come
     bench.pressure.truncate = 4
     (problem,) = bench.driver.start()
     assert "node 6" in problem and "TPDO1 has 4 bytes instead of 8" in problem
@@ -117,9 +118,10 @@ def test_a_short_pdo_in_service_is_never_taken_for_a_value(bench: Bench) -> None
     bench.driver.start()
     bench.until(fresh)
     bench.pressure.truncate = 4
-    samples = bench.until(lambda s: bench.driver.statistics().counts["short_pdo"] >= 3 and not fresh(s))
-    assert np.isnan(samples.raw[[HEAD, ROD]]).all()
-    assert samples.quality[ANGLE] == Quality.FRESH
+    bench.once()  # a whole one may still have been under way
+    for _ in range(10):
+        assert np.isnan(bench.once().raw[[HEAD, ROD]]).all()
+    bench.until(lambda s: bench.driver.statistics().counts["short_pdo"] >= 3 and s.quality[ANGLE] == Quality.FRESH)
     bench.pressure.truncate = 0
     bench.until(fresh)
 
@@ -129,23 +131,26 @@ def test_a_node_that_boots_in_service_is_commissioned_again(bench: Bench) -> Non
     bench.until(fresh)
     bench.pressure.log.clear()
     bench.pressure.boot()
-    lost = bench.until(lambda s: s.quality[HEAD] != Quality.FRESH)
-    assert lost.quality[ANGLE] == Quality.FRESH
+    bench.until(lambda s: s.quality[HEAD] != Quality.FRESH and s.quality[ANGLE] == Quality.FRESH and booted(bench))
     samples = bench.until(fresh)
     assert samples.raw[HEAD] == 50.0
     assert (0x1A00, 1, struct.pack("<I", 0x6130_0120)) in bench.pressure.log
-    assert bench.driver.statistics().counts["boot_up"] == 1
+    assert booted(bench) == 1
+
+
+def booted(bench: Bench) -> int:
+    return bench.driver.statistics().counts["boot_up"]
 
 
 def test_a_killed_node_is_noticed_by_the_watchdog_and_comes_back(bench: Bench) -> None:
     bench.driver.start()
     bench.until(fresh)
     bench.pressure.silent = True
-    samples = bench.until(lambda s: bench.state(6) == "silent")
-    assert samples.quality[ANGLE] == Quality.FRESH
-    assert samples.quality[HEAD] == Quality.MISSING
+    bench.until(lambda s: bench.state(6) == "silent")
     detail = next(d.detail for d in bench.driver.statistics().devices if d.name == "node 6")
     assert "no heartbeat" in detail
+    samples = bench.until(lambda s: s.quality[ANGLE] == Quality.FRESH)
+    assert samples.quality[HEAD] == Quality.MISSING
     bench.pressure.silent = False
     bench.until(fresh)
 
@@ -154,18 +159,18 @@ def test_a_killed_node_is_noticed_by_the_watchdog_and_comes_back(bench: Bench) -
 def test_a_node_that_leaves_operation_is_brought_back(bench: Bench) -> None:
     bench.driver.start()
     bench.until(fresh)
+    commissioned = bench.driver.statistics().counts["commissioned"]
     bench.pressure.state = PRE_OPERATIONAL
     bench.until(lambda s: s.quality[HEAD] == Quality.MISSING)
-    bench.until(fresh)
+    bench.until(lambda s: fresh(s) and bench.driver.statistics().counts["commissioned"] > commissioned)
 
 
 def test_an_emergency_marks_the_nodes_values_until_it_is_reset(bench: Bench) -> None:
     bench.driver.start()
     bench.until(fresh)
     bench.pressure.emergency(0x5000)
-    samples = bench.until(lambda s: s.quality[HEAD] == Quality.EMERGENCY)
+    samples = bench.until(lambda s: s.quality[[HEAD, ANGLE]].tolist() == [Quality.EMERGENCY, Quality.FRESH])
     assert samples.raw[HEAD] == 50.0
-    assert samples.quality[ANGLE] == Quality.FRESH
     assert "emergency 0x5000" in [d.detail for d in bench.driver.statistics().devices]
     assert bench.driver.statistics().counts["emergency"] == 1
     bench.pressure.emergency(0x0000)
@@ -181,13 +186,14 @@ def test_a_late_tpdo_is_late_and_not_fresh(bench: Bench) -> None:
     bench.angle.let_go()
     bench.pressure.let_go()
     tpdos = [tpdo for node in bench.driver._nodes.values() for tpdo in node.tpdos]
-    deadline = time.monotonic() + 10
+    deadline = time.monotonic() + 60
     while any(
         tpdo.latest is None or tpdo.latest.cycle != bench.cycle for tpdo in tpdos
     ):  # until the receive thread has them
         assert time.monotonic() < deadline
         time.sleep(0.001)
     bench.cycle += 1  # and nothing comes for the next one
+    bench.patience = 0.0
     samples = bench.once()
     assert samples.cycles_ago.tolist() == [1, 1, 1]
     assert samples.quality.tolist() == [Quality.LATE] * 3

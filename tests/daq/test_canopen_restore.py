@@ -76,7 +76,7 @@ def test_only_what_differs_is_written(bench: Bench) -> None:
     bench.angle.log.clear()
     bench.driver = bench.make()
     assert bench.driver.start() == ()
-    assert bench.angle.log == [(0x1017, 0, struct.pack("<H", 100))]
+    assert bench.angle.log == [(0x1017, 0, struct.pack("<H", 400))]
 
 
 def test_a_second_commissioning_keeps_the_first_find(bench: Bench, tmp_path: Path) -> None:
@@ -85,7 +85,7 @@ def test_a_second_commissioning_keeps_the_first_find(bench: Bench, tmp_path: Pat
     bench.driver.start()
     bench.driver.stop()
     first = found.read("can0", 6)
-    bench.driver = bench.make(can(bench.channel).replace("heartbeat_ms: 50", "heartbeat_ms: 60"))
+    bench.driver = bench.make(can(bench.channel).replace("heartbeat_ms: 300", "heartbeat_ms: 310"))
     keeping(bench, tmp_path)
     bench.driver.start()
     assert found.read("can0", 6) == first
@@ -131,7 +131,7 @@ def test_nothing_is_restored_where_another_master_leads(bench: Bench, tmp_path: 
     leader = bench.make()
     bench.driver = leader
     leader.start()
-    machine = parse_machine(can(bench.channel).replace("listen_s: 0", "listen_s: 0.3"))
+    machine = parse_machine(can(bench.channel).replace("listen_s: 0", "listen_s: 60"))
     ended = threading.Event()
     thread = threading.Thread(target=lambda: [bench.once() for _ in iter(ended.is_set, True)])
     thread.start()

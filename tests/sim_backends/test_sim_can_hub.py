@@ -68,6 +68,22 @@ def test_each_sync_is_one_period_whoever_sends_it(simulated, bus):
     assert simulated.order("hub", "counts")["sync"] == before + 10
 
 
+def test_of_syncs_that_wait_only_the_newest_count(simulated, bus):
+    """A client that sends on while the plant is kept from running does not keep the hub from the nodes for ever."""
+    before = simulated.order("hub", "counts")
+    with socket.create_connection(("127.0.0.1", simulated.can_port), timeout=60) as connection:
+        connection.recv(256)
+        for command in (b"< open can0 >", b"< rawmode >"):
+            connection.sendall(command)
+            connection.recv(256)
+        connection.sendall(100 * b"< send 80 0 >" + b"< send 7EF 0 >")
+        receive(bus, lambda m: m.arbitration_id == 0x7EF)
+    after = simulated.order("hub", "counts")
+    steps, lost = (after[name] - before[name] for name in ("sync", "lost_sync"))
+    assert steps + lost == 100
+    assert 1 <= steps <= 16  # eight, and as many once more if it came in two parts
+
+
 def test_nothing_is_lost_for_a_client_that_does_not_read(simulated, bus):
     count = 4000
     with connect(simulated) as lazy:

@@ -9,7 +9,7 @@ from typing import Any, Literal, NotRequired, TypedDict, Unpack
 from hilfit_client.transport import Transport
 
 #: SHA-256 of the description that this was made from.
-SOURCE_SHA256 = "b83790ab4bcd145c74f2756b5aa8403e23a34692ebf63dd49ed95496246de68a"
+SOURCE_SHA256 = "59e31dd63be08883b42de19db22b550dfd5c44bea80d6edddb99190bd384d0d4"
 
 
 class AcquisitionWish(TypedDict):
@@ -210,6 +210,20 @@ class ExcitationResource(TypedDict):
     rods: NotRequired[Literal["pinned", "unpinned"] | None]
     seconds: NotRequired[float | None]
     state: Literal["queued", "running", "done", "failed", "cancelled"]
+
+
+class FaultOffer(TypedDict):
+    """A fault that the simulated machine can have: its name, what it is of, and its keys of a fault file."""
+
+    entry: dict[str, Any]
+    fault: str
+    target: str
+
+
+class FaultWish(TypedDict):
+    """Faults to begin, with the keys of a fault file (`hilfit/faults/1`); `at` counts from now."""
+
+    faults: list[dict[str, Any]]
 
 
 class Fleet(TypedDict):
@@ -436,6 +450,14 @@ class MachineDetail(TypedDict):
     sha256: str
     version: int
     versions: list[int]
+
+
+class MachineFaults(TypedDict):
+    """What can be broken, and what is: keys of a fault file, with `left_s` seconds until it is over."""
+
+    offers: list[FaultOffer]
+    running: list[dict[str, Any]]
+    simulated: bool
 
 
 class MachineList(TypedDict):
@@ -1266,6 +1288,18 @@ class MachinesApi:
         """Use the calibration again that was in use before the active one."""
         answer: CalibrationResource = self._transport.json(
             "POST", f"/api/v1/machines/{self._transport.quoted(name)}/calibrations/rollback"
+        )
+        return answer
+
+    def faults(self, name: str) -> MachineFaults:
+        """What can be broken in a simulated machine, and what is broken now."""
+        answer: MachineFaults = self._transport.json("GET", f"/api/v1/machines/{self._transport.quoted(name)}/faults")
+        return answer
+
+    def begin(self, name: str, **body: Unpack[FaultWish]) -> MachineFaults:
+        """Let faults begin in the simulated machine; each ends by itself (409: this machine is not simulated)."""
+        answer: MachineFaults = self._transport.json(
+            "POST", f"/api/v1/machines/{self._transport.quoted(name)}/faults", json=dict(body)
         )
         return answer
 

@@ -7,6 +7,7 @@ import { Mark, Notice } from "../../ui/controls";
 import { duration } from "../../ui/format";
 import { Empty, Panel } from "../../ui/layout";
 import { acquisitionWords } from "../../words";
+import { FaultPanel } from "./fault_panel";
 import { groups, type MachineContent } from "./groups";
 import { MonitorPanel } from "./monitor_panel";
 import { Plots } from "./plots";
@@ -66,6 +67,7 @@ function LiveMachine({ machine }: { machine: string }) {
         <div>
           <RecordPanel machine={machine} acquired={known ? state === "running" : null} />
           <MonitorPanel machine={machine} />
+          <FaultPanel machine={machine} />
         </div>
       </div>
     </>

@@ -1,0 +1,58 @@
+"""``/machines/{name}/faults``: what breaks in the simulated machine, for training; only with ``serve --simulate``."""
+
+from __future__ import annotations
+
+from typing import Any, Protocol
+
+from fastapi import APIRouter
+
+from server.machines.fault_schemas import FaultOffer, FaultWish, MachineFaults
+from server.machines.machine_desk import MachineDesk
+from server.machines.machine_store import Machines
+from server.platform.authorization.guard import require
+from server.platform.authorization.typed_route import TypedRoute
+from server.platform.errors import ConflictError
+from server.platform.http.route_parameters import ServiceDep, problems
+from server.platform.parts import PartName
+from server.platform.service import Service
+
+router = APIRouter(prefix="/machines", tags=["machines"], route_class=TypedRoute)
+
+
+class Orderable(Protocol):
+    """The simulated machine as it takes orders (:class:`server.machines.simulation.Simulation`)."""
+
+    def order(self, order: str, **details: Any) -> Any:
+        """Ask for something and wait for the answer."""
+
+
+#: The simulated machine; None without ``--simulate``.
+BREAKABLE: PartName[Orderable | None] = PartName("what takes orders for faults")
+
+
+@router.get("/{name}/faults", responses=problems(404, 422, 503), dependencies=[require("read")])
+def faults(name: str, service: ServiceDep) -> MachineFaults:
+    """What can be broken in a simulated machine, and what is broken now."""
+    simulated = _simulated(name, service)
+    if simulated is None:
+        return MachineFaults(simulated=False, offers=[], running=[])
+    offers = [FaultOffer(**offer) for offer in simulated.order("offers")]
+    return MachineFaults(simulated=True, offers=offers, running=simulated.order("running"))
+
+
+@router.post(
+    "/{name}/faults", status_code=202, responses=problems(404, 409, 422, 503), dependencies=[require("operate")]
+)
+def begin(name: str, wish: FaultWish, service: ServiceDep) -> MachineFaults:
+    """Let faults begin in the simulated machine; each ends by itself (409: this machine is not simulated)."""
+    simulated = _simulated(name, service)
+    if simulated is None:
+        raise ConflictError(
+            f"machine '{name}' is not simulated here; only one of `hilfit serve --simulate` can be broken"
+        )
+    return MachineFaults(simulated=True, offers=[], running=simulated.order("begin", faults=wish.faults))
+
+
+def _simulated(name: str, service: Service) -> Orderable | None:
+    service[Machines].get(name)
+    return service[BREAKABLE] if service[MachineDesk].simulated == name else None
