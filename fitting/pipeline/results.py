@@ -313,7 +313,7 @@ def _loop(session: Session, results: Results, model: Model, terms: list[Term]) -
                 "evidence": evidence,
             }
         )
-    effects += [_line_effect(names, line) for line in found["lines"] if not line["in_band"]]
+    effects += [_line_effect(names, line) for line in found["lines"] if line["ripple"] and not line["in_band"]]
     unexplained += [
         in_own_units(machine, {**item, "joint": names[item["joint"]], "added": False}) for item in found["unconfirmed"]
     ]
@@ -584,9 +584,20 @@ def _warnings(session: Session, results: Results) -> list[str]:
             + ("at the beginning of" if change["time"] < 1.0 else f"{change['time']:.1f} s into")
             + (" every recording" if change["recording"] is None else f" recording {change['recording'] + 1}")
         )
+    warnings += [_line_warning(session.machine, line) for line in results["attribution"]["lines"] if not line["ripple"]]
     if session.plain.design.indices("operation"):
         warnings.append(statement(_tellings(session)))
     return warnings
+
+
+def _line_warning(machine: Machine, line: Mapping[str, Any]) -> str:
+    """What to do about a spectral line where no pump can have made it."""
+    joint = machine.joints[line["joint"]]
+    return (
+        f"{joint.name}: the effort oscillates at {line['frequency'][0]:.4g} Hz with an amplitude of "
+        f"{line['amplitude'][0]:.3g} {effort_unit(joint)}, which no motion explains; without a cylinder it is "
+        "no ripple of a pump: look at the controller, the power supply and resonances"
+    )
 
 
 def _tellings(session: Session) -> tuple[Telling, ...]:
