@@ -51,6 +51,10 @@ def test_a_hit_is_found_within_a_tenth_of_a_second_and_ends(model: ArmModel, at_
     assert said[1].time >= HIT + LASTS + 0.5
     assert (said[0].joint, said[0].unit) == ("joint1", "N m")
     assert said[0].residual == pytest.approx(SIZE, rel=0.3)
+    nearest = {joint.joint: joint for joint in watch.nearest()}
+    assert nearest["joint1"].share > 1.0 and nearest["joint1"].residual == pytest.approx(SIZE, rel=0.3)
+    assert all(joint.share < 1.0 for name, joint in nearest.items() if name != "joint1")
+    assert watch.nearest() == []  # nothing came since
     assert model.tails is not None
     whole = replace(recording(20, 5, "operation"), values=values)
     (offline,) = overloads(model, whole, thresholds(model.tails, 1.0))
@@ -80,6 +84,9 @@ def test_an_overload_is_an_alarm_while_it_lasts(tmp_path: Path) -> None:
     monitors = Monitors(none, none, none, files, none, alarms, lambda: "now")
     watch = _Watch("cal-1", "ring")
     begun = {"on": True, "time": 3.0, "joint": "boom", "residual": 812.0, "unit": "N m", "score": 9.1, "threshold": 6.0}
+    near = [{"joint": "boom", "residual": 700.0, "unit": "N m", "share": 1.2}]
+    monitors._heard("arm", watch, {"overload_joints": near})
+    assert watch.found["overload_joints"] == near
     monitors._heard("arm", watch, {"overload": begun})
     monitors._heard("arm", watch, {"overload": {**begun, "on": False}})
     assert [(kind, severity, on) for _, kind, _, severity, on in reported] == [

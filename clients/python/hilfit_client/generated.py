@@ -9,7 +9,7 @@ from typing import Any, Literal, NotRequired, TypedDict, Unpack
 from hilfit_client.transport import Transport
 
 #: SHA-256 of the description that this was made from.
-SOURCE_SHA256 = "c1284ff7d73ca644e4dd9d1c1a2649e1853b42ab6cce641ecbf46ecdd29dbc60"
+SOURCE_SHA256 = "856febb9f529dfe9a5571f264d2af8d1cfa959e99105e124db34945a44757713"
 
 
 class AcquisitionWish(TypedDict):
@@ -376,6 +376,7 @@ class MonitorResource(TypedDict):
     joints: NotRequired[list[MonitoredJoint]]
     overload: NotRequired[OverloadNow | None]
     overload_delay_s: NotRequired[float | None]
+    overload_joints: NotRequired[list[OverloadJoint]]
     payload: NotRequired[Payload | None]
     reason: NotRequired[str | None]
     since: NotRequired[str | None]
@@ -411,6 +412,15 @@ class NewKey(TypedDict):
     role: Literal["viewer", "operator", "engineer", "admin"]
     seen: str | None
     streams: int
+
+
+class OverloadJoint(TypedDict):
+    """How near a joint came to an overload within the last second."""
+
+    joint: str
+    residual: float
+    share: float
+    unit: str
 
 
 class OverloadNow(TypedDict):
