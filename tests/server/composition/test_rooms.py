@@ -15,7 +15,7 @@ from server.platform.resource import providers_of
 from server.platform.service import Service
 from server.platform.settings import Settings
 
-SERVER = Path(__file__).parents[2] / "server"
+SERVER = Path(__file__).parents[3] / "server"
 MODULES = [path for path in SERVER.rglob("*.py") if path.relative_to(SERVER).parts[0] not in ("bench", "web")]
 #: What one looks over at a glance.
 MOST_MODULES = 15

@@ -17,7 +17,7 @@ from server.commands.openapi_file import PLACE
 from server.composition.app import create_app
 from server.machines.machine_desk import MachineDesk
 
-CLIENT = Path(__file__).parents[2] / "clients" / "python"
+CLIENT = Path(__file__).parents[3] / "clients" / "python"
 sys.path.insert(0, str(CLIENT))  # it is a distribution of its own
 
 from hilfit_client import Client, ProblemError  # noqa: E402

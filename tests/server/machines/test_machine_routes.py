@@ -3,17 +3,12 @@
 from __future__ import annotations
 
 import pytest
-from service_fakes import API, MACHINE, Running, wait_for_change
+from acquired_machines import MACHINES, acquire, named
+from service_fakes import API, Running
 
 from server.machines.acquisition import Acquisition
 from server.machines.machine_uploads import MachineUploads
 from server.platform.errors import UnavailableError
-
-MACHINES = f"{API}/machines"
-
-
-def named(name: str) -> str:
-    return MACHINE.replace("name: lever", f"name: {name}")
 
 
 def test_upload_makes_versions(running: Running) -> None:
@@ -124,16 +119,6 @@ def test_a_machine_that_names_no_bus_cannot_be_acquired(running: Running) -> Non
     response = running.client.put(f"{MACHINES}/offline/acquisition", json={"enabled": True})
     assert response.status_code == 409
     assert "no buses" in response.json()["detail"]
-
-
-def acquire(running: Running, name: str) -> None:
-    """Enable acquisition and wait until frames come."""
-    running.client.post(MACHINES, content=named(name))
-    running.client.put(f"{MACHINES}/{name}/acquisition", json={"enabled": True})
-    number = running.service.changes.number
-    while not running.service[Acquisition].running(name):
-        assert wait_for_change(running.service, number, 10)
-        number = running.service.changes.number
 
 
 def test_live_values_come_from_the_ring(running: Running) -> None:

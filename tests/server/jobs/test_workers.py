@@ -36,7 +36,7 @@ from server.platform.database.patience import patiently
 from server.platform.errors import StartError, TakenOver
 from server.platform.settings import Settings
 
-SCRIPT = Path(__file__).with_name("work_with_fakes.py")
+SCRIPT = Path(__file__).parents[1] / "work_with_fakes.py"
 
 
 @contextmanager

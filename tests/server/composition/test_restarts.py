@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from acquired_machines import acquire
 from dbos import DBOS
 from service_fakes import API, MACHINE, Fakes, Running, running_service
-from test_machine_routes import acquire
 
 from server.jobs.job_runner import JobRunner
 from server.jobs.job_store import Jobs

@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from acquired_machines import acquire
 from service_fakes import API, MACHINE, Running, recording_bytes
-from test_machine_routes import acquire
 
 pytestmark = pytest.mark.slow
 

@@ -24,7 +24,7 @@ from server.platform.http.pages import PageFile, page_files
 from server.platform.service import Service
 from server.platform.settings import Settings
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 WEB = ROOT / "server" / "web"
 BUILT = page_files()
 ASSETS = sorted(name for name in BUILT if name.startswith("assets/"))

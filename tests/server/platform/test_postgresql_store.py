@@ -11,8 +11,8 @@ from pathlib import Path
 import pytest
 import sqlalchemy as sa
 from postgresql_server import PostgreSQL
+from recalibration_fakes import setting
 from service_fakes import MACHINE
-from test_recalibrations import setting
 from test_store_migrations import VERSION_1
 
 from server.access.access_desk import Access

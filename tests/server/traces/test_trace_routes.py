@@ -8,9 +8,9 @@ import time
 import numpy as np
 import pyarrow.parquet
 import pytest
+from acquired_machines import acquire
 from scipy import signal
 from service_fakes import API, MACHINE, Running, motion, recording_bytes
-from test_machine_routes import acquire
 
 pytestmark = pytest.mark.slow
 

@@ -96,7 +96,7 @@ def set_clock(place: Path, hours: float) -> None:
 def site(place: Path) -> Iterator[SiteOfTest]:
     set_clock(place, 0.0)
     log = place / "server.log"
-    command = [sys.executable, str(Path(__file__).with_name("serve_with_set_clock.py")), str(place)]
+    command = [sys.executable, str(Path(__file__).parents[1] / "serve_with_set_clock.py"), str(place)]
     with log.open("wb") as errors, subprocess.Popen(command, stdout=subprocess.PIPE, stderr=errors) as process:
         try:
             assert process.stdout is not None

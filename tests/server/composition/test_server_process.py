@@ -17,7 +17,7 @@ import httpx2
 import pytest
 from service_fakes import API, MACHINE
 
-SCRIPT = Path(__file__).with_name("serve_with_fakes.py")
+SCRIPT = Path(__file__).parents[1] / "serve_with_fakes.py"
 pytestmark = pytest.mark.slow
 
 

@@ -24,7 +24,7 @@ from server.platform.files import DataDirectory
 from server.platform.settings import Settings, load_settings
 from server.platform.tls import LIFETIME, certificate
 
-SCRIPT = Path(__file__).with_name("serve_with_fakes.py")
+SCRIPT = Path(__file__).parents[1] / "serve_with_fakes.py"
 NOW = datetime(2026, 3, 1, tzinfo=UTC)
 
 

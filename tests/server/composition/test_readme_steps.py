@@ -16,7 +16,7 @@ from test_server_process import server
 from daq import parse_machine, write_recording
 from server.machines.machine_desk import MachineDesk
 
-README = (Path(__file__).parents[2] / "README.md").read_text(encoding="utf-8")
+README = (Path(__file__).parents[3] / "README.md").read_text(encoding="utf-8")
 ARM = MACHINE.replace("name: lever", "name: folding-arm")
 
 
