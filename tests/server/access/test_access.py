@@ -138,7 +138,7 @@ def test_a_code_expires(database: Database, clock: Clock) -> None:
         codes.take(code.digits)
 
 
-def test_wrong_codes_of_strangers_void_nobody_s_code(database: Database) -> None:
+def test_wrong_pairing_codes_do_not_invalidate_the_code_of_another(database: Database) -> None:
     """One address may send 155 in the life of a code (five at once, then one in six seconds)."""
     codes = PairingCodes(database, lambda: "1111111111")
     codes.make("operator", ("lever",), "somebody")

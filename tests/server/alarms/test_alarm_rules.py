@@ -112,6 +112,6 @@ def test_a_shelf_ends_by_itself_and_no_clock_makes_it_last(later_s: float, over:
     assert not lifecycle.expired(lifecycle.unshelve(shelved), NOW)
 
 
-def test_nobody_shelves_one_for_longer_than_is_allowed() -> None:
+def test_an_alarm_cannot_be_shelved_longer_than_allowed() -> None:
     shelved = lifecycle.shelve(NEW, "Ada", "holiday", 1e9, NOW)
     assert shelved.shelved_until == "2026-01-02T12:00:00.000Z"

@@ -58,7 +58,7 @@ def test_an_identification_runs_every_stage_and_stores_the_result(running: Runni
     assert running.client.get(f"{API}/jobs", params={"state": "done"}).json()["items"][0]["id"] == order.job
 
 
-def test_the_motion_of_the_next_experiment_and_that_nobody_looked(running: Running, csv: bytes) -> None:
+def test_the_next_experiment_has_its_motion_and_an_unexamined_report_says_so(running: Running, csv: bytes) -> None:
     order = running.order(csv, next_experiment=True, looked=False)
     place = f"{IDENTIFICATIONS}/{order.id}"
     assert running.client.get(f"{place}/next-experiment.csv").status_code in (409, 200), "before the end there is none"

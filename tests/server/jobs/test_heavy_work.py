@@ -91,7 +91,7 @@ def threads(count: int, gate: Gate) -> Iterator[ThreadPoolExecutor]:
 
 
 @pytest.mark.slow
-def test_many_uploads_at_once_stall_nobody(tmp_path: Path, csv: bytes, gate: Gate) -> None:
+def test_many_uploads_at_once_do_not_delay_other_requests(tmp_path: Path, csv: bytes, gate: Gate) -> None:
     with running_service(tmp_path, behind(gate)) as running, threads(45, gate) as pool:
         assert running.client.post(f"{API}/machines", content=MACHINE).status_code == 201
 

@@ -104,7 +104,7 @@ def test_what_a_killed_worker_was_doing_is_taken_over_without_doing_a_finished_s
 
 
 @pytest.mark.slow
-def test_a_worker_that_was_stopped_wakes_up_and_leaves_alone_what_another_one_took_over(
+def test_a_worker_that_is_resumed_leaves_jobs_alone_that_another_took_over(
     tmp_path: Path, csv: bytes, postgresql: PostgreSQL
 ) -> None:
     data_dir, url = tmp_path / "data", postgresql.new_database()
@@ -338,7 +338,7 @@ def test_silence_is_what_changes_nothing_for_a_while(tmp_path: Path) -> None:
     database.close()
 
 
-def test_a_time_in_which_the_database_was_away_is_nobody_s_silence(tmp_path: Path) -> None:
+def test_a_database_outage_does_not_count_as_silence_of_a_worker(tmp_path: Path) -> None:
     now = 0.0
     database = Database(tmp_path / "s.sqlite", TABLES, changed=lambda: None)
     silence = Silence(database, lambda: now)

@@ -77,7 +77,7 @@ def test_what_another_process_changed_is_seen_without_being_told() -> None:
     assert asyncio.run(run()) == ("machines", 9)
 
 
-def test_silence_is_broken_by_a_sign_of_life() -> None:
+def test_a_quiet_event_stream_sends_heartbeats() -> None:
     async def run() -> tuple[str, int] | None:
         events = follower(Store(), Changes(), poll_s=0.01, heartbeat_s=0.05).follow()
         await soon(events)

@@ -88,7 +88,7 @@ def coloured(count: int, correlation: float, seed: int) -> np.ndarray:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("correlation", [0.0, 0.5])
-def test_false_alarms_stay_below_the_stated_rate_though_everything_was_learnt(correlation: float) -> None:
+def test_false_alarms_stay_below_the_stated_rate_with_a_learnt_baseline(correlation: float) -> None:
     """Thirty machines that never change; mean, colour and size of each are estimated from 120 numbers."""
     rules = Rules(learn=120, block_s=2.0, false_alarms_per_year=YEAR_S / 2.0 / 2000)  # one in 2000 numbers
     alarms, numbers = 0, 0
@@ -132,7 +132,7 @@ def test_what_is_said_of_a_joint_is_the_rate_of_its_own_statistics() -> None:
 
 
 @pytest.mark.parametrize("blocks", [4, 10, 13, 60])
-def test_what_it_knows_and_where_it_stands_outlive_a_restart(blocks: int) -> None:
+def test_what_was_learnt_and_the_sums_are_kept_over_a_restart(blocks: int) -> None:
     def watcher_after(values: np.ndarray, watcher: Watcher) -> Watcher:
         for value in values:
             watcher = watcher.step({"a": {"offset": float(value)}})

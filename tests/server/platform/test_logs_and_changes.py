@@ -63,7 +63,7 @@ def test_a_change_before_waiting_is_not_lost() -> None:
     assert asyncio.run(changes.wait(seen, 30))
 
 
-def test_silence_and_the_end() -> None:
+def test_waiting_for_a_change_times_out_and_ends_when_closed() -> None:
     changes = Changes()
     assert not asyncio.run(changes.wait(changes.number, 0.01))
     changes.close()

@@ -118,7 +118,7 @@ def test_the_page_is_only_read(running: Running) -> None:
     assert running.client.patch(f"{API}/machines").status_code == 405
 
 
-def test_strangers_get_the_page_but_nothing_else(tmp_path: Path) -> None:
+def test_clients_without_a_token_get_the_page_but_nothing_else(tmp_path: Path) -> None:
     service = Service(Settings(data_dir=tmp_path, access="required"), RESOURCES, Fakes().parts)
     try:
         client = TestClient(create_app(service), "http://192.168.7.4:8350")

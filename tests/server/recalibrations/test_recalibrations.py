@@ -31,7 +31,7 @@ def site(tmp_path: Path) -> Iterator[Setting]:
 
 
 @pytest.mark.slow
-def test_a_slot_has_its_turn_once_and_proposes_a_calibration(site: Setting) -> None:
+def test_each_scheduled_time_runs_once_and_proposes_a_calibration(site: Setting) -> None:
     schedule = site.schedule()
     assert site.later(0.5) == ()
     (job,) = site.later(0.6)
