@@ -27,6 +27,7 @@ import numpy.typing as npt
 
 import sim_backends
 from benchmarks.measured import DATA, emps, staubli
+from benchmarks.model_formats import formats
 from benchmarks.samples import SAMPLES
 from benchmarks.targets import Check, Outcome
 from daq.machine_file import Machine, load_machine
@@ -170,6 +171,7 @@ def _exports(name: str, model: ArmModel) -> list[Check]:
                 rows.append(list(tau))
             differs("C", np.array(rows), expected, 1e-9)
             checks.append(Check(f"{name}: size of the C's object code", size, f"{size / 1000:.1f} kB"))
+        checks += formats(name, model, folder, (q, qd, qdd, t), expected)
         if find_spec("cvxpy") is not None:
             checks += _engines(name, model, folder, (q, qd, qdd), links, None if ours is None else ours[0])
     return checks

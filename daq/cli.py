@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import time
 from dataclasses import asdict
 from datetime import UTC, datetime
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -15,6 +16,9 @@ from daq.console import print_json, progress_bar, reported, working
 from daq.errors import InputError
 from daq.machine_file import Machine, load_machine
 from daq.recording_files import SUFFIXES
+
+if TYPE_CHECKING:
+    from daq.acquisition import AcquisitionProcess
 
 Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]
 MachineFile = Annotated[Path, typer.Argument(help="The machine file.", metavar="MACHINE")]
@@ -48,6 +52,9 @@ def record(
     role: Annotated[Role, typer.Option(help="What the recording is for.")],
     seconds: Annotated[float, typer.Option(help="Length in seconds of machine time.", min=0.02)],
     output: Annotated[Path, typer.Option("-o", "--output", help="File to write: .parquet or .csv.")],
+    wait: Annotated[
+        float, typer.Option(help="Seconds that pass before: the controller moves to the motion's beginning.", min=0.0)
+    ] = 0.0,
     require: Annotated[
         list[str] | None,
         typer.Option("--require", metavar="CHANNEL", help="Only this channel (several times) has to be there."),
@@ -86,6 +93,7 @@ def record(
         progress_bar(f"recording {output.name}", show=not json) as bar,
     ):
         recorder = Recorder(acquisition.ring_name, described, role.value, output, overwrite=force)
+        _let_pass(acquisition, wait * described.rate_hz)
         recorder.start(seconds, bar)
         interrupted = False
         try:
@@ -110,6 +118,23 @@ def record(
     if interrupted:
         print(f"interrupted before {seconds:g} s were over")
         raise typer.Exit(INTERRUPTED)
+
+
+def _let_pass(acquisition: AcquisitionProcess, cycles: float) -> None:
+    """Wait until the ring has so many rows more; machine time, which need not be that of the wall.
+
+    Raises
+    ------
+    HilfitError
+        If acquisition ends meanwhile.
+    """
+    from daq.ring import RingReader
+
+    with RingReader(acquisition.ring_name) as reader:
+        begin = reader.written
+        while reader.written < begin + cycles:
+            acquisition.check()
+            time.sleep(0.01)
 
 
 def _restored(machine: Machine, data_directory: Path) -> list[dict[str, Any]]:

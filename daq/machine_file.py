@@ -200,6 +200,10 @@ class Machine(FileModel):
                 return channel
         return None
 
+    def unseen_pistons(self) -> list[str]:
+        """Joints with a cylinder whose piston no channel shows once its rod is off the pin."""
+        return [j.name for j in self.joints if j.cylinder is not None and not self.channel("piston_position", j.name)]
+
     def si_unit(self, channel: Channel) -> str:
         """The SI unit of a channel's quantity; for joint positions and efforts the type of joint decides."""
         si = SI_UNITS[channel.quantity]

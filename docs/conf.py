@@ -27,6 +27,7 @@ extensions = [
 root_doc = "index"
 exclude_patterns = ["_build", "_extensions", "examples", "gallery/**/*.ipynb", "gallery/**/*.py", "gallery/**/*.json"]
 nitpicky = False
+highlight_language = "none"  # what is not said to be Python is a command line
 suppress_warnings = ["config.cache"]  # the gallery's order is a function
 
 # Markdown as it is on a forge: every heading can be linked to.

@@ -51,6 +51,10 @@ def simulate(
         typer.Option(help="EFFECT:JOINT:SIZE that the plant has and the machine file does not say; repeatable."),
     ] = None,
     truth: Annotated[Path | None, typer.Option(help="The plant's own parameters (YAML).")] = None,
+    guess_truth: Annotated[
+        Path | None,
+        typer.Option(help="Write plant parameters to begin with to this file (links as steel boxes), and end."),
+    ] = None,
     seed: Annotated[int, typer.Option(help="Of everything random.", min=0)] = 0,
     speed: Annotated[float, typer.Option(help="Machine seconds per second, up to 4.")] = 1.0,
     faults: Annotated[Path | None, typer.Option(help="Fault file (YAML): what breaks when, and for how long.")] = None,
@@ -66,6 +70,9 @@ def simulate(
     from sim_backends.undeclared import parse_spec
 
     declared = load_machine(machine)
+    if guess_truth is not None:
+        _write_guess(guess_truth, declared, seed, json)
+        return
     specs = [parse_spec(text, declared) for text in undeclared or []]
     for path in motion or []:
         read_motion(path, declared)
@@ -94,6 +101,24 @@ def simulate(
             _say_where(simulated, json)
             while not ended.wait(1.0):
                 simulated.check()
+
+
+def _write_guess(path: Path, machine: Machine, seed: int, json: bool) -> None:
+    """A guess of the plant's parameters as a file, never over one that is there."""
+    from sim_backends.guessed_truth import guessed_truth_yaml
+
+    text = guessed_truth_yaml(machine, seed)
+    try:
+        with path.open("x", encoding="utf-8") as file:
+            file.write(text)
+    except FileExistsError:
+        raise InputError(f"{path}: is there already; use it by --truth, or give another name") from None
+    except OSError as error:
+        raise InputError(f"{path}: cannot be written ({error.strerror}); give another name") from None
+    if json:
+        print_json({"truth": str(path)})
+    else:
+        typer.echo(f"{path}: a guess, change it at will; simulate with: --truth {path}")
 
 
 def _say_where(simulated: SimulatedMachine, json: bool) -> None:

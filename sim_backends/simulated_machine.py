@@ -430,6 +430,7 @@ def _default_truth(machine: Machine) -> Truth:
     known, truth = default_machine()
     if machine.joints != known.joints:
         raise InputError(
-            f"{machine.name}: what this machine really weighs is not known; give the plant's parameters (truth)"
+            f"{machine.name}: what this machine weighs is not known, so it cannot be simulated; give the plant's "
+            "parameters by --truth FILE (--guess-truth FILE writes some to begin with)"
         )
     return truth

@@ -36,3 +36,21 @@ else:
 if result is not None:
     for violation in result.report["plausibility"]["violations"]:
         print(violation["joint"] or "", violation["parameter"], f"= {violation['value']:.3g} {violation['unit']}")
+
+# %%
+# What the fit leaves of another motion beside the size of the efforts, joint by joint.
+
+if result is not None:
+    import matplotlib.pyplot as plt
+    import numpy as np
+
+    joints = list(result.report["errors"])
+    fitted, unseen = (
+        [result.report["errors"][joint]["before"][role] for joint in joints] for role in ("train", "validate")
+    )
+    place = np.arange(len(joints))
+    fig, ax = plt.subplots(figsize=(6.4, 3.2), layout="constrained")
+    ax.bar(place - 0.2, fitted, 0.4, color="#1f6f8b", label="fitted motion")
+    ax.bar(place + 0.2, unseen, 0.4, color="#b3541e", label="another motion")
+    ax.set(xticks=place, xticklabels=joints, ylabel="error [N m]")
+    ax.legend()

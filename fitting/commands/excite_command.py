@@ -131,7 +131,7 @@ def excite(
         if kind is not None:
             found = [_experiment(plan, kind, guess)]
         elif unpinned:
-            found = [_free_cylinders(plan)]
+            found, notes = [_free_cylinders(plan)], [*notes, *_unseen(described)]
         else:
             options = replace(ExcitationOptions(), criterion=chosen[criterion])
             if max_frequency is not None:
@@ -189,6 +189,17 @@ def _limits(
     else:
         notes.append(f"chamber pressures are computed with {guess.statement}")
     return limits, notes
+
+
+def _unseen(machine: Machine) -> list[str]:
+    """What no channel shows once the rods are off their pins."""
+    hidden = machine.unseen_pistons()
+    if not hidden:
+        return []
+    return [
+        f"{', '.join(hidden)}: no piston_position channel, so nothing measures these pistons with the rods off: a "
+        "recording of this motion will say nothing of them, and their friction is estimated with the arm attached"
+    ]
 
 
 def _read(path: Path, machine: Machine) -> Motion | Recording:

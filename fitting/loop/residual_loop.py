@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from daq.machine_file import Machine
 from fitting.effects import effect, effects, line_effect
 from fitting.effects.base import Effect
 from fitting.loop.session import Described, Options, Prepared, Session
@@ -264,18 +265,24 @@ def moves(values: Sequence[tuple[float, float, float]]) -> bool:
     return False
 
 
+def is_ripple(machine: Machine, line: Line) -> bool:
+    """Whether a pump can have made this line: only where oil acts on the joint."""
+    return line_effect().applies(machine, line.joint)
+
+
 def _ripples(signals: SessionSignals) -> tuple[tuple[Line, ...], tuple[Accepted, ...]]:
     """Spectral lines of the raw residual; those inside the band are terms of the model from the start.
 
     Above the band a line does the fit no harm: it is named, and nothing is added. A pump's phase is of no recording but
-    its own, so that of `validate` is taken from there.
+    its own, so that of `validate` is taken from there. A joint without a cylinder has no pump: its lines are given as
+    they are, and stand for no effect.
     """
     prepared, model = signals.prepared(()), signals.refit(())
     design, theta = prepared.design, model.fit.theta
     lines, _ = machine_lines(design, theta, prepared.fitted, prepared.pairs)
     accepted: list[Accepted] = []
     for line in lines:
-        if line.frequency_hz > design.bank.bandwidth_hz:
+        if line.frequency_hz > design.bank.bandwidth_hz or not is_ripple(design.machine, line):
             continue
         parts = residual_parts(design, theta, line.joint, prepared.validate) if prepared.validate else ()
         term = Term(line_effect(), line.joint, (line.on(parts) if parts else line).shape)

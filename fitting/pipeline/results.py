@@ -313,7 +313,7 @@ def _loop(session: Session, results: Results, model: Model, terms: list[Term]) -
                 "evidence": evidence,
             }
         )
-    effects += [_line_effect(names, line) for line in found["lines"] if not line["in_band"]]
+    effects += [_line_effect(names, line) for line in found["lines"] if line["ripple"] and not line["in_band"]]
     unexplained += [
         in_own_units(machine, {**item, "joint": names[item["joint"]], "added": False}) for item in found["unconfirmed"]
     ]
@@ -562,7 +562,7 @@ def _warnings(session: Session, results: Results) -> list[str]:
     if refused:
         listed = ", ".join(f"{c['joint']} ({c['condition']:.3g})" for c in refused)
         warnings.append(
-            f"stage 1 without an unloaded recording is refused for {listed}: the load looks like the drive there "
+            f"stage 1 with the arm attached is refused for {listed}: the load looks like the drive there "
             f"(condition number above {MOST_CONDITION:g}); the values of the joint fit stand in its place"
         )
     in_situ = [
@@ -570,10 +570,7 @@ def _warnings(session: Session, results: Results) -> list[str]:
         for c in results["cylinder_stage"]["cylinders"]
         if c["in_situ"] and c["rows"] > 0 and not c["refused"]
     ]
-    if in_situ:
-        warnings.append(
-            f"friction was estimated with the arm attached on {', '.join(in_situ)}: no unloaded recording of it"
-        )
+    warnings += _in_situ_warnings(session, in_situ)
     parameters = session.plain.design.parameters
     untold = [n for n, told in zip(parameters.names, results["refit"]["after"]["told"], strict=False) if not told]
     if untold:
@@ -584,9 +581,32 @@ def _warnings(session: Session, results: Results) -> list[str]:
             + ("at the beginning of" if change["time"] < 1.0 else f"{change['time']:.1f} s into")
             + (" every recording" if change["recording"] is None else f" recording {change['recording'] + 1}")
         )
+    warnings += [_line_warning(session.machine, line) for line in results["attribution"]["lines"] if not line["ripple"]]
     if session.plain.design.indices("operation"):
         warnings.append(statement(_tellings(session)))
     return warnings
+
+
+def _in_situ_warnings(session: Session, joints: Sequence[str]) -> list[str]:
+    """Why friction of these joints was estimated with the arm attached."""
+    unloaded = any(recording.role == "unloaded" for recording in session.recordings)
+    hidden = set(session.machine.unseen_pistons()) if unloaded else set()
+    attached = "friction was estimated with the arm attached on"
+    reasons = (
+        ([j for j in joints if j not in hidden], "no unloaded recording of it"),
+        ([j for j in joints if j in hidden], "with the rods off only a piston_position channel shows the piston"),
+    )
+    return [f"{attached} {', '.join(own)}: {why}" for own, why in reasons if own]
+
+
+def _line_warning(machine: Machine, line: Mapping[str, Any]) -> str:
+    """What to do about a spectral line where no pump can have made it."""
+    joint = machine.joints[line["joint"]]
+    return (
+        f"{joint.name}: the effort oscillates at {line['frequency'][0]:.4g} Hz with an amplitude of "
+        f"{line['amplitude'][0]:.3g} {effort_unit(joint)}, which no motion explains; without a cylinder it is "
+        "no ripple of a pump: look at the controller, the power supply and resonances"
+    )
 
 
 def _tellings(session: Session) -> tuple[Telling, ...]:

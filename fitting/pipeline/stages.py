@@ -29,6 +29,7 @@ from fitting.loop.everything import held_against_everything, said
 from fitting.loop.kinematic_check import corrections_from_json, kinematic_findings, step_to_json
 from fitting.loop.residual_loop import (
     final_model,
+    is_ripple,
     other_bands,
     run_attribution,
     term_from_json,
@@ -192,6 +193,7 @@ def attribution(session: Session, results: Results, progress: Progress) -> dict[
                 "amplitude": [line.amplitude, line.amplitude_std],
                 "p": line.p,
                 "in_band": bool(line.frequency_hz <= session.bank.bandwidth_hz),
+                "ripple": is_ripple(session.machine, line),
             }
             for line in found.lines
         ],

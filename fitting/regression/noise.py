@@ -8,7 +8,8 @@ is estimated from what a very flexible model leaves, and said to be an estimate.
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from operator import itemgetter
 from typing import TypeVar
 
 import numpy as np
@@ -27,6 +28,10 @@ _T = TypeVar("_T")
 #: Reduced rows that a repeated stretch needs to say something of the noise.
 _LEAST_ROWS = 20
 _MAX_LAG_SECONDS = 4.0
+#: Two runs of one motion differ by less than this share of its spread; nowhere by more than the second, before they are
+#: aligned to the sample.
+_ALIKE, _NEAR = 0.02, 0.15
+_COARSE = 4  # samples: steps of the first search for a lag
 #: Training segments that a repeated one is laid upon at most, and segments that a noise is heard on at most, of hours
 #: cut into pieces of minutes: its spectrum has six coefficients, which an hour tells. Fitted are all samples.
 _MOST_LAID, _MOST_SEGMENTS = 20, 12
@@ -47,26 +52,72 @@ def pair_repeats(design: Design) -> tuple[Pairing, ...]:
     """For each `repeat` segment the training segment it repeats, aligned in time.
 
     A segment is paired only if, after alignment, its joint positions follow the training motion to within 2 % of
-    their spread.
+    their spread. Where the ways to and from the motion differ, as those of a controller do that comes from elsewhere,
+    the stretch between them is paired, if it is most of the recording.
     """
     pairs = []
     for repeat in design.indices("repeat"):
-        best: tuple[float, Pairing] | None = None
         place = design.segments[repeat].start
         near = sorted(design.indices("train"), key=lambda train: abs(design.segments[train].start - place))
-        for train in sorted(near[:_MOST_LAID]):
-            a, b = design.segments[train], design.segments[repeat]
-            lag = lag_between(a.q, b.q, int(_MAX_LAG_SECONDS * design.bank.rate_hz))
-            start_a, start_b = max(0, -lag), max(0, lag)
-            length = min(len(a) - start_a, len(b) - start_b)
-            spread = np.maximum(a.q.std(axis=0), 1e-9)
-            apart = (a.q[start_a : start_a + length] - b.q[start_b : start_b + length]).std(axis=0) / spread
-            cost = float(np.max(apart))
-            if best is None or cost < best[0]:
-                best = (cost, Pairing(train, repeat, start_a, start_b, length))
-        if best is not None and best[0] < 0.02 and design.bank.rows(best[1].length) > _LEAST_ROWS:
-            pairs.append(best[1])
+        laid = [_laid(design, train, repeat) for train in sorted(near[:_MOST_LAID])]
+        apart, best = min(laid, key=itemgetter(0), default=(np.inf, None))
+        if best is not None and apart < _ALIKE and design.bank.rows(best.length) > _LEAST_ROWS:
+            pairs.append(best)
     return tuple(pairs)
+
+
+def _laid(design: Design, train: int, repeat: int) -> tuple[float, Pairing]:
+    """The stretches of two segments that are one motion, and how far they are apart at most, over their spread."""
+    a, b = design.segments[train].q, design.segments[repeat].q
+    spread = np.maximum(a.std(axis=0), 1e-9)
+    most = int(_MAX_LAG_SECONDS * design.bank.rate_hz)
+    whole = _aligned(Pairing(train, repeat, 0, 0, 0), a, b, most)
+    apart = _apart(whole, a, b, spread)
+    if apart < _ALIKE:
+        return apart, whole
+    lag = _lag_of_most(a, b, spread, most)
+    late_a, late_b = max(0, -lag), max(0, lag)
+    length = min(len(a) - late_a, len(b) - late_b)
+    together = runs(_near(a[late_a:][:length], b[late_b:][:length], spread))
+    run = max(together, key=lambda own: own.stop - own.start, default=slice(0, 0))
+    if run.stop - run.start < 0.5 * min(len(a), len(b)):
+        return apart, whole
+    begins = late_a + run.start, late_b + run.start
+    cut = replace(whole, train_start=begins[0], repeat_start=begins[1])
+    middle = [values[begin:][: run.stop - run.start] for values, begin in zip((a, b), begins, strict=True)]
+    inner = _aligned(cut, middle[0], middle[1], 2 * _COARSE)
+    return _apart(inner, a, b, spread), inner
+
+
+def _near(a: FloatArray, b: FloatArray, spread: FloatArray) -> npt.NDArray[np.bool_]:
+    """Where (N,) all joints of two motions are at about the same place."""
+    return np.asarray(np.all(np.abs(a - b) < _NEAR * spread, axis=1))
+
+
+def _lag_of_most(a: FloatArray, b: FloatArray, spread: FloatArray, most: int) -> int:
+    """Lag in samples at which the two are near each other for longest, whatever they do elsewhere; to a few samples."""
+    a, b = a[::_COARSE], b[::_COARSE]
+    lags = range(-(most // _COARSE), most // _COARSE + 1)
+    counts = []
+    for lag in lags:
+        left, right = a[max(0, -lag) :], b[max(0, lag) :]
+        length = min(len(left), len(right))
+        counts.append(int(np.sum(_near(left[:length], right[:length], spread))))
+    return _COARSE * lags[int(np.argmax(counts))]
+
+
+def _aligned(pair: Pairing, a: FloatArray, b: FloatArray, most: int) -> Pairing:
+    """The same pair, begun later in one of both by the lag between ``a`` and ``b`` (N, n), in samples."""
+    lag = lag_between(a, b, most)
+    late_a, late_b = max(0, -lag), max(0, lag)
+    length = min(len(a) - late_a, len(b) - late_b)
+    return replace(pair, train_start=pair.train_start + late_a, repeat_start=pair.repeat_start + late_b, length=length)
+
+
+def _apart(pair: Pairing, a: FloatArray, b: FloatArray, spread: FloatArray) -> float:
+    """Standard deviation of the difference of a pair, the worst joint, over ``spread`` (n,)."""
+    difference = a[pair.train_start :][: pair.length] - b[pair.repeat_start :][: pair.length]
+    return float(np.max(difference.std(axis=0) / spread))
 
 
 def difference_noise(

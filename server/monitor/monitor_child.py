@@ -12,6 +12,7 @@ from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import asdict
 from pathlib import Path
+from time import monotonic
 from typing import Any
 
 import numpy as np
@@ -32,6 +33,8 @@ from server.platform.files import write_atomically
 #: Seconds between two looks at the ring.
 LOOK_S = 0.25
 POLL_S = 0.01
+#: Seconds between two words on how near the joints are to an overload.
+NEAR_S = 1.0
 #: Blocks (of 2 s) after which its state is written down: what a kill costs at most.
 REMEMBER_BLOCKS = 15
 Say = Callable[[Mapping[str, Any]], None]
@@ -106,13 +109,17 @@ def _remembered(path: Path, fresh: Watcher) -> Watcher:
 def _windows(
     ring: RingReader, windows: Windows, overload: OverloadWatch | None, say: Say
 ) -> Iterator[npt.NDArray[Any]]:
-    """Windows of the drift's blocks; what every new row says of overloads is said at once."""
+    """Windows of the drift's blocks; an overload is said at once, how near the joints are to one each second."""
+    told = monotonic()
     while True:
         if not ring.wait(LOOK_S, poll=POLL_S) and (ring.closed or not ring.writer_alive):
             return
         read = ring.read()
         for hit in () if overload is None else overload.push(read.rows, read.missed):
             say({"overload": asdict(hit)})
+        if overload is not None and monotonic() - told >= NEAR_S:
+            told = monotonic()
+            say({"overload_joints": [asdict(joint) for joint in overload.nearest()]})
         yield from windows.push(read.rows, read.missed)
 
 

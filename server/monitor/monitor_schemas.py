@@ -45,11 +45,25 @@ class OverloadNow(BaseModel):
     threshold: float
 
 
+class OverloadJoint(BaseModel):
+    """How near a joint came to an overload within the last second.
+
+    ``residual`` is measured minus predicted effort at its nearest moment; ``share`` is of the threshold, above 1 it is
+    an overload.
+    """
+
+    joint: str
+    residual: float
+    unit: str
+    share: float
+
+
 class MonitorResource(BaseModel):
     """The monitor of a machine; ``reason`` says why it is off, ``delay_s`` how late the residual is.
 
     ``overload_delay_s`` says how late an overload is judged, null where overloads are not watched: the calibration's
-    model does not say what is usual. ``payload`` is null where too little moved.
+    model does not say what is usual. ``overload_joints`` leaves out joints that could not be judged. ``payload`` is
+    null where too little moved.
     """
 
     state: Literal["off", "learning", "watching", "drift"]
@@ -61,4 +75,5 @@ class MonitorResource(BaseModel):
     delay_s: float | None = None
     payload: Payload | None = None
     overload: OverloadNow | None = None
+    overload_joints: list[OverloadJoint] = []
     overload_delay_s: float | None = None

@@ -214,6 +214,10 @@ class Monitors:
         if "overload" in found:
             self._heard_overload(machine, watch, found["overload"])
             return
+        if "overload_joints" in found:
+            with self._lock:
+                watch.found |= found
+            return
         drifting = found.pop("drifting")
         with self._lock:
             before = watch.found.get("state", "learning")
@@ -243,7 +247,7 @@ class Monitors:
 
 
 #: What a monitor says once, or of its own accord, beside what it says of each block.
-_LASTING = ("overload", "overload_delay_s")
+_LASTING = ("overload", "overload_joints", "overload_delay_s")
 #: What a change of each statistic looks like to a person.
 WORDS = {
     "offset": "a constant force more or less",

@@ -41,6 +41,22 @@ class Hit:
     threshold: float = 0.0
 
 
+@dataclass(frozen=True)
+class Nearest:
+    """How near to an overload a joint came since this was last asked.
+
+    Attributes
+    ----------
+    joint, residual, unit : measured minus predicted effort at its nearest moment
+    share : of the threshold that has to be exceeded for as long as an overload takes; above 1 it is one
+    """
+
+    joint: str
+    residual: float
+    unit: str
+    share: float
+
+
 class OverloadWatch:
     """Watches rows of a ring buffer.
 
@@ -67,6 +83,7 @@ class OverloadWatch:
         self._rows: npt.NDArray[np.void] | None = None
         self._judged = -np.inf  # s of machine time up to which samples were judged
         self._since: int | None = None  # samples since the last exceedance; None while nothing is wrong
+        self._nearest: dict[int, Nearest] = {}
 
     def push(self, rows: npt.NDArray[np.void], missed: int = 0) -> list[Hit]:
         """What begins or ends with these rows; ``missed`` rows were lost before them."""
@@ -87,7 +104,20 @@ class OverloadWatch:
         hits = list[Hit]()
         for lasting, scores, residual in zip(own.lasting[fresh], own.scores[fresh], own.residual[fresh], strict=True):
             hits += self._step(lasting, scores, residual, float(time[-1]))
+            self._note(lasting / self.limits, residual)
         return hits
+
+    def nearest(self) -> list[Nearest]:
+        """Joints in the machine's order, since the last call; none that could not be judged meanwhile."""
+        found, self._nearest = self._nearest, {}
+        return [found[joint] for joint in sorted(found)]
+
+    def _note(self, shares: FloatArray, residual: FloatArray) -> None:
+        for joint, share in enumerate(shares.tolist()):
+            before = self._nearest.get(joint)
+            if np.isfinite(share) and (before is None or share > before.share):
+                name = self._live.model.joints[joint]
+                self._nearest[joint] = Nearest(name, float(residual[joint]), self._units[joint], share)
 
     def _step(self, lasting: FloatArray, scores: FloatArray, residual: FloatArray, now: float) -> list[Hit]:
         share = lasting / self.limits

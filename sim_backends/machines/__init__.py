@@ -14,7 +14,7 @@ import numpy as np
 
 from daq.machine_file import Machine, load_machine
 from sim_backends.machines.heavy import excavator_front, telescopic_crane
-from sim_backends.machines.parts import box_link, measured_machine
+from sim_backends.machines.parts import box_link, measured_machine, usual_cylinder
 from sim_backends.truth import CylinderTruth, LinkTruth, Truth, load_truth
 
 __all__ = ["ARMS", "ArmKind", "default_machine", "excavator_front", "folding_arm", "slewing_arm", "telescopic_crane"]
@@ -82,7 +82,7 @@ def _machine(
 
 def _cylinder(bore: float, spread: float, rng: np.random.Generator) -> tuple[dict[str, Any], CylinderTruth]:
     """A cylinder of ``bore`` m with a linkage that its stroke can serve, and its friction."""
-    area = np.pi * bore**2 / 4
+    usual = usual_cylinder(bore)
 
     def around(value: float) -> float:
         return float(value * rng.uniform(1 - spread, 1 + spread))
@@ -93,19 +93,19 @@ def _cylinder(bore: float, spread: float, rng: np.random.Generator) -> tuple[dic
     q = np.linspace(*TRAVEL, 101)
     lengths = np.sqrt(a**2 + b**2 - 2 * a * b * np.cos(q + offset))
     retracted = float(lengths.min() - rng.uniform(0.010, 0.020))
-    f_c = around(2.2e4 * area)  # seals: force with the bore's area
+    f_c = around(usual.f_c)
     declared = {
         "bore": bore,
         "rod": round(bore * ROD_RATIO, 4),
         "stroke": STROKE,
-        "damping": around(4.5e4 * area),
+        "damping": around(4.5e4 * np.pi * bore**2 / 4),
         "linkage": {"type": "three_pin", "a": a, "b": b, "offset": offset, "retracted": retracted},
     }
     law = CylinderTruth(
-        m=around(0.9 + 1150.0 * area),
-        K=around(1.1e5 * area),
+        m=around(usual.m),
+        K=around(usual.K),
         f_c=f_c,
-        f_v=around(2.1e5 * area),
+        f_v=around(usual.f_v),
         f_s=float(f_c * rng.uniform(0.45, 0.95)),
     )
     return declared, law

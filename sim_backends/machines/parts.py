@@ -28,6 +28,13 @@ def box_link(rng: np.random.Generator, mass: float, centre: tuple[float, ...], s
     )
 
 
+def usual_cylinder(bore: float) -> CylinderTruth:
+    """What a cylinder of ``bore`` m usually has: seals rub with the bore's area."""
+    area = float(np.pi * bore**2 / 4)
+    f_c = 2.2e4 * area
+    return CylinderTruth(m=0.9 + 1150.0 * area, K=1.1e5 * area, f_c=f_c, f_v=2.1e5 * area, f_s=0.7 * f_c)
+
+
 def measured_machine(
     name: str,
     gravity: list[float],

@@ -35,6 +35,8 @@ def test_emps_base_model_is_the_published_one(tmp_path: Path) -> None:
 def test_the_loop_finds_asymmetric_friction_on_emps(tmp_path: Path) -> None:
     result = emps.evaluate(data("emps"), tmp_path)
     assert "asymmetric_friction" in result.found.names
+    lines = result.found.results["attribution"]["lines"]
+    assert not any(line["ripple"] for line in lines)  # an electric drive: no oil, no pump
     assert result.found.results["residual"]["measured"]  # the noise floor is that of the repeated reference
     assert result.asymmetric[0] == pytest.approx(emps.PUBLISHED_ASYMMETRIC_ERROR, rel=0.03)
     own, cross = result.after

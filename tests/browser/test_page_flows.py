@@ -45,7 +45,7 @@ def test_a_recording_is_started_and_stopped(page: Any, site: Site) -> None:
     assert (newest["label"], newest["state"], newest["role"]) == ("from the page", "sealed", "operation")
 
 
-def test_a_stale_sensor_shows_and_its_alarm_is_seen_shelved_and_heard_again(page: Any, site: Site) -> None:
+def test_a_stale_sensor_is_shown_and_its_alarm_is_acknowledged_shelved_and_raised_again(page: Any, site: Site) -> None:
     steer = site.data_dir / "stale"
     steer.touch()
     try:

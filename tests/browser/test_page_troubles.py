@@ -118,7 +118,7 @@ def test_a_slow_link_is_enough(page: Any, site: Site) -> None:
     assert site.ask("GET", "/recordings?state=recording")["items"] == []
 
 
-def test_a_stranger_is_paired_by_the_address_of_the_code(browser: Any, tmp_path: Path) -> None:
+def test_an_unknown_device_is_paired_by_the_address_of_the_code(browser: Any, tmp_path: Path) -> None:
     site = Site(tmp_path / "site", access="required")
     context = browser.new_context(viewport={"width": 800, "height": 1280})
     context.set_default_timeout(60_000)

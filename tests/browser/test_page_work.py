@@ -72,7 +72,7 @@ def test_a_result_is_read_proposed_approved_used_compared_and_rolled_back(
     assert json.loads(Path(download.value.path()).read_text())["state"] == "active"
 
 
-def test_a_machine_file_is_changed_and_nobody_is_overwritten(page: Any, site: Site) -> None:
+def test_a_machine_file_that_changed_meanwhile_is_not_overwritten(page: Any, site: Site) -> None:
     text = MACHINE.replace("name: lever", "name: edited")
     site.ask("POST", "/machines", content=text)
     page.goto(f"{site.url}/#/machines/edited")

@@ -133,13 +133,16 @@ def bench(tmp_path: Path) -> Iterator[tuple[Path, FakeModbus]]:
 @pytest.mark.slow
 def test_record(bench: tuple[Path, FakeModbus], tmp_path: Path) -> None:
     output = tmp_path / "r.csv"
-    code, out, err = run("record", bench[0], "--role", "operation", "--seconds", 0.4, "-o", output, "--json")
+    order = ("record", bench[0], "--role", "operation", "--wait", 0.6, "--seconds", 0.4, "-o", output)
+    code, out, err = run(*order, "--json")
     assert code == 0, err
     result = json.loads(out)
     assert result["recording"]["rows"] == 20
     assert result["acquisition"]["state"] == "running"
-    assert read_table(output).rows == 20
-    again = run("record", bench[0], "--role", "operation", "--seconds", 0.4, "-o", output)
+    table = read_table(output)
+    assert table.rows == 20
+    assert table.columns["cycle"][0] >= 30  # 0.6 s at 50 Hz went by
+    again = run(*order)
     assert again[0] == 2 and "--force" in again[2]
 
 

@@ -137,7 +137,7 @@ def test_j1939_is_recognised(site: Site) -> None:
     assert any("can_signals" in note for note in found.notes)
 
 
-def test_silence_is_said(site: Site) -> None:
+def test_a_scan_says_that_nothing_was_heard(site: Site) -> None:
     assert "nothing was heard" in site.scan(ask=False).notes[0]
 
 

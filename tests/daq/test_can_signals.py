@@ -227,7 +227,7 @@ def test_the_rate_of_a_message_without_cycle_time_is_learnt(bench: HandFed) -> N
     assert samples.interval[SUPPLY] == 1.0  # never came: missing, not held
 
 
-def test_silence_is_said_and_its_end(bench: HandFed) -> None:
+def test_a_silent_device_and_its_return_are_reported(bench: HandFed) -> None:
     boom(bench)
     bench.cycle()
     states = {d.name: d.state for d in bench.driver.statistics().devices}

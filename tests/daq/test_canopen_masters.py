@@ -156,7 +156,7 @@ def test_what_does_not_come_is_missing_and_said_so(other: Listening) -> None:
     assert node.state == "silent" and "0x186 does not come" in node.detail
 
 
-def test_short_pdos_nan_strangers_and_emergencies(other: Listening) -> None:
+def test_short_pdos_nan_unknown_nodes_and_emergencies(other: Listening) -> None:
     other.driver.start()
     other.send(0x186, struct.pack("<f", 50.0))
     assert other.once().quality[[HEAD, ROD]].tolist() == [Quality.FRESH, Quality.INVALID]

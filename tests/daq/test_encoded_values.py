@@ -172,7 +172,7 @@ def set_resolution(thousandths: int) -> None:
 # Decimals that the device tells
 
 
-def test_a_node_tells_its_decimals_at_commissioning() -> None:
+def test_a_canopen_node_is_asked_for_its_decimals_at_commissioning() -> None:
     bench = Bench()
     try:
         bench.pressure.values[0x6132, 1] = b"\2"
@@ -214,7 +214,7 @@ def test_nothing_is_asked_where_we_only_listen() -> None:
         canopen_driver(bus, parse_machine(text).channels[:1], DriverContext(0.02, 0.0, lambda: 0))  # type: ignore[arg-type]
 
 
-def test_a_unit_tells_its_decimals_and_is_asked_again_when_it_is_back(server: FakeModbus) -> None:
+def test_a_modbus_unit_is_asked_for_its_decimals_at_the_start_and_after_a_reconnection(server: FakeModbus) -> None:
     text = modbus(server.port, timeout_s=0.2).replace(
         "register: 4, data_type: int16, scale: 0.1, offset: -1.0", "register: 4, data_type: int16, decimals_register: 9"
     )

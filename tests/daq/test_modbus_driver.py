@@ -166,7 +166,7 @@ def test_problems_at_the_start_are_named(server: FakeModbus) -> None:
     assert "unit 2 (j1.rod)" in problems[1] and "does not answer in time" in problems[1]
 
 
-def test_nobody_there_at_the_start(server: FakeModbus) -> None:
+def test_no_device_answers_at_the_start(server: FakeModbus) -> None:
     port = server.port
     server.close()
     run = Run(parse_machine(modbus(port)))

@@ -92,7 +92,7 @@ def link() -> Iterator[tuple[CanLink, can.BusABC]]:
     st.integers(0, 0x1FFFFFFF), PAYLOAD, st.booleans(), st.booleans(), st.booleans(),
     st.floats(allow_nan=False, allow_infinity=False, width=32),
 )  # fmt: skip
-def test_any_frame_is_counted_once_and_stops_nobody(
+def test_every_frame_is_counted_once_and_none_stops_the_driver(
     link: tuple[CanLink, can.BusABC], number: int, data: bytes, extended: bool, remote: bool, error: bool, stamp: float
 ) -> None:
     opened, _ = link

@@ -152,7 +152,7 @@ def test_waiting_ends_with_a_row_or_with_the_writer(ring: str) -> None:
         assert reader.closed
 
 
-def test_the_writer_tells_about_itself(ring: str) -> None:
+def test_the_ring_holds_information_about_its_writer(ring: str) -> None:
     with RingReader(ring) as reader:
         assert reader.info() == {}
         assert not reader.writer_alive

@@ -102,7 +102,7 @@ def test_no_more_than_two_motions_are_made():
     ],
     ids=["settled", "nothing missing", "no motion helps"],
 )
-def test_nobody_is_asked_where_there_is_nothing_to_close(told):
+def test_no_recording_is_asked_for_without_an_ambiguity(told):
     operator = Operator()
     last, steps = close(told, operator)
     assert (last, steps, operator.made) == (told, (), [])

@@ -62,7 +62,7 @@ def test_the_regressor_as_its_own_instrument_is_weighted_least_squares() -> None
     assert one.details["weakest_instrument"] == pytest.approx(1.0)
 
 
-def test_an_instrument_that_tells_nothing_tells_nothing() -> None:
+def test_an_uncorrelated_instrument_determines_no_parameter() -> None:
     rng = np.random.default_rng(4)
     A = rng.standard_normal((60, 2))
     Z = A.copy()

@@ -37,7 +37,7 @@ def gap_left(session: Session, corrections: Corrections, joint: int) -> tuple[fl
     return gap_error(session.plain.design, validate, joint), gap_error(changed.design, validate, joint)
 
 
-def test_two_honest_encoders_show_nothing() -> None:
+def test_two_sound_encoders_show_no_eccentricity() -> None:
     findings, corrections = kinematic_findings(clean_session(2))
     assert findings == ()
     assert corrections == Corrections(clean_session(2).machine)

@@ -12,10 +12,12 @@ from synthetic_arm import clean_session
 
 from daq.recording import Recording
 from fitting.effects import effect
+from fitting.loop.residual_loop import is_ripple
 from fitting.loop.session import Session
 from fitting.residual.levelling import Part, residual_parts
 from fitting.residual.lines import Line, RefutedLine, find_lines, line_phases, machine_lines
 from fitting.residual.terms import Term, fit_model
+from sim_backends import folding_arm
 from sim_backends.cases import simulate_case
 from sim_backends.undeclared import UNDECLARED
 
@@ -265,6 +267,14 @@ def test_as_a_term_it_takes_the_line_away() -> None:
     assert abs(np.arctan2(b, a)) < 0.1
     rest = residual_parts(design, after.fit.theta, 1, fitted, prepared.pairs, after.extra)
     assert find_lines(1, rest, RATE, joints=2)[0] == ()
+
+
+def test_a_line_is_a_pumps_ripple_only_where_oil_acts_on_the_joint() -> None:
+    hydraulic, _ = folding_arm(0)
+    electric = hydraulic.model_copy(update={"joints": [hydraulic.joints[0].model_copy(update={"cylinder": None})]})
+    line = Line(0, 7.0, 0.001, 3.0, 0.1, 200.0, 1e-9, {0: 0.0}, {0: 3.0})
+    assert is_ripple(hydraulic, line)
+    assert not is_ripple(electric, line)
 
 
 def simulated(

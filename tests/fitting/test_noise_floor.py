@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy import signal
@@ -85,6 +87,26 @@ def test_another_motion_is_no_repeat() -> None:
     session = make_session(machine, arm, (("unloaded", 1), ("train", 2), ("repeat", 4), ("validate", 3)))
     assert session.plain.pairs == ()
     assert not session.plain.noise.measured
+
+
+@pytest.mark.parametrize(("late", "share", "paired"), [(0, 0.1, True), (35, 0.1, True), (0, 0.6, False)])
+def test_a_repeat_may_come_to_its_motion_another_way(late: int, share: float, paired: bool) -> None:
+    """Its first part is another motion, as after a controller has come from elsewhere; most has to be the same."""
+    session = clean_session(2)
+    design, (pair,) = session.plain.design, session.plain.pairs
+    segments = list(design.segments)
+    own = segments[pair.repeat]
+    q = own.q[late:].copy()
+    way = int(share * len(q))
+    q[:way] += 0.8 * np.cos(np.pi / 2 * np.arange(way) / way)[:, None]
+    segments[pair.repeat] = replace(own, q=q)
+    found = pair_repeats(replace(design, segments=tuple(segments)))
+    assert len(found) == paired
+    for each in found:
+        assert each.train_start - each.repeat_start == late
+        # The way there is left out up to a sixth of the motion's spread, and little more than that.
+        assert 0.5 * way < each.repeat_start < 1.1 * way
+        assert len(q) - 8 <= each.repeat_start + each.length <= len(q)
 
 
 def test_each_repeat_finds_its_own_training_motion() -> None:

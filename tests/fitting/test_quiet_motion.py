@@ -35,7 +35,7 @@ def test_the_edge_lies_where_the_motion_ends(highest: float, exponent: float, se
 
 @settings(max_examples=20, deadline=None)
 @given(seed=st.integers(0, 999))
-def test_what_only_trembles_does_not_move(seed: int) -> None:
+def test_a_joint_that_only_shows_noise_does_not_move(seed: int) -> None:
     noise = 1e-4 * np.random.default_rng(seed).standard_normal(round(RATE * SECONDS))
     assert motion_edge(BANK.smooth(noise)[2], 1e-4, BANK) < 0.3
 

@@ -146,7 +146,7 @@ def test_what_is_usual_is_in_the_file_and_old_files_have_none(model: ArmModel) -
     assert all(isinstance(own, Tail) for own in again)
 
 
-def test_payload_is_weighed_with_an_honest_deviation() -> None:
+def test_the_payload_lies_within_its_stated_deviation() -> None:
     """Known columns, noise of known size and memory: the estimate is off by its own deviations."""
     rng, off = np.random.default_rng(2), []
     for _ in range(200):

@@ -104,7 +104,7 @@ def test_registers_are_what_the_drivers_decode(data_type, word_order, raw):
     assert _words(item, raw) == encodings.to_registers(data_type, raw, word_order)
 
 
-def test_plans_survive_the_journey():
+def test_plans_are_the_same_after_json():
     units = wire(MACHINE).modbus["modbus"]
     assert units_from_dict(units_to_dict(units)) == units
 

@@ -124,7 +124,7 @@ def test_without_sync_time_stands_still(machine):
         machine.wait_done("never")
 
 
-def test_nobody_but_the_plant_knows_what_is_undeclared(machine):
+def test_undeclared_effects_are_known_to_the_plant_only(machine):
     """Arguments, environment, files, and everything that a client of the hub sees."""
     name = "position_dependent_friction"
     for process, pid in machine.pids.items():
@@ -220,7 +220,7 @@ def test_a_process_that_dies_is_noticed_and_the_rest_ends_cleanly(tmp_path):
     assert not any(alive(pid) for pid in pids.values())
 
 
-def test_a_hub_that_does_not_start_is_blamed_and_not_those_that_follow_it(tmp_path, monkeypatch):
+def test_the_error_names_the_hub_that_did_not_start_and_not_its_clients(tmp_path, monkeypatch):
     monkeypatch.setitem(simulated_machine._MODULES, "hub", "sim_backends.there_is_no_such_module")
     with pytest.raises(SimulationError, match=r"^simulated hub: its process \d+ ended \(exit code 1\)") as caught:
         SimulatedMachine(MACHINE, TRUTH, workdir=tmp_path).__enter__()
@@ -282,9 +282,9 @@ def test_what_cannot_be_simulated_is_refused(tmp_path):
     with pytest.raises(InputError, match="there is no joint 'joint7'"):
         SimulatedMachine(MACHINE, TRUTH, [EffectSpec("stribeck", "joint7", 1.0)], workdir=tmp_path)
     other = MACHINE.model_copy(update={"joints": bare.joints})
-    with pytest.raises(InputError, match="what this machine really weighs is not known"):
+    with pytest.raises(InputError, match=r"what this machine weighs is not known.*--guess-truth"):
         SimulatedMachine(other, workdir=tmp_path)
 
 
-def test_truth_survives_the_journey():
+def test_plant_parameters_are_the_same_after_json():
     assert Truth.from_dict(json.loads(json.dumps(TRUTH.to_dict()))) == replace(TRUTH)

@@ -9,7 +9,7 @@ from typing import Any, Literal, NotRequired, TypedDict, Unpack
 from hilfit_client.transport import Transport
 
 #: SHA-256 of the description that this was made from.
-SOURCE_SHA256 = "59e31dd63be08883b42de19db22b550dfd5c44bea80d6edddb99190bd384d0d4"
+SOURCE_SHA256 = "c495f05f94e22bef714fa235350dff83cf28437dcacb5263466d011be9c496b1"
 
 
 class AcquisitionWish(TypedDict):
@@ -486,6 +486,7 @@ class MonitorResource(TypedDict):
     joints: NotRequired[list[MonitoredJoint]]
     overload: NotRequired[OverloadNow | None]
     overload_delay_s: NotRequired[float | None]
+    overload_joints: NotRequired[list[OverloadJoint]]
     payload: NotRequired[Payload | None]
     reason: NotRequired[str | None]
     since: NotRequired[str | None]
@@ -521,6 +522,15 @@ class NewKey(TypedDict):
     role: Literal["viewer", "operator", "engineer", "admin"]
     seen: str | None
     streams: int
+
+
+class OverloadJoint(TypedDict):
+    """How near a joint came to an overload within the last second."""
+
+    joint: str
+    residual: float
+    share: float
+    unit: str
 
 
 class OverloadNow(TypedDict):
