@@ -75,7 +75,7 @@ def serve(
             from server.machines.simulation import Simulation
 
             simulation = stack.enter_context(closing(Simulation(settings.faults)))  # it loads while this process does
-            from server.machines.fault_routes import BREAKABLE
+            from server.machines.faults.fault_routes import BREAKABLE
             from server.machines.machine_resource import SIMULATE
 
             given |= {SIMULATE: simulation.machine, BREAKABLE: simulation}

@@ -10,8 +10,8 @@ from prometheus_client.core import Metric
 
 from server.machines.acquisition import Acquisition, Launch
 from server.machines.acquisition_metrics import acquisition_metrics
-from server.machines.fault_routes import BREAKABLE
-from server.machines.fault_routes import router as fault_router
+from server.machines.faults.fault_routes import BREAKABLE
+from server.machines.faults.fault_routes import router as fault_router
 from server.machines.launch import acquire
 from server.machines.machine_desk import BEING_RECORDED, MachineDesk, Simulate
 from server.machines.machine_reader import MachineReader

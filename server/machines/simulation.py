@@ -88,7 +88,7 @@ class Simulation:
                 self._runs = False
 
     def order(self, order: str, **details: Any) -> Any:
-        """Ask it for something (:mod:`server.machines.simulation_orders`) and wait for the answer.
+        """Ask it for something (:mod:`server.machines.faults.simulation_orders`) and wait for the answer.
 
         Raises
         ------

@@ -2,8 +2,8 @@
 
 Loading the plant's libraries takes as long as loading the service's; in a process of its own it is done meanwhile. It
 reads one order ``{"directory": ..., "speed": ..., "faults": ...}`` from standard input, answers ``{"machine": ...}`` or
-``{"error": ...}``, then answers orders about faults (:mod:`server.machines.simulation_orders`), and ends everything
-when standard input does.
+``{"error": ...}``, then answers orders (:mod:`server.machines.faults.simulation_orders`), and ends everything when
+standard input does.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import json
 import sys
 from pathlib import Path
 
-from server.machines.simulation_orders import FaultOrders
+from server.machines.faults.simulation_orders import FaultOrders
 from server.platform.processes.child_guard import die_with
 
 

@@ -6,7 +6,7 @@ from typing import Any, Protocol
 
 from fastapi import APIRouter
 
-from server.machines.fault_schemas import FaultOffer, FaultWish, MachineFaults
+from server.machines.faults.fault_schemas import FaultOffer, FaultWish, MachineFaults
 from server.machines.machine_desk import MachineDesk
 from server.machines.machine_store import Machines
 from server.platform.authorization.guard import require
