@@ -110,6 +110,8 @@ class Search:
         twists = [Term(law, joint) for joint in joints for law in surfaces(base, joint, twist=True)]
         self.candidates = Candidates(base, [*terms, *laws, *twists], [*grid, *law_grid, *[len(twists)] * len(twists)])
         self.scored: Model = base
+        self.scores: dict[int, Score] | None = None
+        self.drawn: set[tuple[object, ...]] = set()
         self.slots: list[Slot] = []
         self.open: list[Rated] = []
 
@@ -128,30 +130,36 @@ class Search:
         return True
 
     def _rated(self, model: Model) -> list[Rated]:
-        """All candidates beside a model, with the bias of noisy regressors taken off those that contend."""
-        if self.scored is not model:
-            self.candidates.follow(self.scored, model)
-            self.scored = model
-            scores = self.candidates.scores(model)
-            near = {n for n, score in scores.items() if score.gain > priors.SMALLEST**2}
-            self.candidates.refresh(model, near)
-        scores = self.candidates.scores(model)
-        rating = self._rating(model)
+        """All candidates beside a model, with the bias of noisy regressors taken off those that contend.
+
+        Scores of the last model are kept: after a refusal only what is believed of leftovers is another.
+        """
+        if self.scores is None or self.scored is not model:
+            self.scores, self.drawn = self._scores(model), set()
+        scores, rating = self.scores, self._rating(model)
         rated = rating.rated(scores)
         if not self.draws.wanted:
             return rated
         number = {score.term.label: n for n, score in scores.items()}
-        drawn: set[tuple[object, ...]] = set()
         for _ in range(MOST_ROUNDS):
             # What was drawn may lose by it, and others contend then: they are drawn as well.
-            chosen = [r for r in _contending(rated) if r.term.label not in drawn]
+            chosen = [r for r in _contending(rated) if r.term.label not in self.drawn]
             if not chosen:
                 break
-            drawn |= {r.term.label for r in chosen}
+            self.drawn |= {r.term.label for r in chosen}
             for score in self.draws.unbiased(model, [r.score for r in chosen]):
                 scores[number[score.term.label]] = score
             rated = rating.rated(scores)
         return rated
+
+    def _scores(self, model: Model) -> dict[int, Score]:
+        """Scores of all candidates beside a model, with columns made anew of those that matter."""
+        if self.scored is not model:
+            self.candidates.follow(self.scored, model)
+            self.scored = model
+            near = {n for n, score in self.candidates.scores(model).items() if score.gain > priors.SMALLEST**2}
+            self.candidates.refresh(model, near)
+        return self.candidates.scores(model)
 
     def _open(self, rated: Sequence[Rated]) -> list[Rated]:
         """Those that are neither there nor refused."""
@@ -209,9 +217,12 @@ class Search:
             rest = 0.5 * (near[0].score.gain - one.score.gain)  # what could be left for a follower
             if one is not head and one.exact + max(rest, 0.0) < most:
                 continue
-            total = max(one.log_odds, one.exact + max(0.0, self._followers(one, joint)))
+            next_ = self._follower(one, joint)
+            total = max(one.log_odds, one.exact + (0.0 if next_ is None else max(0.0, next_.log_odds)))
             if total > most:
-                best, most = one, total
+                # What is only good together with the head comes after it.
+                best = head if next_ is not None and family(next_.term) == family(head.term) else one
+                most = total
         return best
 
     def _sharp(self, rated: Sequence[Rated], model: Model) -> list[Rated]:
@@ -243,15 +254,15 @@ class Search:
             else replace(late, log_odds=late.log_odds + more, exact=late.exact + more, fit=late.fit + more)
         )
 
-    def _followers(self, first: Rated, joint: int) -> float:
-        """Log odds of the best further explanation on a joint, once ``first`` is there."""
+    def _follower(self, first: Rated, joint: int) -> Rated | None:
+        """The best further explanation on a joint, once ``first`` is there."""
         model = beside(self.model, first.term)
         seen = self._visible(self.model)
         seen[joint] = np.hypot(seen[joint], np.sqrt(first.score.gain))
         scores = self.candidates.scores(model, [joint])
         rated = Rating(self.candidates, model, seen, self._failed()).rated(scores)
         open_ = self._beside(rated, (*self.model.terms, first.term))
-        return max((r.log_odds for r in open_), default=0.0)
+        return max(open_, key=lambda r: r.log_odds, default=None)
 
     def _try(self, choice: Rated) -> None:
         """Add the choice, its shape searched, if nothing is against it elsewhere."""

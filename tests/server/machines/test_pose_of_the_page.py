@@ -1,6 +1,6 @@
 """The page draws arms with kinematics of its own; their poses are those of the identification, which shares no code.
 
-Both read one file; ``python tests/server/test_pose_of_the_page.py`` writes it anew.
+Both read one file; ``python tests/server/machines/test_pose_of_the_page.py`` writes it anew.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import pytest
 from daq import Machine, load_machine, parse_machine
 from fitting.arm.geometry import link_frames
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 POSES = ROOT / "server" / "web" / "src" / "views" / "pose" / "poses.fixture.json"
 #: Rows of a table: kind, a, alpha, d, theta. Joints of either kind about axes that are neither parallel nor upright.
 ROWS = (
