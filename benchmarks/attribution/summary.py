@@ -61,9 +61,10 @@ def checks(lines: Sequence[Line]) -> list[Check]:
         rate("a wrong name alone", sum(bool(line.get("wrong_alone")) for line in done), len(done), "at most", 0.005),
         _number("members of the largest set", max((line.get("widest", 0) for line in done), default=0), "at most", 3),
         rate("large: right or in the set", count(large, *_NAMED), len(large), "at least", 0.97),
-        *_visible(large),
+        *_visible("large", large),
         rate("kinematic: right or in the set, no surplus", clean, len(of("kinematic")), "at least", 0.95),
         rate("medium: right or in the set", count(medium, *_NAMED), len(medium), "at least", 0.8),
+        *_visible("medium", medium),
         rate("medium: named, but wrong", len(medium) - count(medium, *_NAMED, *_QUIET), len(medium), "at most", 0.0),
         rate("small: right or in the set", count(small, *_NAMED), len(small)),
         *_outside(outside),
@@ -101,11 +102,11 @@ def _seconds(lines: Sequence[Line], *, bootstrap: bool) -> list[Check]:
     ]
 
 
-def _visible(large: Sequence[Line]) -> list[Check]:
-    """Of the large ones, those that are as large in the noise that a fit is left with."""
-    visible = [line for line in large if line.get("apart") and line["apart"]["seen"] >= TARGETS["large"][0]]
+def _visible(kind: str, lines: Sequence[Line]) -> list[Check]:
+    """Of one class, those that are as large in the noise that a fit is left with."""
+    visible = [line for line in lines if line.get("apart") and line["apart"]["seen"] >= TARGETS[kind][0]]
     named = sum(line["result"] in _NAMED for line in visible)
-    return [rate("large in the noise of positions, too: right or in the set", named, len(visible))]
+    return [rate(f"{kind} in the noise of positions, too: right or in the set", named, len(visible))]
 
 
 def _outside(lines: Sequence[Line]) -> list[Check]:
@@ -123,6 +124,9 @@ def _outside(lines: Sequence[Line]) -> list[Check]:
         found.append(
             rate(f"{words}: a catalogue name, likely", wrong, len(among), *(("at most", 0.02) if target else ()))
         )
+    visible = [line for line in beyond if line.get("apart") and line["apart"]["seen"] >= TARGETS["outside"][0]]
+    right = sum(line["result"] == "right" for line in visible)
+    found.append(rate("outside, as large in the noise of positions: right", right, len(visible)))
     return found
 
 
