@@ -93,9 +93,15 @@ class Rating:
         result = [
             self._named(own, scores, law_each if f[0] == "law" else each, exact, bent) for f, own in names.items()
         ]
+        covered = self._covered(names, scores)
         for joint, own in laws.items():
-            result += self._curves(joint, own, scores, law_each)
+            result += self._curves(joint, own, scores, law_each, covered)
         return by_formula(self._against_leftovers(result))
+
+    def _covered(self, names: Mapping[Family, Sequence[int]], scores: Mapping[int, Score]) -> set[int]:
+        """Laws that a series of the catalogue stands for: their simple formulas are that name's, not against it."""
+        series = [scores[own[0]].term for own in names.values()]
+        return {n for term in series if _is_series(term) for n in self._own_laws(term)}
 
     def _share_bias(self, names: Mapping[Family, Sequence[int]], scores: Mapping[int, Score]) -> None:
         """What noise in the regressors makes of a name it makes of the laws of its joint, as far as they are alike.
@@ -348,13 +354,19 @@ class Rating:
                 result.append(present[-1] if effect.level == "joint" else present[0])
         return result
 
-    def _curves(self, joint: int, numbers: Sequence[int], scores: Mapping[int, Score], prior: float) -> list[Rated]:
+    def _curves(
+        self, joint: int, numbers: Sequence[int], scores: Mapping[int, Score], prior: float, covered: set[int]
+    ) -> list[Rated]:
+        """Laws of a joint, with the log prior odds of each; ``covered`` are no simple formula by themselves."""
         result: list[Rated] = []
         for width in sorted({self._candidates.width(n) for n in numbers}):
-            result += self._of_width(joint, [n for n in numbers if self._candidates.width(n) == width], scores, prior)
+            alike = [n for n in numbers if self._candidates.width(n) == width]
+            result += self._of_width(joint, alike, scores, prior, covered)
         return result
 
-    def _of_width(self, joint: int, numbers: Sequence[int], scores: Mapping[int, Score], prior: float) -> list[Rated]:
+    def _of_width(
+        self, joint: int, numbers: Sequence[int], scores: Mapping[int, Score], prior: float, covered: set[int]
+    ) -> list[Rated]:
         grams = np.array([self._trust.get(n, 1.0) * scores[n].information for n in numbers])
         products = np.einsum("tij,tj->ti", grams, np.array([scores[n].values for n in numbers]))
         roots = curve_roots(len(products[0]), priors.LENGTHS)
@@ -366,12 +378,13 @@ class Rating:
         short = [simple_curves(_law(scores[n]).knots) for n in numbers]
         gains, live = formula_gains(grams, products, np.array([curves for curves, _ in short]))
         listed = short[0][1]  # of every formula of the short list, its share
-        bayes = _either(log_mean(values, axis=1), _formulas(gains, live, sizes, listed))
+        simple = np.array([0.0 if n in covered else priors.SIMPLE for n in numbers])[:, None]
+        bayes = _either(log_mean(values, axis=1), _formulas(gains, live, sizes, listed), simple)
         bayes = log_sum(bayes, weights=allowed / allowed.sum(axis=1, keepdims=True))
         leftover = np.zeros(len(numbers))
         if left.max() > 0:
             spread = log_mean(curve_evidence(grams, products, roots, left), axis=1)
-            leftover = _either(spread, _formulas(gains, live, left, listed))
+            leftover = _either(spread, _formulas(gains, live, left, listed), simple)
             leftover = log_sum(leftover, weights=priors.LEFTOVER_WEIGHTS)
         odds = prior + bayes
         return [
@@ -399,9 +412,13 @@ def _formulas(gains: FloatArray, live: FloatArray, amplitudes: FloatArray, share
     return log_sum(found.reshape(*gains.shape, -1), axis=1, weights=shares[:, None])
 
 
-def _either(curve: FloatArray, simple: FloatArray) -> FloatArray:
-    """Log evidence of a law that is any smooth curve or one of the simple formulas."""
-    return np.asarray(np.logaddexp(curve + np.log(1 - priors.SIMPLE), simple + np.log(priors.SIMPLE)))
+def _either(curve: FloatArray, formula: FloatArray, simple: FloatArray) -> FloatArray:
+    """Log evidence (T, A) of laws that are any smooth curve, or with the chance ``simple`` (T, 1) a simple formula."""
+    return np.asarray(log_sum(np.stack([curve, formula]), axis=0, weights=np.stack([1 - simple, simple])))
+
+
+def _is_series(term: Term) -> bool:
+    return isinstance(term.content, Effect) and term.content.series and not term.everywhere
 
 
 def _explained(own: Score, cross: FloatArray, root: FloatArray) -> float:
