@@ -160,6 +160,7 @@ def test_record_fails_in_one_line_when_a_device_is_gone(bench: tuple[Path, FakeM
 @pytest.mark.slow
 def test_record_begins_with_what_is_there(bench: tuple[Path, FakeModbus], tmp_path: Path) -> None:
     machine_file, server = bench
+    machine_file.write_text(modbus(server.port, timeout_s=1.0))  # sooner than the rest is waited for
     server.silent.add(2)  # j1.rod
     order = ("record", machine_file, "--role", "operation", "--seconds", 0.4)
     code, _, err = run(*order, "-o", tmp_path / "a.parquet", "--require", "j1.rod")
