@@ -1,0 +1,52 @@
+"""Where a name ends and a law begins: series stand for the formulas of their signal, and for its constant."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from synthetic_arm import USUAL, Motion, force, make_motion, make_recordings, planar_machine, truth
+
+from fitting.loop.residual_loop import run_attribution
+from fitting.loop.session import Options, Session
+from fitting.residual.findings import Attribution
+from fitting.signals.corrections import Corrections
+
+
+def found_with(force_on: Callable[[Motion], np.ndarray], only_loaded: bool = False) -> Attribution:
+    """What is found where joint 2 of two has a further force on its piston, N (N,)."""
+    machine, arm = planar_machine(2), truth(2)
+    added = []
+    for role, seed in USUAL:
+        motion = make_motion(machine, role, seed, 60.0)
+        extra = np.zeros_like(force(machine, arm, motion))
+        if role != "unloaded" or not only_loaded:
+            extra[:, 1] = force_on(motion)
+        added.append(extra)
+    session = Session(machine, make_recordings(machine, arm, added=added, seconds=60.0), Options(bootstrap=0))
+    return run_attribution(session, Corrections(machine))
+
+
+def place(motion: Motion) -> np.ndarray:
+    """Where the piston of joint 2 is, in parts of its travel under load, 0.05 to 0.17 m (N,)."""
+    return np.asarray((motion.x[:, 1] - 0.05) / 0.12)
+
+
+@pytest.mark.slow
+def test_friction_from_some_position_on_is_friction_that_depends_on_the_position() -> None:
+    found = found_with(lambda motion: 60.0 * np.maximum(0.0, place(motion) - 0.55) * np.sign(motion.v[:, 1]))
+    assert [item.score.term.family for item in found.accepted] == [("position_dependent_friction", 1)]
+
+
+@pytest.mark.slow
+def test_hoses_that_rest_beyond_the_motion_are_hoses() -> None:
+    """Then most of what they do is a constant, and only with a load: no transducer's zero, no law of the position."""
+
+    def pull(motion: Motion) -> np.ndarray:
+        return np.asarray(12.0 * (motion.q[:, 1] - 2.5) / motion.r[:, 1])
+
+    found = found_with(pull, only_loaded=True)
+    (item,) = found.accepted
+    assert item.score.term.family == ("hose_stiffness", 1)
+    assert item.probability is not None and item.probability > 0.5
