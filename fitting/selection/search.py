@@ -18,7 +18,7 @@ from fitting.residual.draws import Draws
 from fitting.residual.findings import Accepted, Attribution, Candidate, Family, Unconfirmed
 from fitting.residual.laws import Law
 from fitting.residual.refinement import refined
-from fitting.residual.scoring import Candidates, Score, catalogue_terms, law_terms, white_columns
+from fitting.residual.scoring import Candidates, Score, catalogue_terms, law_terms, score_terms, white_columns
 from fitting.residual.surfaces import Surface, best_surface, surfaces
 from fitting.residual.terms import Model, Term
 from fitting.residual.trials import Signals, Trials
@@ -271,6 +271,10 @@ class Search:
         score = replace(score, term=trial.terms[-1])
         said = self.gate.asked(score, self.model, trial)
         place = score.term.family
+        if not said.reason and self._spilled(score):
+            said = replace(
+                said, reason="another joint certainly lacks something, and with that it gains nothing", faint=True
+            )
         if said.reason and self._waits_for(said.worse, choice):
             return
         if said.reason:
@@ -291,6 +295,21 @@ class Search:
         self.accepted.append(Accepted(score, (), said.held_out, said.validate_gain, said.witness))
         self.table[place] = Candidate(*place, score.score, "accepted", f"gains {score.gain:.0f} of chi-square")
         self.model = trial
+
+    def _spilled(self, score: Score) -> bool:
+        """Whether a gain is what a joint with an unconfirmed law bends of the parameters that joints share.
+
+        A law that did not hold elsewhere is no explanation, but what it lived on is there: beside the law, in the rows
+        that were fitted, a term of another joint still has to gain what one has to.
+        """
+        model = self.model
+        for item in self.unconfirmed:
+            if item.score.term.joint != score.term.joint:
+                model = beside(model, item.score.term)
+        if model is self.model:
+            return False
+        left = score_terms(model, [score.term], [1])
+        return not left or left[0].gain < least_gain(score.live)
 
     def _waits_for(self, joint: int | None, choice: Rated) -> bool:
         """Whether what a joint lacks itself was tried first; a choice that made that joint worse is judged anew then.

@@ -8,14 +8,19 @@ import numpy as np
 import pytest
 from synthetic_arm import USUAL, Motion, force, make_motion, make_recordings, planar_machine, truth
 
-from fitting.loop.residual_loop import run_attribution
+from fitting.effects import effects
+from fitting.loop.residual_loop import SessionSignals, run_attribution
 from fitting.loop.session import Options, Session
-from fitting.residual.findings import Attribution
+from fitting.residual.cross_validation import HeldOut
+from fitting.residual.findings import Attribution, Unconfirmed
+from fitting.residual.scoring import catalogue_terms, law_terms, score_terms
+from fitting.selection.evidence import least_gain
+from fitting.selection.search import Search
 from fitting.signals.corrections import Corrections
 
 
-def found_with(force_on: Callable[[Motion], np.ndarray], only_loaded: bool = False) -> Attribution:
-    """What is found where joint 2 of two has a further force on its piston, N (N,)."""
+def session_with(force_on: Callable[[Motion], np.ndarray], only_loaded: bool = False) -> Session:
+    """Recordings where joint 2 of two has a further force on its piston, N (N,)."""
     machine, arm = planar_machine(2), truth(2)
     added = []
     for role, seed in USUAL:
@@ -24,8 +29,13 @@ def found_with(force_on: Callable[[Motion], np.ndarray], only_loaded: bool = Fal
         if role != "unloaded" or not only_loaded:
             extra[:, 1] = force_on(motion)
         added.append(extra)
-    session = Session(machine, make_recordings(machine, arm, added=added, seconds=60.0), Options(bootstrap=0))
-    return run_attribution(session, Corrections(machine))
+    return Session(machine, make_recordings(machine, arm, added=added, seconds=60.0), Options(bootstrap=0))
+
+
+def found_with(force_on: Callable[[Motion], np.ndarray], only_loaded: bool = False) -> Attribution:
+    """What is found in them."""
+    session = session_with(force_on, only_loaded)
+    return run_attribution(session, Corrections(session.machine))
 
 
 def place(motion: Motion) -> np.ndarray:
@@ -50,3 +60,27 @@ def test_hoses_that_rest_beyond_the_motion_are_hoses() -> None:
     (item,) = found.accepted
     assert item.score.term.family == ("hose_stiffness", 1)
     assert item.probability is not None and item.probability > 0.5
+
+
+@pytest.mark.slow
+def test_what_a_joint_without_an_explanation_bends_elsewhere_is_no_effect() -> None:
+    """Beside a law of the joint that lacks something, another joint's term gains what a joint fit of both says."""
+    session = session_with(lambda motion: 400.0 * np.cos(25.0 * motion.q[:, 1]), only_loaded=True)
+    signals = SessionSignals(session, Corrections(session.machine))
+    base = signals.refit(())
+    search = Search(base, effects(), (), signals, 0, ())
+    terms, grid = law_terms(base)
+    laws = [s for s in score_terms(base, terms, grid) if s.term.joint == 1 and not s.term.everywhere]
+    law = max(laws, key=lambda s: s.gain)
+    others = score_terms(base, *catalogue_terms(base, effects()))
+    others = [s for s in others if s.term.joint == 0 and s.gain > 2 * least_gain(s.live) and not s.term.everywhere]
+    others = sorted(others, key=lambda s: -s.gain)[:6]
+    assert others  # what is not in the model bends the parameters that both joints have
+    nothing = HeldOut(0.0, 0.0, 1)
+    assert not any(search._spilled(s) for s in others)
+    search.unconfirmed.append(Unconfirmed(law, nothing, -1.0))
+    for score in others:
+        worth = signals.refit((law.term, score.term)).wald(1)
+        clear = abs(worth - least_gain(score.live)) > 5.0 and not score.term.uses_model
+        assert not clear or search._spilled(score) == (worth < least_gain(score.live))
+    assert any(search._spilled(score) for score in others)
