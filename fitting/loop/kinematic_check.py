@@ -28,7 +28,6 @@ Progress = Callable[[float, str], None]
 
 _MOST_PER_JOINT = 2
 _REBUILDS = 4
-#: Effects that are not built into the positions: each sensor then tells of its own side.
 #: A sensor's steps are not noise: structure of a few hundredths of a step is significant and means nothing. What is
 #: rebuilt has to take a tenth off the filtered gap at least.
 LEAST_GAP_SHARE = 0.9

@@ -60,16 +60,15 @@ def believed(rated: Sequence[Rated]) -> list[tuple[Rated, float]]:
     return sorted(result, key=lambda pair: -pair[1])
 
 
-def odds_behind(stated: float, gain: float, series: bool = False) -> float:
+def odds_behind(stated: float, gain: float) -> float:
     """Log odds of one name over another as their formulas say, that :func:`believed` states as ``stated``.
 
     Parameters
     ----------
     stated : log odds, as they are said
-    gain : chi-square that the effect takes
-    series : whether it is a short series
+    gain : chi-square that the effect takes; its formula is taken for a law of physics
     """
-    shares, weights = _shares(gain), np.array(priors.weights(series))
+    shares, weights = _shares(gain), np.array(priors.weights(series=False))
 
     def missing(odds: float) -> float:
         return float(weights @ expit(shares * odds)) - float(expit(abs(stated)))

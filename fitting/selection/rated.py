@@ -24,7 +24,6 @@ class Rated:
     exact : log odds if its formula is exactly nature's, so that what is left of it is free to be something else
     leftover : log Bayes factor of the same as what is left of effects that were found
     refuted : the same of effects that were found, and of names that did not hold elsewhere
-    fit : log likelihood that its best shape gains, as far as its gain is believed
     """
 
     score: Score
@@ -33,7 +32,6 @@ class Rated:
     exact: float
     leftover: float
     refuted: float
-    fit: float
 
     @property
     def term(self) -> Term:

@@ -235,7 +235,6 @@ class Rating:
             rated.exact + exact,
             rated.leftover,
             rated.refuted,
-            rated.fit + max(0.0, both[0].fit - both[1].fit),
         )
 
     def alone(self, number: int, scores: Mapping[int, Score]) -> Rated:
@@ -304,7 +303,7 @@ class Rating:
         bayes, plain = float(log_mean(total)), float(log_mean(np.array([exact[n] for n in numbers]) + believable))
         share = self._trust.get(numbers[int(np.argmax(total))], 1.0)
         leftover, refuted = (self._as_leftover(best, share, laws) for laws in (True, False))
-        return Rated(best, prior + bayes, bayes, prior + plain, leftover, refuted, 0.5 * share * best.gain)
+        return Rated(best, prior + bayes, bayes, prior + plain, leftover, refuted)
 
     def _with_curves(self, score: Score, S: FloatArray, g: FloatArray, widths: Sequence[int]) -> float:
         """Log evidence of a name, with curves of its signal beside it; columns are the name's, then each curve's."""
@@ -388,15 +387,7 @@ class Rating:
             leftover = log_sum(leftover, weights=priors.LEFTOVER_WEIGHTS)
         odds = prior + bayes
         return [
-            Rated(
-                scores[n],
-                log_odds=float(o),
-                log_bayes=float(b),
-                exact=float(o),
-                leftover=float(rest),
-                refuted=float(rest),
-                fit=0.5 * self._trust.get(n, 1.0) * scores[n].gain,
-            )
+            Rated(scores[n], float(o), float(b), float(o), float(rest), float(rest))
             for n, o, b, rest in zip(numbers, odds, bayes, leftover, strict=True)
         ]
 
