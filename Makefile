@@ -3,16 +3,25 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check
-# Versions that were tested; `make demo LOCK=` takes the newest that pyproject.toml allows.
-LOCK ?= requirements.lock
-INSTALL := $(PIP) $(if $(LOCK),--constraint $(LOCK))
+# Versions that were tested, with the hashes of their files; `make demo LOCK=` takes the newest that pyproject.toml allows.
+LOCK ?= locks
+# What each lock file is of: extras of pyproject.toml.
+EXTRAS_use := sim consistent
+EXTRAS_dev := dev
+EXTRAS_docs := docs
+EXTRAS_image := sim postgresql export
+comma := ,
+space := $(subst ,, )
+# install NAME MORE: what locks/NAME.txt lists, then this project and others; nothing is downloaded without a hash.
+install = $(if $(LOCK),$(PIP) --require-hashes -r $(LOCK)/$(1).txt && $(PIP) --no-deps --no-build-isolation -e . $(2),\
+  $(PIP) -e ".[$(subst $(space),$(comma),$(EXTRAS_$(1)))]" $(2))
 # Tests at once.
 JOBS ?= 2
 PYTEST := $(BIN)/pytest --dist loadfile --no-loadscope-reorder
 # Tests start hundreds of Python processes; none should compile again what another has compiled.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: help demo test test-quick check client bench docs picture paper page lock changelog clean
+.PHONY: help demo test test-quick test-socketcan check client bench docs picture paper page lock changelog clean
 
 help: ## this list
 	@sed -n 's/^\([a-z-]*\):[^#]*## \(.*\)/make \1|\2/p' Makefile | while IFS='|' read -r name text; do \
@@ -26,6 +35,9 @@ test: check ## the checks, then every test; the slowest twenty are listed at the
 
 test-quick: $(VENV)/.dev ## the tests that are not marked slow; says at the end which those are
 	$(PYTEST) -n 2 -m "not slow" --durations 5
+
+test-socketcan: $(VENV)/.dev ## the drivers on AF_CAN, in user-mode Linux with a virtual bus; two minutes at most
+	$(BIN)/python tests/daq/user_mode_linux.py
 
 check: $(VENV)/.dev ## ruff, mypy --strict, import-linter
 	$(BIN)/ruff check .
@@ -53,18 +65,27 @@ paper: $(VENV)/.dev ## the page of the claims with its figures, made anew
 page: ## build the web page (needs Node 20; what it makes is committed, so that nobody else does)
 	cd server/web && npm ci && npm run types && npm run check && npm test && npm run build
 
-lock: $(VENV)/.dev ## requirements.lock, anew, with the newest versions that pyproject.toml allows
+COMPILE = $(BIN)/uv pip compile --universal --python-version 3.11 --quiet --no-annotate --no-header --no-emit-index-url \
+  --no-emit-find-links pyproject.toml
+
+lock: $(VENV)/.dev ## the files in locks/, anew, with the newest versions that pyproject.toml allows
 	$(PIP) uv
-	@{ echo '# Versions that hilfit was tested with, for `pip install -c`; made by: make lock'; \
-	  $(BIN)/uv pip compile pyproject.toml --universal --python-version 3.11 --all-extras --upgrade --quiet \
-	    --no-annotate --no-header --no-emit-index-url --no-emit-find-links; } > requirements.lock.new
-	mv requirements.lock.new requirements.lock
+	@$(COMPILE) --all-extras --upgrade > locks/all.new
+	@for name in use dev docs image; do $(MAKE) --silent locks/$$name.txt.new || exit 1; done
+	@for name in use dev docs image; do mv locks/$$name.txt.new locks/$$name.txt; done; rm locks/all.new
+
+# The project itself is built with the setuptools that is locked, not with one that pip fetches for it.
+locks/%.txt.new: FORCE
+	@{ echo '# Versions that hilfit was tested with, and hashes of their files; made by: make lock'; \
+	  echo 'setuptools>=77' | $(COMPILE) - $(EXTRAS_$*:%=--extra %) --constraint locks/all.new --generate-hashes; } > $@
+
+FORCE:
 
 changelog: $(VENV)/.dev ## CHANGELOG.md from the fragments in news/, which are deleted: make changelog VERSION=0.1.0
 	$(BIN)/towncrier build --yes --version "$${VERSION:?say which, as in: make changelog VERSION=0.1.0}"
 
-$(VENV)/.docs: $(VENV)/.dev
-	$(INSTALL) -e ".[docs]"
+$(VENV)/.docs: $(VENV)/.dev $(LOCK:%=%/docs.txt)
+	$(call install,docs)
 	@touch $@
 
 clean: ## remove the environment and everything that was built
@@ -82,10 +103,10 @@ $(BIN)/python:
 	$(PYTHON) -m venv $(VENV) || { rm -rf $(VENV); exit 1; }
 
 # The environment is brought up to date when the dependencies change; the package itself is installed editable.
-$(VENV)/.use: pyproject.toml $(LOCK) | $(BIN)/python
-	$(INSTALL) -e ".[sim]"
+$(VENV)/.use: pyproject.toml $(LOCK:%=%/use.txt) | $(BIN)/python
+	$(call install,use)
 	@touch $@
 
-$(VENV)/.dev: pyproject.toml benchmarks/pyproject.toml $(LOCK) | $(BIN)/python
-	$(INSTALL) -e ".[dev]" -e benchmarks
+$(VENV)/.dev: pyproject.toml benchmarks/pyproject.toml $(LOCK:%=%/dev.txt) | $(BIN)/python
+	$(call install,dev,-e benchmarks)
 	@touch $@ $(VENV)/.use

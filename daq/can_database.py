@@ -104,7 +104,11 @@ def listed_messages(bus: CanSignalsBus, channels: Sequence[Channel]) -> tuple[li
     MachineFileError
         If a file of the bus cannot be read.
     """
-    databases = [read_database(path, bus.name) for path in bus.dbc]
+    return listed_in([read_database(path, bus.name) for path in bus.dbc], channels)
+
+
+def listed_in(databases: Sequence[Database], channels: Sequence[Channel]) -> tuple[list[Listed], list[tuple[int, str]]]:
+    """What :func:`listed_messages` returns, from files that are read already."""
     found: dict[tuple[str, int | None, bool], Listed] = {}
     problems = []
     for position, channel in enumerate(channels):
@@ -112,7 +116,7 @@ def listed_messages(bus: CanSignalsBus, channels: Sequence[Channel]) -> tuple[li
         assert isinstance(source, SignalSource)
         try:
             message = _message(databases, source)
-            j1939 = _is_j1939(message, source)
+            j1939 = is_j1939(message, source)
         except ValueError as error:
             problems.append((position, f"{channel.name}: {error}"))
             continue
@@ -199,7 +203,8 @@ def _named(messages: Sequence[Message], source: SignalSource) -> Iterator[Messag
             yield message
 
 
-def _is_j1939(message: Message, source: SignalSource) -> bool:
+def is_j1939(message: Message, source: SignalSource) -> bool:
+    """Whether a message is taken by its PGN; ValueError (one line) if a channel cannot come from it."""
     asked = source.pgn is not None or source.source_address is not None
     if asked and not message.is_extended_frame:
         raise ValueError(f"message '{message.name}' has 11 bits, so it is no J1939; remove source_address")

@@ -172,12 +172,15 @@ def _device(device: DeviceStatus) -> dict[str, Any]:
     content: dict[str, Any] = {"name": device.name, "state": device.state, "detail": device.detail}
     if device.latency_ms is not None:
         content["latency_ms"] = [round(value, 3) for value in device.latency_ms]
+    if device.objects:
+        content["objects"] = dict(device.objects)
     return content
 
 
 def _short(bus: dict[str, Any]) -> dict[str, Any]:
-    """A bus without the lines about its devices."""
-    return {**bus, "devices": [{**device, "detail": device["detail"][:40]} for device in bus["devices"]]}
+    """A bus without the lines about its devices, and without what they say of themselves."""
+    devices = [{key: value for key, value in device.items() if key != "objects"} for device in bus["devices"]]
+    return {**bus, "devices": [{**device, "detail": device["detail"][:40]} for device in devices]}
 
 
 def run_cycles(

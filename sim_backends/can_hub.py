@@ -32,6 +32,7 @@ SYNC_ID = 0x080
 BUS_OFF = 0x040  # class of an error frame (linux/can/error.h)
 QUIET = 0.1  # s after rawmode in which a client gets no frames, unless it sends: its handshake expects bare answers
 SYNCS_WAITING = 8  # at most; older ones are lost, as frames are on a bus that is too slow
+PACKETS = 2 * SYNCS_WAITING  # of the nodes that are taken at once: they answer each SYNC with one, and send more
 PASSES = 4  # in which a barrier works off what came before it; a client that sends on does not keep the hub for ever
 STALLED = 64 << 20  # bytes that wait for a client that does not read
 PLANT_PATIENCE = 120.0  # s for an answer to STEP on a busy computer; a plant that died is seen at once
@@ -70,6 +71,10 @@ class Hub:
         self._clients: dict[socket.socket, _Client] = {}
         self._everything = selectors.DefaultSelector()
         self._arrivals = selectors.DefaultSelector()  # clients only: what a barrier has to work off
+        watch = self._everything.register
+        watch(self._listener, selectors.EVENT_READ, self._accept)
+        watch(self._nodes, selectors.EVENT_READ, self._from_nodes)
+        watch(self._modbus, selectors.EVENT_READ, self._from_modbus)
         self._bus_off = False
         self._half_open = False  # the gateway is gone, and its connections do not know it
         self._slow = 0.0  # s that each of two parts of a packet from the nodes takes
@@ -93,11 +98,6 @@ class Hub:
 
     def run(self, orders: Orders) -> None:
         """Serve until the parent closes its end."""
-        watch = self._everything.register
-        watch(self._listener, selectors.EVENT_READ, self._accept)
-        watch(self._nodes, selectors.EVENT_READ, self._from_nodes)
-        watch(self._modbus, selectors.EVENT_READ, self._from_modbus)
-        watch(orders, selectors.EVENT_READ, None)
         self._packet(self._nodes, backplane.STATE + self._state)
         handlers = {
             "counts": lambda order: self.counts,
@@ -110,19 +110,30 @@ class Hub:
             "jitter": self._set_jitter,
             "clock_jump": self._jump,
         }
+        self._everything.register(orders, selectors.EVENT_READ, lambda: orders.work_off(handlers))
         while not orders.closed:
-            for key, events in self._everything.select():
-                if key.fileobj is orders:
-                    orders.work_off(handlers)
-                elif isinstance(key.data, _Client):
-                    if events & selectors.EVENT_WRITE:
-                        self._flush(key.data)
-                    if events & selectors.EVENT_READ:
-                        self._from_client(key.data)
-                elif events & selectors.EVENT_WRITE and isinstance(key.fileobj, socket.socket):
-                    self._catch_up(key.fileobj)
-                else:
-                    key.data()
+            self.look()
+
+    def look(self) -> None:
+        """Wait until something is there, then serve everybody who has something once."""
+        for key, events in self._everything.select():
+            if isinstance(key.data, _Client):
+                if events & selectors.EVENT_WRITE:
+                    self._flush(key.data)
+                if events & selectors.EVENT_READ:
+                    self._from_client(key.data)
+            elif events & selectors.EVENT_WRITE and isinstance(key.fileobj, socket.socket):
+                self._catch_up(key.fileobj)
+            else:
+                key.data()
+
+    def close(self) -> None:
+        """Let go of everybody, and of the port."""
+        for client in list(self._clients.values()):
+            self._drop(client)
+        for selector in (self._everything, self._arrivals):
+            selector.close()
+        self._listener.close()
 
     # Clients
 
@@ -287,9 +298,17 @@ class Hub:
         self._everything.modify(end, selectors.EVENT_READ, self._everything.get_key(end).data)
 
     def _from_nodes(self) -> None:
-        packet = self._nodes.recv(backplane.PACKET)
-        if not packet:
-            raise SystemExit("hub: the nodes are gone")
+        """What the nodes have sent, more of it than one look at the clients can make them send."""
+        for _ in range(PACKETS):
+            try:
+                packet = self._nodes.recv(backplane.PACKET)
+            except BlockingIOError:
+                return
+            if not packet:
+                raise SystemExit("hub: the nodes are gone")
+            self._frames_of_nodes(packet)
+
+    def _frames_of_nodes(self, packet: bytes) -> None:
         if self._bus_off:
             return
         text = packet[1:]

@@ -115,7 +115,10 @@ def load_truth(path: str | Path) -> Truth:
     """
     path = Path(path)
     try:
-        return Truth.from_dict(yaml.safe_load(path.read_text(encoding="utf-8")))
+        content = yaml.safe_load(path.read_text(encoding="utf-8"))
+        if not isinstance(content, dict) or "links" not in content:
+            raise ValueError("no 'links'")
+        return Truth.from_dict(content)
     except FileNotFoundError:
         raise InputError(f"{path}: no such file; give the plant's parameters (YAML)") from None
     except (OSError, UnicodeDecodeError, yaml.YAMLError, KeyError, TypeError, ValueError, AttributeError) as error:

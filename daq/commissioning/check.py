@@ -9,15 +9,15 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 
 from daq.acquisition import AcquisitionProcess
 from daq.commissioning.can_questions import FoundNode
-from daq.commissioning.delays import BusDelay, bus_delays
 from daq.commissioning.identities import identity_findings, mapping_of, scale_finding
 from daq.commissioning.rest import AtRest, at_rest
 from daq.console import ShowProgress
@@ -25,6 +25,9 @@ from daq.cycles import AcquisitionStatistics
 from daq.machine_file import CanopenBus, CanSource, Channel, Machine, ModbusSource
 from daq.quality import MEASURED
 from daq.ring import RingReader
+
+if TYPE_CHECKING:
+    from daq.commissioning.delays import BusDelay
 
 SECONDS = 20.0
 NOISY = 3.0  # times the declared noise
@@ -99,10 +102,32 @@ def check_machine_buses(
     AcquisitionError
         If a bus cannot be opened, or another master leads one that is not ``listen_only``.
     """
+    from daq.commissioning.delays import bus_delays
+
     show = progress or (lambda done, total, text=None: None)
     show(0, seconds, "who is there")
     nodes, notes = _asked(machine)
     rows, statistics = _acquired(machine, seconds, show)
+    found = machine_check(machine, rows, statistics, nodes, notes, depressurised=depressurised)
+    measured = {c.name: _measured(rows, index) for index, c in enumerate(machine.channels)}
+    delays = bus_delays(machine, measured, machine.rate_hz)
+    if len({c.bus for c in found.channels}) > 1 and not delays:
+        untold = "delays between the buses are not told: that takes a motion of 15 s or more; give one with --recording"
+        return replace(found, notes=(*found.notes, untold))
+    return replace(found, delays=tuple(delays))
+
+
+def machine_check(
+    machine: Machine,
+    rows: npt.NDArray[np.void],
+    statistics: AcquisitionStatistics,
+    nodes: Mapping[tuple[str, int], FoundNode],
+    notes: Sequence[str],
+    *,
+    depressurised: bool,
+) -> MachineCheck:
+    """What frames, statistics and what nodes say of themselves (by bus and node-ID) tell of a machine."""
+    notes = list(notes)
     channels = tuple(_channel(machine, index, channel, rows) for index, channel in enumerate(machine.channels))
     devices = tuple(_devices(machine, statistics, nodes))
     findings = [f"{device.bus} {device.device}: {device.detail}" for device in devices if device.state != "running"]
@@ -119,15 +144,10 @@ def check_machine_buses(
             f"not at rest: {len(moving)} of {len(channels)} channels move ({', '.join(moving[:4])}{more}); their "
             "values and drifts are not those of a machine that stands still"
         )
-    measured = {c.name: _measured(rows, index) for index, c in enumerate(machine.channels)}
-    delays = bus_delays(machine, measured, machine.rate_hz)
-    if len({c.bus for c in channels}) > 1 and not delays:
-        notes.append(
-            "delays between the buses are not told: that takes a motion of 15 s or more; give one with --recording"
-        )
     return MachineCheck(
-        machine.name, datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"), seconds, machine.rate_hz, statistics.cycles,
-        statistics.skipped, statistics.worst_late_ms, devices, channels, tuple(delays),
+        machine.name, datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"), len(rows) / machine.rate_hz, machine.rate_hz,
+        statistics.cycles,
+        statistics.skipped, statistics.worst_late_ms, devices, channels, (),
         tuple(dict.fromkeys(findings)), tuple(notes),
     )  # fmt: skip
 

@@ -20,6 +20,7 @@ import can
 from daq.drivers.arrival import ArrivalTimes
 from daq.drivers.base import DriverContext
 from daq.drivers.can_health import BusHealth
+from daq.drivers.receive_queue import lengthen, lost_frames
 from daq.errors import BusError
 
 NS = 1_000_000_000
@@ -82,6 +83,8 @@ class CanPort:
         self._noted = access.noted(config.name)
         self._utc_ns = time.time_ns() - context.monotonic_ns()  # of the clock's zero: all buses of a trace share it
         self._bus = access.attach(self, config)
+        self._lost = 0
+        lengthen(self._bus)
         self._begin = access.begin
 
     def open(self) -> None:
@@ -131,6 +134,13 @@ class CanPort:
                 self.dispatch(message, at_ns)
             except Exception:  # one frame that a handler cannot take is not the end of the others
                 self.broken += 1
+
+    @property
+    def lost(self) -> int:
+        """Frames that the kernel had no room for; 0 where it does not tell."""
+        with contextlib.suppress(OSError):  # closed: what it told last
+            self._lost = lost_frames(self._bus)
+        return self._lost
 
     def dispatch(self, message: can.Message, at_ns: int) -> None:
         """A data frame came, at monotonic ``at_ns``."""

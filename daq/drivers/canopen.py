@@ -15,6 +15,7 @@ from dataclasses import replace
 from daq.drivers.base import Answers, DeviceStatus, Driver, DriverContext, DriverStatistics, Problem, Samples, nothing
 from daq.drivers.can_health import BusHealth, advice, told
 from daq.drivers.canopen_commissioning import LEFT, OPERATIONAL, PRE_OPERATIONAL, commission
+from daq.drivers.canopen_identity import ask
 from daq.drivers.canopen_link import CanLink
 from daq.drivers.canopen_listening import ListeningDriver
 from daq.drivers.canopen_node import MISSES_TOLERATED, SURPLUS_TOLERATED, UNANSWERED, Cycle, Node, make_nodes
@@ -169,6 +170,9 @@ class CanopenDriver:
         if node.starting_anew and node.state == "running":
             self._start_anew(link, node)
             return
+        if node.to_be_asked and node.state == "running":
+            self._ask(link, node)
+            return
         done = self._commission(link, node)
         with self._tried:
             self._untried.discard(node.config.node)
@@ -206,6 +210,17 @@ class CanopenDriver:
             sdo.close()
         return True
 
+    def _ask(self, link: CanLink, node: Node) -> None:
+        """Once it runs: what it says of itself. A node that does not answer this goes on all the same."""
+        node.to_be_asked = False
+        sdo = link.sdo(node.config.node)
+        try:
+            node.objects = ask(sdo)
+        except AcquisitionError:
+            node.objects = {}
+        finally:
+            sdo.close()
+
     def _keep(self, node: Node, setup: FoundSetup) -> None:
         """Before a node is changed: keep what it was like."""
         if self._context.found is not None:
@@ -234,6 +249,8 @@ class CanopenDriver:
             self._counts["commissioned"] += 1
             self._keepers[node.config.node].settled()
             self._watch.back(node)
+            node.to_be_asked = True
+            self._keepers[node.config.node].soon()
             return
         missing = [f"TPDO{t.mapping.number}" for t in node.tpdos if t.count == 0]
         self._failed(
@@ -402,6 +419,7 @@ class CanopenDriver:
             "extended_frames": link.extended,
             "remote_frames": link.remote,
             "unreadable_frames": link.broken,
+            "lost_frames": link.lost,
             "foreign_sync": link.foreign_syncs,
             "foreign_nmt": link.foreign_nmts,
         }
@@ -416,6 +434,7 @@ class CanopenDriver:
                 "failed" if failure else node.state,
                 failure or self._watch.line(node),
                 node.latency.told(),
+                node.objects,
             )
             for number, node in self._nodes.items()
         )

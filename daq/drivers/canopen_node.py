@@ -153,6 +153,8 @@ class Node:
         self.tpdos = tuple(Tpdo(mapping, cycle) for mapping in mappings)
         self.cob_ids = frozenset(mapping.cob_id for mapping in mappings)
         self.latency = Spread()  # of its TPDOs after the SYNC that they answer
+        self.objects: dict[str, int | str] = {}  # what it said of itself, once it ran
+        self.to_be_asked = False
         self.decimals: dict[int, Decimals] = {}  # by position, of channels whose decimals the device tells
         self.decimals_objects: dict[int, str] = {}  # by position, where
         self.state = "commissioning"

@@ -66,7 +66,13 @@ def check_driver(
                 after = cycles + 7 * JUMPS + 1
                 silence()
                 _until(driver, context, after, lambda s: bool(np.all(s.quality != Quality.FRESH)), "silence")
-                _until(driver, context, after, _announced(driver), "a device that is named as not running")
+                _until(
+                    driver,
+                    context,
+                    after,
+                    _announced(driver),
+                    "a device that is not running and says why (`detail`)",
+                )
                 restore()
                 _until(driver, context, after + ATTEMPTS, _all_fresh(driver, expected), "recovery")
         finally:

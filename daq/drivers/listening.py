@@ -256,6 +256,7 @@ class Listener:
         counts = dict(self.counts) | {"error_frames": self.health.error_frames}
         if port is not None:
             counts |= {"frames": port.frames, "extended_frames": port.extended, "unreadable_frames": port.broken}
+            counts["lost_frames"] = port.lost
         return DriverStatistics(
             self.config.name,
             devices,

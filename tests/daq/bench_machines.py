@@ -32,7 +32,7 @@ channels:
 buses:
 - name: can0
   type: canopen
-  interface: virtual
+  interface: {interface}
   channel: {channel}
   listen_s: 0
   nodes:
@@ -57,9 +57,9 @@ def plain(rate: float = 50) -> str:
     return HEAD.format(rate=rate) + PLAIN
 
 
-def can(channel: str, rate: float = 50) -> str:
-    """Encoder node 5 and pressure node 6 on a virtual bus; no busy computer makes their heartbeats late by as much."""
-    return HEAD.format(rate=rate) + CAN.format(channel=channel)
+def can(channel: str, rate: float = 50, interface: str = "virtual") -> str:
+    """Encoder node 5 and pressure node 6 on a bus; no busy computer makes their heartbeats late by as much."""
+    return HEAD.format(rate=rate) + CAN.format(channel=channel, interface=interface)
 
 
 def socketcand(port: int, rate: float = 50) -> str:

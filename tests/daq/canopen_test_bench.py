@@ -16,6 +16,7 @@ from canopen_test_node import FakeNode
 from daq import Machine, Quality, parse_machine
 from daq.drivers import DriverContext, Samples
 from daq.drivers.canopen import CanopenDriver
+from daq.drivers.receive_queue import lengthen
 
 PERIOD = 0.02
 #: A cycle waits this long for what is due. A busy computer may keep a node's thread from running for longer, so what
@@ -32,16 +33,19 @@ class Bench:
     channel: str = field(default_factory=lambda: uuid.uuid4().hex)
     cycle: int = 0
     patience: float = PATIENCE
+    interface: str = "virtual"
 
     def __post_init__(self) -> None:
-        self.listener = python_can.Bus(interface="virtual", channel=self.channel)
-        self.angle = FakeNode(self.channel, 5, {(0x6004, 0): struct.pack("<I", 123456)})
+        self.listener = python_can.Bus(interface=self.interface, channel=self.channel)
+        lengthen(self.listener)  # nobody reads it before the end of a test
+        self.angle = FakeNode(self.channel, 5, {(0x6004, 0): struct.pack("<I", 123456)}, self.interface)
         self.pressure = FakeNode(
             self.channel,
             6,
             {(0x6130, 1): struct.pack("<f", 50.0), (0x6130, 2): struct.pack("<f", 20.5), (0x61A1, 1): b"\0\0"},
+            self.interface,
         )
-        self.machine: Machine = parse_machine(can(self.channel))
+        self.machine: Machine = parse_machine(can(self.channel, interface=self.interface))
         self.driver = self.make()
 
     def make(self, text: str | None = None) -> CanopenDriver:

@@ -1,6 +1,7 @@
 """A minimal CANopen sensor for tests: boot-up, NMT states, heartbeat, expedited SDO, TPDOs on SYNC, EMCY, and faults.
 
-It is written from CiA 301 and shares no code with the driver. It lives on python-can's virtual bus, in a thread.
+It is written from CiA 301 and shares no code with the driver. It lives in a thread, on python-can's virtual bus
+where no other interface is named.
 """
 
 from __future__ import annotations
@@ -43,6 +44,7 @@ class FakeNode:
     channel: str
     node: int
     values: dict[tuple[int, int], bytes]
+    interface: str = "virtual"
     silent: bool = False  # on the bus, but sends nothing at all
     truncate: int = 0  # bytes cut off every TPDO
     frozen: dict[tuple[int, int], bytes] = field(default_factory=dict)  # objects that keep their value
@@ -63,8 +65,9 @@ class FakeNode:
         self.delayed: deque[tuple[int, int, bytes]] = deque()  # to be sent at which SYNC
         self.state = PRE_OPERATIONAL
         self.operational = threading.Event()
-        self.bus = can.Bus(interface="virtual", channel=self.channel)
+        self.bus = can.Bus(interface=self.interface, channel=self.channel)
         self._reset()
+        self._next_heartbeat = time.monotonic()
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, daemon=True)
         self._thread.start()
@@ -103,16 +106,21 @@ class FakeNode:
             self.bus.send(can.Message(arbitration_id=cob_id, data=data, is_extended_id=False))
 
     def _run(self) -> None:
-        next_heartbeat = time.monotonic()
         while not self._stop.is_set():
-            message = self.bus.recv(0.01)
-            period = struct.unpack("<H", self.objects[0x1017, 0])[0] / 1000
-            if period and time.monotonic() >= next_heartbeat:
-                next_heartbeat = time.monotonic() + period
-                if self.heartbeats:
-                    self._send(0x700 + self.node, bytes((self.state,)))
-            if message is not None and not message.is_error_frame:
-                self._handle(message.arbitration_id, bytes(message.data))
+            try:
+                self._once()
+            except can.CanOperationError:  # the interface is down: a node waits until it is up again
+                time.sleep(0.01)
+
+    def _once(self) -> None:
+        message = self.bus.recv(0.01)
+        period = struct.unpack("<H", self.objects[0x1017, 0])[0] / 1000
+        if period and time.monotonic() >= self._next_heartbeat:
+            self._next_heartbeat = time.monotonic() + period
+            if self.heartbeats:
+                self._send(0x700 + self.node, bytes((self.state,)))
+        if message is not None and not message.is_error_frame:
+            self._handle(message.arbitration_id, bytes(message.data))
 
     def _handle(self, cob_id: int, data: bytes) -> None:
         if cob_id == 0 and len(data) == 2 and data[1] in (0, self.node):

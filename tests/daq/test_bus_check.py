@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import time
 from pathlib import Path
 
 import numpy as np
@@ -12,9 +13,12 @@ from bench_machines import can
 from typer.testing import CliRunner
 
 from daq import parse_machine
+from daq.acquisition import AcquisitionProcess
 from daq.commissioning.can_questions import FoundNode
 from daq.commissioning.identities import identity_findings, mapping_of, scale_finding
 from daq.commissioning.rest import AtRest, at_rest
+from daq.commissioning.running_check import check_running
+from daq.ring import RingReader
 from server.commands.command_line import build
 from sim_backends import SimulatedMachine, default_machine
 
@@ -94,6 +98,20 @@ def test_a_mapping_is_shown_as_commissioning_makes_it() -> None:
     assert mapping_of(MACHINE, "can0", "node 6") == "TPDO1 0x186: 0x6130:1/32, 0x6130:2/32"
 
 
+def identity_in_service(path: Path) -> dict[str, str]:
+    """What node 11 has told the driver once the machine is acquired, as the check of a running machine shows it."""
+    with AcquisitionProcess(path) as acquisition, RingReader(acquisition.ring_name, from_start=True) as ring:
+        deadline = time.monotonic() + 60
+        while time.monotonic() < deadline:
+            ring.wait(0.5)
+            rows = ring.read().rows
+            found = check_running(acquisition.machine, rows, acquisition.statistics()) if len(rows) else None
+            encoder = [device for device in found.devices if device.device == "node 11"] if found else []
+            if encoder and encoder[0].identity:
+                return encoder[0].identity
+    raise AssertionError("node 11 was never asked")
+
+
 @pytest.mark.slow
 def test_the_commands_on_a_simulated_machine(tmp_path: Path) -> None:
     """Independent nodes and units over sockets: scan, check and monitor of the demonstration's arm."""
@@ -118,6 +136,8 @@ def test_the_commands_on_a_simulated_machine(tmp_path: Path) -> None:
         by_name = {c["name"]: c["rest"]["noise"] for c in content["channels"]}
         assert by_name["supply_pressure"] == pytest.approx(0.015, rel=0.5), "as the machine file's noise_std says"
         assert "<h2>Channels</h2>" in page.read_text() and "joint6.angle" in page.read_text()
+
+        assert identity_in_service(running.machine_path)["device"] == "HF-RE20 rotary encoder"
 
         watched = CliRunner().invoke(build(), ["bus", "monitor", file, "--seconds", "1.5", "--rate", "2"])
         assert watched.exit_code == 0 and "joint6.angle" in watched.stdout and "fresh" in watched.stdout

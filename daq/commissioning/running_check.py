@@ -1,0 +1,56 @@
+"""The bus check of a machine that is being acquired: only one process may have a bus, so nobody else is asked."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from daq.commissioning.can_questions import FoundNode
+from daq.commissioning.check import MachineCheck, machine_check
+from daq.commissioning.profiles import profile_name
+from daq.cycles import AcquisitionStatistics
+from daq.machine_file import CanopenBus, Machine
+
+
+def check_running(
+    machine: Machine, rows: npt.NDArray[np.void], statistics: AcquisitionStatistics, *, depressurised: bool = False
+) -> MachineCheck:
+    """Check a machine that is being acquired, by frames of it; nothing is sent, and nothing waits.
+
+    Who devices are is what they said to the driver when they had been commissioned.
+
+    Parameters
+    ----------
+    rows : (N,) frames, as the ring buffer has them
+    statistics : of the same acquisition, since its start
+    depressurised : as in :func:`check_machine_buses`
+    """
+    nodes = {
+        (bus["bus"], node.node): node
+        for bus in statistics.buses
+        for device in bus["devices"]
+        if (node := _told(device)) is not None
+    }
+    silent = [bus for bus in machine.buses if isinstance(bus, CanopenBus) and bus.listen_only]
+    notes = [f"bus '{bus.name}': is listen_only, so no device was asked who it is" for bus in silent]
+    return machine_check(machine, rows, statistics, nodes, notes, depressurised=depressurised)
+
+
+def _told(device: Mapping[str, Any]) -> FoundNode | None:
+    """A node from what its driver asked it; None for a device that was not asked."""
+    said = device.get("objects") or {}
+    number = str(device["name"]).rpartition(" ")[2]
+    if not said or not number.isdigit():
+        return None
+    numbers = {name: value for name, value in said.items() if isinstance(value, int)}
+    texts = {name: value for name, value in said.items() if isinstance(value, str)}
+    device_type = numbers.get("0x1000:0")
+    return FoundNode(
+        int(number), device_type=device_type, profile="" if device_type is None else profile_name(device_type),
+        name=texts.get("0x1008:0"), hardware=texts.get("0x1009:0"), firmware=texts.get("0x100A:0"),
+        vendor_id=numbers.get("0x1018:1"), product_code=numbers.get("0x1018:2"),
+        revision_number=numbers.get("0x1018:3"), serial_number=numbers.get("0x1018:4"), objects=numbers,
+    )  # fmt: skip

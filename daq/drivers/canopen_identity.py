@@ -1,0 +1,44 @@
+"""What a CANopen node says of itself, asked in service: identity, and objects that say how its values are scaled.
+
+Read by SDO when the node runs, so that nothing waits for it; nothing is ever written.
+"""
+
+from __future__ import annotations
+
+import contextlib
+
+from daq.commissioning.profiles import ASKED, profile_of
+from daq.drivers.canopen_commissioning import SdoAccess
+from daq.drivers.canopen_link import SdoRefusedError
+
+DEVICE_TYPE = "0x1000:0"
+TEXTS = ((0x1008, 0), (0x1009, 0), (0x100A, 0))  # name, hardware, firmware (CiA 301, 7.5.2)
+NUMBERS = ((0x1018, 1), (0x1018, 2), (0x1018, 3), (0x1018, 4))  # vendor, product, revision, serial number
+LONGEST = 60  # characters of a text
+
+Told = dict[str, int | str]
+
+
+def key(index: int, subindex: int) -> str:
+    """How an object is called: ``0x1018:4``."""
+    return f"0x{index:04X}:{subindex}"
+
+
+def ask(sdo: SdoAccess) -> Told:
+    """Objects that the node has, by :func:`key`: numbers, and texts of at most 60 characters.
+
+    Raises
+    ------
+    CommissioningError
+        If it stops answering.
+    """
+    device_type = sdo.read_unsigned(0x1000)
+    found: Told = {DEVICE_TYPE: device_type}
+    for index, subindex in (*NUMBERS, *ASKED.get(profile_of(device_type), ())):
+        with contextlib.suppress(SdoRefusedError):
+            found[key(index, subindex)] = sdo.read_unsigned(index, subindex)
+    for index, subindex in TEXTS:
+        with contextlib.suppress(SdoRefusedError):
+            text = sdo.read(index, subindex).rstrip(b"\0 ").decode("latin-1")
+            found[key(index, subindex)] = "".join(c for c in text if c.isprintable())[:LONGEST]
+    return found
