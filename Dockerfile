@@ -1,14 +1,16 @@
 # The service and its workers in one image; which of them runs is the command. Nothing in it runs as root.
 FROM docker.io/library/python:3.11-slim-bookworm@sha256:a36c24f9cbdf4fd0f52d67f0823eeac19c2028c637cecc392d97f980d4fec56b AS build
 WORKDIR /source
-COPY pyproject.toml requirements.lock README.md LICENSE ./
+COPY pyproject.toml README.md LICENSE ./
+COPY locks/image.txt locks/image.txt
 COPY daq daq
 COPY fitting fitting
 COPY hilfit hilfit
 COPY server server
 COPY sim_backends sim_backends
 RUN python -m venv /opt/hilfit \
- && /opt/hilfit/bin/pip install --no-cache-dir --disable-pip-version-check --constraint requirements.lock ".[sim,postgresql,export]"
+ && /opt/hilfit/bin/pip install --no-cache-dir --disable-pip-version-check --require-hashes -r locks/image.txt \
+ && /opt/hilfit/bin/pip install --no-cache-dir --disable-pip-version-check --no-deps --no-build-isolation .
 
 FROM docker.io/library/python:3.11-slim-bookworm@sha256:a36c24f9cbdf4fd0f52d67f0823eeac19c2028c637cecc392d97f980d4fec56b
 # pg_dump for backups; Debian 12 has PostgreSQL 15, like the database of docker-compose.yml.

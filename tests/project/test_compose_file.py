@@ -20,7 +20,7 @@ DOCKERFILE = (TOP / "Dockerfile").read_text()
 SERVICES = COMPOSE["services"]
 
 
-def test_who_is_there() -> None:
+def test_the_services_are_database_server_two_workers_and_prometheus() -> None:
     assert set(SERVICES) == {"database", "server", "worker-1", "worker-2", "prometheus"}
     assert "--simulate" in SERVICES["server"]["command"]
 
