@@ -22,6 +22,7 @@ from daq.recording import Recording
 from fitting.arm.joint_side import at_joints
 from fitting.checks.areas import AreaRatio, area_ratios
 from fitting.checks.arm_motion import positions_of
+from fitting.checks.beginning import beginning_findings
 from fitting.checks.clocks import Clock, clock_of
 from fitting.checks.couplings import with_couplings
 from fitting.checks.factors import gains
@@ -34,7 +35,7 @@ from fitting.checks.payload import with_payload
 from fitting.checks.physical import Trial
 from fitting.checks.places import Places
 from fitting.checks.reading import read_leniently
-from fitting.checks.recordings_apart import recordings_apart
+from fitting.checks.recordings_apart import recordings_apart, rods_for_a_time
 from fitting.checks.samples import take_samples
 from fitting.checks.signal_faults import signal_findings
 from fitting.checks.trials import Accused, Searched, search
@@ -76,6 +77,7 @@ _CONSEQUENCES = {
         "wrap",
         "jump",
     ),
+    "clipped": ("no_pressure",),
     "too_short": ("lost_rows", "time_jump", "time_unit", "wrong_rate"),
     "out_of_range": ("sign", "unit", "wrap", "exchanged_channels", "outliers", "jump"),
     "columns": ("other_machine",),
@@ -160,6 +162,7 @@ def check_recordings(
     magnitudes = [f for f in magnitude_findings(machine, recordings) if not _spoilt(f, result)]
     result += magnitudes
     result += motion_findings(machine, recordings)
+    result += beginning_findings(machine, recordings)
     usable, known = _usable(machine, recordings, result)
     if known and not any(f.code in ("time_unit", "wrong_rate", "out_of_range") for f in result):
         try:
@@ -210,6 +213,8 @@ def _together(machine: Machine, recordings: Sequence[Recording], places: Places)
     """Findings on two sensors and on the efforts."""
     machine, converted = at_joints(machine, [r for r in recordings if r.values])
     found, measured = recordings_apart(machine, converted)
+    rods, measured = rods_for_a_time(machine, measured)
+    found += rods
     samples = take_samples(machine, measured)
     if samples is None or not samples.loaded.any():
         return found

@@ -1,7 +1,8 @@
 """Recordings in which a joint's two sensors contradict each other while they agree in others.
 
 Rods that are off where the role says they are on, rods that are on in an `unloaded` recording, a recording of another
-machine: then nothing is wrong with the machine file, and that recording alone is left out.
+machine: then nothing is wrong with the machine file, and that recording alone is left out. So are single seconds of
+one, in which the rods are not where the role says.
 """
 
 from __future__ import annotations
@@ -11,10 +12,12 @@ from dataclasses import replace
 
 import numpy as np
 
+from daq.errors import RecordingError
 from daq.machine_file import Machine
 from daq.recording import Recording
 from fitting.checks.findings import Finding
 from fitting.checks.two_sensors import AGREE, NEAR, gap
+from fitting.signals.rods import with_rods_as_said
 
 
 def recordings_apart(machine: Machine, recordings: Sequence[Recording]) -> tuple[list[Finding], list[Recording]]:
@@ -69,6 +72,25 @@ def recordings_apart(machine: Machine, recordings: Sequence[Recording]) -> tuple
             kept.append(recording)
         else:
             found.append(replace(wrong, recording=recording.file, before=off / max(seen, 1)))
+    return found, kept
+
+
+def rods_for_a_time(machine: Machine, recordings: Sequence[Recording]) -> tuple[list[Finding], list[Recording]]:
+    """Recordings in which the rods are not where the role says for a time, and all without those rows.
+
+    An identification leaves the same rows out. Recordings in which that is so all the time are
+    :func:`recordings_apart`, and are returned as they are.
+    """
+    found: list[Finding] = []
+    kept: list[Recording] = []
+    for recording in recordings:
+        try:
+            (without,), lines = with_rods_as_said(machine, [recording])
+        except RecordingError:
+            without, lines = recording, ()
+        kept.append(without)
+        cure = "an identification leaves them out as well; begin to record later, or look at that position sensor"
+        found += [Finding("rods", line, cure, recording=recording.file, severity="note") for line in lines]
     return found, kept
 
 

@@ -104,7 +104,8 @@ class ArmModel:
     covariance : (p, p) of the last one's parameters
     told : (p,) False for a parameter that the recordings could not tell (its value is 0)
     residual_std : (n,) standard deviation of measured minus predicted drive effort on the recordings of the fit, at
-        the full rate, N at a piston
+        the full rate, N at a piston; without single seconds that are far out
+        (:func:`fitting.model.handover.without_single`)
     provenance : where it comes from
     tails : per joint what the scores of an unchanged machine do (:mod:`fitting.model.uses.overload`); None: not known
     filters : other filters than those of the identification; None: those

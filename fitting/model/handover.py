@@ -23,6 +23,8 @@ FloatArray = npt.NDArray[np.float64]
 
 #: Seconds of each recording that what is usual is learnt from.
 _LEARN_S = 600.0
+#: Seconds whose errors are so many interquartile ranges beyond the usual are left out of the spread, up to this share.
+_FAR_OUT, _MOST_OUT = 3.0, 0.1
 
 
 def hand_over(
@@ -93,10 +95,29 @@ def _rods(design: Design, fitted: Sequence[int], views: Views) -> tuple[RodLaw |
 
 
 def _spread(final: Model, joint: int, indices: Sequence[int]) -> float:
-    """Root mean square of what the model leaves of a joint's drive effort while it moves."""
-    parts = []
+    """Root mean square of what the model leaves of a joint's drive effort while it moves, but for single seconds."""
+    rate = final.design.bank.rate_hz
+    seconds: list[FloatArray] = []
     for index in indices:
         error = full_residual(final.design, final.fit.theta, joint, index, final.extra)
-        parts.append(error[~final.design.segments[index].rest[:, joint]])
-    errors = np.concatenate(parts)
-    return float(np.sqrt(np.mean(errors**2))) if len(errors) else 0.0
+        moving = error[~final.design.segments[index].rest[:, joint]]
+        seconds += np.array_split(moving, max(round(len(moving) / rate), 1)) if len(moving) else []
+    usual = without_single(seconds)
+    return float(np.sqrt(np.mean(np.concatenate(usual) ** 2))) if usual else 0.0
+
+
+def without_single(seconds: Sequence[FloatArray]) -> list[FloatArray]:
+    """Errors of the seconds that are not far larger than is usual: what happened in one of them (a knock, rods that
+    were not on yet) says nothing about all others, and would widen every band.
+
+    A second is far out where the logarithm of its root mean square is more than three interquartile ranges above the
+    upper quartile (J. W. Tukey, *Exploratory Data Analysis*, 1977: "far out"). An error that differs from pose to pose
+    has a large range of its own, so nothing of it is left out; and where more than a tenth are far out, that is no
+    incident but what the model is like, and all stay.
+    """
+    sizes = np.array([0.5 * np.log(np.mean(own**2) + 1e-300) for own in seconds])
+    if not len(sizes):
+        return []
+    low, high = np.percentile(sizes, [25, 75])
+    far = sizes > high + _FAR_OUT * (high - low)
+    return [own for own, out in zip(seconds, far, strict=True) if not out or far.mean() > _MOST_OUT]

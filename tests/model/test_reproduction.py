@@ -90,7 +90,7 @@ def test_corrected_positions_linkages_and_delays_are_reproduced(resampled: bool)
     assert np.max(np.abs(found.design.segments[0].q - session.plain.design.segments[validate].q)) > 0.005
 
 
-def test_what_was_not_told_has_no_end_of_a_band() -> None:
+def test_a_parameter_without_a_finite_variance_gives_an_infinite_band() -> None:
     session = session_of(2)
     handed = hand_over(session, (), fitted(session, ()), report_of(session))
     covariance = handed.covariance.copy()

@@ -88,7 +88,7 @@ def test_energy_of_a_recording_agrees_with_what_was_measured(model: ArmModel) ->
     np.testing.assert_allclose(found.given, found.measured, rtol=0.03)
 
 
-def test_excursions_that_are_close_are_one() -> None:
+def test_excursions_that_are_close_are_counted_once() -> None:
     above = np.zeros(40, dtype=bool)
     above[[3, 4, 8, 30]] = True
     assert excursions(above, 5) == [slice(3, 9), slice(30, 31)]
@@ -134,7 +134,7 @@ def test_a_hit_is_found_within_a_tenth_of_a_second_and_nothing_else(model: ArmMo
     assert np.all(thresholds(model.tails, 10.0) < limits)
 
 
-def test_what_is_usual_is_in_the_file_and_old_files_have_none(model: ArmModel) -> None:
+def test_tails_are_saved_with_the_model_and_files_without_them_are_read(model: ArmModel) -> None:
     content = json.loads(json.dumps(model_to_json(model)))
     assert model_from_json(content).tails == model.tails
     del content["tails"]
@@ -174,7 +174,9 @@ def test_a_mass_at_the_tip_is_found(exact: ArmModel) -> None:
     assert np.all(np.diff(found.t) > 0)
 
 
-def test_the_commands(model: ArmModel, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_commands_write_feedforward_energy_overload_and_payload(
+    model: ArmModel, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     save_model(tmp_path / "model.json", model)
     write_motion(tmp_path / "motion.csv", program(model.machine.name))
     (seen,) = [own for own in SESSION.recordings if own.role == "validate"][:1]

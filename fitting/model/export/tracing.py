@@ -17,8 +17,7 @@ import numpy.typing as npt
 
 from daq.errors import InputError
 from daq.linkages import FourBar, reduced
-from fitting.effects.base import Effect
-from fitting.effects.base_tilt import across
+from fitting.effects.base import BodyColumn, Effect
 from fitting.model.arm_model import FOREIGN, ArmModel, Pass, over_time, phase_unknown
 from fitting.model.evaluation import without
 from fitting.model.export.graph import Graph, Node, spline_curve
@@ -151,10 +150,10 @@ class Tracer:
         content = term.content
         if isinstance(content, Law) and not isinstance(content, Surface):
             return {term.joint or 0: self._law(term, content, views[term.joint or 0])}
-        if term.id == "base_tilt":
-            return self._tilt(own, state, r)
-        if term.id == "payload":
-            return self._payload(term, state, r)
+        body = content.body_columns(self._arm, term.shape) if isinstance(content, Effect) else None
+        if body is not None:
+            sides = [self._body_column(column, own, state) for column in body]
+            return {joint: [side[joint] / r[joint] for side in sides] for joint in range(len(r)) if sides}
         if isinstance(content, Effect) and term.everywhere:
             raise TypeError(f"{term.id} acts on all joints by numbers")
         found = np.asarray(term.columns(views), dtype=object)
@@ -171,24 +170,18 @@ class Tracer:
 
         return part
 
-    def _tilt(self, own: Pass, state: State, r: Sequence[Value]) -> dict[int, Any]:
-        base = own.theta[self.model.parameters.base_slice]
-        down = np.asarray(self._arm.gravity, dtype=float)
-        still = [0.0] * len(r)
-        sides = [
-            self._machine.links(State(state.q, still, still, 0.0), base, axis * np.linalg.norm(down))
-            for axis in across(down)
-        ]
-        return {joint: [side[joint] / r[joint] for side in sides] for joint in range(len(r))}
-
-    def _payload(self, term: Term, state: State, r: Sequence[Value]) -> dict[int, Any]:
-        if int(term.shape["recording"]) != -1:
-            return {}
-        pi = np.zeros((len(r), 10))
-        pi[-1, 0] = 1.0
-        there = self.graph.binary("at_least", state.t, term.shape["t_0"])
-        tau = newton_euler(self.graph, self._machine.geometry, pi, state, self._machine.geometry.gravity)
-        return {joint: [tau[joint] / r[joint] * there] for joint in range(len(r))}
+    def _body_column(self, column: BodyColumn, own: Pass, state: State) -> Sequence[Value]:
+        """Joint efforts of a change of the rigid body."""
+        if column.links is None:
+            still = [0.0] * len(state.q)
+            base = own.theta[self.model.parameters.base_slice]
+            tau: Sequence[Value] = self._machine.links(State(state.q, still, still, 0.0), base, column.gravity)
+        else:
+            tau = newton_euler(self.graph, self._machine.geometry, column.links, state, column.gravity)
+        if column.since is None:
+            return tau
+        there = self.graph.binary("at_least", state.t, column.since)
+        return [effort * there for effort in tau]
 
     def _segment(
         self, state: State, x: Sequence[Value], v: Sequence[Value], a: Sequence[Value], r: Sequence[Value]
