@@ -445,18 +445,21 @@ def page(
         Path | None, typer.Option(help="Make pictures of every view in this directory instead.", file_okay=False)
     ] = None,
     only: Annotated[str | None, typer.Option(help="With --pictures: only this view.")] = None,
+    language: Annotated[str, typer.Option(help="With --pictures: en or de.")] = "en",
     json: Annotated[bool, typer.Option("--json", help="Print the checks as JSON.")] = False,
 ) -> None:
     """The page on a slow tablet: first view, frames dropped at 50 Hz; pictures of every view (--pictures)."""
     from benchmarks.page import measuring
     from benchmarks.page.browser import Tablet
-    from benchmarks.page.pictures import VIEWS
+    from benchmarks.page.pictures import PRESSED, VIEWS
     from benchmarks.page.pictures import run as make_pictures
 
     if only is not None and only not in VIEWS:
         raise InputError(f"--only {only}: is no view; one of {', '.join(VIEWS)}")
+    if language not in PRESSED:
+        raise InputError(f"--language {language}: must be one of {', '.join(PRESSED)}")
     if pictures is not None:
-        _finish("page", make_pictures(pictures, only, _shown(json)), json)
+        _finish("page", make_pictures(pictures, only, _shown(json), language), json)
         return
     _finish("page", measuring.run(Tablet(cpu, megabits), times, seconds, _shown(json)), json)
 

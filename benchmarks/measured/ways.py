@@ -13,6 +13,7 @@ from typing import Any
 
 from daq.recording import Recording
 from fitting.loop.session import Session
+from fitting.pipeline.stage_results import Refitted, StageResults
 from fitting.pipeline.stages import STEPS
 
 #: Names of the ways in the order of the table; ``one_shot`` is plain least squares.
@@ -59,10 +60,11 @@ def ways(name: str, session: Session) -> Ways:
     name : of the machine, for the table
     session : with a ``validate`` recording
     """
-    results: dict[str, dict[str, Any]] = {}
-    for stage, compute in STEPS.items():
-        results[stage] = compute(session, results, _quiet)
-    estimation, relative = results["refit"]["estimation"], results["refit"]["overall"]["relative"]
+    results = StageResults()
+    for compute in STEPS.values():
+        results = results.having(compute(session, results, _quiet))
+    refitted = results[Refitted]
+    estimation, relative = refitted.estimation, refitted.overall["relative"]
     tried = {way["name"]: way for way in estimation["tried"]}
     return Ways(
         name,
@@ -72,7 +74,7 @@ def ways(name: str, session: Session) -> Ways:
         {way: 100.0 * own["held_out_error"] for way, own in tried.items()},
         100.0 * relative["before"],
         100.0 * relative["after"] if session.options.loop else None,
-        tuple(results["refit"]["plausibility"]["violations"]),
+        refitted.plausibility.violations,
     )
 
 

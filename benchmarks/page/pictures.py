@@ -35,30 +35,37 @@ VIEWS = {
     "log": ("service/log", ".panel"),
     "pair": ("pair", ".panel"),
 }
-#: What is pressed first, by view.
-PRESSED = {"recording": "View train before the seals", "guide": "Begin"}
+#: What is pressed first, by language and view.
+PRESSED = {
+    "en": {"recording": "View train before the seals", "guide": "Begin"},
+    "de": {"recording": "train before the seals ansehen", "guide": "Beginnen"},
+}
 #: What sticks out of the page sideways.
 _WIDER = "document.documentElement.scrollWidth - document.documentElement.clientWidth"
 
 
-def run(target: Path, only: str | None, say: Callable[[str], None]) -> Outcome:
-    """Make them in a directory; each check says that a view fits its screen."""
+def run(target: Path, only: str | None, say: Callable[[str], None], language: str = "en") -> Outcome:
+    """Make them in a directory, in a language of the page; each check says that a view fits its screen."""
+    pressed = PRESSED[language]
+    suffix = "" if language == "en" else f"-{language}"
     target.mkdir(parents=True, exist_ok=True)
     checks: list[Check] = []
     with simulated() as site, chromium() as browser:
         ids = furnish(site)
         for scheme in SCHEMES:
             for width, height in SIZES:
-                context = browser.new_context(viewport={"width": width, "height": height}, color_scheme=scheme)
+                context = browser.new_context(
+                    viewport={"width": width, "height": height}, color_scheme=scheme, locale=language
+                )
                 context.set_default_timeout(60_000)
                 page = context.new_page()
                 for name, (address, there) in VIEWS.items():
                     if only is not None and name != only:
                         continue
-                    path = target / f"{name}-{width}x{height}-{scheme}.png"
+                    path = target / f"{name}-{width}x{height}-{scheme}{suffix}.png"
                     page.goto(f"{site.url}/#/{address.format(**ids)}")
-                    if name in PRESSED and not page.locator(there).first.is_visible():
-                        page.get_by_role("button", name=PRESSED[name]).click()
+                    if name in pressed and not page.locator(there).first.is_visible():
+                        page.get_by_role("button", name=pressed[name]).click()
                     checks.append(_picture(page, there, path))
                     say(path.name)
                 context.close()

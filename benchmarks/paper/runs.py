@@ -24,6 +24,7 @@ from daq.machine_file import Machine, load_machine
 from daq.recording import read_recording
 from fitting.arm.dynamics import rigid_body_regressor
 from fitting.loop.session import Options, Session
+from fitting.pipeline.stage_results import Cylinders, Residual, RigidBody, StageResults
 from fitting.pipeline.stage_two import comparison
 from fitting.pipeline.stages import STEPS
 from sim_backends.cases import Case, simulate_case
@@ -144,10 +145,10 @@ def arm_run(arm: Arm, seed: int) -> ArmRun:
     session = Session(case.machine, recordings_of(case.machine, case.recordings), Options(loop=False))
     compared, results = compare_ways(session)
     design = session.plain.design
-    two, first = results["rigid_body_stage"]["two_stage"], len(design.parameters.names) - len(session.base)
+    two, first = results[RigidBody].two_stage, len(design.parameters.names) - len(session.base)
     truth = truth_vector(case, design)
     base = tuple(
-        (name, float(two["theta"][k]), float(two["std"][k]), float(truth[k]))
+        (name, float(two.theta[k]), float(two.std[k]), float(truth[k]))
         for k, name in enumerate(design.parameters.names)
         if k >= first
     )
@@ -159,9 +160,9 @@ def arm_run(arm: Arm, seed: int) -> ArmRun:
         base,
         _cylinders(case, session, results),
         tuple(joint.name for joint in case.machine.joints),
-        np.asarray(results["residual"]["noise_floor"], dtype=float),
-        np.array(two["errors"]["train"], dtype=float),
-        np.array(two["errors"]["validate"], dtype=float),
+        np.asarray(results[Residual].noise_floor, dtype=float),
+        np.array(two.errors["train"], dtype=float),
+        np.array(two.errors["validate"], dtype=float),
         compared,
     )
 
@@ -177,29 +178,29 @@ def rank(machine: Machine, seed: int) -> int:
     return int(np.count_nonzero(values > _RANK_TOLERANCE * values[0]))
 
 
-def compare_ways(session: Session) -> tuple[dict[str, Any], dict[str, dict[str, Any]]]:
+def compare_ways(session: Session) -> tuple[dict[str, Any], StageResults]:
     """Two stages against one on a session's recordings, with 95 % intervals; and the stages' results."""
-    results: dict[str, dict[str, Any]] = {}
+    results = StageResults()
     for stage in ("check", "cylinder_stage", "rigid_body_stage", "residual"):
-        results[stage] = STEPS[stage](session, results, lambda share, text: None)
-    return comparison(session, results, np.asarray(results["residual"]["noise_floor"])), results
+        results = results.having(STEPS[stage](session, results, lambda share, text: None))
+    return comparison(session, results[RigidBody], np.asarray(results[Residual].noise_floor)), results
 
 
-def _cylinders(case: Case, session: Session, results: Mapping[str, Any]) -> tuple[CylinderRun, ...]:
+def _cylinders(case: Case, session: Session, results: StageResults) -> tuple[CylinderRun, ...]:
     free = next(r for r in session.recordings if r.role == "unloaded")
     found = []
-    for own in results["cylinder_stage"]["cylinders"]:
-        position = np.asarray(free.values[f"{own['joint']}.piston_position"])
+    for own in results[Cylinders].cylinders:
+        position = np.asarray(free.values[f"{own.joint}.piston_position"])
         speed = np.abs(np.gradient(position, free.time))
-        truth = vars(case.truth.cylinders[own["joint"]])
+        truth = vars(case.truth.cylinders[own.joint])
         found.append(
             CylinderRun(
-                own["joint"],
-                tuple(own["names"]),
-                np.array(own["theta"]),
-                np.array(own["covariance"]),
-                np.array([truth[name] for name in own["names"]]),
-                float(own["residual_std"]),
+                own.joint,
+                own.names,
+                own.theta,
+                np.array(own.covariance, dtype=float),
+                np.array([truth[name] for name in own.names]),
+                own.residual_std,
                 float(np.quantile(speed, 0.99)),
             )
         )

@@ -15,6 +15,10 @@ Hooks and why they are there:
     A fit that needs a negative friction coefficient is no explanation, however small its residual.
 ``applies``
     An effect of chambers needs pressures, one of a cylinder a cylinder.
+``discrete_shapes``, ``shape_units``, ``shape_steps``
+    What of a shape is a choice, in which unit the rest is, and how finely it has to be searched.
+``body_columns``
+    Where an effect is a change of the rigid body it says which, and the model's exports write that out.
 """
 
 from __future__ import annotations
@@ -223,6 +227,22 @@ class Parity(Enum):
     OTHER = "follows something else"
 
 
+@dataclass(frozen=True)
+class BodyColumn:
+    """A column of an effect that is a change of the rigid body.
+
+    Attributes
+    ----------
+    gravity : (3,) field in the base frame, m/s^2
+    links : (n, 10) standard parameters per unit of the column; None: the fitted links, at rest
+    since : time from which on it acts, s; None: always
+    """
+
+    gravity: FloatArray
+    links: FloatArray | None = None
+    since: float | None = None
+
+
 class FoundBy(Enum):
     """Where an effect is looked for."""
 
@@ -266,6 +286,10 @@ class Effect(ABC):
     found_by: ClassVar[FoundBy] = FoundBy.COLUMNS
     #: Entries of its shapes that are choices, not numbers to be searched between.
     discrete_shapes: ClassVar[frozenset[str]] = frozenset()
+    #: Units of entries of its shapes that are numbers; without one an entry is a number, or a choice if discrete.
+    shape_units: ClassVar[Mapping[str, str]] = {}
+    #: Largest relative step of the search between the grid's values, of entries with many narrow peaks.
+    shape_steps: ClassVar[Mapping[str, float]] = {}
     #: True where the joint's effort itself is moved in time; the column is only the beginning of what that does.
     delays_effort: ClassVar[bool] = False
     #: True where what it does to positions stays between the sensors: both are right, each for its own side.
@@ -288,6 +312,10 @@ class Effect(ABC):
     @abstractmethod
     def columns(self, view: DriveView, shape: Shape) -> FloatArray:
         """Columns, drive effort per unit of each parameter: (N, k), or (N, n, k) where it acts on all joints."""
+
+    def body_columns(self, machine: Machine, shape: Shape) -> Sequence[BodyColumn] | None:
+        """Its columns as changes of the rigid body, which exports write out; None where they are none."""
+        return None
 
     def references(self, view: DriveView, shape: Shape) -> Mapping[str, tuple[float, str]]:
         """Values that the formula counts from and that no parameter holds: name to value and unit.

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from daq.machine_file import Machine
 from fitting.arm.base_parameters import base_gravity_regressor
-from fitting.effects.base import DriveView, Effect, FloatArray, Parameter, Parity, Shape
+from fitting.effects.base import BodyColumn, DriveView, Effect, FloatArray, Parameter, Parity, Shape
 
 
 class BaseTilt(Effect):
@@ -38,12 +40,16 @@ class BaseTilt(Effect):
         segment = view.segment
         if not segment.loaded:
             return np.zeros((len(segment), len(view.machine.joints), 2))
-        gravity = np.asarray(view.machine.gravity, dtype=float)
         columns = []
-        for axis in across(gravity):
-            change = base_gravity_regressor(view.machine, view.base, segment.q, axis * np.linalg.norm(gravity))
+        for own in self.body_columns(view.machine, shape):
+            change = base_gravity_regressor(view.machine, view.base, segment.q, own.gravity)
             columns.append((change @ view.base_values) / segment.r)
         return np.stack(columns, axis=2)
+
+    def body_columns(self, machine: Machine, shape: Shape) -> Sequence[BodyColumn]:
+        """The fitted links in fields across gravity."""
+        gravity = np.asarray(machine.gravity, dtype=float)
+        return [BodyColumn(axis * np.linalg.norm(gravity)) for axis in across(gravity)]
 
 
 def across(gravity: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import ClassVar
 
 import numpy as np
 
@@ -33,6 +34,7 @@ class EncoderEccentricity(Effect):
     dependence = "harmonic of the joint angle"
     parameters = tuple(Parameter(name, "rad", low=-0.1, high=0.1) for name in ("e_s", "e_c", "e_0"))
     discrete_shapes = frozenset({"n"})
+    shape_units: ClassVar[Mapping[str, str]] = {"n": "1"}
     confounders = ("encoder_offset", "linkage_geometry", "position_harmonic")
     experiment = "compare joint and piston encoder over the whole stroke; no dynamics needed"
     look_at = "how the joint encoder is mounted: its disc or shaft is not centred"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import ClassVar
 
 import numpy as np
 
@@ -25,6 +26,7 @@ class EndCushion(Effect):
         Parameter("k", "N/m^n"),
         Parameter("d", "N s/m^(n+1)"),
     )
+    shape_units: ClassVar[Mapping[str, str]] = {"n": "1"}
     discrete_shapes = frozenset({"side", "n"})
     confounders = ("linkage_geometry", "hose_stiffness", "gas_spring")
     experiment = "dwell inside the cushion"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import ClassVar
 
 import numpy as np
 
@@ -22,6 +23,7 @@ class GasSpring(Effect):
     parity = Parity.EVEN
     dependence = "even in v, monotone in x"
     parameters = (Parameter("f_g", "N"), Parameter("f_0", "N"))
+    shape_units: ClassVar[Mapping[str, str]] = {"n": "1"}
     discrete_shapes = frozenset({"side", "n"})
     confounders = ("hose_stiffness", "end_cushion")
     experiment = "isolate the accumulator"

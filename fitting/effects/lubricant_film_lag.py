@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import ClassVar
 
 import numpy as np
 from scipy import signal
@@ -23,6 +24,7 @@ class LubricantFilmLag(Effect):
     parity = Parity.ODD
     dependence = "odd in v; the loop opens with frequency"
     parameters = (Parameter("b", "N (s/m)^n", low=0.0),)
+    shape_units: ClassVar[Mapping[str, str]] = {"tau": "s", "n": "1"}
     discrete_shapes = frozenset({"n"})
     confounders = ("sensor_latency", "actuator_inertia")
     experiment = "one amplitude at three frequencies"

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import ClassVar
 
 import numpy as np
 
+from daq.machine_file import Machine
 from fitting.arm.dynamics import rigid_body_regressor
-from fitting.effects.base import DriveView, Effect, FloatArray, Parameter, Parity, Shape
+from fitting.effects.base import BodyColumn, DriveView, Effect, FloatArray, Parameter, Parity, Shape
 
 
 class Payload(Effect):
@@ -22,6 +24,7 @@ class Payload(Effect):
     dependence = "all joints upstream at once"
     parameters = (Parameter("m_p", "kg"),)
     discrete_shapes = frozenset({"recording"})
+    shape_units: ClassVar[Mapping[str, str]] = {"t_0": "s"}
     confounders = ("thermal_viscosity_drift", "pressure_drift")
     experiment = "an empty and a loaded run"
     look_at = "what the arm carries at its tip: take it off, or tell the model its mass"
@@ -54,3 +57,11 @@ class Payload(Effect):
             )
             view.cache["tip"] = regressor[:, :, 0] / segment.r
         return (view.cache["tip"] * (view.clock >= shape["t_0"])[:, None])[:, :, None]
+
+    def body_columns(self, machine: Machine, shape: Shape) -> Sequence[BodyColumn]:
+        """A point mass at the tip; none where it was there in one recording only."""
+        if self.confined(shape):
+            return ()
+        links = np.zeros((len(machine.joints), 10))
+        links[-1, 0] = 1.0
+        return (BodyColumn(np.asarray(machine.gravity, dtype=float), links, shape["t_0"]),)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import ClassVar
 
 import numpy as np
 
@@ -24,6 +25,8 @@ class PositionHarmonic(Effect):
         Parameter("a", "N"),
         Parameter("b", "N"),
     )
+    shape_units: ClassVar[Mapping[str, str]] = {"pitch": "m"}
+    shape_steps: ClassVar[Mapping[str, float]] = {"pitch": 0.02}
     discrete_shapes = frozenset({"odd"})
     confounders = ("encoder_eccentricity", "supply_ripple")
     experiment = "change the speed: a harmonic stays in x, a ripple in t"

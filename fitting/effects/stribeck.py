@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import ClassVar
 
 import numpy as np
 
@@ -21,6 +22,7 @@ class Stribeck(Effect):
     parity = Parity.ODD
     dependence = "odd in v, only at low speed"
     parameters = (Parameter("f_b", "N", low=0.0),)
+    shape_units: ClassVar[Mapping[str, str]] = {"v_s": "m/s", "delta": "1"}
     discrete_shapes = frozenset({"delta"})
     confounders = ("velocity_root_friction", "presliding_hysteresis", "quadratic_loss")
     experiment = "a staircase of constant speeds below 5 mm/s"

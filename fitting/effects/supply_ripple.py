@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import ClassVar
 
 import numpy as np
 
@@ -28,6 +29,7 @@ class SupplyRipple(Effect):
     parity = Parity.OTHER
     dependence = "a spectral line unrelated to motion"
     parameters = (Parameter("a", "N"), Parameter("b", "N"))
+    shape_units: ClassVar[Mapping[str, str]] = {"frequency": "Hz"}
     confounders = ()
     experiment = "change the pump's speed: the line moves with it"
     look_at = "the pump and its accumulator: worn elements, lost gas charge"

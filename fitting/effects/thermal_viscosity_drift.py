@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import ClassVar
 
 import numpy as np
 
@@ -21,6 +22,7 @@ class ThermalViscosityDrift(Effect):
     parity = Parity.ODD
     dependence = "odd in v; slow in time, saturating"
     parameters = (Parameter("d", "N s/m"),)
+    shape_units: ClassVar[Mapping[str, str]] = {"tau": "s"}
     confounders = ("payload", "pressure_drift")
     experiment = "the same cycle cold and warm"
     look_at = "the oil: warm the machine up before recordings, or add an oil temperature sensor"

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import ClassVar
 
 from fitting.effects.base import DriveView, Effect, FloatArray, Parameter, Parity, Shape
 
@@ -19,6 +20,7 @@ class VelocityRootFriction(Effect):
     parity = Parity.ODD
     dependence = "odd in v"
     parameters = (Parameter("b", "N (s/m)^n"),)
+    shape_units: ClassVar[Mapping[str, str]] = {"n": "1"}
     discrete_shapes = frozenset({"n"})
     confounders = ("stribeck", "quadratic_loss")
     experiment = "a staircase of constant speeds"

@@ -38,6 +38,8 @@ FloatArray = npt.NDArray[np.float64]
 Progress = Callable[[float, str], None]
 
 _REBUILDS = 4
+#: Replicas of one model that are kept in memory.
+KEPT_REPLICAS = 3
 #: Factors of the filter's cut-off at which a named effect has to stand as well, and how far it may move.
 SCREEN = (0.7, 1.3)
 SCREEN_RATIO, SCREEN_Z = 3.0, 4.0
@@ -52,6 +54,7 @@ class SessionSignals:
         self._session = session
         self._corrections = corrections
         self._prepared: dict[tuple[tuple[tuple[str, float], ...], frozenset[str]], Prepared] = {}
+        self._replicas: tuple[Model, Replicas, dict[int, Model]] | None = None
 
     @property
     def prior(self) -> Prior:
@@ -91,6 +94,17 @@ class SessionSignals:
         Replica number ``k`` is the same whenever it is drawn (for one model), so more can be drawn later. None for a
         term that has no live direction there.
         """
+        if self._replicas is None or self._replicas[0] is not model:
+            self._replicas = model, self._replicas_of(model), {}
+        found: list[list[Score]] = [[] for _ in terms]
+        for number in range(draws):
+            for place, score in self._on_replica(*self._replicas, first + number, terms).items():
+                found[place].append(score)
+        return [
+            Null(np.array([s.values for s in own]), own[0].information, own[0].live) if own else None for own in found
+        ]
+
+    def _replicas_of(self, model: Model) -> Replicas:
         session, design = self._session, model.design
         prepared = self.prepared(model.terms)
         joints = range(len(design.machine.joints))
@@ -98,24 +112,25 @@ class SessionSignals:
             noise = [difference_noise(design, model.fit.theta, prepared.pairs, j, model.extra) for j in joints]
         else:
             noise = [[full_residual(design, model.fit.theta, j, i, model.extra) for i in model.fitted] for j in joints]
-        replicas = Replicas(model, position_channel_noise(design.machine, session.recordings), noise)
-        found: list[list[Score]] = [[] for _ in terms]
-        for number in range(draws):
-            for place, score in self._on_replica(replicas, first + number, model, terms).items():
-                found[place].append(score)
-        return [
-            Null(np.array([s.values for s in own]), own[0].information, own[0].live) if own else None for own in found
-        ]
+        return Replicas(model, position_channel_noise(design.machine, session.recordings), noise)
 
-    def _on_replica(self, replicas: Replicas, number: int, model: Model, terms: Sequence[Term]) -> dict[int, Score]:
-        """Scores of terms on one replica, which is gone afterwards; its noise is the model's own."""
+    def _on_replica(
+        self, model: Model, replicas: Replicas, kept: dict[int, Model], number: int, terms: Sequence[Term]
+    ) -> dict[int, Score]:
+        """Scores of terms on one replica. The first replicas of the last model are kept: contenders come in rounds."""
+        fitted = kept[number] if number in kept else self._fitted_replica(replicas, number, model)
+        if number < KEPT_REPLICAS and not fitted.design.stored:
+            kept[number] = fitted
+        return Candidates(fitted, terms, [1] * len(terms)).scores(fitted)
+
+    def _fitted_replica(self, replicas: Replicas, number: int, model: Model) -> Model:
+        """The model fitted to one replica; its noise is the model's own."""
         design, known = model.design, [replace(term, rebuilt=()) for term in model.terms]
         recordings = replicas.draw(np.random.default_rng([17, number]))
         session = Session(design.machine, recordings, Options(bandwidth_hz=design.bank.bandwidth_hz))
         plain = session.prepared(Corrections(design.machine), noise=model.noise)
         passes = 2 if known else 1
-        fitted = fit_model(plain.design, plain.noise, plain.fitted, known, self.prior.undelayed(), passes=passes)
-        return Candidates(fitted, terms, [1] * len(terms)).scores(fitted)
+        return fit_model(plain.design, plain.noise, plain.fitted, known, self.prior.undelayed(), passes=passes)
 
     def misfit(self, model: Model, joint: int) -> Misfit:
         """What the model leaves of a joint that two runs of one motion share."""

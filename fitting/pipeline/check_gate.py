@@ -56,18 +56,15 @@ def with_explanation(request: Request, of: Callable[[], _T]) -> _T:
         raise explained(error, request.machine, request.recordings, request.options) from None
 
 
-def checked(session: Session) -> list[dict[str, Any]]:
-    """Findings on a session's recordings, as JSON."""
-    return [
-        finding.to_json()
-        for finding in check_recordings(session.machine, session.recordings, places=Places.of(session.file))
-    ]
+def checked(session: Session) -> tuple[Finding, ...]:
+    """Findings on a session's recordings."""
+    return tuple(check_recordings(session.machine, session.recordings, places=Places.of(session.file)))
 
 
-def for_report(findings: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
+def for_report(findings: Sequence[Finding]) -> list[dict[str, Any]]:
     """``checks`` of report.json: findings with the keys of its schema, and how serious each is."""
     kept = ("code", "severity", "joint", "channel", "recording", "text", "cure")
-    return [{key: finding.get(key) for key in kept} for finding in findings]
+    return [{key: getattr(finding, key) for key in kept} for finding in findings]
 
 
 def lines(findings: Sequence[Finding]) -> list[str]:

@@ -23,6 +23,7 @@ import numpy.typing as npt
 
 from fitting.estimators.covariance import hac_covariance
 from fitting.estimators.recursive import RecursiveLeastSquares
+from fitting.pipeline.stored_types import Numbers, stored
 from fitting.regression.design import Design, Fit, NoiseModel, factor, reduced_residual
 from fitting.regression.prior import Prior
 
@@ -34,6 +35,7 @@ LEAST_ROWS = 40
 MOST_CONDITION = 30.0
 
 
+@stored
 @dataclass(frozen=True)
 class CylinderEstimate:
     """Stage 1's result for one joint.
@@ -53,12 +55,12 @@ class CylinderEstimate:
 
     joint: str
     names: tuple[str, ...]
-    theta: FloatArray
-    std: FloatArray
+    theta: Numbers
+    std: Numbers
     residual_std: float
     in_situ: bool
     rows: int
-    covariance: FloatArray | None = None
+    covariance: Numbers | None = None
     condition: float | None = None
     refused: bool = False
 

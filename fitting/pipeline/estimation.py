@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -11,10 +10,10 @@ import numpy.typing as npt
 from fitting.loop.session import Session
 from fitting.loop.weighting import MOST_LOST, Weighed
 from fitting.pipeline.plausibility import plausibility
+from fitting.pipeline.stage_results import RigidBody
 from fitting.regression.error_sizes import errors_of
 
 FloatArray = npt.NDArray[np.float64]
-Results = Mapping[str, dict[str, Any]]
 
 #: Names of the ways, in the order of the report's table, and what each is.
 WAYS = {
@@ -27,12 +26,12 @@ WAYS = {
 }
 
 
-def estimation(session: Session, results: Results, final: Weighed) -> dict[str, Any]:
+def estimation(session: Session, stage_two: RigidBody, final: Weighed) -> dict[str, Any]:
     """The table of ways, of the base model on the uncorrected recordings.
 
     Parameters
     ----------
-    session, results : with the stages up to the second
+    session, stage_two : with what the second stage found
     final : the fit with everything that was found
 
     Returns
@@ -49,8 +48,7 @@ def estimation(session: Session, results: Results, final: Weighed) -> dict[str, 
     bound = plausibility(session.base_with(final.weights)).theta
     if bound is not None:
         ways["possible"] = bound
-    for name in ("one_shot", "two_stage"):
-        ways[name] = np.array(results["rigid_body_stage"][name]["theta"])
+    ways |= {"one_shot": stage_two.one_shot.theta, "two_stage": stage_two.two_stage.theta}
     tried = []
     for name, what in WAYS.items():
         if name not in ways:

@@ -26,7 +26,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -34,6 +33,7 @@ from scipy import linalg, optimize, stats
 
 from fitting.arm.geometry import geometry_of
 from fitting.estimators.consistent import link_map, scale_bodies
+from fitting.pipeline.stage_results import Constrained, Physics
 from fitting.regression.design import Design
 from fitting.regression.drive import UNITS, direct_units
 from fitting.regression.error_sizes import errors_of
@@ -351,22 +351,18 @@ def _steepest(maps: Sequence[FloatArray], white: FloatArray, residual: FloatArra
     return found
 
 
-def physics(design: Design, model: Model) -> dict[str, Any]:
-    """:func:`plausibility` as plain JSON: what cannot be, and the constrained fit with its price in error.
+def physics(design: Design, model: Model) -> Physics:
+    """:func:`plausibility` as the stage hands it on: what cannot be, and the constrained fit with its price in error.
 
-    Returns
-    -------
-    dict
-        ``violations``; where there are any, ``constrained`` with ``theta`` (p,), ``errors`` per role and joint, and
-        ``price_percent`` per role: how much larger the root mean square of the joints' errors becomes.
+    The price is, per role, by how many percent the root mean square of the joints' errors becomes larger.
     """
     found = plausibility(model)
-    result: dict[str, Any] = {"violations": [asdict(v) for v in found.violations]}
+    violations = tuple(asdict(v) for v in found.violations)
     if found.theta is None:
-        return result
+        return Physics(violations)
     free, bound = (errors_of(design, theta, model.extra)[0] for theta in (model.fit.theta, found.theta))
-    price = {}
+    price: dict[str, float | None] = {}
     for role in ("train", "validate"):
         pairs = [(a, b) for a, b in zip(free[f"{role}_rms"], bound[f"{role}_rms"], strict=True) if a and b is not None]
         price[role] = 100.0 * (float(np.sqrt(np.mean([(b / a) ** 2 for a, b in pairs]))) - 1.0) if pairs else None
-    return result | {"constrained": {"theta": found.theta.tolist(), "errors": bound, "price_percent": price}}
+    return Physics(violations, Constrained(found.theta, bound, price))

@@ -12,8 +12,9 @@ from typing import Any, Self
 
 from daq.recording import Recording
 from fitting.loop.closing import Asked, Recorder, Step, close
-from fitting.loop.residual_loop import term_from_json, term_to_json
 from fitting.loop.session import Request, Session
+from fitting.pipeline.loop_results import Attributed, ClosingStep, Resolution
+from fitting.pipeline.stage_results import StageResults
 from fitting.pipeline.stages import STEPS, Progress, computed, motion_of, opened, reported
 from fitting.residual.findings import Hypothesis
 
@@ -56,7 +57,7 @@ def identify_and_resolve(request: Request, record: Recorder, progress: Progress 
 
     last, steps = close(first, recorded)
     done = _FIRST + _MORE * begun[0]
-    results = last.results | {"resolution": {"steps": [_step_to_json(step) for step in steps]}}
+    results = last.results.having(Resolution(tuple(_closing(step) for step in steps)))
     results = computed(("refit",), request, last.session, results, lambda s, text: progress(done, text))
     return reported(request, last.session, results, lambda s, text: progress(max(s, done), text))
 
@@ -67,50 +68,40 @@ class _Run:
 
     request: Request
     session: Session
-    results: dict[str, dict[str, Any]]
+    results: StageResults
 
     @classmethod
     def of(cls, request: Request, session: Session, progress: Progress = _quiet) -> Self:
-        return cls(request, session, computed(_SEARCH, request, session, {}, progress))
+        return cls(request, session, computed(_SEARCH, request, session, StageResults(), progress))
 
     @property
     def hypotheses(self) -> tuple[Hypothesis, ...]:
-        return tuple(
-            Hypothesis(tuple(term_from_json(term) for term in h["terms"]), h["probability"])
-            for h in self.results["attribution"]["hypotheses"]
-        )
+        return self.results[Attributed].hypotheses
 
     @property
     def found(self) -> bool:
-        return bool(self.results["attribution"]["accepted"])
+        return bool(self.results[Attributed].accepted)
 
     def question(self) -> Asked | None:
-        experiment = self.results["attribution"]["next_experiment"]
-        if experiment is None or "program" not in experiment:
+        experiment = self.results[Attributed].next_experiment
+        if experiment is None or experiment.program is None:
             return None
-        program = experiment["program"]
+        program = experiment.program
         motion = motion_of(program, self.session.machine.name)
-        return Asked(motion, program["text"], tuple(experiment["separates"]), program["chance"])
+        return Asked(motion, program.text, tuple(experiment.content["separates"]), program.chance)
 
     def with_recording(self, recording: Recording) -> Self:
         return type(self).of(self.request, self.session.with_recording(recording))
 
 
-def _step_to_json(step: Step) -> dict[str, Any]:
+def _closing(step: Step) -> ClosingStep:
     asked = step.asked
-    return {
-        "before": [_hypothesis_to_json(h) for h in step.before],
-        "motion": {
-            "text": asked.text,
-            "rods": asked.motion.rods,
-            "seconds": asked.motion.seconds,
-            "recording": step.recording,
-            "separates": list(asked.separates),
-            "chance": asked.chance,
-        },
-        "after": [_hypothesis_to_json(h) for h in step.after],
+    motion = {
+        "text": asked.text,
+        "rods": asked.motion.rods,
+        "seconds": asked.motion.seconds,
+        "recording": step.recording,
+        "separates": list(asked.separates),
+        "chance": asked.chance,
     }
-
-
-def _hypothesis_to_json(hypothesis: Hypothesis) -> dict[str, Any]:
-    return {"terms": [term_to_json(term) for term in hypothesis.terms], "probability": hypothesis.probability}
+    return ClosingStep(step.before, motion, step.after)

@@ -17,11 +17,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import Any
 
 from scipy import stats
 
-Results = Mapping[str, Mapping[str, Any]]
+from fitting.pipeline.loop_results import Attributed
+from fitting.pipeline.stage_results import Checked, Refitted, Residual, StageResults
 
 #: Error on the validation motion, in noise floors, up to which nothing is missing.
 MOST_NOISE = 1.2
@@ -29,7 +29,7 @@ MOST_NOISE = 1.2
 CHANCE = 1e-3
 
 
-def verdict(results: Results, joints: Sequence[str]) -> tuple[str, list[str]]:
+def verdict(results: StageResults, joints: Sequence[str]) -> tuple[str, list[str]]:
     """The verdict and what was in the way of a better one.
 
     Parameters
@@ -37,45 +37,44 @@ def verdict(results: Results, joints: Sequence[str]) -> tuple[str, list[str]]:
     results : of all stages before the report
     joints : names
     """
-    mistakes = [f for f in results["check"].get("findings", ()) if f.get("severity", "mistake") == "mistake"]
+    mistakes = [f for f in results[Checked].findings if f.severity == "mistake"]
     if mistakes:
-        return "check_input", [str(f["text"]) for f in mistakes]
-    impossible = results["refit"]["plausibility"]["violations"]
+        return "check_input", [f.text for f in mistakes]
+    impossible = results[Refitted].plausibility.violations
     if impossible:
         return "implausible", [str(v["text"]) for v in impossible]
-    found = results["attribution"]
-    if not found.get("looked", True):
+    found = results[Attributed]
+    if not found.looked:
         return "not_examined", []
-    kinematics, said = results["residual"]["kinematics"], str(found["verdict"])
+    kinematics, said = results[Residual].kinematics, found.verdict
     if said in ("unexplained", "ambiguous"):
         return said, []
     if kinematics:
-        return ("ambiguous" if any(f["rivals"] for f in kinematics) else "effect_added"), []
+        return ("ambiguous" if any(f.rivals for f in kinematics) else "effect_added"), []
     if said != "nothing_missing":
         return said, []
     against = against_nothing_missing(results, joints)
     return ("unexplained", against) if against else (said, [])
 
 
-def against_nothing_missing(results: Results, joints: Sequence[str]) -> list[str]:
+def against_nothing_missing(results: StageResults, joints: Sequence[str]) -> list[str]:
     """Why it cannot be said that nothing is missing, although nothing was found; empty where it can."""
-    reasons = []
-    invalid = [joints[n] for n, valid in enumerate(results["residual"]["floor_valid"]) if not valid]
+    reasons, refitted = [], results[Refitted]
+    invalid = [joints[n] for n, valid in enumerate(results[Residual].floor_valid) if not valid]
     if invalid:
         reasons.append(
             f"the noise of {', '.join(invalid)} is not known: record the training motion a second time (role repeat)"
         )
-    times = in_floors(results["refit"]["errors"]["after"]["validate_rms"], results["residual"]["noise_floor"])
-    allowed = math.hypot(_noise_ratio(results["refit"]["independent_rows"]), results["refit"]["parameter_error"])
+    times = in_floors(refitted.errors["after"]["validate_rms"], results[Residual].noise_floor)
+    allowed = math.hypot(_noise_ratio(refitted.independent_rows), refitted.parameter_error)
     if times is not None and times > allowed:
         reasons.append(
             f"on the validation motion the error, offsets included, is {times:.3g} times the noise, and noise and "
             f"uncertain parameters explain no more than {allowed:.3g}"
         )
-    for other in results["attribution"].get("other_bands", ()):
-        if other["found"]:
-            names = ", ".join(other["found"])
-            reasons.append(f"with a bandwidth of {other['bandwidth_hz']:.3g} Hz the loop finds {names}")
+    for other in results[Attributed].other_bands:
+        if other.found:
+            reasons.append(f"with a bandwidth of {other.bandwidth_hz:.3g} Hz the loop finds {', '.join(other.found)}")
     return reasons
 
 

@@ -23,9 +23,11 @@ def refined(model: Model, score: Score) -> Score:
     best = _plain(model, score)
     keys = [key for key in score.term.shape if key not in score.term.discrete]
     limits = {key: _limits(model, score.term, key) for key in keys}
+    content = score.term.content
+    steps = content.shape_steps if isinstance(content, Effect) else {}
     for first in (0.5, 0.05) if len(keys) > 1 else (0.5,):
         for key in keys:
-            best = _searched(model, best, key, min(first, 0.02) if key == "pitch" else first, limits[key])
+            best = _searched(model, best, key, min(first, steps.get(key, first)), limits[key])
     if best.term == score.term:
         return score
     return replace(best, score=best.gain - (score.gain - score.score))

@@ -22,13 +22,15 @@ import numpy.typing as npt
 from daq.scratch import ScratchArrays
 from fitting.effects.base import Effect
 from fitting.residual.laws import laws
-from fitting.residual.null import FAR_BEYOND, Null
+from fitting.residual.null import BIAS_SHARE, Null
 from fitting.residual.terms import Model, Term
 
 FloatArray = npt.NDArray[np.float64]
 
 #: Chi-square that one more parameter has to bring to be worth it.
 PARAMETER_PRICE = 6.0
+#: Times the bias from which on a value is compared as it is.
+FAR_BEYOND = 2.0
 _BATCH_COLUMNS = 128  # built at once at full rate: fits a processor's cache
 #: Numbers in all columns above which those of one joint at a time are in memory, the others in a file (128 MB).
 _MOST_NUMBERS = 16_000_000
@@ -53,6 +55,7 @@ class Score:
         else empty
     grid : number of shapes that it was picked from
     null : its values on replicas without any effect, once they were drawn; gain, score and values are then unbiased
+    taken : share of the null's bias that was taken off the values
     """
 
     term: Term
@@ -66,6 +69,7 @@ class Score:
     information: FloatArray = field(repr=False, compare=False)
     places: tuple[float, ...] = ()
     null: Null | None = None
+    taken: float = 0.0
     grid: int = 1
 
     def against(self, null: Null) -> Score:
@@ -77,7 +81,7 @@ class Score:
         if not isinstance(self.term.content, Effect):
             return replace(self, null=null)
         price = self.gain - self.score
-        moved = np.asarray(self.values) - null.bias
+        moved = np.asarray(self.values) - BIAS_SHARE * null.bias
         gain = float(moved @ self.information @ moved)
         if gain > FAR_BEYOND**2 * float(null.bias @ self.information @ null.bias):
             return replace(self, null=null)  # no bias makes this: candidates are compared as they are
@@ -85,6 +89,7 @@ class Score:
         return replace(
             self,
             null=null,
+            taken=BIAS_SHARE,
             gain=gain,
             score=gain - price,
             values=unbiased,
@@ -98,7 +103,13 @@ class Score:
             return self.score
         if not isinstance(self.term.content, Effect):
             return self.gain / self.null.inflation_along(np.asarray(self.values)) - (self.gain - self.score)
-        return self.null.weight(np.asarray(self.values), self.information) - (self.gain - self.score)
+        return self.null.weight(self.fitted, self.information) - (self.gain - self.score)
+
+    @property
+    def fitted(self) -> FloatArray:
+        """Values as they were fitted, (k,), with the bias that was taken off them."""
+        values = np.asarray(self.values, dtype=float)
+        return values if self.null is None else values + self.taken * self.null.bias
 
 
 class Candidates:

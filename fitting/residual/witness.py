@@ -19,7 +19,6 @@ witness's value would have had here. A witness that could not have seen it is si
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
 
@@ -40,8 +39,6 @@ ABSENT = 2.5
 APART = 4.0
 #: Share of a column's norm below which what the base leaves of it is rounding.
 _DEAD = 1e-4
-#: Effects of the cylinder that are gone without a load by their own formula.
-NEED_LOAD = frozenset(("load_dependent_friction", "pressure_dependent_friction", "counterbalance_valve"))
 
 
 @dataclass(frozen=True)
@@ -191,25 +188,3 @@ def objection(level: Level, own: Witness, twin: Witness | None = None) -> str:
     if twin is not None and twin.verdict in ("both", "different", "only_unloaded"):
         return f"it would be gone when unloaded, and is not: {twin.words}"
     return ""
-
-
-def excluded_levels(law: Witness) -> frozenset[Level]:
-    """Levels that cannot have made a law of the cylinder's own motion, from that law's witness.
-
-    Effects of the measurement chain are never excluded by a law: a joint's encoder says nothing when unloaded.
-    """
-    if law.verdict == "gone_unloaded":
-        return frozenset(("cylinder",))
-    if law.verdict in ("both", "only_unloaded"):
-        return frozenset(("joint",))
-    return frozenset()
-
-
-def excluded(levels: Mapping[str, Level], law: Witness) -> tuple[str, ...]:
-    """Ids that the witness of a law of the cylinder's own motion excludes, sorted; ``levels`` are theirs by id.
-
-    Effects that need a load by their own formula (:data:`NEED_LOAD`) are judged by their own columns
-    (:func:`objection`), not by a law's.
-    """
-    out = excluded_levels(law)
-    return tuple(sorted(i for i, level in levels.items() if level in out and i not in NEED_LOAD))

@@ -57,7 +57,7 @@ def trusted(score: Score) -> float:
         return 1.0
     if not isinstance(score.term.content, Effect):
         return 1.0 / score.null.inflation_along(np.asarray(score.values))
-    return score.null.weight(np.asarray(score.values), score.information) / score.gain
+    return score.null.weight(score.fitted, score.information) / score.gain
 
 
 def known_bias(score: Score) -> bool:
@@ -69,8 +69,7 @@ def biased_gain(score: Score) -> float:
     """The gain before the bias that replicas showed was taken off, or as it is where nothing was."""
     if score.null is None:
         return score.gain
-    values = np.asarray(score.values) + score.null.bias
-    return max(score.gain, float(values @ score.information @ values))
+    return max(score.gain, float(score.fitted @ score.information @ score.fitted))
 
 
 def plausible(score: Score) -> float:

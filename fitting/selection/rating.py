@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -62,6 +63,7 @@ class Rating:
         self._mixed: dict[int, int] = {}
         self._trust: dict[int, float] = {}
         self._largest = efforts(model)
+        self._memo: dict[tuple[str, int], tuple[Score, float, Any]] = {}
         self._laws: dict[tuple[object, ...], int] = {}
         for number, term in enumerate(candidates.terms):
             if isinstance(term.content, Law) and not isinstance(term.content, Surface):
@@ -97,6 +99,19 @@ class Rating:
         for joint, own in laws.items():
             result += self._curves(joint, own, scores, law_each, covered)
         return by_formula(self._against_leftovers(result))
+
+    def _known(self, kind: str, number: int, score: Score) -> Any:
+        """What was computed for this score with the trust that it has now; None otherwise.
+
+        Replicas change the scores of contenders only, and all others are asked again with them.
+        """
+        known = self._memo.get((kind, number))
+        same = known is not None and known[0] is score and known[1] == self._trust.get(number, 1.0)
+        return known[2] if same and known is not None else None
+
+    def _keep(self, kind: str, number: int, score: Score, value: Any) -> Any:
+        self._memo[kind, number] = score, self._trust.get(number, 1.0), value
+        return value
 
     def _covered(self, names: Mapping[Family, Sequence[int]], scores: Mapping[int, Score]) -> set[int]:
         """Laws that a series of the catalogue stands for: their simple formulas are that name's, not against it."""
@@ -175,6 +190,9 @@ class Rating:
             beside = {n: [m for m in self._beside(n, scores[n].term) if m in scores] for n in near}
             own_laws = {n: [m for m in own if scores[m].surviving > FAINT] for n, own in beside.items()}
             near = [n for n in near if own_laws[n]]
+            known = {n: self._known("bent", n, scores[n]) for n in near}
+            result |= {n: value for n, value in known.items() if value is not None}
+            near = [n for n in near if known[n] is None]
             if not near:
                 continue
             used = sorted({*near, *(m for n in near for m in own_laws[n])})
@@ -189,12 +207,13 @@ class Rating:
                     scores[n], share * S[np.ix_(into, into)], share * g[into], [len(p) for p in places]
                 )
                 if not np.isfinite(curved):
+                    result[n] = self._keep("bent", n, scores[n], by_order[n])
                     continue
-                result[n] = curved
                 # What is won where a series needs its first terms only is won with curves beside it as well.
                 gain, live = np.array([scores[n].gain * share]), np.array([float(scores[n].live)])
                 whole = averaged(gain, live, np.array([self._limit(scores[n])]))[0]
-                result[n] = max(result[n] + max(0.0, by_order[n] - float(whole)), by_order[n])
+                value = max(curved + max(0.0, by_order[n] - float(whole)), by_order[n])
+                result[n] = self._keep("bent", n, scores[n], value)
         return result
 
     def _beside(self, number: int, term: Term) -> list[int]:
@@ -274,7 +293,8 @@ class Rating:
 
     def _plain(self, scores: Mapping[int, Score]) -> dict[int, float]:
         """Log evidence of names by number, if their formulas are exactly nature's."""
-        numbers = [n for n, s in scores.items() if s.term.id != "law" or isinstance(s.term.content, Surface)]
+        named = [n for n, s in scores.items() if s.term.id != "law" or isinstance(s.term.content, Surface)]
+        numbers = [n for n in named if self._known("plain", n, scores[n]) is None]
         own = [scores[n] for n in numbers]
         limits = np.array([self._limit(s) for s in own])
         trust = np.array([self._trust.get(n, 1.0) for n in numbers])
@@ -287,7 +307,9 @@ class Rating:
         counts = np.array([len(o) for o in series])
         weights = np.arange(len(found))[:, None] < counts[None, :]
         total = log_sum(np.array(found), axis=0, weights=weights / counts) if found else np.zeros(0)
-        return dict(zip(numbers, total.tolist(), strict=True))
+        for n, value in zip(numbers, total.tolist(), strict=True):
+            self._keep("plain", n, scores[n], value)
+        return {n: self._known("plain", n, scores[n]) for n in named}
 
     def _named(
         self,
@@ -297,13 +319,22 @@ class Rating:
         exact: Mapping[int, float],
         bent: Mapping[int, float],
     ) -> Rated:
-        believable = np.array([plausible(scores[n]) for n in numbers])
+        believable = np.array([self._plausible(n, scores[n]) for n in numbers])
         total = np.array([bent[n] for n in numbers]) + believable
-        best = scores[numbers[int(np.argmax(total))]]
+        number = numbers[int(np.argmax(total))]
+        best = scores[number]
         bayes, plain = float(log_mean(total)), float(log_mean(np.array([exact[n] for n in numbers]) + believable))
-        share = self._trust.get(numbers[int(np.argmax(total))], 1.0)
-        leftover, refuted = (self._as_leftover(best, share, laws) for laws in (True, False))
+        left = self._known("left", number, best)
+        if left is None:
+            share = self._trust.get(number, 1.0)
+            found = tuple(self._as_leftover(best, share, laws) for laws in (True, False))
+            left = self._keep("left", number, best, found)
+        leftover, refuted = left
         return Rated(best, prior + bayes, bayes, prior + plain, leftover, refuted)
+
+    def _plausible(self, number: int, score: Score) -> float:
+        known = self._known("plausible", number, score)
+        return float(self._keep("plausible", number, score, plausible(score)) if known is None else known)
 
     def _with_curves(self, score: Score, S: FloatArray, g: FloatArray, widths: Sequence[int]) -> float:
         """Log evidence of a name, with curves of its signal beside it; columns are the name's, then each curve's."""
@@ -366,30 +397,43 @@ class Rating:
     def _of_width(
         self, joint: int, numbers: Sequence[int], scores: Mapping[int, Score], prior: float, covered: set[int]
     ) -> list[Rated]:
+        for simple in (True, False):
+            fresh = [n for n in numbers if (n not in covered) == simple and self._known("law", n, scores[n]) is None]
+            if fresh:
+                for n, value in zip(fresh, self._law_evidence(joint, fresh, scores, simple).tolist(), strict=True):
+                    self._keep("law", n, scores[n], value)
+        result = []
+        for n in numbers:
+            bayes, leftover = self._known("law", n, scores[n])
+            result.append(Rated(scores[n], prior + bayes, bayes, prior + bayes, leftover, leftover))
+        return result
+
+    def _law_evidence(
+        self, joint: int, numbers: Sequence[int], scores: Mapping[int, Score], simple: bool
+    ) -> FloatArray:
+        """Log evidence (T, 2) of laws of one width, alone and as what found effects leave.
+
+        A law is any smooth curve, or, where it may be ``simple``, with :data:`priors.SIMPLE` a simple formula.
+        """
         grams = np.array([self._trust.get(n, 1.0) * scores[n].information for n in numbers])
         products = np.einsum("tij,tj->ti", grams, np.array([scores[n].values for n in numbers]))
         roots = curve_roots(len(products[0]), priors.LENGTHS)
         left = self._left(joint, law=True)
         limits = np.array([self._limit(scores[n]) for n in numbers])
         sizes = priors.amplitudes(float(limits.max()))
-        values = curve_evidence(grams, products, roots, sizes)
+        bayes = log_mean(curve_evidence(grams, products, roots, sizes), axis=1)
         allowed = sizes[None, :] <= np.maximum(limits, priors.SMALLEST)[:, None] * priors.RATIO
-        short = [simple_curves(_law(scores[n]).knots) for n in numbers]
-        gains, live = formula_gains(grams, products, np.array([curves for curves, _ in short]))
-        listed = short[0][1]  # of every formula of the short list, its share
-        simple = np.array([0.0 if n in covered else priors.SIMPLE for n in numbers])[:, None]
-        bayes = _either(log_mean(values, axis=1), _formulas(gains, live, sizes, listed), simple)
-        bayes = log_sum(bayes, weights=allowed / allowed.sum(axis=1, keepdims=True))
-        leftover = np.zeros(len(numbers))
+        leftover = np.zeros((len(numbers), len(left)))
         if left.max() > 0:
-            spread = log_mean(curve_evidence(grams, products, roots, left), axis=1)
-            leftover = _either(spread, _formulas(gains, live, left, listed), simple)
-            leftover = log_sum(leftover, weights=priors.LEFTOVER_WEIGHTS)
-        odds = prior + bayes
-        return [
-            Rated(scores[n], float(o), float(b), float(o), float(rest), float(rest))
-            for n, o, b, rest in zip(numbers, odds, bayes, leftover, strict=True)
-        ]
+            leftover = log_mean(curve_evidence(grams, products, roots, left), axis=1)
+        if simple:
+            short = [simple_curves(_law(scores[n]).knots) for n in numbers]
+            gains, live = formula_gains(grams, products, np.array([curves for curves, _ in short]))
+            listed = short[0][1]  # of every formula of the short list, its share
+            bayes = _either(bayes, _formulas(gains, live, sizes, listed))
+            leftover = _either(leftover, _formulas(gains, live, left, listed)) if left.max() > 0 else leftover
+        bayes = log_sum(bayes, weights=allowed / allowed.sum(axis=1, keepdims=True))
+        return np.stack([bayes, log_sum(leftover, weights=priors.LEFTOVER_WEIGHTS)], axis=1)
 
 
 def _law(score: Score) -> Law:
@@ -403,9 +447,9 @@ def _formulas(gains: FloatArray, live: FloatArray, amplitudes: FloatArray, share
     return log_sum(found.reshape(*gains.shape, -1), axis=1, weights=shares[:, None])
 
 
-def _either(curve: FloatArray, formula: FloatArray, simple: FloatArray) -> FloatArray:
-    """Log evidence (T, A) of laws that are any smooth curve, or with the chance ``simple`` (T, 1) a simple formula."""
-    return np.asarray(log_sum(np.stack([curve, formula]), axis=0, weights=np.stack([1 - simple, simple])))
+def _either(curve: FloatArray, formula: FloatArray) -> FloatArray:
+    """Log evidence (T, A) of laws that are any smooth curve, or with the chance ``priors.SIMPLE`` a simple formula."""
+    return log_sum(np.stack([curve, formula], axis=-1), weights=np.array([1 - priors.SIMPLE, priors.SIMPLE]))
 
 
 def _is_series(term: Term) -> bool:

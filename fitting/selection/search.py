@@ -370,10 +370,11 @@ class Search:
         rest = [a.score.term for a in others]
         model = self.base if tuple(rest) == self.base.terms else self.signals.refit(rest)
         all_, self.accepted = self.accepted, others
-        rated = self._beside(self._rated(model), rest)
+        every = self._rated(model)
+        rated = self._beside(every, rest)
         own = next((r for r in rated if family(r.term) == family(item.score.term)), None)
         rated = self._sharp(rated, model)
-        slot = Slot.of(item, rated)
+        slot = Slot.of(item, by_formula([*rated, *self._refused_laws(every, item.score.term)]))
         self.accepted = all_
         content = item.score.term.content
         if isinstance(content, Surface) and not content.twist:
@@ -395,6 +396,15 @@ class Search:
         if len(self.accepted) == before:  # what beat it does not hold: it comes back
             self._try(own) if own is not None else None
         return replace(slot, moved=True)
+
+    def _refused_laws(self, rated: Sequence[Rated], name: Term) -> list[Rated]:
+        """Laws of a name's joint that are not in question any more, as one of them did not hold elsewhere.
+
+        None is added to the model, but what they explain is there: a name that takes less of it is less probable.
+        """
+        if name.joint not in self.lawless or not isinstance(name.content, Effect):
+            return []
+        return [r for r in rated if r.term.joint == name.joint and isinstance(r.term.content, Law)]
 
     def result(self) -> Attribution:
         """What was found."""

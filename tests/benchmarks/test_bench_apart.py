@@ -38,7 +38,7 @@ def test_an_offset_is_no_farther_from_its_own_name_than_from_the_truth() -> None
 
 
 @pytest.mark.slow
-def test_what_no_rival_explains_is_lambda() -> None:
+def test_lambda_is_what_no_rival_explains() -> None:
     case = case_with("bent_guide", "joint3", 60.0)
     found = apart(case, SHORT)
     _, plan, quality = opened(KEY, SHORT)
@@ -59,7 +59,9 @@ def test_pairs_and_encoder_errors_have_no_rivals() -> None:
     assert apart(case_with("encoder_offset", "joint1", 1e-3), SHORT) is None
 
 
-def test_it_is_kept_beside_a_cached_case(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_distance_from_rivals_is_stored_beside_a_cached_case(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     case = case_with("encoder_offset", "joint1", 1e-3)
     (tmp_path / f"seed0-large-0002{SHORT.text}").mkdir()
     assert case_files.stored_apart(tmp_path, case, SHORT) is None

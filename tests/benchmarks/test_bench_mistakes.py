@@ -62,7 +62,7 @@ def test_a_mistake_and_a_sound_rig_from_end_to_end(tmp_path: Path) -> None:
     assert sound is not None and sound.result == "sound"
 
 
-def test_silence_and_accusations_miss_their_targets() -> None:
+def test_a_missed_mistake_and_a_false_accusation_miss_their_targets() -> None:
     lines = [Line("one-0", "a", None, "silent", "", 0.1), Line("one-1", None, None, "accused", "", 0.1)]
     met = {check.name: check.met for check in checks_of(lines)}
     assert met["mistakes: silent"] is False and met["sound ones: accused"] is False
@@ -83,6 +83,6 @@ def test_silence_and_accusations_miss_their_targets() -> None:
         ("both", 9_205_199),
     ],
 )
-def test_what_resembles_a_mistake_accuses_nobody(kind: Kind, seed: int, tmp_path: Path) -> None:
+def test_an_effect_that_resembles_a_mistake_is_not_reported_as_one(kind: Kind, seed: int, tmp_path: Path) -> None:
     line = judge(make_rig(kind, seed, effect=True), seed, None, 0, tmp_path / "sound")
     assert line is not None and line.result == "sound", line

@@ -18,7 +18,7 @@ PLAY = {"id": "backlash", "joint": "joint2", "reported": "joint2", "variables": 
 DENT = {"id": "dented_rod", "joint": "joint1", "reported": "joint1", "variables": ["piston_position"]}
 
 
-def test_each_member_of_a_set_is_a_statement() -> None:
+def test_each_effect_of_a_set_counts_as_a_statement_of_its_own() -> None:
     said = [[["backlash", "joint2", 0.6], ["stribeck", "joint2", 0.3]]]
     lines = [line("large", [PLAY], sets=[[["backlash", "joint2"], ["stribeck", "joint2"]]], stated=said)]
     assert reliability.statements(lines) == [(0.6, True), (0.3, False)]
@@ -34,7 +34,7 @@ def test_a_law_is_right_of_an_effect_that_is_in_no_catalogue_in_its_variable() -
     assert reliability.statements([line("large", [known], laws=laws, stated=stated)]) == [(0.9, False)]
 
 
-def test_silence_says_that_nothing_is_missing() -> None:
+def test_no_finding_counts_as_a_statement_that_nothing_is_missing() -> None:
     lines = [line("null", [], nothing=0.97), line("medium", [PLAY], nothing=0.8)]
     assert reliability.statements(lines) == [(0.97, True), (0.8, False)]
 

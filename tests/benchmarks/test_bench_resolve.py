@@ -45,13 +45,13 @@ def test_where_no_motion_was_worth_an_attempt_is_counted_apart() -> None:
     assert shares["of those, end in the single right name"] == 1.0
 
 
-def test_a_case_is_one_line() -> None:
+def test_a_case_is_printed_in_one_line() -> None:
     assert resolving.text(line("right")) == (
         "large:1    stribeck@joint1 (12.0): stribeck 70 %, nothing 20 % -> [a staircase] -> stribeck 97 %: right, 12 s"
     )
 
 
-def test_each_effect_and_class_has_its_turn_before_numbers_rise() -> None:
+def test_every_effect_and_class_comes_once_before_the_next_case_number() -> None:
     count = len(resolving.ALIKE) * len(resolving.CLASSES)
     first = list(islice(resolving.keys(5), count + 1))
     assert len(set(first)) == count + 1

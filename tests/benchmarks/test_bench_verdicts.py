@@ -48,7 +48,9 @@ def said(*sets: str, laws: tuple[tuple[str, str | None], ...] = ()) -> Said:
         ("pairs", (STRIBECK, TILT), said(), "silent"),
     ],
 )
-def test_results(kind: str, effects: tuple[TrueEffect, ...], what: Said, result: str) -> None:
+def test_a_verdict_is_right_wrong_or_silent_as_the_case_says(
+    kind: str, effects: tuple[TrueEffect, ...], what: Said, result: str
+) -> None:
     assert verdict(kind, effects, what).result == result
 
 

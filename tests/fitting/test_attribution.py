@@ -368,7 +368,7 @@ def test_a_ripple_above_the_band_is_named_and_nothing_is_added() -> None:
 
 
 @pytest.mark.slow
-def test_an_accepted_effect_stands_at_every_cut_off_and_both_witnesses_are_heard() -> None:
+def test_an_accepted_effect_holds_at_every_cut_off_and_for_both_witnesses() -> None:
     attribution = run(session_with(lambda s, i: 900.0 * (s.x[:, 1] - 0.15) * np.sign(s.v[:, 1])))
     (accepted,) = attribution.accepted
     assert len(accepted.cutoffs) == 3

@@ -147,7 +147,7 @@ def test_a_joint_that_stands_has_no_frozen_encoder() -> None:
         (lambda t: t + 0.2 * (t > 10.0), "lost_rows", "note"),
     ],
 )
-def test_clocks(of: Callable[[np.ndarray], np.ndarray], code: str, severity: str) -> None:
+def test_faults_of_the_time_column_are_named(of: Callable[[np.ndarray], np.ndarray], code: str, severity: str) -> None:
     time = of(np.arange(2000) / MACHINE.rate_hz)
     found = time_findings(MACHINE, "run.csv", time, {"joint1.q": np.array(SOUND[0].values["joint1.q"])})
     assert [(own.code, own.severity) for own in found] == [(code, severity)]

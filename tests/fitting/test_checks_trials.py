@@ -144,7 +144,7 @@ def test_an_encoder_that_counts_twice_as_far() -> None:
     assert found[0].factor == 0.5
 
 
-def test_what_nothing_tells_apart_is_said_together() -> None:
+def test_mistakes_that_the_data_cannot_tell_apart_are_named_together() -> None:
     """An angle that counts the other way is a pin offset of the other sign."""
     found = check_recordings(BOTH, changed(DOUBLE, lambda v: {"joint2.q": -v["joint2.q"]}))
     assert first(found) == ("sign", "joint2")

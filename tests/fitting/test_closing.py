@@ -12,9 +12,9 @@ from daq.recording import Recording
 from fitting.effects import effect
 from fitting.excitation.motion import Motion
 from fitting.loop.closing import Asked, close, rivals_of, settled
-from fitting.loop.residual_loop import term_to_json
 from fitting.loop.session import Request
 from fitting.pipeline import resolving
+from fitting.pipeline.loop_results import AcceptedTerm, Attributed, Designed, Program, Resolution
 from fitting.report.schema import ResolutionStep
 from fitting.report.wording import resolution
 from fitting.residual.cross_validation import HeldOut
@@ -209,18 +209,15 @@ def test_the_program_identifies_again_with_every_motion_and_reports_once(monkeyp
 
     seen: list[tuple[tuple[str, ...], tuple[str, ...]]] = []
     motion = asked().motion
-    program = {"rods": motion.rods, "time": motion.time.tolist(), "columns": {"joint2": [0.0] * 31}}
+    program = Program(motion.rods, motion.time, {"joint2": np.zeros(31)}, "a swing", 0.4)
+    load = AcceptedTerm(LOAD, 90.0, 100.0, 0.5, 80.0, 5.0, None, "")
     chances = {1: (0.6, 0.3), 2: (0.98, 0.01)}
 
     def computed(stages, request, session, results, progress):
         seen.append((tuple(stages), session.recordings))
         states = stated(*chances[len(session.recordings)])
-        found = {
-            "accepted": [{}],
-            "hypotheses": [{"terms": [term_to_json(t) for t in h.terms], "probability": h.probability} for h in states],
-            "next_experiment": {"separates": [LOAD.id], "program": program | {"text": "a swing", "chance": 0.4}},
-        }
-        return {**results, "attribution": found, **({"refit": {}} if "refit" in stages else {})}
+        designed = Designed({"separates": [LOAD.id]}, program)
+        return results.having(Attributed("ambiguous", accepted=(load,), hypotheses=states, next_experiment=designed))
 
     monkeypatch.setattr(resolving, "opened", lambda request: Data())
     monkeypatch.setattr(resolving, "computed", computed)
@@ -229,10 +226,10 @@ def test_the_program_identifies_again_with_every_motion_and_reports_once(monkeyp
     before_refit = ("check", "cylinder_stage", "rigid_body_stage", "residual", "attribution")
     both = ("train", "motion-1")
     assert seen == [(before_refit, ("train",)), (before_refit, both), (("refit",), both)]
-    (step,) = content["resolution"]["steps"]
-    assert [h["probability"] for h in step["before"]] == [0.6, 0.3]
-    assert [h["probability"] for h in step["after"]] == [0.98, 0.01]
-    assert step["motion"] == {
+    (step,) = content[Resolution].steps
+    assert [h.probability for h in step.before] == [0.6, 0.3]
+    assert [h.probability for h in step.after] == [0.98, 0.01]
+    assert step.motion == {
         "text": "a swing",
         "rods": "pinned",
         "seconds": 30.0,
@@ -240,3 +237,10 @@ def test_the_program_identifies_again_with_every_motion_and_reports_once(monkeyp
         "separates": [LOAD.id],
         "chance": 0.4,
     }
+
+
+def test_a_name_that_is_less_probable_than_a_law_leaves_the_joint_unexplained():
+    likely, unlikely = accepted(LOAD, 0.53, (PRESSURE, 0.44)), accepted(LOAD, 0.2, (PRESSURE, 0.1))
+    assert attribution(likely, ()).verdict == "ambiguous"
+    assert attribution(unlikely, ()).verdict == "unexplained"
+    assert unlikely.doubtful and not likely.doubtful

@@ -107,7 +107,7 @@ def test_a_candidate_weighs_data_and_buses_by_their_precision(seconds: float) ->
     assert both.gain == pytest.approx(alone.gain + (seconds / STD_S) ** 2 - apart, rel=1e-6)
 
 
-def test_no_other_candidate_and_no_other_joint_hears_of_it() -> None:
+def test_a_delay_prior_changes_no_other_candidate_and_no_other_joint() -> None:
     prior = known(late_session(), LATE_S, STD_S)
     for term in (FRICTION, Term(effect("sensor_latency"), 0)):
         with_it, without = scored(prior, term), scored(late_session().prior, term)

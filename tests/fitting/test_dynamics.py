@@ -234,7 +234,7 @@ def test_a_joint_does_not_feel_the_links_before_it():
         assert not Y[:, joint, : 10 * joint].any()
 
 
-def test_names_and_shapes():
+def test_parameter_names_and_regressor_shapes_follow_from_the_arm():
     arm = planar_arm(6)
     assert len(standard_names(arm)) == 78
     assert standard_names(arm)[:14] == (

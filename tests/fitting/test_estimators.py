@@ -48,7 +48,7 @@ ESTIMATORS: tuple[Estimator, ...] = (
 
 @pytest.mark.slow
 @pytest.mark.parametrize("estimator", ESTIMATORS, ids=repr)
-def test_conforms(estimator: Estimator) -> None:
+def test_every_estimator_conforms(estimator: Estimator) -> None:
     check_estimator(estimator)
 
 
@@ -139,7 +139,7 @@ def test_a_columns_size_does_not_decide_whether_it_counts(size: float) -> None:
 
 @given(st.integers(0, 10_000), st.integers(1, 3))
 @settings(max_examples=30, deadline=None)
-def test_told_are_exactly_the_columns_outside_the_null_space(seed: int, tied: int) -> None:
+def test_exactly_the_columns_outside_the_null_space_are_identifiable(seed: int, tied: int) -> None:
     rng = np.random.default_rng(seed)
     free = rng.standard_normal((40, 3))
     group = rng.standard_normal((40, tied))

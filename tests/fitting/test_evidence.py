@@ -67,7 +67,7 @@ def test_a_curve_has_the_marginal_likelihood_of_its_coefficients_prior(seed: int
 
 @settings(max_examples=10, deadline=None)
 @given(seed=st.integers(0, 10_000))
-def test_columns_with_independent_priors(seed: int) -> None:
+def test_joint_evidence_with_independent_priors_is_the_log_bayes_factor(seed: int) -> None:
     columns, residual, gram, products = problem(seed, 5)
     scales = np.random.default_rng(seed).uniform(0.1, 5.0, size=(3, 5))
     for own, found in zip(scales, joint_evidence(gram, products, scales)[0], strict=True):

@@ -11,7 +11,7 @@ from synthetic_arm import clean_session
 from fitting.effects import effect
 from fitting.loop.residual_loop import SessionSignals
 from fitting.residual.confirmation import misfit
-from fitting.residual.null import PRIOR_DRAWS, Null, resampled
+from fitting.residual.null import BIAS_SHARE, PRIOR_DRAWS, Null, resampled
 from fitting.residual.scoring import score_terms
 from fitting.residual.terms import Term
 from fitting.signals.corrections import Corrections
@@ -36,8 +36,12 @@ def test_a_bias_that_draws_agree_on_is_taken_off_and_scatter_is_not() -> None:
     assert abs(scatter.bias[0]) < 0.2  # shrunk towards nothing
     biased = Null(-5.0 + 0.5 * rng.standard_normal((6, 1)), information, 1)
     assert biased.bias[0] == pytest.approx(-5.0, abs=0.5)
-    # Half of a bias of ten standard deviations is not known: what is left of it after correction weighs little.
-    assert biased.weight(np.array([2.0]), information) < 2.0**2 * 4.0 / 20
+    # Any share of a bias of ten standard deviations may be there: values up to it weigh little.
+    for inside in (-1.0, -3.0, -4.5):
+        assert biased.weight(np.array([inside]), information) < 6.0
+    # Beyond either end: the distance squared, and what little of the prior is as near as that end.
+    assert 16.0 < biased.weight(np.array([2.0]), information) < 16.0 + 2 * np.log(10 * 4) + 1.0
+    assert biased.weight(biased.bias - 3.0, information) == pytest.approx(36.0 + 2 * np.log(10 * 6), rel=0.2)
     assert scatter.weight(np.array([2.0]), information) > 2.0**2 * 4.0 / 2
 
 
@@ -52,6 +56,7 @@ def test_inflation_is_that_of_the_draws_joined_with_the_theory() -> None:
 def test_noise_along_what_was_found_is_that_of_a_single_parameter_in_any_number_of_columns() -> None:
     rng = np.random.default_rng(1)
     slow, white = 3.0 * rng.standard_normal(12), rng.standard_normal((12, 7))
+    slow, white = slow - slow.mean(), white - white.mean(axis=0)
     information = np.eye(8)
     many = Null(np.column_stack([slow, white]), information, 8)
     one = Null(slow[:, None], np.eye(1), 1)
@@ -71,10 +76,10 @@ def test_a_score_against_its_null_has_the_bias_taken_off() -> None:
     bias = score.values[0] - off if abs(score.values[0] - off) > off else score.values[0] + off
     null = Null(np.full((5, 1), bias), score.information, 1)
     unbiased = score.against(null)
-    assert unbiased.values[0] == pytest.approx(score.values[0] - null.bias[0])
+    assert unbiased.values[0] == pytest.approx(score.values[0] - BIAS_SHARE * null.bias[0])
+    assert unbiased.fitted[0] == pytest.approx(score.values[0])
     assert unbiased.gain == pytest.approx((unbiased.values[0] / score.stds[0]) ** 2, rel=1e-6)
     assert unbiased.gain - unbiased.score == pytest.approx(score.gain - score.score)
-    assert unbiased.calibrated <= unbiased.score
 
 
 @pytest.mark.slow

@@ -9,6 +9,7 @@ import pytest
 from synthetic_arm import clean_session, make_session, planar_machine, truth
 
 from fitting.pipeline.plausibility import _nearest, physics, plausibility
+from fitting.pipeline.stage_results import Physics
 from fitting.residual.friction_power import friction_power
 from fitting.residual.terms import Model
 
@@ -123,8 +124,9 @@ def test_a_link_that_no_body_can_be_is_named(model: Model) -> None:
 def test_the_constrained_fit_stands_beside_with_its_price(model: Model) -> None:
     wrong = changed(model, joint1__K=-800.0)
     said = physics(wrong.design, wrong)
-    assert len(said["constrained"]["theta"]) == len(wrong.fit.theta)
-    assert set(said["constrained"]["price_percent"]) == {"train", "validate"}
-    assert set(said["constrained"]["errors"]) >= {"train", "validate", "validate_rms"}
-    assert said["violations"][0]["text"] == "the stiffness of joint1 is negative"
-    assert physics(model.design, model) == {"violations": []}
+    assert said.constrained is not None
+    assert len(said.constrained.theta) == len(wrong.fit.theta)
+    assert set(said.constrained.price_percent) == {"train", "validate"}
+    assert set(said.constrained.errors) >= {"train", "validate", "validate_rms"}
+    assert said.violations[0]["text"] == "the stiffness of joint1 is negative"
+    assert physics(model.design, model) == Physics()

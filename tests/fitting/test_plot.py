@@ -64,7 +64,7 @@ def test_values_stand_where_the_axes_say_and_up_is_more() -> None:
     assert corners.tolist() == [[100.0, 250.0], [500.0, 50.0]]
 
 
-def test_a_band_goes_forth_on_one_edge_and_back_on_the_other() -> None:
+def test_the_outline_of_a_band_is_its_lower_edge_then_its_upper_edge_backwards() -> None:
     x = np.array([0.0, 5.0, 10.0])
     edge = points(panel().band(x, np.full(3, -0.5), np.full(3, 0.5), "red", 0.3))
     assert edge[:, 0].tolist() == [100.0, 300.0, 500.0, 500.0, 300.0, 100.0]

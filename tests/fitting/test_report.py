@@ -25,6 +25,7 @@ from fitting.report import (
     validate_report,
     write_report,
 )
+from fitting.report.schema import file
 from fitting.report.text import moment, moved, number, percent, unit, with_std
 from fitting.report.wording import as_chance, chance, explanation, follows, nearest, readable, sizes, verdict_sentence
 
@@ -615,6 +616,11 @@ def test_the_json_schema_has_the_keys_as_written() -> None:
     assert "validate" in schema["$defs"]["ErrorPair"]["properties"]
 
 
+def test_the_published_schema_is_that_of_the_definition() -> None:
+    said = "write it anew with 'python -m fitting.report.schema.file', and the page's types with 'npm run types'"
+    assert file.PLACE.read_text(encoding="utf-8") == file.text(), said
+
+
 # --- numbers ------------------------------------------------------------------------------------------------------
 
 
@@ -738,6 +744,20 @@ def test_a_law_that_a_known_effect_may_be_says_so() -> None:
     law["could_be"] = [{"id": "gas_spring", "joint": law["joint"], "title": "a gas spring", "probability": 0.74}]
     said = verdict_sentence(report, {})
     assert "and no known effect explains it for certain; it may be a gas spring (74" in said
+
+
+@pytest.mark.parametrize(("own", "rivals", "doubtful"), [(0.2, 0.1, True), (0.2, 0.6, False), (0.001, 0.0, True)])
+def test_a_name_that_is_less_probable_than_what_is_in_no_catalogue_says_so(
+    own: float, rivals: float, doubtful: bool
+) -> None:
+    report = sample_report("effect_added")
+    entry = report["loop"]["effects"][0]
+    rival = {"id": "gas_spring", "joint": entry["joint"], "title": "a gas spring", "probability": rivals}
+    entry |= {"probability": own, "indistinguishable_from": [rival] if rivals else []}
+    said = verdict_sentence(report, {})
+    assert ("takes a part of what is missing" in said) == doubtful
+    assert ("something that is in no catalogue is more probable" in said) == doubtful
+    assert not (doubtful and "The model lacked" in said)
 
 
 def test_a_number_without_a_unit_has_none() -> None:

@@ -16,6 +16,7 @@ from arm_examples import SHARED
 
 from fitting.loop.session import Request, Session
 from fitting.pipeline.results import build_report
+from fitting.pipeline.stage_results import StageResults
 from fitting.pipeline.stages import STEPS
 from fitting.report import Figures
 
@@ -38,9 +39,9 @@ def made(case: str) -> tuple[dict[str, Any], Figures]:
         pytest.skip(f"sample {case} is not there")
     files = tuple((role, directory / f"{name}.parquet") for name, role in ROLES.items())
     session = Session.load(Request(directory / "machine.yaml", files, Path("nowhere")))
-    results: dict[str, dict[str, Any]] = {}
-    for stage, compute in STEPS.items():
-        results[stage] = compute(session, results, lambda fraction, text: None)
+    results = StageResults()
+    for compute in STEPS.values():
+        results = results.having(compute(session, results, lambda fraction, text: None))
     return build_report(session, results)
 
 

@@ -27,7 +27,9 @@ V = np.linspace(-0.2, 0.2, 61)
         (X, np.where(X > 0.333, 50.0, -10.0), "step", 0.333),
     ],
 )
-def test_a_curve_of_a_family_is_told_as_it(x: np.ndarray, curve: np.ndarray, kind: str, shape: float) -> None:
+def test_a_curve_of_a_family_of_formulas_is_recognised(
+    x: np.ndarray, curve: np.ndarray, kind: str, shape: float
+) -> None:
     found = nearest_formula(x, curve, np.full(len(x), 0.01))
     assert found is not None
     assert found.kind == kind

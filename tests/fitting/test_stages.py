@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from pydantic_core import PydanticSerializationError
 from synthetic_arm import make_recordings, planar_machine, truth
 
 from daq.errors import HilfitError, InputError
@@ -19,6 +20,7 @@ from daq.recording import write_recording
 from fitting.loop.session import Options, Request
 from fitting.pipeline import stages
 from fitting.pipeline.stage_program import load_request, main
+from fitting.pipeline.stage_results import Written
 from fitting.pipeline.stages import STAGES, identify, run_stage
 
 
@@ -135,8 +137,8 @@ def test_an_unknown_stage_is_an_input_error(files: Path, tmp_path: Path) -> None
 
 def test_a_stage_that_fails_leaves_nothing_half(files: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     request = request_of(files, tmp_path / "report")
-    monkeypatch.setitem(stages.STEPS, "check", lambda *args: {"value": {1, 2}})  # a set is no JSON
-    with pytest.raises(TypeError):
+    monkeypatch.setitem(stages.STEPS, "check", lambda *args: Written({1, 2}, ""))
+    with pytest.raises(PydanticSerializationError):
         run_stage("check", request)
     assert not [p for p in (tmp_path / "report").rglob("*") if p.is_file()]
 

@@ -77,7 +77,7 @@ def test_what_it_says_is_the_product(found: Attribution) -> None:
 
 
 @pytest.mark.slow
-def test_a_small_product_is_seen_as_one_function_where_nine_are_not_worth_their_price() -> None:
+def test_a_small_product_is_found_by_one_function_where_nine_parameters_cost_more_than_they_gain() -> None:
     session = session_with(lambda segment: 0.09 * product(segment))
     nine = best_surface(session.base_model, 0, ("joint_position", 1))
     assert nine is not None and nine.gain < least_gain(9, nine.grid)
@@ -95,7 +95,7 @@ def test_a_small_product_is_seen_as_one_function_where_nine_are_not_worth_their_
     assert rows[0] == pytest.approx(-rows[-1]) and np.abs(rows[3]).max() < 1e-9, "nothing in the middle"
 
 
-def test_nothing_is_no_product() -> None:
+def test_no_product_is_found_where_nothing_was_put_in() -> None:
     session = session_with(lambda segment: np.zeros(len(segment.q)))
     terms = [Term(law, joint) for joint in range(3) for law in surfaces(session.base_model, joint, twist=True)]
     scores = score_terms(session.base_model, terms, [1] * len(terms))
@@ -151,7 +151,7 @@ def test_all_pairs_are_asked_once_and_the_better_known_signal_comes_first() -> N
         assert best.term.content.signals[0] == first
 
 
-def test_the_report_names_both() -> None:
+def test_the_report_names_both_signals_of_a_surface() -> None:
     joints = ("joint1", "joint2", "joint3")
     law = Surface("joint_position", 1, True, True, (-1.0, 2.0), "joint_position", 2, (0.0, 4.0))
     assert second_variable(law, joints) == {"second_variable": "joint3.joint_position"}

@@ -2,52 +2,77 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
+import numpy as np
 import pytest
 
+from fitting.checks.findings import Finding
+from fitting.pipeline.loop_results import Attributed, Kinematic, OtherBand
+from fitting.pipeline.stage_results import Checked, Fitted, Physics, Refitted, Residual, StageResults
 from fitting.pipeline.verdict import verdict
 
+NOTHING = Fitted(np.zeros(2), np.ones(2), np.ones(2, dtype=bool))
+CLEAN: dict[str, Any] = {
+    "check": Checked(3.0, 1e-15, 26, 6, repeated=True),
+    "residual": Residual((0.5, 0.3), (True, True), measured=True),
+    "attribution": Attributed("nothing_missing"),
+    "refit": Refitted(
+        chosen=None,
+        comparison={},
+        weights="whitened",
+        estimation={},
+        before=NOTHING,
+        after=NOTHING,
+        parameter_error=0.2,
+        independent_rows={"train": 4000.0, "validate": 4000.0},
+        plausibility=Physics(),
+        condition_number=10.0,
+        chi_square_per_row=1.0,
+        drive_residual_std=(0.5, 0.3),
+        errors={"after": {"validate_rms": [0.52, 0.31]}},
+        overall={},
+    ),
+}
 
-def results(**changes: Any) -> dict[str, dict[str, Any]]:
+
+def results(**changes: Any) -> StageResults:
     """Stages of an identification in which everything speaks for 'nothing missing', with changes ``stage__key``."""
-    content: dict[str, dict[str, Any]] = {
-        "check": {},
-        "residual": {"kinematics": [], "noise_floor": [0.5, 0.3], "floor_valid": [True, True]},
-        "attribution": {"verdict": "nothing_missing", "looked": True, "other_bands": []},
-        "refit": {
-            "plausibility": {"violations": []},
-            "errors": {"after": {"validate_rms": [0.52, 0.31]}},
-            "parameter_error": 0.2,
-            "independent_rows": {"train": 4000.0, "validate": 4000.0},
-        },
-    }
+    content = dict(CLEAN)
     for key, value in changes.items():
         stage, name = key.split("__", 1)
-        content[stage][name] = value
-    return content
+        content[stage] = replace(content[stage], **{name: value})
+    found = StageResults()
+    for result in content.values():
+        found = found.having(result)
+    return found
+
+
+def gap(*rivals: str) -> Kinematic:
+    """A finding between two position sensors."""
+    return Kinematic((), (), (), 100.0, 40.0, 1e-3, 1e-4, rivals, 1.0, (0.0,) * len(rivals))
 
 
 JOINTS = ("boom", "arm")
-FINDING = {"code": "swapped_chambers", "severity": "mistake", "text": "boom: the chambers look swapped"}
-KINEMATIC = {"rivals": []}
+FINDING = Finding("swapped_chambers", "boom: the chambers look swapped", "swap them")
 
 
 @pytest.mark.parametrize(
     ("changes", "said"),
     [
         ({}, "nothing_missing"),
-        ({"check__findings": [FINDING], "attribution__verdict": "effect_added"}, "check_input"),
-        ({"check__findings": [{**FINDING, "severity": "note"}]}, "nothing_missing"),
+        ({"check__findings": (FINDING,), "attribution__verdict": "effect_added"}, "check_input"),
+        ({"check__findings": (replace(FINDING, severity="note"),)}, "nothing_missing"),
         (
-            {"refit__plausibility": {"violations": [{"text": "x"}]}, "attribution__verdict": "effect_added"},
+            {"refit__plausibility": Physics(({"text": "x"},)), "attribution__verdict": "effect_added"},
             "implausible",
         ),
         ({"attribution__looked": False, "attribution__verdict": "not_examined"}, "not_examined"),
         ({"attribution__verdict": "ambiguous"}, "ambiguous"),
-        ({"attribution__verdict": "unexplained", "residual__kinematics": [KINEMATIC]}, "unexplained"),
-        ({"residual__kinematics": [KINEMATIC]}, "effect_added"),
-        ({"residual__kinematics": [{"rivals": ["linkage_geometry"]}]}, "ambiguous"),
+        ({"attribution__verdict": "unexplained", "residual__kinematics": (gap(),)}, "unexplained"),
+        ({"residual__kinematics": (gap(),)}, "effect_added"),
+        ({"residual__kinematics": (gap("linkage_geometry"),)}, "ambiguous"),
     ],
 )
 def test_the_strictest_finding_decides(changes: dict[str, Any], said: str) -> None:
@@ -57,9 +82,9 @@ def test_the_strictest_finding_decides(changes: dict[str, Any], said: str) -> No
 @pytest.mark.parametrize(
     ("changes", "reason"),
     [
-        ({"residual__floor_valid": [True, False]}, "the noise of arm is not known"),
+        ({"residual__floor_valid": (True, False)}, "the noise of arm is not known"),
         ({"refit__errors": {"after": {"validate_rms": [0.9, 0.5]}}}, "is 1.73 times the noise"),
-        ({"attribution__other_bands": [{"bandwidth_hz": 2.1, "found": ["stribeck at boom"]}]}, "2.1 Hz"),
+        ({"attribution__other_bands": (OtherBand(2.1, ("stribeck at boom",)),)}, "2.1 Hz"),
     ],
 )
 def test_nothing_missing_needs_everything_to_speak_for_it(changes: dict[str, Any], reason: str) -> None:

@@ -7,8 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fitting.effects import effects
-from fitting.residual.witness import Witness, excluded, excluded_levels, objection, witness
+from fitting.residual.witness import Witness, objection, witness
 
 
 class Rows:
@@ -124,20 +123,6 @@ def test_what_is_gone_without_a_load_is_not_the_cylinders() -> None:
     assert objection("cylinder", there) == ""
     assert "not" in objection("joint", there, twin=there)
     assert objection("joint", there, twin=gone) == ""
-    assert excluded_levels(gone) == {"cylinder"}
-    assert excluded_levels(there) == {"joint"}
-    assert excluded_levels(Rows(7).witness()) == frozenset()
-
-
-def test_ids_of_the_catalogue_that_a_witness_excludes() -> None:
-    levels = {e.id: e.level for e in effects()}
-    without_load = excluded(levels, Rows(8).witness(0.0, 0.6))
-    with_load = excluded(levels, Rows(8).witness(0.6, 0.6))
-    assert {"position_dependent_friction", "end_cushion", "stribeck"} <= set(without_load)
-    assert "load_dependent_friction" not in without_load
-    assert {"hose_stiffness", "pose_dependent_friction"} <= set(with_load)
-    assert not set(without_load) & set(with_load)
-    assert excluded(levels, Rows(8).witness()) == ()
 
 
 def test_words_name_what_was_seen() -> None:

@@ -13,35 +13,21 @@ from datetime import date
 from typing import Any, Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import Field, ValidationError
 
 from daq.errors import HilfitError
+from fitting.report.schema.figures import FigureData, Summary
+from fitting.report.schema.loop import Loop
+from fitting.report.schema.parts import Part, Value
 
 SCHEMA = "hilfit/report/1"
-
-Verdict = Literal[
-    "check_input", "implausible", "not_examined", "nothing_missing", "effect_added", "ambiguous", "unexplained"
-]
-Status = Literal["accepted", "rejected", "indistinguishable", "artefact"]
 
 
 class ReportError(HilfitError):
     """A report is not what `hilfit/report/1` says."""
 
 
-class _Part(BaseModel):
-    model_config = ConfigDict(extra="allow", allow_inf_nan=False)
-
-
-class Value(_Part):
-    """A number with its standard deviation and unit."""
-
-    value: float | None = None
-    std: float | None = None
-    unit: str | None = None
-
-
-class DataEvent(_Part):
+class DataEvent(Part):
     """What happened to a device or a bus while a recording was made."""
 
     time: float | None = None  # s since its first row; negative: before
@@ -52,24 +38,24 @@ class DataEvent(_Part):
     count: int = Field(ge=0)
 
 
-class DataFile(_Part):
+class DataFile(Part):
     """A recording that was used."""
 
     role: str
     file: str
     sha256: str
     samples: int = Field(ge=0)
-    events: list[DataEvent] = []
+    events: list[DataEvent] = Field(default_factory=list)
 
 
-class Reduction(_Part):
+class Reduction(Part):
     """From the standard parameters of the links to those that act on the joints at all."""
 
     standard_parameters: int
     base_parameters: int
 
 
-class CylinderResult(_Part):
+class CylinderResult(Part):
     """Drive parameters of one joint."""
 
     parameters: dict[str, Value]
@@ -78,16 +64,17 @@ class CylinderResult(_Part):
     stage_1: dict[str, Any] | None = None
 
 
-class BaseParameter(_Part):
+class BaseParameter(Part):
     """A base parameter: the combination of link parameters that it is."""
 
+    name: str | None = None
     expression: str
     value: float | None
     std: float | None
     unit: str
 
 
-class RigidBody(_Part):
+class RigidBody(Part):
     """Stage 2."""
 
     estimator: str
@@ -95,7 +82,7 @@ class RigidBody(_Part):
     parameters: list[BaseParameter]
 
 
-class ErrorPair(_Part):
+class ErrorPair(Part):
     """Error on the motion that was fitted, and on the one that was not.
 
     The bare role is the standard deviation; ``rms`` and ``mean`` see a constant offset too; ``relative`` is the norm of
@@ -112,7 +99,7 @@ class ErrorPair(_Part):
     validate_relative: float | None = None
 
 
-class JointErrors(_Part):
+class JointErrors(Part):
     """Errors of one joint."""
 
     unit: str
@@ -123,7 +110,7 @@ class JointErrors(_Part):
     two_stage: ErrorPair | None = None
 
 
-class OneShot(_Part):
+class OneShot(Part):
     """The regression of everything at once."""
 
     condition_number: float | None
@@ -131,7 +118,7 @@ class OneShot(_Part):
     relative: dict[str, Any] | None = None
 
 
-class OverallSize(_Part):
+class OverallSize(Part):
     """One size of the error of all joints, on the validation motion and (``train_``) on the one that was fitted."""
 
     before: float | None = None
@@ -150,131 +137,18 @@ class OverallRelative(OverallSize):
     of: Literal["stacked", "joints"] = "stacked"
 
 
-class Overall(_Part):
+class Overall(Part):
     """All joints together, on the validation motion; ``rms`` and ``mean`` are in noise floors as well."""
 
     before: float | None
     after: float | None
     change_percent: float | None
     ci95_percent: tuple[float, float] | None
+    role: Literal["train", "validate"] | None = None
+    unit: str | None = None
     rms: OverallSize | None = None
     mean: OverallSize | None = None
     relative: OverallRelative | None = None
-
-
-class Named(_Part):
-    """An effect by id, at a joint or (null) at the whole machine."""
-
-    id: str
-    joint: str | None = None
-
-
-class Likely(Named):
-    """An effect by id, and how probable it is."""
-
-    probability: float | None = None
-
-
-class Hypothesis(_Part):
-    """One explanation of everything: effects and laws beside the base model; none of either is "nothing"."""
-
-    effects: list[Named] = []
-    laws: list[dict[str, Any]] = []
-    probability: float
-
-
-class RecordedMotion(_Part):
-    """A designed motion that was recorded to close an ambiguity; ``chance`` is what was expected of it."""
-
-    text: str
-    rods: str
-    seconds: float
-    recording: str
-    separates: list[str] = []
-    chance: float
-
-
-class ResolutionStep(_Part):
-    """Explanations before a motion was recorded, and with its recording, the most probable first."""
-
-    before: list[Hypothesis]
-    motion: RecordedMotion
-    after: list[Hypothesis]
-
-
-class AddedEffect(Likely):
-    """An effect that was added to the model."""
-
-    title: str | None = None
-    equation: str | None = None
-    look_at: str = ""
-    parameters: dict[str, Value] = {}
-    indistinguishable_from: list[Likely | str] = []
-    evidence: dict[str, Any] = {}
-
-
-class SimpleFormula(_Part):
-    """The simple formula nearest to a law: its shape (an exponent, or in the signal's unit) and the share it explains.
-
-    ``rising`` is false of a threshold that acts below its place, and of an exponential that falls.
-    """
-
-    kind: Literal["power", "exponential", "threshold", "sine", "step"]
-    shape: float
-    rising: bool
-    amplitude: float
-    share: float
-
-
-class Law(_Part):
-    """A measured law: value and standard deviation over a grid of its variable, and the nearest simple formula."""
-
-    grid: list[float] = []
-    value: list[float] = []
-    std: list[float] = []
-    formula: SimpleFormula | None = None
-
-
-class Unexplained(_Part):
-    """Structure that no known effect fits for certain; ``could_be`` has those that may be it all the same."""
-
-    joint: str | None
-    variable: str
-    law: Law
-    added: bool = True
-    probability: float | None = None
-    could_be: list[Likely] = []
-    evidence: dict[str, Any] = {}
-
-
-class Candidate(Named):
-    """An effect that was tried."""
-
-    score: float | None = None
-    status: Status
-    reason: str = ""
-
-
-class DetectionLimit(Named):
-    """The smallest size of an effect that these recordings would have shown."""
-
-    smallest: float | None
-    unit: str
-
-
-class Loop(_Part):
-    """What the residual loop found."""
-
-    verdict: Verdict
-    reasons: list[str] = []
-    effects: list[AddedEffect] = []
-    unexplained: list[Unexplained] = []
-    hypotheses: list[Hypothesis] = []
-    candidates: list[Candidate] = []
-    detection_limits: list[DetectionLimit] = []
-    looked: bool = True
-    next_experiment: dict[str, Any] | str | None = None
-    resolution: list[ResolutionStep] = []
 
 
 def looked(loop: Mapping[str, Any]) -> bool:
@@ -282,7 +156,7 @@ def looked(loop: Mapping[str, Any]) -> bool:
     return bool(loop.get("looked", True))
 
 
-class Way(_Part):
+class Way(Part):
     """One way to the base model's parameters, with its relative errors."""
 
     name: str
@@ -291,7 +165,7 @@ class Way(_Part):
     held_out_error: float | None = None
 
 
-class Estimation(_Part):
+class Estimation(Part):
     """The ways to the parameters that were tried, and why one is handed out."""
 
     chosen: str
@@ -299,7 +173,7 @@ class Estimation(_Part):
     why: str
 
 
-class Violation(_Part):
+class Violation(Part):
     """A parameter that cannot be, physically."""
 
     kind: str
@@ -313,14 +187,14 @@ class Violation(_Part):
     cause: str
 
 
-class Plausibility(_Part):
+class Plausibility(Part):
     """Parameters that cannot be, and beside them the fit that keeps to what can (``constrained``)."""
 
-    violations: list[Violation] = []
+    violations: list[Violation] = Field(default_factory=list)
     constrained: dict[str, Any] | None = None
 
 
-class Checked(_Part):
+class Checked(Part):
     """What may be wrong with files or wiring, and its cure."""
 
     code: str
@@ -331,7 +205,7 @@ class Checked(_Part):
     severity: Literal["mistake", "note"] = "mistake"
 
 
-class Shift(_Part):
+class Shift(Part):
     """How far a parameter moved when the effects were added."""
 
     name: str
@@ -340,7 +214,7 @@ class Shift(_Part):
     sigmas: float | None
 
 
-class Report(_Part):
+class Report(Part):
     """`report.json`."""
 
     schema_: Literal["hilfit/report/1"] = Field(alias="schema")
@@ -359,9 +233,11 @@ class Report(_Part):
     plausibility: Plausibility | None = None
     parameter_shifts: list[Shift]
     warnings: list[str]
-    checks: list[Checked] = []
+    checks: list[Checked] = Field(default_factory=list)
     bandwidth_hz: float | None = None
     noise_floor_method: str | None = None
+    summary: Summary | None = None
+    figures: FigureData | None = None
 
 
 def clean(value: Any) -> Any:

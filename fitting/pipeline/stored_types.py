@@ -1,0 +1,54 @@
+"""Types of fields that are kept as JSON: arrays, terms and hypotheses, with how each is written and read."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any
+
+import numpy as np
+import numpy.typing as npt
+from pydantic import ConfigDict, PlainSerializer, PlainValidator, with_config
+
+from fitting.loop.residual_loop import term_from_json, term_to_json
+from fitting.residual.findings import Hypothesis
+from fitting.residual.terms import Term
+
+
+def _numbers(value: Any) -> npt.NDArray[np.float64]:
+    return np.asarray(value, dtype=float)
+
+
+def _flags(value: Any) -> npt.NDArray[np.bool_]:
+    return np.asarray(value, dtype=bool)
+
+
+# Their types say that infinities are numbers here, which JSON itself does not have.
+def _numbers_to_json(value: npt.NDArray[np.float64]) -> list[float] | list[list[float]]:
+    return list(value.tolist())
+
+
+def _flags_to_json(value: npt.NDArray[np.bool_]) -> list[bool]:
+    return list(value.tolist())
+
+
+def _term(value: Any) -> Term:
+    return value if isinstance(value, Term) else term_from_json(value)
+
+
+def _hypothesis(value: Any) -> Hypothesis:
+    if isinstance(value, Hypothesis):
+        return value
+    return Hypothesis(tuple(term_from_json(term) for term in value["terms"]), value["probability"])
+
+
+def _hypothesis_to_json(value: Hypothesis) -> dict[str, Any]:
+    return {"terms": [term_to_json(term) for term in value.terms], "probability": value.probability}
+
+
+Numbers = Annotated[npt.NDArray[np.float64], PlainValidator(_numbers), PlainSerializer(_numbers_to_json)]
+Flags = Annotated[npt.NDArray[np.bool_], PlainValidator(_flags), PlainSerializer(_flags_to_json)]
+StoredTerm = Annotated[Term, PlainValidator(_term), PlainSerializer(term_to_json)]
+StoredHypothesis = Annotated[Hypothesis, PlainValidator(_hypothesis), PlainSerializer(_hypothesis_to_json)]
+Json = dict[str, Any]
+
+#: Marks a dataclass that is kept as JSON: keys that it does not have are refused when it is read.
+stored = with_config(ConfigDict(extra="forbid"))

@@ -1,0 +1,19 @@
+"""What objects of the report have in common."""
+
+from __future__ import annotations
+
+from pydantic import BaseModel, ConfigDict
+
+
+class Part(BaseModel):
+    """An object of the report; keys of later versions are taken as they are."""
+
+    model_config = ConfigDict(extra="allow", allow_inf_nan=False)
+
+
+class Value(Part):
+    """A number with its standard deviation and unit."""
+
+    value: float | None = None
+    std: float | None = None
+    unit: str | None = None
