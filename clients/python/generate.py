@@ -155,7 +155,7 @@ def generate(text: bytes) -> str:
         head = f'class {class_name(group)}Api:\n    """What is below ``/{group}``."""\n\n'
         start = "    def __init__(self, transport: Transport) -> None:\n        self._transport = transport\n"
         parts.append(head + "\n".join([start, *methods]))
-    lines = [f"        self.{group} = {class_name(group)}Api(transport)" for group in groups]
+    lines = [f"        self.{group.replace('-', '_')} = {class_name(group)}Api(transport)" for group in groups]
     parts.append(
         'class Api:\n    """All resources of a service."""\n\n'
         "    def __init__(self, transport: Transport) -> None:\n        self.transport = transport\n" + "\n".join(lines)

@@ -6,7 +6,9 @@ from server.access.access_resource import ACCESS
 from server.alarms.alarm_resource import ALARMS
 from server.audit.audit_resource import AUDIT
 from server.backups.backup_resource import BACKUPS
+from server.bus_checks.bus_check_resource import BUS_CHECKS
 from server.calibrations.calibration_resource import CALIBRATIONS
+from server.can_signals.can_signals_resource import CAN_SIGNALS
 from server.effects.effect_resource import EFFECTS
 from server.excitations.excitation_resource import EXCITATIONS
 from server.fleet.fleet_resource import FLEET
@@ -27,6 +29,8 @@ from server.traces.traces_resource import TRACES
 RESOURCES = (
     LIVE,
     MACHINES,
+    BUS_CHECKS,
+    CAN_SIGNALS,
     MONITOR,
     FLEET,
     HISTORY,

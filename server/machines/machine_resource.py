@@ -57,7 +57,11 @@ def _running(parts: Parts) -> Iterator[Running]:
 
 def _files(connection: sa.Connection) -> NamedFiles:
     versions = connection.execute(sa.select(machine_versions.c.name, machine_versions.c.version))
-    return NamedFiles(needed=frozenset(f"machines/{row.name}/{row.version}.yaml" for row in versions))
+    rows = [(row.name, row.version) for row in versions]
+    return NamedFiles(
+        needed=frozenset(f"machines/{name}/{version}.yaml" for name, version in rows),
+        others=frozenset(f"machines/{name}" for name, _ in rows),  # DBC and EDS files beside them
+    )
 
 
 def _metrics(parts: Parts) -> Iterator[Metric]:

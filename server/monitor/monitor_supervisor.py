@@ -199,7 +199,7 @@ class Monitors:
                 progress=lambda _, text: self._heard(machine, watch, json.loads(text)),
                 should_stop=watch.stop.is_set,
             )
-            reason = result.error or "the acquisition ended"
+            reason = (result.error or "the acquisition ended").replace(f"{self._files.root}/", "")
         except Exception as error:
             _log.error("monitor_failed", machine=machine, exc_info=error)
             reason = "the monitor failed unexpectedly; the log of the service says why"

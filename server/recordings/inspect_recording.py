@@ -26,7 +26,7 @@ def findings_on(machine: Machine, recording: Recording, machine_file: Path) -> l
     except Exception as error:
         print(f"the checks failed: {error!r}", file=sys.stderr)
         return []
-    told = for_report([finding.to_json() for finding in found])
+    told = for_report(found)
     # The file has another name here than the one that people know it by.
     return [{**own, "recording": None, "text": own["text"].replace(f"{recording.file}: ", "")} for own in told]
 

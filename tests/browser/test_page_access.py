@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from typing import Any
 
@@ -18,10 +19,20 @@ VIEWS = (
     "results",
     "calibrations",
     "schedules",
+    "calibrations/compare/a/b",
+    "machines/lever",
+    "pose",
+    "history",
+    "fleet",
     "machines",
+    "service/audit",
+    "service/log",
     "pair",
 )
-SHAPES = {"landscape-light": (1280, 800, "light"), "portrait-dark": (800, 1280, "dark")}
+SHAPES = {"landscape-light-en": (1280, 800, "light", "en-GB"), "portrait-dark-de": (800, 1280, "dark", "de-AT")}
+#: What the live view shows once values come, and what each view shows while it waits.
+FRESH = {"en": ("Joint positions", "fresh"), "de": ("Gelenkstellungen", "aktuell")}
+READING = re.compile("Reading …|Wird gelesen …")
 #: CSS px on a side; what a finger hits in a label counts as the label.
 LEAST = 44
 _TARGETS = """() => [...document.querySelectorAll("a[href], button, input, select, textarea, summary")]
@@ -39,14 +50,15 @@ _TARGETS = """() => [...document.querySelectorAll("a[href], button, input, selec
 @pytest.fixture(scope="module", params=SHAPES)
 def tablet(browser: Any, site: Site, request: pytest.FixtureRequest) -> Iterator[Any]:
     """A tab of each shape and colour scheme."""
-    width, height, scheme = SHAPES[request.param]
+    width, height, scheme, locale = SHAPES[request.param]
     context = browser.new_context(
-        viewport={"width": width, "height": height}, color_scheme=scheme, reduced_motion="reduce"
+        viewport={"width": width, "height": height}, color_scheme=scheme, locale=locale, reduced_motion="reduce"
     )
     context.set_default_timeout(60_000)
     page = context.new_page()
     page.goto(f"{site.url}/")
-    page.get_by_role("region", name="Joint positions").get_by_text("fresh").wait_for()
+    region, fresh = FRESH[locale[:2]]
+    page.get_by_role("region", name=region).get_by_text(fresh).wait_for()
     yield page
     context.close()
 
@@ -54,7 +66,7 @@ def tablet(browser: Any, site: Site, request: pytest.FixtureRequest) -> Iterator
 def show(page: Any, site: Site, view: str) -> None:
     page.goto(f"{site.url}/#/{view}")
     page.locator("main h1").first.wait_for()
-    page.get_by_text("Reading …").wait_for(state="detached")
+    page.get_by_text(READING).wait_for(state="detached")
 
 
 @pytest.mark.parametrize("view", VIEWS)
@@ -133,3 +145,18 @@ def test_a_question_holds_the_focus_and_escape_says_no(page: Any, site: Site) ->
     end.click()
     page.get_by_role("button", name="End it").click()
     page.get_by_role("button", name="Begin").wait_for()
+
+
+def test_the_language_is_the_browsers_until_somebody_chooses_and_is_kept(browser: Any, site: Site) -> None:
+    context = browser.new_context(locale="de-DE")
+    context.set_default_timeout(60_000)
+    page = context.new_page()
+    page.goto(f"{site.url}/#/alarms")
+    page.get_by_role("heading", name="Alarme").wait_for()
+    assert page.evaluate("document.documentElement.lang") == "de"
+    page.get_by_label("Sprache").select_option("en")
+    page.get_by_role("heading", name="Alarms").wait_for()
+    assert page.evaluate("document.documentElement.lang") == "en"
+    page.reload()
+    page.get_by_role("heading", name="Alarms").wait_for()
+    context.close()

@@ -9,7 +9,7 @@ from typing import Any, Literal, NotRequired, TypedDict, Unpack
 from hilfit_client.transport import Transport
 
 #: SHA-256 of the description that this was made from.
-SOURCE_SHA256 = "c495f05f94e22bef714fa235350dff83cf28437dcacb5263466d011be9c496b1"
+SOURCE_SHA256 = "3d7842a8063216b39e5a4ac19fb542d14188939c05c09cde66ad2d2d264b3627"
 
 
 class AcquisitionWish(TypedDict):
@@ -61,6 +61,22 @@ class BackupResource(TypedDict):
     missing: list[str]
 
 
+class BusCheck(TypedDict):
+    """Every device and every channel of a machine; `findings` are lines about what is not as it should be."""
+
+    channels: list[CheckedChannel]
+    cycles: int
+    devices: list[CheckedDevice]
+    findings: list[str]
+    machine: str
+    notes: list[str]
+    rate_hz: float
+    seconds: float
+    skipped: int
+    utc: str
+    worst_late_ms: float
+
+
 class CalibrationList(TypedDict):
     """A page of calibrations."""
 
@@ -89,6 +105,80 @@ class CalibrationResource(TypedDict):
     verdict: str
 
 
+class CanBus(TypedDict):
+    """A bus; `problems` are lines about channels, `left_out` counts signals that are not listed at all."""
+
+    files: list[CanFile]
+    left_out: int
+    name: str
+    problems: list[str]
+
+
+class CanFile(TypedDict):
+    """A file that a bus names: its digest (null if it is not there), or why it cannot be read."""
+
+    error: str | None
+    messages: int
+    name: str
+    sha256: str | None
+    signals: int
+
+
+class CanFileReplaced(TypedDict):
+    """A file that was replaced."""
+
+    name: str
+    sha256: str
+
+
+class CanSignal(TypedDict):
+    """A signal of a DBC file: its value in `unit` is `factor * raw + offset`."""
+
+    bits: int
+    bus: str
+    byte_order: Literal["little", "big"]
+    channels: list[str]
+    cycle_ms: int | None
+    extended: bool
+    factor: float | None
+    file: str
+    frame_id: int
+    is_float: bool
+    maximum: float | None
+    message: str
+    message_bytes: int
+    minimum: float | None
+    multiplexer: str | None
+    multiplexer_values: list[int]
+    offset: float | None
+    pgn: int | None
+    refusal: str | None
+    selects: bool
+    signal: str
+    signed: bool
+    source: dict[str, str | int] | None
+    start_bit: int
+    unit: str
+
+
+class CanSignalList(TypedDict):
+    """Buses of plain CAN or J1939 of a machine, and `found` signals, of which the first are listed."""
+
+    buses: list[CanBus]
+    found: int
+    items: list[CanSignal]
+    machine: str
+    quantities: list[CanSignalQuantity]
+    version: int
+
+
+class CanSignalQuantity(TypedDict):
+    """What a channel can measure, and whether it then names a joint."""
+
+    name: str
+    of_a_joint: bool
+
+
 class ChannelStatistics(TypedDict):
     """One channel in the unit of the file; null where no value is finite."""
 
@@ -107,6 +197,39 @@ class ChannelTrace(TypedDict):
     high: list[float | None] | None
     low: list[float | None]
     unit: str
+
+
+class CheckedChannel(TypedDict):
+    """A channel at rest, in its `unit`; null where nothing was measured."""
+
+    age_ms: float | None
+    bus: str
+    device: str
+    drift: float | None
+    drift_std: float | None
+    jitter_ms: float | None
+    moved: bool
+    name: str
+    noise: float | None
+    others: dict[str, int]
+    raw: float | None
+    share: float
+    step: float | None
+    unit: str
+    value: float | None
+
+
+class CheckedDevice(TypedDict):
+    """A device: its state with a line that says more, what it says of itself, and where its values are."""
+
+    bus: str
+    detail: str
+    device: str
+    identity: dict[str, str]
+    jitter_ms: float | None
+    latency_ms: float | None
+    mapping: str
+    state: str
 
 
 class CodeOrder(TypedDict):
@@ -1059,6 +1182,37 @@ class CalibrationsApi:
         return answer
 
 
+class CanSignalsApi:
+    """What is below ``/can-signals``."""
+
+    def __init__(self, transport: Transport) -> None:
+        self._transport = transport
+
+    def list_signals(
+        self, *, machine: str, bus: str | None = None, search: str | None = None, limit: int | None = None
+    ) -> CanSignalList:
+        """List the signals of a machine's buses of plain CAN or J1939, as their DBC files describe them."""
+        answer: CanSignalList = self._transport.json(
+            "GET", "/api/v1/can-signals", query={"machine": machine, "bus": bus, "search": search, "limit": limit}
+        )
+        return answer
+
+    def file(self, *, machine: str, name: str) -> bytes:
+        """Download a DBC file that a machine's file names."""
+        return self._transport.content("GET", "/api/v1/can-signals/file", query={"machine": machine, "name": name})
+
+    def upload(self, content: bytes, *, machine: str, name: str, if_match: str | None = None) -> CanFileReplaced:
+        """Upload a DBC file in the place of one that a machine's file names; acquisition goes on with the new one."""
+        answer: CanFileReplaced = self._transport.json(
+            "POST",
+            "/api/v1/can-signals/upload",
+            content=content,
+            query={"machine": machine, "name": name},
+            headers={"if-match": if_match},
+        )
+        return answer
+
+
 class EffectsApi:
     """What is below ``/effects``."""
 
@@ -1291,6 +1445,15 @@ class MachinesApi:
         """Start or stop acquiring a machine; it stays so over restarts."""
         answer: MachineDetail = self._transport.json(
             "PUT", f"/api/v1/machines/{self._transport.quoted(name)}/acquisition", json=dict(body)
+        )
+        return answer
+
+    def bus_check(self, name: str, *, seconds: float | None = None, depressurised: bool | None = None) -> BusCheck:
+        """Check the buses of an acquired machine by its newest frames: identity, mapping, latency, noise, zero, drift."""
+        answer: BusCheck = self._transport.json(
+            "GET",
+            f"/api/v1/machines/{self._transport.quoted(name)}/bus-check",
+            query={"seconds": seconds, "depressurised": depressurised},
         )
         return answer
 
@@ -1613,6 +1776,7 @@ class Api:
         self.audit = AuditApi(transport)
         self.backups = BackupsApi(transport)
         self.calibrations = CalibrationsApi(transport)
+        self.can_signals = CanSignalsApi(transport)
         self.effects = EffectsApi(transport)
         self.events = EventsApi(transport)
         self.excitations = ExcitationsApi(transport)

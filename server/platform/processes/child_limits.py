@@ -11,6 +11,8 @@ import resource
 
 #: Seconds of processor time for one machine file; the largest that is taken (:mod:`daq.safe_yaml`) needs about 2.
 MACHINE_FILE_CPU_S = 15
+#: For the DBC files of a machine.
+DBC_CPU_S = 60
 #: For one recording; reading 512 MB of CSV takes about a minute on one slow core.
 RECORDING_CPU_S = 120
 #: Address space, most of it never used, of Python with numpy, pyarrow and its threads while it reads a small CSV (1.8

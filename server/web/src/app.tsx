@@ -7,6 +7,7 @@ import { Connectivity } from "./shell/connectivity";
 import { pairingCode, useRoute } from "./routes";
 import { useSession } from "./session";
 import Alarms from "./views/alarms";
+import BusCheck from "./views/bus_check";
 import Calibrations from "./views/calibrations";
 import Fleet from "./views/fleet";
 import History from "./views/history";
@@ -20,29 +21,31 @@ import Recordings from "./views/recordings";
 import Results from "./views/results";
 import Schedules from "./views/schedules";
 import Service from "./views/service";
+import { t } from "./texts";
 
 const VIEWS = {
-  live: [Live, "Live"],
-  alarms: [Alarms, "Alarms"],
-  recalibrate: [Recalibrate, "Recalibrate"],
-  recordings: [Recordings, "Recordings"],
-  jobs: [Jobs, "Jobs"],
-  results: [Results, "Results"],
-  calibrations: [Calibrations, "Calibrations"],
-  schedules: [Schedules, "Schedules"],
-  machines: [Machines, "Machines"],
-  pose: [Pose, "Pose"],
-  history: [History, "History"],
-  fleet: [Fleet, "Fleet"],
-  service: [Service, "Service"],
-  pair: [Pair, "Pair this device"],
+  live: [Live, t("shell.live")],
+  alarms: [Alarms, t("common.alarms")],
+  recalibrate: [Recalibrate, t("common.recalibrate")],
+  recordings: [Recordings, t("common.recordings")],
+  jobs: [Jobs, t("common.jobs")],
+  results: [Results, t("common.results")],
+  calibrations: [Calibrations, t("common.calibrations")],
+  schedules: [Schedules, t("common.schedules")],
+  machines: [Machines, t("common.machines")],
+  "bus-check": [BusCheck, t("busCheck.title")],
+  pose: [Pose, t("common.pose")],
+  history: [History, t("shell.history")],
+  fleet: [Fleet, t("common.fleet")],
+  service: [Service, t("shell.service")],
+  pair: [Pair, t("common.pairThisDevice")],
 } as const;
 
 export function App() {
   const session = useSession();
   const route = useRoute();
   const name = route.path[0] ?? "live";
-  const [View, title] = VIEWS[name as keyof typeof VIEWS] ?? [NotFound, "Not found"];
+  const [View, title] = VIEWS[name as keyof typeof VIEWS] ?? [NotFound, t("shell.notFound")];
   const content = useRef<HTMLElement>(null);
   const first = useRef(true);
   useEffect(() => {
@@ -62,13 +65,13 @@ export function App() {
     return (
       <main id="content" class="alone">
         <h1>hilfit</h1>
-        <p role="status">Waiting for the service …</p>
+        <p role="status">{t("shell.waitingService")}</p>
       </main>
     );
   return (
     <>
       <a class="skip" href="#content" onClick={(event) => (event.preventDefault(), content.current?.focus())}>
-        Skip to the content
+        {t("shell.skipContent")}
       </a>
       <Header />
       <Navigation at={name} />
@@ -84,9 +87,9 @@ export function App() {
 function NotFound() {
   return (
     <>
-      <h1>Not found</h1>
+      <h1>{t("shell.notFound")}</h1>
       <p>
-        There is no such page. <a href="#/live">Go to the live signals</a>
+        {t("shell.thereNoSuchPage")} <a href="#/live">{t("shell.goLiveSignals")}</a>
       </p>
     </>
   );

@@ -3,6 +3,7 @@ import { useRef, useState } from "preact/hooks";
 import type { Command, Outcome } from "./net/client";
 import { useSession } from "./session";
 import { Notice, type NoticeText } from "./ui/controls";
+import { t } from "./texts";
 
 export interface CommandState {
   busy: boolean;
@@ -20,7 +21,7 @@ export function useCommand(): CommandState {
 
   async function run<T>(command: Command, done?: (value: T, location: string | null) => void): Promise<Outcome<T>> {
     if (under.current) {
-      return { kind: "refused", status: 0, text: "The command before is still under way.", problem: null };
+      return { kind: "refused", status: 0, text: t("common.commandBeforeStillUnder"), problem: null };
     }
     under.current = true;
     setBusy(true);

@@ -9,7 +9,9 @@ import { App } from "./app";
 import { Connection } from "./net/connection";
 import { watchWaking } from "./net/wake";
 import { SessionContext } from "./session";
+import { language } from "./texts/language";
 
+document.documentElement.lang = language;
 const connection = new Connection();
 connection.start();
 watchWaking(() => connection.woke());

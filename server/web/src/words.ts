@@ -1,37 +1,43 @@
 /** What the service's names mean to a person. */
 import type { NoticeKind } from "./ui/controls";
+import { t } from "./texts";
+
+/** What a role of access is called; the names are the service's. */
+export function accessWords(role: "viewer" | "operator" | "engineer" | "admin"): string {
+  return t(`common.role.${role}`);
+}
 
 export type Role = "unloaded" | "train" | "repeat" | "validate" | "operation";
 
 export const ROLE_WORDS: Record<Role, string> = {
-  operation: "Normal work",
-  unloaded: "Rods unpinned",
-  train: "Training motion",
-  repeat: "Training motion, once more",
-  validate: "Validation motion",
+  operation: t("common.normalWork"),
+  unloaded: t("common.rodsUnpinned"),
+  train: t("common.trainingMotion"),
+  repeat: t("common.trainingMotionOnceMore"),
+  validate: t("common.validationMotion"),
 };
 
 export const JOB_WORDS: Record<string, [NoticeKind | "off", string]> = {
-  queued: ["info", "Waiting for its turn"],
-  running: ["info", "Running"],
-  done: ["good", "Done"],
-  failed: ["bad", "Failed"],
-  cancelled: ["off", "Cancelled"],
+  queued: ["info", t("common.waitingItsTurn")],
+  running: ["info", t("common.running")],
+  done: ["good", t("common.done")],
+  failed: ["bad", t("common.failed")],
+  cancelled: ["off", t("common.cancelled")],
 };
 
 export const MONITOR_WORDS: Record<string, [NoticeKind | "off", string]> = {
-  off: ["off", "Monitor off"],
-  learning: ["info", "Learning the baseline"],
-  watching: ["good", "Monitor watches, no drift"],
-  drift: ["bad", "Drift: the arm is not as it was calibrated"],
+  off: ["off", t("common.monitorOff")],
+  learning: ["info", t("common.learningTheBaseline")],
+  watching: ["good", t("common.monitorWatchesNoDrift")],
+  drift: ["bad", t("common.driftArmNotAs")],
 };
 
 export const ACQUISITION_WORDS: Record<string, [NoticeKind | "off", string]> = {
-  off: ["off", "Acquisition is off"],
-  starting: ["info", "Acquisition is starting"],
-  running: ["good", "Acquisition is running"],
-  waiting: ["warning", "Acquisition broke off and is tried again"],
-  stopped: ["off", "Acquisition is stopped"],
+  off: ["off", t("common.acquisitionIsOff")],
+  starting: ["info", t("common.acquisitionIsStarting")],
+  running: ["good", t("common.acquisitionIsRunning")],
+  waiting: ["warning", t("common.acquisitionBrokeOffTried")],
+  stopped: ["off", t("common.acquisitionIsStopped")],
 };
 
 const words = (table: Record<string, [NoticeKind | "off", string]>, state: string): [NoticeKind | "off", string] =>

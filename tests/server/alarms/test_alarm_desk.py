@@ -98,7 +98,7 @@ def test_a_clock_that_is_set_shortens_no_delay(bench: Bench) -> None:
     assert bench.all() == []
 
 
-def test_the_sweep_ends_shelves(bench: Bench) -> None:
+def test_an_expired_shelf_is_ended_by_the_sweep(bench: Bench) -> None:
     bench.report(True, "residual_drift")
     id = bench.desk.active()[0].id
     bench.desk.shelve(id, "Ada", "known", 60)
@@ -162,7 +162,7 @@ def world(tmp_path: Path) -> Surroundings:
     return Surroundings(tmp_path / "store.sqlite")
 
 
-def test_all_is_well(world: Surroundings) -> None:
+def test_a_sound_machine_raises_no_alarm(world: Surroundings) -> None:
     assert world.look() == []
     assert world.ended == 0
 
@@ -219,7 +219,7 @@ def test_a_clock_that_is_set_is_told_once_and_nothing_else_happens(world: Surrou
     assert "-10800 s" in told[0].text
 
 
-def test_journals_count_as_used(tmp_path: Path) -> None:
+def test_journals_count_as_used_disk_space(tmp_path: Path) -> None:
     before = free_bytes(tmp_path)
     (tmp_path / "a.journal").write_bytes(b"x" * 2**20)
     assert free_bytes(tmp_path) <= before - 2**20 + 2**19  # others write to this disk too
@@ -228,7 +228,7 @@ def test_journals_count_as_used(tmp_path: Path) -> None:
     require_room(RESERVE_BYTES + 1)
 
 
-def test_texts_name_a_few() -> None:
+def test_long_lists_of_channels_are_shortened() -> None:
     assert named(["a", "b"]) == "a, b"
     assert named("abcde") == "a, b, c and 2 more"
     frame = {
@@ -237,7 +237,7 @@ def test_texts_name_a_few() -> None:
     assert stale_channels(frame) == ("stale", "missing", "bus_error")
 
 
-def test_over_http(running: Running) -> None:
+def test_an_alarm_is_read_acknowledged_and_shelved_over_http(running: Running) -> None:
     running.client.post(f"{API}/machines", content=MACHINE)
     running.service[Alarms].report("lever", "residual_drift", "joint1 drifts", "warning", True)
     alarm = running.client.get(f"{API}/alarms", params={"machine": "lever", "state": "active"}).json()["items"][0]

@@ -93,7 +93,7 @@ def test_any_change_shows_where_it_was_made(
     assert (found.intact, found.first_broken) == (False, number)
 
 
-def test_a_missing_entry_shows(audit: Audit, place: Path) -> None:
+def test_a_deleted_entry_is_found_by_the_verification(audit: Audit, place: Path) -> None:
     fill(audit)
     tamper(place, "DELETE FROM audit_log WHERE number = 3")
     assert audit.verify().first_broken == 4

@@ -153,7 +153,7 @@ def test_a_backup_that_cannot_be_written_says_so_and_leaves_nothing(
     assert list(backups.directory.iterdir()) == []
 
 
-def test_what_goes_while_it_is_copied_is_left_out_and_told(
+def test_a_file_that_is_deleted_during_the_copy_is_left_out_and_reported(
     files: DataDirectory, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """A recording is deleted after the store was copied, and a stage clears its directory while that is walked."""

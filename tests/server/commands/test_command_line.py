@@ -39,7 +39,7 @@ def run(capsys: pytest.CaptureFixture[str]) -> Run:
     return call
 
 
-def test_version(run: Run) -> None:
+def test_version_is_that_of_the_distribution(run: Run) -> None:
     assert run("--version") == (0, f"hilfit {version('hilfit')}\n", "")
 
 

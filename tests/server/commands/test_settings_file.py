@@ -66,7 +66,7 @@ def test_loopback_needs_no_access_control(host: str) -> None:
 
 
 @pytest.mark.parametrize("host", ["0.0.0.0", "::", "192.168.1.4", "example.org", ""])
-def test_anything_else_does(host: str) -> None:
+def test_a_host_beyond_loopback_needs_access_control(host: str) -> None:
     with pytest.raises(StartError, match="access control is off"):
         refuse_open_host(load_settings(host=host))
     refuse_open_host(load_settings(host=host, access="required"))

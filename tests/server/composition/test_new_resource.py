@@ -239,7 +239,7 @@ def test_its_list_is_kept_until_it_changes(guarded: Guarded, toy: dict[str, str]
     assert made["id"] in [row["id"] for row in changed.json()["items"]]
 
 
-def test_it_is_counted(guarded: Guarded, toy: dict[str, str]) -> None:
+def test_rows_of_a_new_resource_are_counted_in_the_metrics(guarded: Guarded, toy: dict[str, str]) -> None:
     text = guarded.client.get("/metrics", headers=guarded.bearer("viewer")).text
     (line,) = (line for line in text.splitlines() if line.startswith("toys "))
     assert float(line.split()[1]) >= 1

@@ -99,7 +99,7 @@ def test_a_recording_that_is_too_short_is_refused_in_one_line(tmp_path: Path) ->
         ((0.0, 0.0), (0.0, 0.0), (0.0, 0.0), False, [], []),
     ],
 )
-def test_the_table(
+def test_a_comparison_says_which_joints_got_better_or_worse(
     before: tuple[float, float],
     after: tuple[float, float],
     then: tuple[float, float],

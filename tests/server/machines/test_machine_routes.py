@@ -99,7 +99,7 @@ def test_a_wrong_file_is_refused_with_one_line(running: Running, content: bytes,
     assert running.client.get(MACHINES).json() == before
 
 
-def test_pages(running: Running) -> None:
+def test_machines_are_listed_in_pages(running: Running) -> None:
     for number in range(3):
         running.client.post(MACHINES, content=named(f"page{number}"))
     names: list[str] = []

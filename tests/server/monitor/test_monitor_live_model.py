@@ -103,7 +103,7 @@ def test_friction_is_not_seen_by_the_mean_over_strokes(live: LiveModel) -> None:
     assert abs(np.mean(np.concatenate([block.residual for block in blocks]))) < 0.4
 
 
-def test_a_gap_says_nothing(live: LiveModel) -> None:
+def test_a_window_with_a_gap_is_not_evaluated(live: LiveModel) -> None:
     data = recording(20, 6, "operation")
     time, values = windows(live, data)[0]
     holed = {**values, "joint1.torque": values["joint1.torque"].copy()}

@@ -23,6 +23,7 @@ from server.alarms.alarm_desk import Alarms
 from server.composition.declarations import TABLES
 from server.identifications.live_model import LiveModel, NotLiveError
 from server.monitor import monitor_child as child
+from server.monitor import monitor_supervisor
 from server.monitor.monitor_child import watch
 from server.monitor.monitor_order import Order, Rules
 from server.monitor.monitor_supervisor import Monitors
@@ -30,6 +31,7 @@ from server.monitor.residual_blocks import Windows
 from server.platform.database.engine import Database
 from server.platform.errors import ConflictError, UnavailableError
 from server.platform.files import DataDirectory
+from server.platform.processes.children import ChildResult
 
 NAMES = ("joint1.angle", "joint1.torque")
 RULES = Rules(learn=40, block_s=2.0)
@@ -206,6 +208,22 @@ def test_it_is_off_for_a_reason(world: World) -> None:
     world.ring_name, world.calibration = "some", None
     world.monitors.look()
     assert world.monitors.state("lever") == {"state": "off", "reason": "the machine has no active calibration"}
+
+
+def test_its_reason_names_files_below_the_data_directory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    world = World(tmp_path)
+    missing = world.files.identifications / "ident-1" / "model.json"
+    result = ChildResult("input", error=f"{missing}: no such file")
+    monkeypatch.setattr(monitor_supervisor, "run_child", lambda *command, **options: result)
+    world.ring_name = "some"
+    try:
+        world.monitors._directory.mkdir(exist_ok=True)
+        world.monitors.look()
+        state = world.wait(lambda state: state["state"] == "off")
+        assert state["reason"] == "identifications/ident-1/model.json: no such file"
+    finally:
+        world.monitors.stop()
+        world.database.close()
 
 
 @pytest.mark.slow

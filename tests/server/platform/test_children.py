@@ -48,7 +48,9 @@ print('{"summary": {"nice": %d}}' % os.nice(0))
         ("import os; os.kill(os.getpid(), 9)", "failed", "was ended by SIGKILL; is the memory too small?"),
     ],
 )
-def test_ends(tmp_path: Path, code: str, outcome: str, error: str) -> None:
+def test_the_end_of_a_child_is_reported_with_its_outcome_and_error(
+    tmp_path: Path, code: str, outcome: str, error: str
+) -> None:
     result = child(code, tmp_path)
     assert (result.outcome, result.error) == (outcome, error)
 

@@ -32,7 +32,7 @@ def memory(stream: io.StringIO) -> Iterator[LogMemory]:
     memory.stop()
 
 
-def test_it_holds_what_standard_error_was_told(memory: LogMemory, stream: io.StringIO) -> None:
+def test_the_log_memory_holds_the_lines_of_standard_error(memory: LogMemory, stream: io.StringIO) -> None:
     structlog.stdlib.get_logger(LOGGER).info("signed_in", token="abc", user="x")
     logging.getLogger("dbos").warning("a library\nspeaks")
     written = [json.loads(line) for line in stream.getvalue().splitlines()]
@@ -66,7 +66,7 @@ def test_a_line_is_cut_where_it_is_endless(memory: LogMemory) -> None:
     assert len(memory.after(0, 1)[0].detail["exception"]) < LONGEST + 10
 
 
-def test_after_it_stopped_nothing_is_heard(memory: LogMemory) -> None:
+def test_a_stopped_log_memory_stores_nothing(memory: LogMemory) -> None:
     memory.stop()
     structlog.stdlib.get_logger(LOGGER).info("late")
     assert memory.count == 0

@@ -152,6 +152,12 @@ def test_the_types_are_of_this_description_of_the_interface() -> None:
         assert file.readline() == f"// docs/openapi.json sha256 {digest}\n", REBUILD
 
 
+def test_the_types_of_reports_are_of_their_schema() -> None:
+    digest = hashlib.sha256((ROOT / "docs" / "report.schema.json").read_bytes()).hexdigest()
+    with (WEB / "src" / "views" / "results" / "report.gen.ts").open() as file:
+        assert file.readline() == f"// docs/report.schema.json sha256 {digest}\n", REBUILD
+
+
 @pytest.mark.slow
 def test_the_lock_file_names_no_registry() -> None:
     lock: dict[str, Any] = json.loads((WEB / "package-lock.json").read_text())

@@ -40,7 +40,7 @@ def test_a_sound_recording_has_no_findings(running: Running, tmp_path: Path) -> 
     assert upload(running, content(tmp_path, lambda angle: angle))["findings"] == []
 
 
-def test_a_slip_of_the_encoder_is_said_with_its_cure(running: Running, tmp_path: Path) -> None:
+def test_a_slipped_encoder_is_reported_with_its_cure(running: Running, tmp_path: Path) -> None:
     findings = upload(running, content(tmp_path, slipped))["findings"]
     assert isinstance(findings, list)
     assert [(own["code"], own["channel"], own["severity"]) for own in findings] == [("jump", "joint1.angle", "mistake")]

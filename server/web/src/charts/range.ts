@@ -1,4 +1,5 @@
 /** Which part of time is shown: the newest `span` seconds, or from one moment to another. */
+import { t } from "../texts";
 
 export type Shown = { kind: "live"; span: number } | { kind: "fixed"; from: number; to: number };
 export type Range = [number, number];
@@ -28,7 +29,7 @@ export function within([from, to]: Range, [low, high]: Range): Range {
 /** `10 s`, `2 min`, `8 h`. */
 export function spanWords(seconds: number): string {
   if (seconds < 60) return `${seconds} s`;
-  return seconds < 3600 ? `${seconds / 60} min` : `${seconds / 3600} h`;
+  return seconds < 3600 ? t("charts.min", { seconds: seconds / 60 }) : `${seconds / 3600} h`;
 }
 
 export const SPANS = [10, 30, 120, 600, 3600, 8 * 3600];

@@ -1,7 +1,7 @@
 /** One drawing over time (uPlot); its owner says when it is drawn, and of what. */
 import { useEffect, useRef } from "preact/hooks";
 import uPlot from "uplot";
-import { fixed } from "../ui/format";
+import { fixed, spelt } from "../ui/format";
 import { colours, theme } from "../ui/theme";
 import { gestures, type Hands } from "./gestures";
 import { overlays, type Overlays } from "./overlays";
@@ -182,7 +182,7 @@ export function clock(utc: number, exact: 0 | 1 | 2): string {
   const minutes = `${two(date.getHours())}:${two(date.getMinutes())}`;
   if (exact === 0) return minutes;
   const seconds = `${minutes}:${two(date.getSeconds())}`;
-  return exact === 1 ? seconds : `${seconds}.${two(Math.floor(date.getMilliseconds() / 10))}`;
+  return exact === 1 ? seconds : `${seconds}${spelt(`.${two(Math.floor(date.getMilliseconds() / 10))}`)}`;
 }
 
 /** Seconds since the first row. */

@@ -2,6 +2,7 @@
 import type { ComponentChildren } from "preact";
 import { Button, type SelectEvent } from "../ui/controls";
 import { type Range, SPANS, panned, type Shown, spanWords, zoomed } from "./range";
+import { t } from "../texts";
 
 interface ToolbarProps {
   shown: Shown;
@@ -17,9 +18,9 @@ export function LiveToolbar({ shown, range, bounds, onShown, span, children }: T
   const live = shown.kind === "live";
   const fixed = ([from, to]: Range): void => onShown({ kind: "fixed", from, to });
   return (
-    <div class="chart-toolbar" role="toolbar" aria-label="What the plots show">
+    <div class="chart-toolbar" role="toolbar" aria-label={t("common.whatPlotsShow")}>
       <label class="window">
-        <span class="for-reader">Window</span>
+        <span class="for-reader">{t("charts.window")}</span>
         <select
           value={span}
           onChange={(event: SelectEvent) => onShown({ kind: "live", span: Number(event.currentTarget.value) })}
@@ -32,9 +33,9 @@ export function LiveToolbar({ shown, range, bounds, onShown, span, children }: T
         </select>
       </label>
       {live ? (
-        <Button onClick={() => fixed(range())}>Pause</Button>
+        <Button onClick={() => fixed(range())}>{t("common.pause")}</Button>
       ) : (
-        <Button onClick={() => onShown({ kind: "live", span })}>▶ Live</Button>
+        <Button onClick={() => onShown({ kind: "live", span })}>{t("charts.live")}</Button>
       )}
       <RangeButtons range={range} bounds={bounds} onRange={fixed} />
       {children}
@@ -62,16 +63,16 @@ export function RangeButtons({
   };
   return (
     <>
-      <Button label="Earlier" onClick={() => pan(-0.5)}>
+      <Button label={t("charts.earlier")} onClick={() => pan(-0.5)}>
         ←
       </Button>
-      <Button label="Later" onClick={() => pan(0.5)}>
+      <Button label={t("charts.later")} onClick={() => pan(0.5)}>
         →
       </Button>
-      <Button label="Closer" onClick={() => zoom(0.5)}>
+      <Button label={t("charts.closer")} onClick={() => zoom(0.5)}>
         +
       </Button>
-      <Button label="Wider" onClick={() => zoom(2)}>
+      <Button label={t("charts.wider")} onClick={() => zoom(2)}>
         −
       </Button>
     </>

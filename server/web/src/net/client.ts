@@ -5,6 +5,7 @@
  * is `unknown`: the caller shows that and reads the resource again, it never sends the command again by itself.
  */
 import type { components } from "./api.gen";
+import { t } from "../texts";
 
 type Problem = components["schemas"]["Problem"];
 
@@ -39,6 +40,7 @@ export interface Command {
   path: string;
   json?: unknown;
   text?: string;
+  file?: Blob;
   key?: string;
   etag?: string | null;
 }
@@ -72,13 +74,16 @@ export class Client {
   /** Send a command, once. */
   send<T>(command: Command): Promise<Outcome<T>> {
     const headers = this.headers();
-    let body: string | null = null;
+    let body: string | Blob | null = null;
     if (command.json !== undefined) {
       headers["Content-Type"] = "application/json";
       body = JSON.stringify(command.json);
     } else if (command.text !== undefined) {
       headers["Content-Type"] = "application/yaml";
       body = command.text;
+    } else if (command.file !== undefined) {
+      headers["Content-Type"] = "application/octet-stream";
+      body = command.file;
     }
     if (command.key !== undefined) headers["Idempotency-Key"] = command.key;
     if (command.etag) headers["If-Match"] = command.etag;
@@ -99,10 +104,7 @@ export class Client {
       const value = await read(answer);
       return { kind: "done", value, etag: answer.headers.get("ETag"), location: answer.headers.get("Location") };
     } catch {
-      const text =
-        init.method === "GET"
-          ? "The service did not answer."
-          : "Unknown whether this was done: the connection was lost before the answer. Look at what is shown now.";
+      const text = init.method === "GET" ? t("common.serviceDidNotAnswer") : t("common.unknownWhetherWasDone");
       return { kind: "unknown", text };
     } finally {
       clearTimeout(timer);
@@ -117,7 +119,8 @@ export class Client {
     } catch {
       // A proxy between us and the service may answer with anything.
     }
-    const text = typeof problem?.detail === "string" ? problem.detail : `The service answered ${answer.status}.`;
+    const text =
+      typeof problem?.detail === "string" ? problem.detail : t("common.theServiceAnswered", { status: answer.status });
     return { kind: "refused", status: answer.status, text, problem };
   }
 }

@@ -85,7 +85,7 @@ export class LiveSocket {
       if (this.socket === socket) this.take(event.data);
     };
     socket.onclose = (event) => {
-      if (this.socket === socket) this.lost(event.reason || `closed by the service (${event.code})`);
+      if (this.socket === socket) this.lost(event.reason || String(event.code));
     };
     socket.onerror = null; // a close follows
     this.watch(CONNECT_MS, "no answer");

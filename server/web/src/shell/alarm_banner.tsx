@@ -3,6 +3,7 @@ import type { components } from "../net/api.gen";
 import { useRoute } from "../routes";
 import { useResource } from "../resource";
 import { Icon } from "../ui/icons";
+import { t } from "../texts";
 
 type Alarm = components["schemas"]["AlarmResource"];
 
@@ -21,8 +22,13 @@ export function AlarmBanner() {
   const open = waiting(alarms.value?.items ?? [], Date.now()).sort((a, b) => WORST[b.severity] - WORST[a.severity]);
   const first = open[0];
   if (first === undefined || route.path[0] === "alarms") return null;
-  const more = open.length > 1 ? ` and ${open.length - 1} more` : "";
-  const word = first.severity === "critical" ? "Alarm" : first.severity === "warning" ? "Warning" : "Note";
+  const more = open.length > 1 ? t("shell.andMore", { count: open.length - 1 }) : "";
+  const word =
+    first.severity === "critical"
+      ? t("shell.alarm")
+      : first.severity === "warning"
+        ? t("shell.warning")
+        : t("shell.note");
   return (
     <div role="alert">
       <a class={`alarm-banner ${first.severity}`} href="#/alarms">
@@ -30,10 +36,10 @@ export function AlarmBanner() {
         <span>
           <strong>{word}:</strong> {first.machine === null ? "" : `${first.machine}: `}
           {first.text}
-          {first.state === "cleared" && " (it has gone, and nobody has looked at it yet)"}
+          {first.state === "cleared" && t("shell.hasGoneNobodyHas")}
           {more}
         </span>
-        <span class="look">View</span>
+        <span class="look">{t("shell.view")}</span>
       </a>
     </div>
   );

@@ -3,6 +3,7 @@ import { useEffect, useState } from "preact/hooks";
 import { useSession } from "../session";
 import { Notice } from "../ui/controls";
 import { duration } from "../ui/format";
+import { t } from "../texts";
 
 export function Connectivity() {
   const { online } = useSession();
@@ -24,8 +25,9 @@ export function Connectivity() {
   return (
     <div class="connectivity">
       <Notice kind="warning">
-        No connection to the service for <span aria-hidden="true">{duration((now - since) / 1000)}</span>
-        <span class="for-reader">a while</span>. What is shown is old; this page connects again by itself.
+        {t("shell.noConnectionService")} <span aria-hidden="true">{duration((now - since) / 1000)}</span>
+        <span class="for-reader">{t("shell.aWhile")}</span>
+        {t("shell.whatShownOldPage")}
       </Notice>
     </div>
   );

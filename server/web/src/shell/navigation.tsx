@@ -3,6 +3,7 @@ import { useEffect, useRef, useState } from "preact/hooks";
 import { useRoute } from "../routes";
 import { useSession } from "../session";
 import { Icon, type IconName } from "../ui/icons";
+import { t } from "../texts";
 
 interface Place {
   name: string;
@@ -10,23 +11,23 @@ interface Place {
   icon: IconName;
 }
 const MAIN: Place[] = [
-  { name: "live", title: "Live", icon: "live" },
-  { name: "alarms", title: "Alarms", icon: "alarm" },
-  { name: "recalibrate", title: "Recalibrate", icon: "recalibrate" },
-  { name: "results", title: "Results", icon: "result" },
+  { name: "live", title: t("shell.live"), icon: "live" },
+  { name: "alarms", title: t("common.alarms"), icon: "alarm" },
+  { name: "recalibrate", title: t("common.recalibrate"), icon: "recalibrate" },
+  { name: "results", title: t("common.results"), icon: "result" },
 ];
 const MORE: Place[] = [
-  { name: "pose", title: "Pose", icon: "pose" },
-  { name: "recordings", title: "Recordings", icon: "recording" },
-  { name: "jobs", title: "Jobs", icon: "job" },
-  { name: "calibrations", title: "Calibrations", icon: "calibration" },
-  { name: "history", title: "History", icon: "history" },
-  { name: "schedules", title: "Schedules", icon: "schedule" },
-  { name: "machines", title: "Machines", icon: "machine" },
-  { name: "fleet", title: "Fleet", icon: "fleet" },
+  { name: "pose", title: t("common.pose"), icon: "pose" },
+  { name: "recordings", title: t("shell.recordingsShort"), icon: "recording" },
+  { name: "jobs", title: t("common.jobs"), icon: "job" },
+  { name: "calibrations", title: t("shell.calibrationsShort"), icon: "calibration" },
+  { name: "history", title: t("shell.history"), icon: "history" },
+  { name: "schedules", title: t("common.schedules"), icon: "schedule" },
+  { name: "machines", title: t("common.machines"), icon: "machine" },
+  { name: "fleet", title: t("common.fleet"), icon: "fleet" },
 ];
 /** What only an admin may look at. */
-const ADMIN: Place[] = [{ name: "service", title: "Service", icon: "service" }];
+const ADMIN: Place[] = [{ name: "service", title: t("shell.service"), icon: "service" }];
 
 export function Navigation({ at }: { at: string }) {
   const [open, setOpen] = useState(false);
@@ -50,7 +51,7 @@ export function Navigation({ at }: { at: string }) {
   const places = useSession().may("admin") ? [...MORE, ...ADMIN] : MORE;
   const further = places.some((place) => place.name === at);
   return (
-    <nav class="navigation" aria-label="Main" ref={box}>
+    <nav class="navigation" aria-label={t("shell.main")} ref={box}>
       <ul>
         {MAIN.map((place) => (
           <li key={place.name}>
@@ -66,7 +67,7 @@ export function Navigation({ at }: { at: string }) {
             onClick={() => setOpen(!open)}
           >
             <Icon name="more" />
-            <span>More</span>
+            <span>{t("shell.more")}</span>
           </button>
         </li>
       </ul>

@@ -2,6 +2,7 @@
 import type { ComponentChildren, TargetedEvent } from "preact";
 import { useId } from "preact/hooks";
 import { percent } from "./format";
+import { t } from "../texts";
 
 export type NoticeKind = "info" | "good" | "warning" | "bad";
 export interface NoticeText {
@@ -38,10 +39,10 @@ export function Button(props: ButtonProps) {
 }
 
 const SIGNS: Record<NoticeKind, [string, string]> = {
-  info: ["i", "Note"],
-  good: ["✓", "Done"],
-  warning: ["!", "Warning"],
-  bad: ["✕", "Problem"],
+  info: ["i", t("common.note")],
+  good: ["✓", t("common.done")],
+  warning: ["!", t("common.warning")],
+  bad: ["✕", t("common.problem")],
 };
 
 /** Something to read, with a sign besides its colour. */

@@ -1,15 +1,41 @@
-/** Numbers, times and durations as a person reads them; what is not known is a dash. */
+/** Numbers, times and durations as a person reads them in the language shown; what is not known is a dash. */
+import { type Language, language } from "../texts/language";
 
 export const DASH = "–";
+
+const DECIMAL =
+  new Intl.NumberFormat(language).formatToParts(0.5).find((part) => part.type === "decimal")?.value ?? ".";
+/** Whose order of year, month and day: ISO 8601 in English, which has none that all its readers share. */
+const DATES: Record<Language, string> = { en: "sv-SE", de: "de-DE" };
+
+const MINUTES = {
+  year: "numeric",
+  month: "2-digit",
+  day: "2-digit",
+  hour: "2-digit",
+  minute: "2-digit",
+  hourCycle: "h23",
+} as const;
+const TIME = new Intl.DateTimeFormat(DATES[language], { ...MINUTES, second: "2-digit" });
+/** Where `TIME` has month and day, and where year and month. */
+const PARTS: Record<Language, { day: [number, number]; month: [number, number] }> = {
+  en: { day: [5, 10], month: [0, 7] },
+  de: { day: [0, 6], month: [3, 10] },
+};
+
+/** Digits as programs write them with the decimal sign of the language and a real minus. */
+export function spelt(digits: string): string {
+  return minus(digits.replace(".", DECIMAL));
+}
 
 /** A number with so many significant digits; never an exponent between 1e-4 and 1e6. */
 export function number(value: number | null | undefined, digits = 4): string {
   if (value === null || value === undefined || !Number.isFinite(value)) return DASH;
   if (value === 0) return "0";
   const size = Math.abs(value);
-  if (size >= 1e6 || size < 1e-4) return minus(value.toExponential(Math.max(0, digits - 1)));
+  if (size >= 1e6 || size < 1e-4) return spelt(value.toExponential(Math.max(0, digits - 1)));
   const decimals = Math.max(0, Math.min(12, digits - 1 - Math.floor(Math.log10(size))));
-  return minus(value.toFixed(decimals));
+  return spelt(value.toFixed(decimals));
 }
 
 /** How many: a whole number, all its digits in groups of three. */
@@ -24,7 +50,7 @@ const thousands = (whole: string): string => whole.replace(/\B(?=(\d{3})+(?!\d))
 export function fixed(value: number | null | undefined, decimals: number): string {
   if (value === null || value === undefined || !Number.isFinite(value)) return DASH;
   const text = value.toFixed(decimals);
-  return minus(Number(text) === 0 ? (0).toFixed(decimals) : text); // no minus before zero
+  return spelt(Number(text) === 0 ? (0).toFixed(decimals) : text); // no minus before zero
 }
 
 /** Labels of an axis: no more decimals than its places need, thousands apart, a real minus. */
@@ -41,7 +67,7 @@ export function withStd(value: number | null | undefined, std: number | null | u
   const decimals = 1 - Math.floor(Math.log10(std));
   if (decimals > 12 || Math.abs(value) >= 1e6) return `${number(value)} ± ${number(std, 2)}`;
   const kept = Math.max(0, decimals);
-  return `${minus(value.toFixed(kept))} ± ${std.toFixed(kept)}`;
+  return `${spelt(value.toFixed(kept))} ± ${spelt(std.toFixed(kept))}`;
 }
 
 /** The zone of this device at a moment, as its difference from UTC: `UTC+1`, `UTC−3:30`, `UTC`. */
@@ -58,8 +84,33 @@ export function time(iso: string | null | undefined): string {
   if (!iso) return DASH;
   const date = new Date(iso);
   if (Number.isNaN(date.getTime())) return DASH;
-  const day = `${date.getFullYear()}-${two(date.getMonth() + 1)}-${two(date.getDate())}`;
-  return `${day} ${two(date.getHours())}:${two(date.getMinutes())}:${two(date.getSeconds())} ${zone(date)}`;
+  return `${TIME.format(date)} ${zone(date)}`;
+}
+
+/** A day and month. */
+export function dayMonth(date: Date): string {
+  return TIME.format(date).slice(...PARTS[language].day);
+}
+
+/** A month of a year. */
+export function monthYear(date: Date): string {
+  return TIME.format(date).slice(...PARTS[language].month);
+}
+
+/** A moment in a time zone with its day of the week: `Mon 2026-03-02 02:30`, `Mo 02.03.2026 02:30`. */
+export function inZone(iso: string, zone: string): string {
+  const date = new Date(iso);
+  try {
+    const weekday = new Intl.DateTimeFormat(language, { timeZone: zone, weekday: "short" }).format(date);
+    return `${weekday} ${new Intl.DateTimeFormat(DATES[language], { ...MINUTES, timeZone: zone }).format(date)}`;
+  } catch {
+    return iso; // a zone that this browser does not know
+  }
+}
+
+/** A moment as names of things have it that every language reads: `2026-03-02 09:14`. */
+export function stamp(date: Date): string {
+  return new Intl.DateTimeFormat(DATES.en, MINUTES).format(date);
 }
 
 /** Seconds as `12 s`, `3 min 20 s`, `2 h 5 min`, `3 d 4 h`. */
@@ -79,7 +130,7 @@ export function duration(seconds: number | null | undefined): string {
 /** A fraction of one as percent. */
 export function percent(fraction: number | null | undefined, decimals = 0): string {
   if (fraction === null || fraction === undefined || !Number.isFinite(fraction)) return DASH;
-  return `${minus((100 * fraction).toFixed(decimals))} %`;
+  return `${spelt((100 * fraction).toFixed(decimals))} %`;
 }
 
 function two(value: number): string {

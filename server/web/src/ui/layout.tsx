@@ -2,6 +2,7 @@
 import type { ComponentChildren } from "preact";
 import { useId, useLayoutEffect, useRef } from "preact/hooks";
 import { Button } from "./controls";
+import { t } from "../texts";
 
 export interface PanelProps {
   title: string;
@@ -38,11 +39,15 @@ export function Table({ columns, rows, caption }: { columns: Column[]; rows: Row
         <caption class="for-reader">{caption}</caption>
         <thead>
           <tr>
-            {columns.map((column) => (
-              <th key={column.name} scope="col" class={column.align ?? "left"}>
-                {column.title}
-              </th>
-            ))}
+            {columns.map(({ name, title, align = "left" }) =>
+              title === "" ? (
+                <td key={name} />
+              ) : (
+                <th key={name} scope="col" class={align}>
+                  {title}
+                </th>
+              ),
+            )}
           </tr>
         </thead>
         <tbody>
@@ -101,7 +106,7 @@ export function Confirm({ title, text, confirm, kind = "primary", busy = false, 
       <h2 id={id}>{title}</h2>
       <div>{text}</div>
       <div class="actions">
-        <Button onClick={onNo}>No, go back</Button>
+        <Button onClick={onNo}>{t("common.noGoBack")}</Button>
         <Button kind={kind} busy={busy} onClick={onYes}>
           {confirm}
         </Button>

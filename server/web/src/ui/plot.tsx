@@ -3,6 +3,7 @@ import { useEffect, useRef } from "preact/hooks";
 import uPlot from "uplot";
 import { number, ticks } from "./format";
 import { colours, theme, transparent } from "./theme";
+import { t } from "../texts";
 
 export interface PlotSeries {
   label: string;
@@ -66,17 +67,23 @@ function PlotInWords({ x, series, unit }: Pick<PlotProps, "x" | "series" | "unit
   const to = x.values[x.values.length - 1];
   return (
     <p class="for-reader">
-      {x.label} from {number(from)} to {number(to)}.{" "}
+      {t("common.fromTo", { label: x.label, from: number(from), to: number(to) })}{" "}
       {series.map((one) => {
         const known = one.values.filter((value): value is number => value !== null && Number.isFinite(value));
-        if (known.length === 0) return `${one.label}: no values. `;
+        if (known.length === 0) return t("common.noValues", { label: one.label });
         let low = Infinity;
         let high = -Infinity;
         for (const value of known) {
           low = Math.min(low, value);
           high = Math.max(high, value);
         }
-        return `${one.label}: ${number(low)} to ${number(high)} ${unit}, last ${number(known[known.length - 1])}. `;
+        return t("common.toLast", {
+          label: one.label,
+          low: number(low),
+          high: number(high),
+          unit,
+          count: number(known[known.length - 1]),
+        });
       })}
     </p>
   );
@@ -117,7 +124,10 @@ function options(
     if (one.band) {
       const at = lines.length;
       const edge: uPlot.Series = { class: "edge", stroke: transparent(stroke, 0.5), width: 1, points: { show: false } };
-      lines.push({ ...edge, label: `${one.label}, lower` }, { ...edge, label: `${one.label}, upper` });
+      lines.push(
+        { ...edge, label: t("common.lower", { label: one.label }) },
+        { ...edge, label: t("common.upper", { label: one.label }) },
+      );
       bands.push({ series: [at + 1, at], fill: transparent(stroke, 0.18) });
     }
   });

@@ -3,6 +3,7 @@ import { useState } from "preact/hooks";
 import { useSession } from "../session";
 import { Button, Notice } from "../ui/controls";
 import { saveFile } from "../ui/save";
+import { t } from "../texts";
 
 export interface Download {
   title: string;
@@ -30,7 +31,7 @@ export function Downloads({ files }: { files: Download[] }) {
             key={file.path}
             busy={busy === file.path}
             disabled={busy !== null || !session.online.value}
-            label={`Download ${file.title}`}
+            label={t("downloads.download", { title: file.title })}
             onClick={() => void get(file)}
           >
             {file.title}

@@ -4,14 +4,15 @@ import type { components } from "../../net/api.gen";
 import { CommandNotice, useCommand } from "../../command";
 import { useSession } from "../../session";
 import { Button, Field, type InputEvent, type SelectEvent } from "../../ui/controls";
+import { t } from "../../texts";
 
 type Alarm = components["schemas"]["AlarmResource"];
 
 const TIMES: [number, string][] = [
-  [900, "15 minutes"],
-  [3600, "1 hour"],
-  [28800, "8 hours (a shift)"],
-  [86400, "1 day"],
+  [900, t("common.15Minutes")],
+  [3600, t("alarms.1Hour")],
+  [28800, t("alarms.8HoursShift")],
+  [86400, t("alarms.1Day")],
 ];
 
 export function AlarmActions({ alarm, shelved }: { alarm: Alarm; shelved: boolean }) {
@@ -28,29 +29,29 @@ export function AlarmActions({ alarm, shelved }: { alarm: Alarm; shelved: boolea
             kind="primary"
             busy={command.busy}
             disabled={away}
-            label={`Acknowledge: ${alarm.text}`}
+            label={t("alarms.acknowledge", { text: alarm.text })}
             onClick={() => void command.run({ method: "POST", path: `${path}/acknowledge` })}
           >
-            Acknowledge
+            {t("alarms.acknowledge2")}
           </Button>
         )}
         {shelved ? (
           <Button
             busy={command.busy}
             disabled={away}
-            label={`Let it be heard again: ${alarm.text}`}
+            label={t("alarms.letHeardAgain", { text: alarm.text })}
             onClick={() => void command.run({ method: "POST", path: `${path}/unshelve` })}
           >
-            Let it be heard again
+            {t("alarms.letHeardAgain2")}
           </Button>
         ) : (
           alarm.state === "active" && (
             <Button
               disabled={command.busy || away}
-              label={`Keep quiet: ${alarm.text}`}
+              label={t("alarms.keepQuiet", { text: alarm.text })}
               onClick={() => setAsking(!asking)}
             >
-              Keep quiet …
+              {t("alarms.keepQuiet2")}
             </Button>
           )
         )}
@@ -92,7 +93,7 @@ function Shelf({ busy, onYes, onNo }: ShelfProps) {
         else onYes(seconds, reason.trim());
       }}
     >
-      <Field label="How long">
+      <Field label={t("alarms.howLong")}>
         <select
           ref={first}
           value={String(seconds)}
@@ -105,7 +106,7 @@ function Shelf({ busy, onYes, onNo }: ShelfProps) {
           ))}
         </select>
       </Field>
-      <Field label="Why" error={missing ? "Say why: the next shift reads it." : null}>
+      <Field label={t("common.why")} error={missing ? t("alarms.sayWhyNextShift") : null}>
         <input
           value={reason}
           maxLength={200}
@@ -119,9 +120,9 @@ function Shelf({ busy, onYes, onNo }: ShelfProps) {
       </Field>
       <div class="actions">
         <Button type="submit" kind="primary" busy={busy}>
-          Keep quiet
+          {t("alarms.keepQuiet3")}
         </Button>
-        <Button onClick={onNo}>Back</Button>
+        <Button onClick={onNo}>{t("alarms.back")}</Button>
       </div>
     </form>
   );

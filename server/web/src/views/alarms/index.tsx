@@ -8,11 +8,16 @@ import { Button } from "../../ui/controls";
 import { time } from "../../ui/format";
 import { Empty, Panel } from "../../ui/layout";
 import { AlarmActions } from "./actions";
+import { t } from "../../texts";
 
 type Alarm = components["schemas"]["AlarmResource"];
 type List = components["schemas"]["AlarmList"];
 
-const SEVERITY: Record<Alarm["severity"], string> = { critical: "Alarm", warning: "Warning", info: "Note" };
+const SEVERITY: Record<Alarm["severity"], string> = {
+  critical: t("alarms.alarm"),
+  warning: t("alarms.warning"),
+  info: t("alarms.note"),
+};
 
 export function quiet(alarm: Alarm, now: number): boolean {
   return alarm.shelved_until !== null && new Date(alarm.shelved_until).getTime() > now;
@@ -34,21 +39,25 @@ export default function AlarmsView() {
   const shown = all ? over : over.slice(0, FIRST);
   return (
     <div class={alarms.stale ? "stale" : ""}>
-      <h1 class="title">Alarms</h1>
+      <h1 class="title">{t("common.alarms")}</h1>
       {alarms.error !== null && <Notice kind="bad">{alarms.error}</Notice>}
-      {alarms.value === null && alarms.loading && <p role="status">Reading …</p>}
-      <Panel title={`To be looked at (${open.length})`}>
-        {open.length === 0 ? <Empty>Nothing is waiting for you.</Empty> : <Alarms alarms={open} />}
+      {alarms.value === null && alarms.loading && <p role="status">{t("common.reading")}</p>}
+      <Panel title={t("alarms.lookedAt", { count: open.length })}>
+        {open.length === 0 ? <Empty>{t("alarms.nothingWaitingYou")}</Empty> : <Alarms alarms={open} />}
       </Panel>
       {seen.length > 0 && (
-        <Panel title={`Acknowledged or silenced (${seen.length})`}>
+        <Panel title={t("alarms.acknowledgedOrSilenced", { count: seen.length })}>
           <Alarms alarms={seen} />
         </Panel>
       )}
       {over.length > 0 && (
-        <Panel title={`Over (${over.length}${alarms.value?.next == null ? "" : " newest"})`}>
+        <Panel
+          title={t("alarms.over", { count: over.length, next: alarms.value?.next == null ? "" : t("alarms.newest") })}
+        >
           <Alarms alarms={shown} />
-          {shown.length < over.length && <Button onClick={() => setAll(true)}>Show all {over.length}</Button>}
+          {shown.length < over.length && (
+            <Button onClick={() => setAll(true)}>{t("common.showAll", { count: over.length })}</Button>
+          )}
         </Panel>
       )}
     </div>
@@ -74,19 +83,28 @@ function AlarmItem({ alarm }: { alarm: Alarm }) {
       <div class="alarm-text">
         <p>
           <Mark kind={alarm.state === "active" ? kind : "off"}>
-            {SEVERITY[alarm.severity]}, {alarm.state === "active" ? "holds now" : "gone"}
+            {SEVERITY[alarm.severity]}, {alarm.state === "active" ? t("common.holdsNow") : t("alarms.gone")}
           </Mark>
         </p>
         <p>
-          <strong>{alarm.machine ?? "Service"}:</strong> {alarm.text}
+          <strong>{alarm.machine ?? t("alarms.service")}:</strong> {alarm.text}
         </p>
         <p class="hint">
-          Since {time(alarm.raised)}
-          {alarm.cleared !== null && `, gone ${time(alarm.cleared)}`}
-          {alarm.count > 1 && `, came ${alarm.count} times`}
-          {alarm.acknowledged && `, seen by ${alarm.acknowledged_by ?? "somebody"}`}
-          {shelved &&
-            `, kept quiet until ${time(alarm.shelved_until)} by ${alarm.shelved_by ?? "somebody"}: ${alarm.shelve_reason ?? ""}`}
+          {t("alarms.since", {
+            raised: time(alarm.raised),
+            gone: alarm.cleared !== null ? t("alarms.gone2", { cleared: time(alarm.cleared) }) : "",
+            times: alarm.count > 1 ? t("alarms.cameTimes", { count: alarm.count }) : "",
+            seen: alarm.acknowledged
+              ? t("alarms.seenBy", { acknowledgedBy: alarm.acknowledged_by ?? t("alarms.somebody") })
+              : "",
+            quiet: shelved
+              ? t("alarms.keptQuietUntil", {
+                  shelvedUntil: time(alarm.shelved_until),
+                  shelvedBy: alarm.shelved_by ?? t("alarms.somebody"),
+                  shelveReason: alarm.shelve_reason ?? "",
+                })
+              : "",
+          })}
         </p>
       </div>
       {session.may("operate") && <AlarmActions alarm={alarm} shelved={shelved} />}

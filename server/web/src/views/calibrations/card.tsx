@@ -8,17 +8,14 @@ import { Confirm, Table } from "../../ui/layout";
 import { Downloads } from "../downloads";
 import { change, parameterName, unit, verdictWords } from "../results/wording";
 import { type Calibration, STATES, jointErrors, possible } from "./rules";
+import { t } from "../../texts";
 
 type Decision = "approve" | "reject" | "activate";
 
 const QUESTIONS: Record<Decision, [string, string, string]> = {
-  approve: ["Approve", "You say with your name that this model is right for this machine.", "Approve it"],
-  reject: ["Reject", "It cannot be used then. The result and its recordings stay.", "Reject it"],
-  activate: [
-    "Use",
-    "It takes the place of the calibration in use, which stays for rolling back. The monitor starts to learn anew.",
-    "Use it from now on",
-  ],
+  approve: [t("calibrations.approve"), t("calibrations.youSayWithYour"), t("calibrations.approveIt")],
+  reject: [t("calibrations.reject"), t("calibrations.cannotUsedThenResult"), t("calibrations.rejectIt")],
+  activate: [t("calibrations.use"), t("calibrations.takesPlaceCalibrationUse"), t("calibrations.useFromNow")],
 };
 
 export function CalibrationCard({ calibration, onDone }: { calibration: Calibration; onDone: () => void }) {
@@ -49,16 +46,27 @@ export function CalibrationCard({ calibration, onDone }: { calibration: Calibrat
         </p>
         <p>
           {verdict}
-          {typeof changed === "number" && changed !== 0 && `; error of all joints ${change(changed)}`}.{" "}
-          <a href={`#/results/${calibration.identification}`}>View the result</a>
+          {typeof changed === "number" &&
+            changed !== 0 &&
+            t("calibrations.errorAllJoints", { changed: change(changed) })}
+          . <a href={`#/results/${calibration.identification}`}>{t("common.viewTheResult")}</a>
         </p>
         <p class="hint">
-          Proposed by {calibration.proposed_by} {time(calibration.created)}
-          {calibration.approved_by !== null && `, approved by ${calibration.approved_by}`}
-          {calibration.activated !== null && `, in use since ${time(calibration.activated)}`}
-          {calibration.state === "retired" && " until another one was"}
+          {t("calibrations.proposedBy", {
+            proposedBy: calibration.proposed_by,
+            created: time(calibration.created),
+            approved:
+              calibration.approved_by !== null
+                ? t("calibrations.approvedBy", { approvedBy: calibration.approved_by })
+                : "",
+            used:
+              calibration.activated !== null
+                ? t("calibrations.inUseSince", { activated: time(calibration.activated) })
+                : "",
+            until: calibration.state === "retired" ? t("calibrations.untilAnotherOneWas") : "",
+          })}
         </p>
-        {calibration.note && <p class="note">“{calibration.note}”</p>}
+        {calibration.note && <p class="note">{t("common.quoted", { text: calibration.note })}</p>}
         {may.why !== null && <p class="hint">{may.why}</p>}
       </div>
       <div class="actions">
@@ -71,7 +79,11 @@ export function CalibrationCard({ calibration, onDone }: { calibration: Calibrat
             label={`${QUESTIONS[one][0]} ${calibration.label}`}
             onClick={() => setAsked(one)}
           >
-            {one === "activate" ? (calibration.state === "retired" ? "Use again" : "Use") : QUESTIONS[one][0]}
+            {one === "activate"
+              ? calibration.state === "retired"
+                ? t("calibrations.useAgain")
+                : t("calibrations.use")
+              : QUESTIONS[one][0]}
           </Button>
         ))}
       </div>
@@ -81,12 +93,12 @@ export function CalibrationCard({ calibration, onDone }: { calibration: Calibrat
       </div>
       {asked !== null && (
         <Confirm
-          title={`${QUESTIONS[asked][0]} “${calibration.label}”?`}
+          title={t("calibrations.question", { what: QUESTIONS[asked][0] ?? "", label: calibration.label })}
           text={
             <>
               <p>{QUESTIONS[asked][1]}</p>
               {asked !== "activate" && (
-                <Field label="Note (optional)">
+                <Field label={t("calibrations.noteOptional")}>
                   <textarea
                     rows={3}
                     maxLength={2000}
@@ -111,15 +123,15 @@ function Numbers({ calibration }: { calibration: Calibration }) {
   const id = encodeURIComponent(calibration.id);
   return (
     <details>
-      <summary>Errors, parameters, files</summary>
+      <summary>{t("calibrations.errorsParametersFiles")}</summary>
       <Table
-        caption={`Errors of ${calibration.label} per joint`}
+        caption={t("calibrations.errorsPerJoint", { label: calibration.label })}
         columns={[
-          { name: "joint", title: "Joint" },
-          { name: "before", title: "Without additions", align: "right" },
-          { name: "after", title: "Error", align: "right" },
-          { name: "noise", title: "Noise", align: "right" },
-          { name: "unit", title: "Unit" },
+          { name: "joint", title: t("common.joint") },
+          { name: "before", title: t("calibrations.withoutAdditions"), align: "right" },
+          { name: "after", title: t("calibrations.error"), align: "right" },
+          { name: "noise", title: t("common.noise"), align: "right" },
+          { name: "unit", title: t("common.unit") },
         ]}
         rows={jointErrors(calibration).map((one) => ({
           key: one.joint,
@@ -131,11 +143,11 @@ function Numbers({ calibration }: { calibration: Calibration }) {
         }))}
       />
       <Table
-        caption={`Parameters of ${calibration.label}`}
+        caption={t("calibrations.parametersOf", { label: calibration.label })}
         columns={[
-          { name: "name", title: "Parameter" },
-          { name: "value", title: "Value ± standard deviation", align: "right" },
-          { name: "unit", title: "Unit" },
+          { name: "name", title: t("common.parameter") },
+          { name: "value", title: t("common.valueStandardDeviation"), align: "right" },
+          { name: "unit", title: t("common.unit") },
         ]}
         rows={calibration.parameters.map((one) => ({
           key: one.name,
@@ -144,16 +156,16 @@ function Numbers({ calibration }: { calibration: Calibration }) {
           unit: unit(one.unit),
         }))}
       />
-      <h3>Files</h3>
+      <h3>{t("common.files")}</h3>
       <Downloads
         files={[
           {
-            title: "Model (JSON)",
+            title: t("common.modelJson"),
             path: `/calibrations/${id}/model.json`,
             name: `${calibration.machine}-${calibration.id}-model.json`,
           },
           {
-            title: "Report (HTML)",
+            title: t("calibrations.reportHtml"),
             path: `/identifications/${encodeURIComponent(calibration.identification)}/report.html`,
             name: `${calibration.machine}-${calibration.id}-report.html`,
           },

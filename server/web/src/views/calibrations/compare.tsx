@@ -7,6 +7,7 @@ import { Panel, Table } from "../../ui/layout";
 import { FLAG_SIGMAS } from "../results/model";
 import { change, parameterName, unit } from "../results/wording";
 import { type Calibration, STATES } from "./rules";
+import { t } from "../../texts";
 
 type Comparison = components["schemas"]["ComparisonResource"];
 type Shift = components["schemas"]["ShiftResource"];
@@ -23,9 +24,11 @@ export function Compare({ a, b }: { a: string; b: string }) {
   const { value } = comparison;
   return (
     <div class={comparison.stale ? "stale" : ""}>
-      <h1 class="title">Two calibrations {value !== null && <span class="hint">{value.a.machine}</span>}</h1>
+      <h1 class="title">
+        {t("calibrations.twoCalibrations")} {value !== null && <span class="hint">{value.a.machine}</span>}
+      </h1>
       {comparison.error !== null && <Notice kind="bad">{comparison.error}</Notice>}
-      {value === null && comparison.loading && <p role="status">Reading …</p>}
+      {value === null && comparison.loading && <p role="status">{t("common.reading")}</p>}
       {value !== null && (
         <>
           <div class="columns">
@@ -37,7 +40,7 @@ export function Compare({ a, b }: { a: string; b: string }) {
         </>
       )}
       <p>
-        <a href="#/calibrations">All calibrations</a>
+        <a href="#/calibrations">{t("calibrations.allCalibrations")}</a>
       </p>
     </div>
   );
@@ -51,8 +54,8 @@ function Side({ title, calibration }: { title: string; calibration: Calibration 
         <Mark kind={kind}>{words}</Mark>
       </p>
       <p class="hint">
-        Proposed by {calibration.proposed_by} {time(calibration.created)}.{" "}
-        <a href={`#/results/${calibration.identification}`}>View the result</a>
+        {t("calibrations.proposedBy2", { proposedBy: calibration.proposed_by, created: time(calibration.created) })}{" "}
+        <a href={`#/results/${calibration.identification}`}>{t("common.viewTheResult")}</a>
       </p>
     </Panel>
   );
@@ -60,18 +63,16 @@ function Side({ title, calibration }: { title: string; calibration: Calibration 
 
 function Errors({ comparison }: { comparison: Comparison }) {
   return (
-    <Panel title="Error of each joint">
-      <p class="hint">
-        Each on its own validation motion: recordings differ, so a small difference says little. A lower one is better.
-      </p>
+    <Panel title={t("common.errorEachJoint")}>
+      <p class="hint">{t("calibrations.eachItsOwnValidation")}</p>
       <Table
-        caption="Error of each joint in A and B"
+        caption={t("calibrations.errorEachJointB")}
         columns={[
-          { name: "joint", title: "Joint" },
+          { name: "joint", title: t("common.joint") },
           { name: "a", title: "A", align: "right" },
           { name: "b", title: "B", align: "right" },
-          { name: "unit", title: "Unit" },
-          { name: "change", title: "B against A", align: "right" },
+          { name: "unit", title: t("common.unit") },
+          { name: "change", title: t("calibrations.bAgainstA"), align: "right" },
         ]}
         rows={Object.entries(comparison.errors).map(([joint, { a, b, unit: units }]) => ({
           key: joint,
@@ -89,20 +90,18 @@ function Errors({ comparison }: { comparison: Comparison }) {
 function Shifts({ comparison }: { comparison: Comparison }) {
   const far = comparison.parameters.filter((one) => one.sigmas !== null && Math.abs(one.sigmas) > FLAG_SIGMAS).length;
   return (
-    <Panel title="Parameters, those that moved most first">
+    <Panel title={t("calibrations.parametersThoseMovedMost")}>
       <p>
-        {far === 0
-          ? "No parameter differs by more than three standard deviations."
-          : `${far === 1 ? "One parameter differs" : `${far} parameters differ`} by more than three standard deviations.`}
+        {far === 0 ? t("calibrations.noParameterDiffersMore") : t("calibrations.moreThanThreeStandard", { count: far })}
       </p>
       <Table
-        caption="Parameters in A and B"
+        caption={t("calibrations.parametersB")}
         columns={[
-          { name: "name", title: "Parameter" },
+          { name: "name", title: t("common.parameter") },
           { name: "a", title: "A", align: "right" },
           { name: "b", title: "B", align: "right" },
-          { name: "unit", title: "Unit" },
-          { name: "sigmas", title: "Apart (standard deviations)", align: "right" },
+          { name: "unit", title: t("common.unit") },
+          { name: "sigmas", title: t("calibrations.apartStandardDeviations"), align: "right" },
         ]}
         rows={sorted(comparison.parameters).map((one) => ({
           key: one.name,

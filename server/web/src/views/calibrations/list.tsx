@@ -10,6 +10,7 @@ import { time } from "../../ui/format";
 import { Confirm, Empty, Panel } from "../../ui/layout";
 import { CalibrationCard } from "./card";
 import { type Calibration, STATES, before, history } from "./rules";
+import { t } from "../../texts";
 
 type List = components["schemas"]["CalibrationList"];
 
@@ -24,16 +25,19 @@ export function CalibrationList() {
   const over = items.filter((one) => one.state === "rejected" || one.state === "retired");
   return (
     <div class={list.stale ? "stale" : ""}>
-      <h1 class="title">Calibrations {machine !== null && <span class="hint">{machine}</span>}</h1>
+      <h1 class="title">
+        {t("common.calibrations")} {machine !== null && <span class="hint">{machine}</span>}
+      </h1>
       {list.error !== null && <Notice kind="bad">{list.error}</Notice>}
-      {list.value === null && list.loading && <p role="status">Reading …</p>}
+      {list.value === null && list.loading && <p role="status">{t("common.reading")}</p>}
       {machine !== null && list.value !== null && (
         <>
-          <Panel title="In use">
+          <Panel title={t("calibrations.inUse")}>
             {active === undefined ? (
               <Empty>
-                No calibration is in use. A result is proposed under Results, approved here
-                {session.principal.value?.approves_own === true ? "" : " by another person"}, and then activated.
+                {t("calibrations.noCalibrationUseResult", {
+                  approvesOwn: session.principal.value?.approves_own === true ? "" : t("calibrations.byAnotherPerson"),
+                })}
               </Empty>
             ) : (
               <>
@@ -44,8 +48,12 @@ export function CalibrationList() {
               </>
             )}
           </Panel>
-          {waiting.length > 0 && <Cards title={`Waiting (${waiting.length})`} items={waiting} onDone={list.reload} />}
-          {over.length > 0 && <Cards title={`Earlier ones (${over.length})`} items={over} onDone={list.reload} />}
+          {waiting.length > 0 && (
+            <Cards title={t("calibrations.waiting", { count: waiting.length })} items={waiting} onDone={list.reload} />
+          )}
+          {over.length > 0 && (
+            <Cards title={t("calibrations.earlierOnes", { count: over.length })} items={over} onDone={list.reload} />
+          )}
           {items.length > 1 && <Choice items={items} />}
           {items.length > 0 && <History items={items} />}
         </>
@@ -80,10 +88,12 @@ function RollBack({ machine, active, to, onDone }: RollBackProps) {
   if (!session.may("engineer"))
     return (
       <p class="hint">
-        An engineer can {to === null ? "take it out of use" : "roll back to the calibration before it"}.
+        {t("calibrations.anEngineerCan", {
+          to: to === null ? t("calibrations.takeOutUse") : t("calibrations.rollBackCalibrationBefore"),
+        })}
       </p>
     );
-  const words = to === null ? "Take it out of use" : "Roll back";
+  const words = to === null ? t("calibrations.takeOutUse2") : t("calibrations.rollBack");
   const undo = (): void => {
     setAsking(false);
     if (to === null) {
@@ -93,7 +103,7 @@ function RollBack({ machine, active, to, onDone }: RollBackProps) {
     }
     const path = `/machines/${encodeURIComponent(machine)}/calibrations/rollback`;
     void command.run<Calibration>({ method: "POST", path }, (now) => {
-      command.say({ kind: "good", text: `“${now.label}” is in use again.` });
+      command.say({ kind: "good", text: t("calibrations.useAgain2", { label: now.label }) });
       onDone();
     });
   };
@@ -108,15 +118,9 @@ function RollBack({ machine, active, to, onDone }: RollBackProps) {
           title={`${words}?`}
           text={
             to === null ? (
-              <p>
-                “{active.label}” is the first one that this machine has in use: without it there is none, as before, and
-                the monitor rests. It can be used again later.
-              </p>
+              <p>{t("calibrations.firstOneMachineHas", { label: active.label })}</p>
             ) : (
-              <p>
-                “{active.label}” is taken out of use, and the calibration that was in use before it (“{to.label}”, if
-                nothing else happened meanwhile) is used again. The monitor compares with that one from then on.
-              </p>
+              <p>{t("calibrations.takenOutUseCalibration", { label: active.label, label2: to.label })}</p>
             )
           }
           confirm={words}
@@ -144,13 +148,13 @@ function Choice({ items }: { items: Calibration[] }) {
     </Field>
   );
   return (
-    <Panel title="Compare two">
+    <Panel title={t("calibrations.compareTwo")}>
       <div class="columns">
-        {select("This one", a, (id) => setChosen([id, b]))}
-        {select("with this one", b, (id) => setChosen([a, id]))}
+        {select(t("calibrations.thisOne"), a, (id) => setChosen([id, b]))}
+        {select(t("calibrations.withThisOne"), b, (id) => setChosen([a, id]))}
       </div>
       <Button disabled={a === b} onClick={() => go(`#/calibrations/compare/${a}/${b}`)}>
-        Compare
+        {t("calibrations.compare")}
       </Button>
     </Panel>
   );
@@ -158,7 +162,7 @@ function Choice({ items }: { items: Calibration[] }) {
 
 function History({ items }: { items: Calibration[] }) {
   return (
-    <Panel title="History">
+    <Panel title={t("calibrations.history")}>
       <ol class="history">
         {history(items).map((step) => (
           <li key={`${step.time} ${step.text}`}>

@@ -1,16 +1,17 @@
 /** What may be done with a calibration by whom, and why not. */
 import type { components } from "../../net/api.gen";
 import type { NoticeKind } from "../../ui/controls";
+import { t } from "../../texts";
 
 export type Calibration = components["schemas"]["CalibrationResource"];
 type Principal = components["schemas"]["PrincipalResource"];
 
 export const STATES: Record<Calibration["state"], [NoticeKind | "off", string]> = {
-  proposed: ["info", "Proposed, waits for approval"],
-  approved: ["info", "Approved, not in use"],
-  active: ["good", "In use"],
-  rejected: ["bad", "Rejected"],
-  retired: ["off", "Was in use"],
+  proposed: ["info", t("calibrations.proposedWaitsApproval")],
+  approved: ["info", t("calibrations.approvedNotUse")],
+  active: ["good", t("calibrations.inUse")],
+  rejected: ["bad", t("common.rejected")],
+  retired: ["off", t("calibrations.wasInUse")],
 };
 
 export interface Possible {
@@ -26,11 +27,11 @@ export function possible(calibration: Calibration, principal: Principal | null, 
   const { state } = calibration;
   const decided = state === "rejected" || state === "active";
   if (!engineer) {
-    const why = decided ? null : "An engineer approves, rejects and activates calibrations.";
+    const why = decided ? null : t("calibrations.engineerApprovesRejectsActivates");
     return { approve: false, reject: false, activate: false, why };
   }
   const own = principal !== null && principal.id === calibration.proposed_by_id && !principal.approves_own;
-  const why = state === "proposed" && own ? "You proposed it: another engineer has to approve it." : null;
+  const why = state === "proposed" && own ? t("calibrations.youProposedAnotherEngineer") : null;
   return {
     approve: state === "proposed" && !own,
     reject: state === "proposed" || state === "approved",
@@ -45,33 +46,45 @@ export interface Step {
 }
 
 const DONE: Record<Calibration["history"][number]["action"], string> = {
-  proposed: "was proposed",
-  approved: "was approved",
-  rejected: "was rejected",
-  activated: "came into use",
-  retired: "was no longer in use",
+  proposed: t("common.wasProposed"),
+  approved: t("common.wasApproved"),
+  rejected: t("common.wasRejected"),
+  activated: t("common.cameIntoUse"),
+  retired: t("common.wasNoLongerUse"),
 };
 
 function told(one: Calibration, { time, action, by, note }: Calibration["history"][number]): Step {
-  const same = action === "approved" && by === one.proposed_by ? ", who had proposed it" : "";
-  return { time, text: `“${one.label}” ${DONE[action]}, by ${by}${same}${note === "" ? "" : `: ${note}`}` };
+  const same = action === "approved" && by === one.proposed_by ? t("calibrations.whoHadProposed") : "";
+  return {
+    time,
+    text: t("calibrations.by", {
+      label: one.label,
+      action: DONE[action],
+      by,
+      same,
+      note: note === "" ? "" : `: ${note}`,
+    }),
+  };
 }
 
 /** What happened to the calibrations of a machine, as far as each of them tells, newest first. */
 export function history(calibrations: Calibration[]): Step[] {
   const steps = calibrations.flatMap((one): Step[] => {
     if (one.history.length > 0) return one.history.map((step) => told(one, step));
-    const proposed = { time: one.created, text: `“${one.label}” was proposed by ${one.proposed_by}` };
+    const proposed = {
+      time: one.created,
+      text: t("calibrations.wasProposedBy", { label: one.label, proposedBy: one.proposed_by }),
+    };
     if (one.activated === null) return [proposed];
-    const approver = one.approved_by === null ? "" : `, approved by ${one.approved_by}`;
-    return [proposed, { time: one.activated, text: `“${one.label}” came into use${approver}` }];
+    const approver = one.approved_by === null ? "" : t("calibrations.approvedBy", { approvedBy: one.approved_by });
+    return [proposed, { time: one.activated, text: t("calibrations.cameIntoUse", { label: one.label, approver }) }];
   });
   return steps.sort((a, b) => b.time.localeCompare(a.time));
 }
 
 /** Notes of the service at steps that undo an activation. */
-const ROLLED_BACK = "rolled back to";
-const OUT_OF_USE = "taken out of use";
+const ROLLED_BACK = t("calibrations.rolledBackTo");
+const OUT_OF_USE = t("calibrations.takenOutUse");
 
 /**
  * What rolling back leads to, null if there is none: what was put in use before the active one and not undone since, as

@@ -8,6 +8,7 @@ import { count, DASH, number, percent, time } from "../../ui/format";
 import { Empty, Panel, Table } from "../../ui/layout";
 import { acquisitionWords, monitorWords } from "../../words";
 import "./fleet.css";
+import { t } from "../../texts";
 
 type Fleet = components["schemas"]["Fleet"];
 type Machine = components["schemas"]["FleetMachine"];
@@ -26,26 +27,24 @@ export default function FleetView() {
   };
   return (
     <div class={fleet.stale ? "stale" : ""}>
-      <h1 class="title">Fleet</h1>
+      <h1 class="title">{t("common.fleet")}</h1>
       {fleet.error !== null && <Notice kind="bad">{fleet.error}</Notice>}
-      {fleet.value === null && fleet.loading && <p role="status">Reading …</p>}
+      {fleet.value === null && fleet.loading && <p role="status">{t("common.reading")}</p>}
       {fleet.value !== null && (
-        <Panel title={items.length === 1 ? "One machine" : `${count(items.length)} machines`}>
+        <Panel title={t("fleet.machines", { count: items.length })}>
           {items.length === 0 ? (
-            <Empty>There is no machine yet.</Empty>
+            <Empty>{t("common.thereNoMachineYet")}</Empty>
           ) : (
             <>
-              <p class="hint">
-                Nearest to its limit first. At 100 % a drift is reported; a machine at rest keeps its last share.
-              </p>
+              <p class="hint">{t("fleet.nearestItsLimitFirst")}</p>
               <Table
-                caption="All machines"
+                caption={t("common.allMachines")}
                 columns={[
-                  { name: "name", title: "Machine" },
-                  { name: "state", title: "State" },
-                  { name: "residual", title: "Residual against its limit" },
-                  { name: "calibration", title: "Calibration in use" },
-                  { name: "alarms", title: "Alarms" },
+                  { name: "name", title: t("common.machine") },
+                  { name: "state", title: t("common.state") },
+                  { name: "residual", title: t("fleet.residualAgainstItsLimit") },
+                  { name: "calibration", title: t("common.calibrationInUse") },
+                  { name: "alarms", title: t("common.alarms") },
                   { name: "look", title: "" },
                 ]}
                 rows={items.map((machine) => ({
@@ -64,8 +63,11 @@ export default function FleetView() {
                   calibration: <Calibration machine={machine} />,
                   alarms: <Alarms machine={machine} />,
                   look: (
-                    <Button label={`History of ${machine.name}`} onClick={() => show(machine.name, "#/history")}>
-                      History
+                    <Button
+                      label={t("fleet.historyOf", { name: machine.name })}
+                      onClick={() => show(machine.name, "#/history")}
+                    >
+                      {t("fleet.history")}
                     </Button>
                   ),
                 }))}
@@ -99,12 +101,18 @@ function Residual({ machine }: { machine: Machine }) {
   const used = share(machine);
   const joint = machine.joint;
   if (used === null || joint === null)
-    return <span class="hint reason">{machine.reason ?? "No joint is watched yet."}</span>;
+    return <span class="hint reason">{machine.reason ?? t("fleet.noJointWatchedYet")}</span>;
   const tone = used >= 1 ? "bad" : used >= 0.5 ? "warning" : "good";
-  const measured = joint.residual === null ? "at rest" : `${number(joint.residual, 3)} ${joint.unit}`;
+  const measured = joint.residual === null ? t("common.atRest") : `${number(joint.residual, 3)} ${joint.unit}`;
   return (
     <span class="stacked">
-      <meter class={tone} min={0} max={1} value={Math.min(1, used)} aria-label={`${percent(used)} of the limit`} />
+      <meter
+        class={tone}
+        min={0}
+        max={1}
+        value={Math.min(1, used)}
+        aria-label={t("fleet.ofTheLimit", { used: percent(used) })}
+      />
       <span>
         <strong>{percent(used)}</strong> {joint.joint}, {measured}
       </span>
@@ -114,12 +122,15 @@ function Residual({ machine }: { machine: Machine }) {
 
 function Calibration({ machine }: { machine: Machine }) {
   const one = machine.calibration;
-  if (one === null) return <>none</>;
+  if (one === null) return <>{t("fleet.none")}</>;
   return (
     <span class="stacked">
       <span>{one.label || one.id}</span>
       <span class="hint">
-        since {time(one.activated)}; error {one.error === null ? DASH : `${number(one.error, 3)} times the noise`}
+        {t("fleet.sinceError", {
+          activated: time(one.activated),
+          error: one.error === null ? DASH : t("fleet.timesTheNoise", { error: number(one.error, 3) }),
+        })}
       </span>
     </span>
   );
@@ -127,22 +138,14 @@ function Calibration({ machine }: { machine: Machine }) {
 
 function Alarms({ machine }: { machine: Machine }) {
   const { critical, warning, info, waiting } = machine.alarms;
-  if (critical + warning + info + waiting === 0) return <Mark kind="good">none</Mark>;
+  if (critical + warning + info + waiting === 0) return <Mark kind="good">{t("fleet.none")}</Mark>;
   return (
     <a class="stacked row-link" href="#/alarms">
-      {critical > 0 && <Mark kind="bad">{count(critical)} critical</Mark>}
-      {warning > 0 && (
-        <Mark kind="warning">
-          {count(warning)} warning{warning === 1 ? "" : "s"}
-        </Mark>
-      )}
-      {info > 0 && (
-        <Mark kind="info">
-          {count(info)} note{info === 1 ? "" : "s"}
-        </Mark>
-      )}
-      {critical + warning + info === 0 && <Mark kind="off">none holds now</Mark>}
-      {waiting > 0 && <span class="hint">{count(waiting)} to be looked at</span>}
+      {critical > 0 && <Mark kind="bad">{t("fleet.critical", { critical: count(critical) })}</Mark>}
+      {warning > 0 && <Mark kind="warning">{t("fleet.warning", { count: warning })}</Mark>}
+      {info > 0 && <Mark kind="info">{t("fleet.note", { count: info })}</Mark>}
+      {critical + warning + info === 0 && <Mark kind="off">{t("fleet.noneHoldsNow")}</Mark>}
+      {waiting > 0 && <span class="hint">{t("fleet.lookedAt", { waiting: count(waiting) })}</span>}
     </a>
   );
 }

@@ -1,38 +1,40 @@
 /** What a time line draws: events as marks and bars in lanes. */
 import type { components } from "../../net/api.gen";
 import type { NoticeKind } from "../../ui/controls";
-import { number } from "../../ui/format";
+import { dayMonth, monthYear, number } from "../../ui/format";
 import { verdictWords, words } from "../results/wording";
+import { t } from "../../texts";
+import { said } from "../../texts/report";
 
 export type HistoryEvent = components["schemas"]["HistoryEvent"];
 export type Kind = HistoryEvent["kind"];
 
 export const KINDS: Kind[] = ["calibration", "identification", "drift", "alarm", "file"];
 export const LANES: Record<Kind, string> = {
-  calibration: "Calibration in use",
-  identification: "Effects found",
-  drift: "Drifts",
-  alarm: "Alarms",
-  file: "Machine file",
+  calibration: t("history.calibrationInUse"),
+  identification: t("history.effectsFound"),
+  drift: t("history.drifts"),
+  alarm: t("common.alarms"),
+  file: t("common.machineFile"),
 };
 
 const STEPS: Record<string, string> = {
-  proposed: "was proposed",
-  approved: "was approved",
-  rejected: "was rejected",
-  activated: "came into use",
-  retired: "was no longer in use",
+  proposed: t("common.wasProposed"),
+  approved: t("common.wasApproved"),
+  rejected: t("common.wasRejected"),
+  activated: t("common.cameIntoUse"),
+  retired: t("common.wasNoLongerUse"),
 };
 const ALARMS: Record<string, string> = {
-  acquisition_down: "Acquisition was down",
-  channel_stale: "A channel did not measure",
-  disk_full: "The disk was nearly full",
-  clock_jumped: "The clock jumped",
-  residual_drift: "Measured and predicted effort drifted apart",
-  residual_grew: "The error grew since the calibration",
-  overload: "Overload",
-  recalibration_failed: "A recalibration failed",
-  worker_silent: "A worker fell silent",
+  acquisition_down: t("history.acquisitionWasDown"),
+  channel_stale: t("history.channelDidNotMeasure"),
+  disk_full: t("history.diskWasNearlyFull"),
+  clock_jumped: t("history.theClockJumped"),
+  residual_drift: t("history.measuredPredictedEffortDrifted"),
+  residual_grew: t("history.errorGrewSinceCalibration"),
+  overload: t("history.overload"),
+  recalibration_failed: t("history.aRecalibrationFailed"),
+  worker_silent: t("history.workerFellSilent"),
 };
 
 export interface Drawn {
@@ -50,23 +52,30 @@ const at = (iso: string): number => new Date(iso).getTime();
 
 /** Effects as one text: `friction that depends on the piston position at joint2`. */
 export function effectsOf(event: HistoryEvent): string {
-  return (event.effects ?? []).map(({ title, joint }) => (joint === null ? title : `${title} at ${joint}`)).join(", ");
+  return (event.effects ?? [])
+    .map(({ title, joint }) => (joint === null ? said(title) : t("history.at", { title: said(title), joint })))
+    .join(", ");
 }
 
 /** What happened, in a sentence. */
 export function sentence(event: HistoryEvent): string {
-  const error = event.error == null ? "" : `, error ${number(event.error, 3)} times the noise`;
-  const by = event.by == null ? "" : ` by ${event.by}`;
+  const error = event.error == null ? "" : t("history.errorTimesNoise", { error: number(event.error, 3) });
+  const by = event.by == null ? "" : t("history.by", { by: event.by });
   const effects = effectsOf(event);
   switch (event.kind) {
     case "file":
-      return `Version ${event.subject} of the machine file was uploaded`;
+      return t("history.versionMachineFileWas", { subject: event.subject });
     case "identification":
       return `${verdictWords(event.what)[1]}${effects === "" ? "" : `: ${effects}`}${error}`;
     case "calibration":
-      return `Calibration “${event.text}” ${STEPS[event.what] ?? words(event.what)}${by}${effects === "" ? "" : `, with ${effects}`}`;
+      return t("history.calibration", {
+        text: event.text,
+        what: STEPS[event.what] ?? words(event.what),
+        by,
+        effects: effects === "" ? "" : t("history.with", { effects }),
+      });
     default: {
-      const seen = event.by == null ? "" : ` (seen by ${event.by})`;
+      const seen = event.by == null ? "" : t("history.seenBy", { by: event.by });
       return `${ALARMS[event.what] ?? words(event.what)}: ${event.text}${seen}`;
     }
   }
@@ -107,9 +116,9 @@ export function lane(kind: Kind, events: HistoryEvent[], now: number): Drawn[] {
     const lasts = kind === "drift" || kind === "alarm";
     const label =
       kind === "identification"
-        ? (event.effects ?? []).map((one) => one.title).join(", ") || verdictWords(event.what)[1]
+        ? (event.effects ?? []).map((one) => said(one.title)).join(", ") || verdictWords(event.what)[1]
         : kind === "file"
-          ? `version ${event.subject}`
+          ? t("history.version", { subject: event.subject })
           : (ALARMS[event.what] ?? words(event.what));
     return {
       from: at(event.time),
@@ -159,20 +168,19 @@ export function dates(from: number, to: number, most: number): { at: number; tex
   const day = 86_400_000;
   const days = (to - from) / day;
   const step = [1, 2, 7, 14].find((one) => days / one <= most);
-  const two = (value: number): string => String(value).padStart(2, "0");
   const found: { at: number; text: string }[] = [];
   const first = new Date(from);
   if (step !== undefined) {
     for (let day = 1; ; day += step) {
       const date = new Date(first.getFullYear(), first.getMonth(), first.getDate() + day);
       if (date.getTime() > to) return found;
-      found.push({ at: date.getTime(), text: `${two(date.getMonth() + 1)}-${two(date.getDate())}` });
+      found.push({ at: date.getTime(), text: dayMonth(date) });
     }
   }
   const months = [1, 2, 3, 6, 12, 24].find((one) => days / 30.4 / one <= most) ?? 60;
   for (let month = months - (first.getMonth() % months); ; month += months) {
     const date = new Date(first.getFullYear(), first.getMonth() + month, 1);
     if (date.getTime() > to) return found;
-    found.push({ at: date.getTime(), text: `${date.getFullYear()}-${two(date.getMonth() + 1)}` });
+    found.push({ at: date.getTime(), text: monthYear(date) });
   }
 }

@@ -9,15 +9,16 @@ import { Empty, Panel, Table } from "../../ui/layout";
 import { href, KINDS, type Kind, LANES, sentence, tone } from "./events";
 import { Timeline } from "./timeline";
 import "./history.css";
+import { t } from "../../texts";
 
 type History = components["schemas"]["History"];
 
 const SPANS: [number, string][] = [
-  [7, "one week"],
-  [30, "30 days"],
-  [90, "90 days"],
-  [365, "one year"],
-  [1826, "five years"],
+  [7, t("history.oneWeek")],
+  [30, t("history.30Days")],
+  [90, t("history.90Days")],
+  [365, t("history.oneYear")],
+  [1826, t("history.fiveYears")],
 ];
 const FIRST = 50;
 const WATCHED = ["machines", "calibrations", "identifications", "alarms", "jobs"];
@@ -27,8 +28,14 @@ export default function HistoryView() {
   const machine = session.machine.value;
   return (
     <>
-      <h1 class="title">History {machine !== null && <span class="hint">{machine}</span>}</h1>
-      {machine === null ? <Empty>There is no machine yet.</Empty> : <MachineHistory key={machine} machine={machine} />}
+      <h1 class="title">
+        {t("history.history")} {machine !== null && <span class="hint">{machine}</span>}
+      </h1>
+      {machine === null ? (
+        <Empty>{t("common.thereNoMachineYet")}</Empty>
+      ) : (
+        <MachineHistory key={machine} machine={machine} />
+      )}
     </>
   );
 }
@@ -46,8 +53,8 @@ function MachineHistory({ machine }: { machine: string }) {
   return (
     <div class={history.stale ? "stale" : ""}>
       {history.error !== null && <Notice kind="bad">{history.error}</Notice>}
-      <Panel title="Time line">
-        <Field label="Of the last">
+      <Panel title={t("history.timeLine")}>
+        <Field label={t("history.ofTheLast")}>
           <select value={days} onChange={(event: SelectEvent) => setDays(Number(event.currentTarget.value))}>
             {SPANS.map(([length, words]) => (
               <option key={length} value={length}>
@@ -56,10 +63,8 @@ function MachineHistory({ machine }: { machine: string }) {
             ))}
           </select>
         </Field>
-        {value === null && history.loading && <p role="status">Reading …</p>}
-        {value !== null && !value.complete && (
-          <Notice kind="warning">There is more in this time than is shown; what is missing is the oldest.</Notice>
-        )}
+        {value === null && history.loading && <p role="status">{t("common.reading")}</p>}
+        {value !== null && !value.complete && <Notice kind="warning">{t("history.thereMoreTimeThan")}</Notice>}
         {value !== null && (
           <Timeline
             events={value.items}
@@ -69,9 +74,9 @@ function MachineHistory({ machine }: { machine: string }) {
         )}
       </Panel>
       {value !== null && (
-        <Panel title={`What happened (${count(events.length)})`}>
+        <Panel title={t("history.whatHappened", { count: count(events.length) })}>
           <fieldset class="kinds">
-            <legend>Show</legend>
+            <legend>{t("history.show")}</legend>
             {KINDS.map((kind) => (
               <label key={kind} class="check">
                 <input type="checkbox" checked={!hidden.includes(kind)} onChange={() => toggle(kind)} />
@@ -80,31 +85,31 @@ function MachineHistory({ machine }: { machine: string }) {
             ))}
           </fieldset>
           {events.length === 0 ? (
-            <Empty>Nothing of this kind happened in this time.</Empty>
+            <Empty>{t("history.nothingKindHappenedTime")}</Empty>
           ) : (
             <Table
-              caption={`What happened to ${machine}, newest first`}
+              caption={t("history.whatHappenedNewestFirst", { machine })}
               columns={[
-                { name: "time", title: "When" },
-                { name: "what", title: "What" },
-                { name: "until", title: "Until" },
+                { name: "time", title: t("common.when") },
+                { name: "what", title: t("history.what") },
+                { name: "until", title: t("history.until") },
                 { name: "look", title: "" },
               ]}
               rows={shown.map((event, index) => ({
                 key: `${event.time} ${event.kind} ${event.subject} ${index}`,
                 time: time(event.time),
                 what: <Mark kind={tone(event)}>{sentence(event)}</Mark>,
-                until: event.severity == null ? "" : event.until == null ? "holds now" : time(event.until),
+                until: event.severity == null ? "" : event.until == null ? t("common.holdsNow") : time(event.until),
                 look: (
                   <a class="row-link" href={href(event, machine)}>
-                    View
+                    {t("history.view")}
                   </a>
                 ),
               }))}
             />
           )}
           {shown.length < events.length && (
-            <Button onClick={() => setAll(true)}>Show all {count(events.length)}</Button>
+            <Button onClick={() => setAll(true)}>{t("common.showAll", { count: count(events.length) })}</Button>
           )}
         </Panel>
       )}

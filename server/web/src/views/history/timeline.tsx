@@ -2,6 +2,7 @@
 import { count, fixed, zone } from "../../ui/format";
 import { useWidth } from "../../ui/width";
 import { dates, type Drawn, errors, type HistoryEvent, KINDS, lane, LANES } from "./events";
+import { t } from "../../texts";
 
 const LANE = 46;
 const ERROR = 84;
@@ -51,15 +52,15 @@ export function Timeline({ events, from, to }: TimelineProps) {
         <g transform={`translate(0 ${top(lanes.length)})`}>
           <line class="grid" x1={0} x2={width} y1={ERROR} y2={ERROR} />
           <text class="name" x={4} y={left === 0 ? 13 : 28}>
-            Error
+            {t("history.error")}
           </text>
           <text class="date" x={4} y={left === 0 ? 28 : 46}>
-            times the noise
+            {t("history.timesTheNoise")}
           </text>
           <Errors steps={steps} x={x} left={left} end={width} />
         </g>
       </svg>
-      <p class="hint">Times are {zone(new Date(to))}, the zone of this device. A bar lasts until its right end.</p>
+      <p class="hint">{t("history.timesZoneDeviceBar", { zone: zone(new Date(to)) })}</p>
     </div>
   );
 }
@@ -121,7 +122,7 @@ function Errors({ steps, x, left, end }: ErrorsProps) {
   if (steps.length === 0)
     return (
       <text class="date" x={left + 8} y={ERROR / 2 + 12}>
-        No identification in this time.
+        {t("history.noIdentificationTime")}
       </text>
     );
   const most = Math.max(1.2, ...steps.map(([, error]) => error)) * 1.1;
@@ -131,7 +132,7 @@ function Errors({ steps, x, left, end }: ErrorsProps) {
     <>
       <line class="noise" x1={left} x2={end} y1={y(1)} y2={y(1)} />
       <text class="date" x={left + 4} y={y(1) + 16}>
-        1: the noise
+        {t("history.1TheNoise")}
       </text>
       <path class="error-line" d={path} />
       {steps.map(([time, error]) => (
@@ -149,5 +150,5 @@ function Errors({ steps, x, left, end }: ErrorsProps) {
 function inWords(lanes: { kind: HistoryEvent["kind"]; drawn: Drawn[] }[], steps: [number, number][]): string {
   const counts = lanes.map(({ kind, drawn }) => `${LANES[kind]}: ${count(drawn.length)}`);
   const last = steps[steps.length - 1];
-  return `${counts.join(", ")}${last === undefined ? "" : `; error last ${fixed(last[1], 2)} times the noise`}`;
+  return `${counts.join(", ")}${last === undefined ? "" : t("history.errorLastTimesNoise", { last: fixed(last[1], 2) })}`;
 }

@@ -10,28 +10,29 @@ import { useSecond } from "../../ui/clock";
 import { DASH, duration, time } from "../../ui/format";
 import { Confirm, Empty, Panel, Table } from "../../ui/layout";
 import { jobWords } from "../../words";
+import { t } from "../../texts";
 
 type Job = components["schemas"]["JobResource"];
 type List = components["schemas"]["JobList"];
 
 const KINDS: Record<string, string> = {
-  identification: "Identification",
-  excitation: "Design of a motion",
-  recalibration: "Scheduled recalibration",
+  identification: t("jobs.identification"),
+  excitation: t("jobs.designMotion"),
+  recalibration: t("common.scheduledRecalibration"),
 };
 const STAGES: Record<string, string> = {
-  check: "Check recordings and equations",
-  cylinder_stage: "Friction and stiffness of each drive",
-  rigid_body_stage: "Masses and inertias, friction kept",
-  residual: "Noise floor",
-  attribution: "What causes the remaining error",
-  refit: "Fit all jointly once more",
-  report: "Write the report",
-  design: "Design the motion",
-  record: "Record",
-  identify: "Fit the new recordings",
-  compare: "Compare with the active calibration",
-  propose: "Propose the new calibration",
+  check: t("jobs.checkRecordingsEquations"),
+  cylinder_stage: t("jobs.frictionStiffnessEachDrive"),
+  rigid_body_stage: t("jobs.massesInertiasFrictionKept"),
+  residual: t("jobs.noiseFloor"),
+  attribution: t("jobs.whatCausesRemainingError"),
+  refit: t("jobs.fitAllJointlyOnce"),
+  report: t("jobs.writeTheReport"),
+  design: t("jobs.designTheMotion"),
+  record: t("jobs.record"),
+  identify: t("jobs.fitNewRecordings"),
+  compare: t("jobs.compareWithActiveCalibration"),
+  propose: t("jobs.proposeNewCalibration"),
 };
 
 export default function JobsView() {
@@ -44,19 +45,19 @@ function JobsPage() {
   const items = jobs.value?.items ?? [];
   return (
     <div class={jobs.stale ? "stale" : ""}>
-      <h1 class="title">Jobs</h1>
+      <h1 class="title">{t("common.jobs")}</h1>
       {jobs.error !== null && <Notice kind="bad">{jobs.error}</Notice>}
-      <Panel title="Newest first">
+      <Panel title={t("common.newestFirst")}>
         {jobs.value !== null && items.length === 0 ? (
-          <Empty>Nothing was ordered yet.</Empty>
+          <Empty>{t("jobs.nothingWasOrderedYet")}</Empty>
         ) : (
           <Table
-            caption="Jobs"
+            caption={t("common.jobs")}
             columns={[
-              { name: "label", title: "What" },
-              { name: "state", title: "State" },
-              { name: "progress", title: "Progress" },
-              { name: "created", title: "Submitted" },
+              { name: "label", title: t("jobs.what") },
+              { name: "state", title: t("common.state") },
+              { name: "progress", title: t("jobs.progress") },
+              { name: "created", title: t("common.submitted") },
             ]}
             rows={items.map((job) => ({
               key: job.id,
@@ -87,11 +88,11 @@ function JobPage({ id }: { id: string }) {
   const job = useResource<Job>(`/jobs/${encodeURIComponent(id)}`, "jobs");
   return (
     <div class={job.stale ? "stale" : ""}>
-      <h1 class="title">{job.value?.label ?? "Job"}</h1>
+      <h1 class="title">{job.value?.label ?? t("common.job")}</h1>
       {job.error !== null && <Notice kind="bad">{job.error}</Notice>}
       {job.value !== null && <JobPanel job={job.value} />}
       <p>
-        <a href="#/jobs">All jobs</a>
+        <a href="#/jobs">{t("jobs.allJobs")}</a>
       </p>
     </div>
   );
@@ -99,10 +100,10 @@ function JobPage({ id }: { id: string }) {
 
 /** How long a job will probably still take, and what is known where that is not. */
 export function remaining(job: Job, now: number): string {
-  if (job.state === "queued") return "Begins when the jobs before it are over.";
-  if (job.expected_end === null || job.expected_end === undefined) return "How long it will take is not known yet.";
+  if (job.state === "queued") return t("jobs.beginsWhenJobsBefore");
+  if (job.expected_end === null || job.expected_end === undefined) return t("jobs.howLongWillTake");
   const seconds = (new Date(job.expected_end).getTime() - now) / 1000;
-  return seconds < 1 ? "It takes longer than usual." : `About ${duration(rounded(seconds))} left.`;
+  return seconds < 1 ? t("jobs.takesLongerThanUsual") : t("jobs.aboutLeft", { seconds: duration(rounded(seconds)) });
 }
 
 /** No more exact than an estimate is. */
@@ -131,7 +132,7 @@ export function JobPanel({ job }: { job: Job }) {
       {!over(job) && <Progress fraction={job.fraction} text={job.text} />}
       {!over(job) && <Remaining job={job} />}
       {job.state === "failed" && <Notice kind="bad">{job.error ?? job.text}</Notice>}
-      {job.state === "cancelled" && <Notice kind="info">It was cancelled; nothing was stored.</Notice>}
+      {job.state === "cancelled" && <Notice kind="info">{t("jobs.wasCancelledNothingWas")}</Notice>}
       <ol class="steps">
         {job.stages.map((stage, index) => {
           const state = stageState(job, index);
@@ -142,12 +143,12 @@ export function JobPanel({ job }: { job: Job }) {
                 <span class="for-reader">
                   :{" "}
                   {state === "done"
-                    ? "done"
+                    ? t("jobs.done")
                     : state === "now"
-                      ? "running"
+                      ? t("jobs.running")
                       : state === "broke"
-                        ? "broke off"
-                        : "not begun"}
+                        ? t("jobs.brokeOff")
+                        : t("jobs.notBegun")}
                 </span>
               </Mark>
             </li>
@@ -155,8 +156,11 @@ export function JobPanel({ job }: { job: Job }) {
         })}
       </ol>
       <p class="hint">
-        Submitted {time(job.created)}, {job.ended === null ? "not ended" : `ended ${time(job.ended)}`}
-        {took === null ? "" : `, took ${took}`}
+        {t("jobs.submitted", {
+          created: time(job.created),
+          ended: job.ended === null ? t("jobs.notEnded") : t("jobs.ended", { ended: time(job.ended) }),
+          took: took === null ? "" : t("jobs.took", { took }),
+        })}
       </p>
       <CommandNotice of={command} />
       <div class="actions">
@@ -167,15 +171,15 @@ export function JobPanel({ job }: { job: Job }) {
             disabled={job.cancel_requested || !session.online.value}
             onClick={() => setAsking(true)}
           >
-            {job.cancel_requested ? "Is being cancelled …" : "Cancel"}
+            {job.cancel_requested ? t("jobs.isBeingCancelled") : t("jobs.cancel")}
           </Button>
         )}
       </div>
       {asking && (
         <Confirm
-          title="Cancel this job?"
-          text={`“${job.label}” stops, and what it did so far is dropped.`}
-          confirm="Cancel the job"
+          title={t("jobs.cancelThisJob")}
+          text={t("jobs.stopsWhatDidSo", { label: job.label })}
+          confirm={t("jobs.cancelTheJob")}
           kind="danger"
           onNo={() => setAsking(false)}
           onYes={() => {
@@ -191,9 +195,9 @@ export function JobPanel({ job }: { job: Job }) {
 function ResultLink({ job }: { job: Job }) {
   const [href, words] =
     job.kind === "identification"
-      ? [`#/results/${job.subject}`, "View the result"]
+      ? [`#/results/${job.subject}`, t("common.viewTheResult")]
       : job.kind === "recalibration"
-        ? ["#/calibrations", "View the calibrations"]
+        ? ["#/calibrations", t("jobs.viewTheCalibrations")]
         : [null, DASH];
   return href === null ? null : (
     <a class="button primary" href={href}>

@@ -3,11 +3,13 @@ import { useState } from "preact/hooks";
 import { remember, remembered } from "../../storage";
 import { Button, Field, type InputEvent, type SelectEvent } from "../../ui/controls";
 import type { Group } from "./groups";
+import { t } from "../../texts";
+import { number } from "../../ui/format";
 
 export interface Choice {
   /** Names of lines that are not drawn. */
   hidden: string[];
-  /** Thresholds by title of the plot. */
+  /** Thresholds by key of the plot. */
   thresholds: Record<string, number[]>;
 }
 const NOTHING: Choice = { hidden: [], thresholds: {} };
@@ -70,7 +72,7 @@ export function ChannelChoice({ groups, choice, onChoice }: ChoiceProps) {
             </legend>
             {names.length > 1 && (
               <label class="check">
-                <input type="checkbox" checked={all} onChange={() => toggle(names, !all)} /> all
+                <input type="checkbox" checked={all} onChange={() => toggle(names, !all)} /> {t("live.all")}
               </label>
             )}
             {group.lines.map((line) => (
@@ -91,13 +93,14 @@ export function ChannelChoice({ groups, choice, onChoice }: ChoiceProps) {
 }
 
 export function Thresholds({ groups, choice, onChoice }: ChoiceProps) {
-  const [title, setTitle] = useState(groups[0]?.title ?? "");
+  const [plot, setPlot] = useState(groups[0]?.key ?? "");
   const [text, setText] = useState("");
   const value = Number(text.replace(",", ".").replace("−", "-"));
   const good = text.trim() !== "" && Number.isFinite(value);
-  const group = groups.find((one) => one.title === title) ?? groups[0];
+  const group = groups.find((one) => one.key === plot) ?? groups[0];
   const set = (of: string, values: number[]): void =>
     onChoice({ ...choice, thresholds: { ...choice.thresholds, [of]: values } });
+  const titles = new Map(groups.map((one) => [one.key, one.title]));
   if (group === undefined) return null;
   return (
     <>
@@ -106,18 +109,20 @@ export function Thresholds({ groups, choice, onChoice }: ChoiceProps) {
         onSubmit={(event) => {
           event.preventDefault();
           if (!good) return;
-          set(group.title, [...(choice.thresholds[group.title] ?? []), value]);
+          set(group.key, [...(choice.thresholds[group.key] ?? []), value]);
           setText("");
         }}
       >
-        <Field label="Plot">
-          <select value={group.title} onChange={(event: SelectEvent) => setTitle(event.currentTarget.value)}>
+        <Field label={t("live.plot")}>
+          <select value={group.key} onChange={(event: SelectEvent) => setPlot(event.currentTarget.value)}>
             {groups.map((one) => (
-              <option key={one.title}>{one.title}</option>
+              <option key={one.key} value={one.key}>
+                {one.title}
+              </option>
             ))}
           </select>
         </Field>
-        <Field label={`Line at (${group.unit})`}>
+        <Field label={t("live.lineAt", { unit: group.unit })}>
           <input
             value={text}
             inputMode="decimal"
@@ -126,16 +131,16 @@ export function Thresholds({ groups, choice, onChoice }: ChoiceProps) {
           />
         </Field>
         <Button type="submit" disabled={!good}>
-          Add a line
+          {t("live.addALine")}
         </Button>
       </form>
       <ul class="threshold-list">
         {Object.entries(choice.thresholds).flatMap(([of, values]) =>
           values.map((one, index) => (
             <li key={`${of} ${index}`}>
-              {of}: {one}{" "}
+              {titles.get(of) ?? of}: {number(one)}{" "}
               <Button
-                label={`Remove the line at ${one} of ${of}`}
+                label={t("live.removeLineAt", { one: number(one), of: titles.get(of) ?? of })}
                 onClick={() =>
                   set(
                     of,
@@ -143,13 +148,13 @@ export function Thresholds({ groups, choice, onChoice }: ChoiceProps) {
                   )
                 }
               >
-                Remove
+                {t("live.remove")}
               </Button>
             </li>
           )),
         )}
       </ul>
-      <p class="hint">Ends of the range of a channel, as the machine file has them, are drawn by themselves.</p>
+      <p class="hint">{t("live.endsRangeChannelAs")}</p>
     </>
   );
 }

@@ -2,6 +2,7 @@
 import { useEffect, useState } from "preact/hooks";
 import { count, fixed, percent } from "../../ui/format";
 import { FrameCounter, type Smoothness } from "./frames";
+import { t } from "../../texts";
 
 interface DiagnosticsProps {
   /** How often the plots were drawn since the page was opened. */
@@ -14,7 +15,7 @@ export function Diagnostics(props: DiagnosticsProps) {
   const [open, setOpen] = useState(false);
   return (
     <details class="motion" onToggle={(event) => setOpen(event.currentTarget.open)}>
-      <summary>How smoothly this device draws</summary>
+      <summary>{t("live.howSmoothlyDeviceDraws")}</summary>
       {open && <Counted {...props} />}
     </details>
   );
@@ -39,13 +40,19 @@ function Counted({ draws, missed }: DiagnosticsProps) {
       clearInterval(timer);
     };
   }, []);
-  if (found === null || found.seconds === 0) return <p class="hint">Counting …</p>;
+  if (found === null || found.seconds === 0) return <p class="hint">{t("live.counting")}</p>;
   const { frames, dropped, longest, rate, seconds } = found;
   return (
     <p class="hint" data-frames={frames} data-dropped={dropped} data-longest={longest} data-rate={rate}>
-      In the last {fixed(seconds, 0)} s this device showed {count(frames)} frames and dropped {count(dropped)} (
-      {percent(dropped / Math.max(1, frames + dropped), 1)}), the longest pause was {fixed(longest, 0)} ms. The plots
-      were drawn {fixed(rate, 1)} times a second. Rows that came late since the page was opened: {count(missed())}.
+      {t("live.lastSDeviceShowed", {
+        seconds: fixed(seconds, 0),
+        frames: count(frames),
+        dropped: count(dropped),
+        dropped2: percent(dropped / Math.max(1, frames + dropped), 1),
+        longest: fixed(longest, 0),
+        rate: fixed(rate, 1),
+        missed: count(missed()),
+      })}
     </p>
   );
 }

@@ -7,6 +7,7 @@ import { useSession } from "../../session";
 import { Button, Field, Mark, type InputEvent, type SelectEvent } from "../../ui/controls";
 import { Panel } from "../../ui/layout";
 import { asked, faultWords, grouped, leftOf, type Broken } from "./faults";
+import { t } from "../../texts";
 
 type Faults = components["schemas"]["MachineFaults"];
 
@@ -36,13 +37,16 @@ export function FaultPanel({ machine }: { machine: string }) {
   const chosen = targets.find((offer) => offer.target === target) ?? targets[0];
   const wish = chosen === undefined ? null : asked(chosen, seconds, LONGEST_S);
   return (
-    <Panel title="Faults of the simulated machine" actions={running.length > 0 && <Mark kind="warning">Broken</Mark>}>
+    <Panel
+      title={t("live.faultsSimulatedMachine")}
+      actions={running.length > 0 && <Mark kind="warning">{t("live.broken")}</Mark>}
+    >
       <CommandNotice of={command} />
       {running.map((one, number) => (
         <p key={number}>{leftOf(one)}</p>
       ))}
       {!session.may("operate") ? (
-        <p class="hint">Your role looks only: an operator can break it.</p>
+        <p class="hint">{t("live.yourRoleLooksOnly")}</p>
       ) : (
         <form
           onSubmit={(event) => {
@@ -51,7 +55,7 @@ export function FaultPanel({ machine }: { machine: string }) {
             void command.run({ method: "POST", path, json: { faults: [wish] } }, () => faults.reload());
           }}
         >
-          <Field label="What happens">
+          <Field label={t("common.whatHappens")}>
             <select value={fault} onChange={(event: SelectEvent) => setFault(event.currentTarget.value)}>
               {[...offers.keys()].map((name) => (
                 <option key={name} value={name}>
@@ -60,7 +64,7 @@ export function FaultPanel({ machine }: { machine: string }) {
               ))}
             </select>
           </Field>
-          <Field label="To what">
+          <Field label={t("live.toWhat")}>
             <select
               value={chosen?.target ?? ""}
               onChange={(event: SelectEvent) => setTarget(event.currentTarget.value)}
@@ -73,8 +77,8 @@ export function FaultPanel({ machine }: { machine: string }) {
             </select>
           </Field>
           <Field
-            label="For how many seconds"
-            error={wish === null ? `Give a number above 0, at most ${LONGEST_S}` : undefined}
+            label={t("live.howManySeconds")}
+            error={wish === null ? t("live.giveNumberAbove0", { longests: LONGEST_S }) : undefined}
           >
             <input
               inputMode="decimal"
@@ -83,7 +87,7 @@ export function FaultPanel({ machine }: { machine: string }) {
             />
           </Field>
           <Button type="submit" busy={command.busy} disabled={wish === null || !session.online.value}>
-            Begin
+            {t("common.begin")}
           </Button>
         </form>
       )}

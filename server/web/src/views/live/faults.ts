@@ -1,4 +1,6 @@
 /** Faults of the simulated machine as words and wishes. */
+import { t } from "../../texts";
+
 export interface Offer {
   fault: string;
   target: string;
@@ -16,22 +18,22 @@ export interface Broken {
 }
 
 const WORDS: Record<string, string> = {
-  node_death: "A device falls silent",
-  drop: "Its messages are lost",
-  delay: "Its messages come late",
-  corrupt: "Its messages are disturbed",
-  duplicate_id: "A second device has its node-ID",
-  emcy_storm: "It sends 2000 emergencies",
-  freeze: "A value stands still",
-  nan: "A value is no number",
-  saturate: "A value stays at the end of its range",
-  noise_burst: "A value is noisy",
-  bias_step: "A value is off by a constant",
-  bus_off: "The CAN interface is bus-off",
-  sync_jitter: "SYNC comes late at random",
-  clock_jump: "The bus's clock jumps by an hour",
-  half_open: "The gateway is gone, its connections stay",
-  slow_peer: "Everything comes late and in pieces",
+  node_death: t("live.deviceFallsSilent"),
+  drop: t("live.itsMessagesLost"),
+  delay: t("live.itsMessagesComeLate"),
+  corrupt: t("live.itsMessagesDisturbed"),
+  duplicate_id: t("live.secondDeviceHasIts"),
+  emcy_storm: t("live.sends2000Emergencies"),
+  freeze: t("live.valueStandsStill"),
+  nan: t("live.valueNoNumber"),
+  saturate: t("live.valueStaysAtEnd"),
+  noise_burst: t("live.valueNoisy"),
+  bias_step: t("live.valueOffConstant"),
+  bus_off: t("live.canInterfaceBusOff"),
+  sync_jitter: t("live.syncComesLateAt"),
+  clock_jump: t("live.bussClockJumpsHour"),
+  half_open: t("live.gatewayGoneItsConnections"),
+  slow_peer: t("live.everythingComesLatePieces"),
 };
 
 export const faultWords = (fault: string): string => WORDS[fault] ?? fault;
@@ -52,7 +54,14 @@ export function asked(offer: Offer, seconds: string, longest: number): Record<st
 
 /** A running fault in a line. */
 export function leftOf(one: Broken): string {
-  const device = one.node !== undefined ? `node ${one.node} on ${one.bus}` : `unit ${one.unit} on ${one.bus}`;
+  const device =
+    one.node !== undefined
+      ? t("live.nodeOn", { node: one.node, bus: one.bus ?? "" })
+      : t("live.unitOn", { unit: one.unit ?? "", bus: one.bus ?? "" });
   const bus = one.node === undefined && one.unit === undefined ? one.bus : device;
-  return `${faultWords(one.fault)} (${one.channel ?? bus}), ${Math.ceil(one.left_s)} s more`;
+  return t("live.sMore", {
+    fault: faultWords(one.fault),
+    channel: one.channel ?? bus ?? "",
+    leftS: Math.ceil(one.left_s),
+  });
 }

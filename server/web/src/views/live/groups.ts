@@ -1,6 +1,8 @@
 /** Which channels are drawn together, and the cylinder forces that follow from pressures. */
 import type { Trace, Value } from "../../charts/trace";
 import type { Reading } from "./history";
+import { type PlainKey, t } from "../../texts";
+import { en } from "../../texts/en";
 
 export interface Spec {
   name: string;
@@ -31,21 +33,24 @@ export interface Line {
   value(values: (number | null)[]): number | null;
 }
 export interface Group {
+  /** Its title in English: what is kept of it on a device holds in every language. */
+  key: string;
   title: string;
   unit: string;
   lines: Line[];
 }
 
-const TITLES: [string, string[]][] = [
-  ["Joint positions", ["joint_position", "motor_position", "base_roll", "base_pitch"]],
-  ["Velocities", ["joint_velocity", "motor_velocity"]],
-  ["Piston positions", ["piston_position"]],
-  ["Pressures, head side", ["head_pressure"]],
-  ["Pressures, rod side", ["rod_pressure"]],
-  ["Supply", ["supply_pressure", "tank_pressure"]],
-  ["Forces and torques, measured", ["cylinder_force", "external_force", "joint_effort", "motor_effort"]],
-  ["Temperatures", ["oil_temperature"]],
+const TITLES: [PlainKey, string[]][] = [
+  ["common.jointPositions", ["joint_position", "motor_position", "base_roll", "base_pitch"]],
+  ["live.velocities", ["joint_velocity", "motor_velocity"]],
+  ["live.pistonPositions", ["piston_position"]],
+  ["live.pressuresHeadSide", ["head_pressure"]],
+  ["live.pressuresRodSide", ["rod_pressure"]],
+  ["live.supply", ["supply_pressure", "tank_pressure"]],
+  ["live.forcesTorquesMeasured", ["cylinder_force", "external_force", "joint_effort", "motor_effort"]],
+  ["live.temperatures", ["oil_temperature"]],
 ];
+const FORCES = "live.cylinderForcesFromPressures";
 const DECIMALS: Record<string, number> = {
   rad: 3,
   "rad/s": 3,
@@ -65,15 +70,16 @@ const PASCAL: Record<string, number> = { Pa: 1, kPa: 1e3, MPa: 1e6, bar: 1e5, mb
 /** Channels by what they measure, in the order of the machine file; then the forces. */
 export function groups(machine: MachineContent): Group[] {
   const found: Group[] = [];
-  for (const [title, quantities] of TITLES) {
+  for (const [text, quantities] of TITLES) {
     const specs = machine.channels.filter((spec) => quantities.includes(spec.quantity));
     for (const unit of new Set(specs.map((spec) => spec.unit))) {
       const lines = specs.filter((spec) => spec.unit === unit).map(line);
-      found.push({ title: lines.length === specs.length ? title : `${title} (${unit})`, unit, lines });
+      const suffix = lines.length === specs.length ? "" : ` (${unit})`;
+      found.push({ key: en[text] + suffix, title: t(text) + suffix, unit, lines });
     }
   }
   const forces = machine.joints.map((joint) => force(machine, joint)).filter((one): one is Line => one !== null);
-  if (forces.length > 0) found.push({ title: "Cylinder forces, from pressures", unit: "kN", lines: forces });
+  if (forces.length > 0) found.push({ key: en[FORCES], title: t(FORCES), unit: "kN", lines: forces });
   return found;
 }
 
@@ -85,7 +91,7 @@ function line(spec: Spec): Line {
     unit,
     decimals: DECIMALS[unit] ?? 2,
     sources: [name],
-    limits: range ? range.map((value) => ({ value, label: `${joint ?? name}: end of range` })) : [],
+    limits: range ? range.map((value) => ({ value, label: t("live.endOfRange", { joint: joint ?? name }) })) : [],
     falls: [false],
     value: (values) => values[0] ?? null,
   };

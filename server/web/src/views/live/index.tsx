@@ -14,6 +14,7 @@ import { Plots } from "./plots";
 import { RecordPanel } from "./record_panel";
 import { SILENT_S } from "./quality";
 import { useLive } from "./use_live";
+import { t } from "../../texts";
 
 type Detail = components["schemas"]["MachineDetail"];
 
@@ -23,9 +24,9 @@ export default function LiveView() {
   if (machine === null)
     return (
       <>
-        <h1>Live</h1>
+        <h1>{t("live.live")}</h1>
         <Empty>
-          There is no machine yet. <a href="#/machines">Upload a machine file</a>
+          {t("common.thereNoMachineYet")} <a href="#/machines">{t("live.uploadMachineFile")}</a>
         </Empty>
       </>
     );
@@ -40,25 +41,25 @@ function LiveMachine({ machine }: { machine: string }) {
   const shown = useMemo(() => (content === undefined ? [] : groups(content)), [content]);
   const state = live.history.acquisition ?? String(detail.value?.acquisition.state ?? "off");
   const known = live.history.acquisition !== null || detail.value !== null;
-  const [kind, words] = known ? acquisitionWords(state) : (["info", "Asking what acquisition does"] as const);
+  const [kind, words] = known ? acquisitionWords(state) : (["info", t("live.askingWhatAcquisitionDoes")] as const);
   const silent = live.silence >= SILENT_S;
   const error = detail.value?.acquisition.error;
   return (
     <>
       <div class="title live-title">
-        <h1>Live</h1>
+        <h1>{t("live.live")}</h1>
         <Mark kind={silent && kind === "good" ? "warning" : kind}>{words}</Mark>
         <LinkMark link={live.link} silence={live.silence} answered={session.online.value && detail.error === null} />
       </div>
       {state !== "running" && typeof error === "string" && <Notice kind="bad">{error}</Notice>}
       {detail.error !== null && detail.value === null && <Notice kind="bad">{detail.error}</Notice>}
       <div class="live-columns">
-        <Panel title="Signals">
+        <Panel title={t("live.signals")}>
           {live.history.readings.size === 0 || content === undefined ? (
             <Empty>
               {live.link === "live" && state !== "running"
-                ? "Nothing is measured: acquisition of this machine does not run."
-                : "Connecting …"}
+                ? t("live.nothingMeasuredAcquisitionMachine")
+                : t("common.connecting")}
             </Empty>
           ) : (
             <Plots machine={machine} groups={shown} live={live} />
@@ -78,12 +79,14 @@ function LiveMachine({ machine }: { machine: string }) {
 function LinkMark({ link, silence, answered }: { link: string; silence: number; answered: boolean }) {
   if (silence < SILENT_S)
     return answered ? (
-      <Mark kind="good">Live</Mark>
+      <Mark kind="good">{t("live.live")}</Mark>
     ) : (
-      <Mark kind="warning">Values come, but the service does not answer</Mark>
+      <Mark kind="warning">{t("live.valuesComeButService")}</Mark>
     );
-  const since = Number.isFinite(silence) ? `Stale for ${duration(silence)}` : "No values yet";
+  const since = Number.isFinite(silence) ? t("live.staleFor", { silence: duration(silence) }) : t("live.noValuesYet");
   return (
-    <Mark kind={Number.isFinite(silence) ? "bad" : "info"}>{link === "live" ? since : `${since}, connecting`}</Mark>
+    <Mark kind={Number.isFinite(silence) ? "bad" : "info"}>
+      {link === "live" ? since : t("live.connecting", { since })}
+    </Mark>
   );
 }

@@ -4,6 +4,7 @@ import type { components } from "../../net/api.gen";
 import { Mark, Notice } from "../../ui/controls";
 import { number, percent, withStd } from "../../ui/format";
 import { Panel, Table } from "../../ui/layout";
+import { t } from "../../texts";
 
 type Monitor = components["schemas"]["MonitorResource"];
 
@@ -35,7 +36,7 @@ function Trend({ values, title }: { values: (number | null)[]; title: string }) 
         <path d={trend(values, low, high)} fill="none" stroke="currentColor" stroke-width="1.5" />
       </svg>
       <figcaption class="hint">
-        {title}: {number(low, 3)} (bottom) to {number(high, 3)} kg (top)
+        {t("live.bottomKgTop", { title, low: number(low, 3), high: number(high, 3) })}
       </figcaption>
     </figure>
   );
@@ -58,33 +59,37 @@ export function LoadPanel({ monitor }: { monitor: Monitor | null }) {
   const { payload, overload, overload_joints: near, overload_delay_s: delay } = monitor;
   const watched = delay !== null && delay !== undefined;
   const [kind, words] = overload
-    ? (["bad", `Overload at ${overload.joint}`] as const)
+    ? (["bad", t("live.overloadAt", { joint: overload.joint })] as const)
     : watched
-      ? (["good", "No overload"] as const)
-      : (["off", "Overloads are not watched"] as const);
+      ? (["good", t("live.noOverload")] as const)
+      : (["off", t("live.overloadsNotWatched")] as const);
   return (
-    <Panel title="Load" actions={<Mark kind={kind}>{words}</Mark>}>
+    <Panel title={t("live.load")} actions={<Mark kind={kind}>{words}</Mark>}>
       <p class="payload">
-        Mass at the tip{" "}
-        <strong>{payload ? `${withStd(payload.mass, payload.std)} kg` : "not known: too little moves"}</strong>
+        {t("live.massAtTip")}{" "}
+        <strong>
+          {payload ? t("live.kg", { mass: withStd(payload.mass, payload.std) }) : t("live.notKnownTooLittle")}
+        </strong>
       </p>
-      <Trend values={masses} title="Mass at the tip over the last minutes" />
-      <p class="hint">
-        Beyond the load of the calibration’s recordings, from the last ten seconds of motion, ± one standard deviation.
-      </p>
+      <Trend values={masses} title={t("live.massAtTipOver")} />
+      <p class="hint">{t("live.beyondLoadCalibrationsRecordings")}</p>
       {overload && (
         <Notice kind="bad">
-          Measured minus predicted effort was {number(overload.residual, 3)} {overload.unit} at {overload.joint}.
+          {t("live.measuredMinusPredictedEffort", {
+            residual: number(overload.residual, 3),
+            unit: overload.unit,
+            joint: overload.joint,
+          })}
         </Notice>
       )}
-      {!watched && <p class="hint">The calibration’s recordings were too short to say which residuals are usual.</p>}
+      {!watched && <p class="hint">{t("live.calibrationsRecordingsWereToo")}</p>}
       {(near ?? []).length > 0 && (
         <Table
-          caption="Nearest to an overload within the last second"
+          caption={t("live.nearestOverloadWithinLast")}
           columns={[
-            { name: "joint", title: "Joint" },
-            { name: "residual", title: "Measured − predicted", align: "right" },
-            { name: "share", title: "Share of overload threshold", align: "right" },
+            { name: "joint", title: t("common.joint") },
+            { name: "residual", title: t("live.measuredPredicted"), align: "right" },
+            { name: "share", title: t("live.shareOverloadThreshold"), align: "right" },
           ]}
           rows={(near ?? []).map((joint) => ({
             key: joint.joint,

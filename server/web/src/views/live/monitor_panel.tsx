@@ -6,6 +6,7 @@ import { number, percent } from "../../ui/format";
 import { Panel, Table } from "../../ui/layout";
 import { monitorWords } from "../../words";
 import { LoadPanel } from "./load_panel";
+import { t } from "../../texts";
 
 type Monitor = components["schemas"]["MonitorResource"];
 
@@ -17,38 +18,32 @@ export function MonitorPanel({ machine }: { machine: string }) {
   const monitor = useResource<Monitor>(path, ["calibrations", "machines"]);
   useRegularly(monitor, LOOK_MS);
   const value = monitor.value;
-  const [kind, words] = value === null ? (["info", "Asking the monitor"] as const) : monitorWords(value.state);
+  const [kind, words] = value === null ? (["info", t("live.askingTheMonitor")] as const) : monitorWords(value.state);
   const joints = value?.joints ?? [];
   const learnt = joints.length === 0 ? 0 : Math.min(...joints.map((joint) => joint.learnt));
   return (
     <>
       <LoadPanel monitor={value} />
-      <Panel title="Residual monitor" actions={<Mark kind={kind}>{words}</Mark>}>
+      <Panel title={t("live.residualMonitor")} actions={<Mark kind={kind}>{words}</Mark>}>
         {monitor.error !== null && value === null && <Notice kind="bad">{monitor.error}</Notice>}
-        {monitor.stale && <Notice kind="warning">This is what was known last.</Notice>}
-        {value?.state === "off" && (
-          <p class="hint">{value.reason ?? "It needs an active calibration and a machine that is acquired."}</p>
-        )}
+        {monitor.stale && <Notice kind="warning">{t("live.whatWasKnownLast")}</Notice>}
+        {value?.state === "off" && <p class="hint">{value.reason ?? t("live.needsActiveCalibrationMachine")}</p>}
         {value?.state === "learning" && (
-          <p class="hint">
-            It learns only while the arm moves.{learnt === 0 && " It has no data yet: a joint has not moved so far."}
-          </p>
+          <p class="hint">{t("live.learnsOnlyWhileArm", { none: learnt === 0 ? t("live.hasNoDataYet") : "" })}</p>
         )}
-        {value?.state === "learning" && learnt > 0 && (
-          <Progress fraction={learnt} text="of the motion that it learns from" />
-        )}
+        {value?.state === "learning" && learnt > 0 && <Progress fraction={learnt} text={t("live.motionLearnsFrom")} />}
         {value !== null && value.joints.length > 0 && (
           <Table
-            caption="Residual of each joint"
+            caption={t("live.residualEachJoint")}
             columns={[
-              { name: "joint", title: "Joint" },
-              { name: "residual", title: "Residual", align: "right" },
-              { name: "drift", title: "Share of alarm threshold", align: "right" },
+              { name: "joint", title: t("common.joint") },
+              { name: "residual", title: t("live.residual"), align: "right" },
+              { name: "drift", title: t("live.shareAlarmThreshold"), align: "right" },
             ]}
             rows={value.joints.map((joint) => ({
               key: joint.joint,
               joint: joint.joint,
-              residual: joint.residual === null ? "at rest" : `${number(joint.residual, 3)} ${joint.unit}`,
+              residual: joint.residual === null ? t("common.atRest") : `${number(joint.residual, 3)} ${joint.unit}`,
               drift: percent(joint.threshold > 0 ? joint.cusum / joint.threshold : null),
             }))}
           />

@@ -17,6 +17,7 @@ import { Strip } from "./strip";
 import { useSignals } from "./use_signals";
 import type { Live } from "./use_live";
 import { XyPanel } from "./xy_panel";
+import { t } from "../../texts";
 
 /** ms between two drawings of what moves: thirty a second, where the device can. */
 const FRAME_MS = 33;
@@ -76,14 +77,17 @@ export function Plots({ machine, groups, live }: { machine: string; groups: Grou
   return (
     <>
       <LiveToolbar shown={shown} range={signals.range} bounds={signals.bounds} onShown={show} span={span}>
-        <Button onClick={toggle("channels")}>Channels</Button>
-        <Button onClick={toggle("thresholds")}>Thresholds</Button>
-        <Button onClick={toggle("xy")}>X over Y</Button>
+        <Button onClick={toggle("channels")}>{t("common.channels")}</Button>
+        <Button onClick={toggle("thresholds")}>{t("live.thresholds")}</Button>
+        <Button onClick={toggle("xy")}>{t("live.xOverY")}</Button>
       </LiveToolbar>
       {shown.kind === "fixed" && (
         <p class="paused" role="status">
-          Held: {clock(shown.from, 1)} to {clock(shown.to, 1)} {zone(new Date(1000 * shown.to))}. Without the cursor,
-          the numbers below the plots are of now.
+          {t("live.heldWithoutCursorNumbers", {
+            from: clock(shown.from, 1),
+            to: clock(shown.to, 1),
+            zone: zone(new Date(1000 * shown.to)),
+          })}
         </p>
       )}
       {signals.error !== null && <Notice kind="warning">{signals.error}</Notice>}
@@ -100,7 +104,7 @@ export function Plots({ machine, groups, live }: { machine: string; groups: Grou
             trace={trace}
             range={signals.range}
             marks={marks}
-            thresholds={choice.thresholds[group.title] ?? []}
+            thresholds={choice.thresholds[group.key] ?? []}
             hands={hands}
             register={register}
           />
@@ -126,7 +130,7 @@ function useMoving(moves: boolean, draw: () => void): void {
   }, [moves, draw]);
 }
 
-const WORDS = { alarm: "Alarm", event: "Event", recording: "Recording" } as const;
+const WORDS = { alarm: t("live.alarm"), event: t("live.event"), recording: t("live.recording") } as const;
 
 /** The marks in words; a touch shows what happened around one. */
 function Marks({ marks, onShow }: { marks: ChartMark[]; onShow: (range: Range) => void }) {
@@ -134,11 +138,14 @@ function Marks({ marks, onShow }: { marks: ChartMark[]; onShow: (range: Range) =
   if (recent.length === 0) return null;
   return (
     <details class="motion">
-      <summary>Marks on the plots: {recent.length} in the last eight hours</summary>
+      <summary>{t("live.marksPlotsLastEight", { count: recent.length })}</summary>
       <ul class="mark-list">
         {recent.map((mark) => (
           <li key={`${mark.kind}${mark.from}${mark.text}`}>
-            <Button label={`Show ${mark.text}`} onClick={() => onShow([mark.from - 15, mark.from + 15])}>
+            <Button
+              label={t("live.show", { text: mark.text })}
+              onClick={() => onShow([mark.from - 15, mark.from + 15])}
+            >
               {clock(mark.from, 1)}
             </Button>{" "}
             {WORDS[mark.kind]}: {mark.text}

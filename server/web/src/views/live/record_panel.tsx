@@ -9,6 +9,7 @@ import { useSecond } from "../../ui/clock";
 import { duration } from "../../ui/format";
 import { Panel } from "../../ui/layout";
 import { ROLE_WORDS, type Role } from "../../words";
+import { t } from "../../texts";
 
 type Recording = components["schemas"]["RecordingResource"];
 type List = components["schemas"]["RecordingList"];
@@ -28,9 +29,10 @@ export function RecordPanel({ machine, acquired }: { machine: string; acquired: 
 
   if (recording !== undefined)
     return (
-      <Panel title="Recording" actions={<Mark kind="recording">Recording</Mark>}>
+      <Panel title={t("live.recording")} actions={<Mark kind="recording">{t("live.recording")}</Mark>}>
         <p>
-          <strong>{recording.label}</strong>, {ROLE_WORDS[recording.role as Role] ?? recording.role}, for{" "}
+          <strong>{recording.label}</strong>
+          {t("live.for2", { role: ROLE_WORDS[recording.role as Role] ?? recording.role })}{" "}
           <Since iso={recording.created} />
         </p>
         <CommandNotice of={command} />
@@ -41,22 +43,22 @@ export function RecordPanel({ machine, acquired }: { machine: string; acquired: 
             disabled={away}
             onClick={() =>
               void command.run<Recording>({ method: "POST", path: `/recordings/${recording.id}/stop` }, (done) => {
-                command.say({ kind: "good", text: `Recording “${done.label}” is stored.` });
+                command.say({ kind: "good", text: t("live.recordingIsStored", { label: done.label }) });
                 running.reload();
                 last.reload();
               })
             }
           >
-            Stop recording
+            {t("live.stopRecording")}
           </Button>
         )}
       </Panel>
     );
   return (
-    <Panel title="Recording">
+    <Panel title={t("live.recording")}>
       <CommandNotice of={command} />
       {!session.may("operate") ? (
-        <p class="hint">Your role looks only: an operator can record.</p>
+        <p class="hint">{t("live.yourRoleLooksOnly2")}</p>
       ) : (
         <form
           onSubmit={(event) => {
@@ -68,7 +70,7 @@ export function RecordPanel({ machine, acquired }: { machine: string; acquired: 
           }}
         >
           <div class="record-form">
-            <Field label="Motion">
+            <Field label={t("common.motion")}>
               <select value={role} onChange={(event: SelectEvent) => setRole(event.currentTarget.value as Role)}>
                 {Object.entries(ROLE_WORDS).map(([name, words]) => (
                   <option key={name} value={name}>
@@ -77,7 +79,7 @@ export function RecordPanel({ machine, acquired }: { machine: string; acquired: 
                 ))}
               </select>
             </Field>
-            <Field label="Label (optional)">
+            <Field label={t("common.labelOptional")}>
               <input
                 value={label}
                 maxLength={200}
@@ -86,16 +88,19 @@ export function RecordPanel({ machine, acquired }: { machine: string; acquired: 
               />
             </Field>
             <Button kind="primary" type="submit" busy={command.busy} disabled={acquired !== true || away}>
-              Start recording
+              {t("common.startRecording")}
             </Button>
           </div>
-          {acquired === false && <p class="hint">The machine is not being acquired now.</p>}
+          {acquired === false && <p class="hint">{t("common.machineNotBeingAcquired")}</p>}
         </form>
       )}
       {newest !== undefined && newest.state !== "recording" && (
         <p class="hint last">
-          Last: {newest.label}, {newest.state === "failed" ? `failed: ${newest.error ?? ""}` : "stored"}.{" "}
-          <a href="#/recordings">All recordings</a>
+          {t("live.last", {
+            label: newest.label,
+            state: newest.state === "failed" ? t("live.failed", { error: newest.error ?? "" }) : t("live.stored"),
+          })}{" "}
+          <a href="#/recordings">{t("live.allRecordings")}</a>
         </p>
       )}
     </Panel>

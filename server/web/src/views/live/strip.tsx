@@ -6,10 +6,11 @@ import type { Range } from "../../charts/range";
 import { clock, clockLabels, DASHES, TimeChart } from "../../charts/time_chart";
 import type { Trace } from "../../charts/trace";
 import { Mark } from "../../ui/controls";
-import { fixed, zone } from "../../ui/format";
+import { fixed, number, zone } from "../../ui/format";
 import { type Group, column, type Line, reading } from "./groups";
 import type { History } from "./history";
 import { mark, measured } from "./quality";
+import { t } from "../../texts";
 
 const HEIGHT = 150;
 
@@ -34,7 +35,7 @@ export function Strip(props: StripProps) {
   const series = useMemo(() => group.lines.map(({ name, label, decimals }) => ({ name, label, decimals })), [group]);
   const limits = [
     ...group.lines.flatMap((line) => line.limits),
-    ...thresholds.map((value) => ({ value, label: `threshold ${value}` })),
+    ...thresholds.map((value) => ({ value, label: t("live.threshold", { value: number(value) }) })),
   ];
   const time = at === null ? undefined : times.current[at];
   const old = silence >= 2;
@@ -43,9 +44,7 @@ export function Strip(props: StripProps) {
       <h3>
         {group.title} <span class="unit">{group.unit}</span>
         {time !== undefined && (
-          <span class="at">
-            at {clock(time, 2)} {zone(new Date(1000 * time))}
-          </span>
+          <span class="at">{t("live.at", { time: clock(time, 2), zone: zone(new Date(1000 * time)) })}</span>
         )}
       </h3>
       <TimeChart

@@ -5,6 +5,7 @@ import { type Signals, Trace } from "../../charts/trace";
 import { query } from "../../net/client";
 import { useSession } from "../../session";
 import type { History, Taker } from "./history";
+import { t } from "../../texts";
 
 const GOOD = ["fresh", "held", "out_of_range"];
 /** Moments that are asked for: rows as they are for what is short enough, else about the pixels of a plot. */
@@ -67,7 +68,7 @@ export function useSignals(
       const path = `/machines/${encodeURIComponent(machine)}/signals${query(asked)}${channels.join("")}`;
       const outcome = await session.client.get<Signals>(path);
       if (gone) return;
-      setError(outcome.kind === "done" ? null : `The past could not be read. ${outcome.text}`);
+      setError(outcome.kind === "done" ? null : t("live.pastCouldNotRead", { text: outcome.text }));
       if (outcome.kind !== "done" || outcome.value.time.length === 0) return;
       const trace = Trace.of(outcome.value);
       if (end === null) drain(trace, pending.current);

@@ -5,6 +5,7 @@ import { XyChart } from "../../charts/xy_chart";
 import type { Range } from "../../charts/range";
 import { Field, type SelectEvent } from "../../ui/controls";
 import { column, type Group, type Line } from "./groups";
+import { t } from "../../texts";
 
 interface XyPanelProps {
   groups: Group[];
@@ -44,10 +45,10 @@ export function XyPanel({ groups, trace, range, register }: XyPanelProps) {
     </Field>
   );
   return (
-    <section class="xy" aria-label="One signal over another">
+    <section class="xy" aria-label={t("live.oneSignalOverAnother")}>
       <div class="record-form">
-        {choice("Across", x, setX)}
-        {choice("Up", y, setY)}
+        {choice(t("live.across"), x, setX)}
+        {choice(t("live.up"), y, setY)}
       </div>
       <XyChart
         xLabel={x.words}

@@ -2,12 +2,13 @@
 import { useMemo } from "preact/hooks";
 import { Empty } from "../../ui/layout";
 import { around, changes } from "./lines";
+import { t } from "../../texts";
 
 const SIGNS = { same: " ", removed: "−", added: "+" } as const;
 
 export function Differences({ before, after, caption }: { before: string; after: string; caption: string }) {
   const shown = useMemo(() => around(changes(before, after)), [before, after]);
-  if (shown.length === 0) return <Empty>There is no difference.</Empty>;
+  if (shown.length === 0) return <Empty>{t("machines.thereNoDifference")}</Empty>;
   return (
     <div class="differences" role="region" aria-label={caption} tabIndex={0}>
       <ol>

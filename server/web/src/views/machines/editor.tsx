@@ -11,17 +11,25 @@ import { storeDraft, storedDraft } from "./drafts";
 import { type Fault, faultOf } from "./lines";
 import { TextEditor } from "./text_editor";
 import type { MachineText } from "./use_file";
+import { t } from "../../texts";
 
 type Check = components["schemas"]["MachineCheck"];
 type Summary = components["schemas"]["MachineSummary"];
+
+/** What another part of the page does to the text. */
+export interface EditorHook {
+  text: string;
+  keep: (text: string) => void;
+}
 
 interface MachineEditorProps {
   name: string;
   newest: MachineText;
   onSaved: () => void;
+  hook?: { current: EditorHook | null };
 }
 
-export function MachineEditor({ name, newest, onSaved }: MachineEditorProps) {
+export function MachineEditor({ name, newest, onSaved, hook }: MachineEditorProps) {
   const session = useSession();
   const command = useCommand();
   const [draft, setDraft] = useState(() => storedDraft(name));
@@ -44,6 +52,8 @@ export function MachineEditor({ name, newest, onSaved }: MachineEditorProps) {
     setFault(null);
   }
 
+  if (hook !== undefined) hook.current = { text, keep };
+
   function forget(): void {
     setDraft(null);
     storeDraft(name, null);
@@ -55,14 +65,16 @@ export function MachineEditor({ name, newest, onSaved }: MachineEditorProps) {
     const outcome = await command.run<Check | Summary>(path === "/machines" ? { ...order, etag: `"${base}"` } : order);
     if (outcome.kind === "done") {
       if (outcome.value.name !== name)
-        command.say({ kind: "warning", text: `The file names the machine “${outcome.value.name}”, not “${name}”.` });
-      else if (path === "/machines/check")
-        command.say({ kind: "good", text: "The service finds no fault. Nothing was saved." });
+        command.say({
+          kind: "warning",
+          text: t("machines.fileNamesMachineNot", { name: outcome.value.name, name2: name }),
+        });
+      else if (path === "/machines/check") command.say({ kind: "good", text: t("machines.serviceFindsNoFault") });
       else {
         setDraft({ text, base: outcome.value.version });
         storeDraft(name, null);
         setFault(null);
-        command.say({ kind: "good", text: `Saved as version ${outcome.value.version}.` });
+        command.say({ kind: "good", text: t("machines.savedAsVersion", { version: outcome.value.version }) });
         onSaved();
       }
     } else if (outcome.kind === "refused" && outcome.status === 422) {
@@ -73,17 +85,23 @@ export function MachineEditor({ name, newest, onSaved }: MachineEditorProps) {
 
   return (
     <>
-      {changed && !overtaken && <Notice kind="info">Not saved yet. This device keeps what you typed.</Notice>}
+      {changed && !overtaken && <Notice kind="info">{t("machines.notSavedYetDevice")}</Notice>}
       {overtaken && draft !== null && (
         <Overtaken draft={draft.text} base={draft.base} newest={newest} onTake={() => setAsking(true)} />
       )}
       {fault !== null && (
         <Notice kind="bad">
-          {fault.line !== null && <strong>Line {fault.line}: </strong>}
+          {fault.line !== null && <strong>{t("machines.line", { line: fault.line })}</strong>}
           {fault.text}
         </Notice>
       )}
-      <TextEditor label={`Machine file of ${name}`} text={text} fault={fault} readOnly={!engineer} onText={keep} />
+      <TextEditor
+        label={t("machines.machineFileOf", { name })}
+        text={text}
+        fault={fault}
+        readOnly={!engineer}
+        onText={keep}
+      />
       <CommandNotice of={command} />
       <div class="actions">
         {engineer && (
@@ -94,31 +112,33 @@ export function MachineEditor({ name, newest, onSaved }: MachineEditorProps) {
               disabled={!changed || !session.online.value}
               onClick={() => void send("/machines", newest.version)}
             >
-              {overtaken ? `Save mine over version ${newest.version}` : `Save as version ${newest.version + 1}`}
+              {overtaken
+                ? t("machines.saveMineOverVersion", { version: newest.version })
+                : t("machines.saveAsVersion", { version: newest.version + 1 })}
             </Button>
             <Button
               busy={command.busy}
               disabled={!session.online.value}
               onClick={() => void send("/machines/check", newest.version)}
             >
-              Check
+              {t("machines.check")}
             </Button>
-            {changed && <Button onClick={() => setAsking(true)}>Discard changes</Button>}
+            {changed && <Button onClick={() => setAsking(true)}>{t("machines.discardChanges")}</Button>}
           </>
         )}
-        <Button onClick={() => saveFile(new Blob([text]), `${name}.yaml`)}>Download</Button>
+        <Button onClick={() => saveFile(new Blob([text]), `${name}.yaml`)}>{t("machines.download")}</Button>
       </div>
       {changed && (
         <details>
-          <summary>What I changed against version {newest.version}</summary>
-          <Differences before={newest.text} after={text} caption="My changes" />
+          <summary>{t("machines.whatIChangedAgainst", { version: newest.version })}</summary>
+          <Differences before={newest.text} after={text} caption={t("machines.myChanges")} />
         </details>
       )}
       {asking && (
         <Confirm
-          title="Drop your changes?"
-          text={`The editor shows version ${newest.version} then. What you typed is gone; download it first to keep it.`}
-          confirm="Drop them"
+          title={t("machines.dropYourChanges")}
+          text={t("machines.editorShowsVersionThen", { version: newest.version })}
+          confirm={t("machines.dropThem")}
           kind="danger"
           onNo={() => setAsking(false)}
           onYes={() => {
@@ -142,17 +162,17 @@ interface OvertakenProps {
 /** Somebody saved a version while this one was being typed: both are shown, none is lost. */
 function Overtaken({ draft, base, newest, onTake }: OvertakenProps) {
   return (
-    <section class="overtaken" aria-label="Somebody else saved a version">
-      <Notice kind="warning">
-        Somebody saved version {newest.version} while you were changing version {base}. Yours is in the editor and is
-        not lost. Below is what separates the two (− only in version {newest.version}, + only in yours): put both
-        changes together in the editor, then save.
-      </Notice>
-      <Differences before={newest.text} after={draft} caption={`Version ${newest.version} against yours`} />
+    <section class="overtaken" aria-label={t("machines.somebodyElseSavedVersion")}>
+      <Notice kind="warning">{t("machines.somebodySavedVersionWhile", { version: newest.version, base })}</Notice>
+      <Differences
+        before={newest.text}
+        after={draft}
+        caption={t("machines.versionAgainstYours", { version: newest.version })}
+      />
       <div class="actions">
-        <Button onClick={onTake}>Take version {newest.version} instead</Button>
+        <Button onClick={onTake}>{t("machines.takeVersionInstead", { version: newest.version })}</Button>
         <Button onClick={() => saveFile(new Blob([newest.text]), `version-${newest.version}.yaml`)}>
-          Download version {newest.version}
+          {t("machines.downloadVersion", { version: newest.version })}
         </Button>
       </div>
     </section>

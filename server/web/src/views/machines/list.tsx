@@ -9,6 +9,7 @@ import { Button, Mark, Notice } from "../../ui/controls";
 import { time } from "../../ui/format";
 import { Confirm, Empty, Panel, Table } from "../../ui/layout";
 import { acquisitionWords } from "../../words";
+import { t } from "../../texts";
 
 type List = components["schemas"]["MachineList"];
 type Machine = components["schemas"]["MachineSummary"];
@@ -28,22 +29,22 @@ export function MachineList() {
   };
   return (
     <div class={list.stale ? "stale" : ""}>
-      <h1 class="title">Machines</h1>
+      <h1 class="title">{t("common.machines")}</h1>
       {list.error !== null && <Notice kind="bad">{list.error}</Notice>}
-      {list.value === null && list.loading && <p role="status">Reading …</p>}
+      {list.value === null && list.loading && <p role="status">{t("common.reading")}</p>}
       {list.value !== null && (
-        <Panel title="All machines">
+        <Panel title={t("common.allMachines")}>
           <CommandNotice of={command} />
           {items.length === 0 ? (
-            <Empty>There is no machine yet. An engineer makes one from a machine file.</Empty>
+            <Empty>{t("machines.thereNoMachineYet")}</Empty>
           ) : (
             <Table
-              caption="Machines"
+              caption={t("common.machines")}
               columns={[
-                { name: "name", title: "Machine" },
-                { name: "state", title: "Acquisition" },
-                { name: "version", title: "Version of its file", align: "right" },
-                { name: "created", title: "Changed" },
+                { name: "name", title: t("common.machine") },
+                { name: "state", title: t("machines.acquisition") },
+                { name: "version", title: t("machines.versionItsFile"), align: "right" },
+                { name: "created", title: t("machines.changed") },
                 ...(engineer ? [{ name: "switch", title: "", align: "right" as const }] : []),
               ]}
               rows={items.map((one) => ({
@@ -60,10 +61,12 @@ export function MachineList() {
                   <Button
                     busy={command.busy}
                     disabled={!session.online.value}
-                    label={`${one.acquire ? "Stop" : "Start"} acquiring ${one.name}`}
+                    label={t(one.acquire ? "machines.stopAcquiringOne" : "machines.startAcquiringOne", {
+                      name: one.name,
+                    })}
                     onClick={() => (one.acquire ? setAsked(one) : acquire(one.name, true))}
                   >
-                    {one.acquire ? "Stop acquiring" : "Acquire"}
+                    {one.acquire ? t("machines.stopAcquiring") : t("machines.acquire")}
                   </Button>
                 ),
               }))}
@@ -73,16 +76,16 @@ export function MachineList() {
       )}
       {engineer ? (
         <Button kind="primary" onClick={() => go("#/machines?new=1")}>
-          New machine
+          {t("machines.newMachine")}
         </Button>
       ) : (
-        <p class="hint">An engineer adds machines, changes their files and switches acquisition.</p>
+        <p class="hint">{t("machines.engineerAddsMachinesChanges")}</p>
       )}
       {asked !== null && (
         <Confirm
-          title={`Stop acquiring ${asked.name}?`}
-          text="Nothing is measured, watched or recorded from then on, and schedules miss their times. It stays so over restarts."
-          confirm="Stop acquiring"
+          title={t("machines.stopAcquiring2", { name: asked.name })}
+          text={t("machines.nothingMeasuredWatchedRecorded")}
+          confirm={t("machines.stopAcquiring")}
           kind="danger"
           onNo={() => setAsked(null)}
           onYes={() => {

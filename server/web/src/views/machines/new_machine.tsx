@@ -9,6 +9,7 @@ import { Panel } from "../../ui/layout";
 import { storeDraft, storedDraft } from "./drafts";
 import { type Fault, faultOf } from "./lines";
 import { TextEditor } from "./text_editor";
+import { t } from "../../texts";
 
 type Check = components["schemas"]["MachineCheck"];
 /** No machine may be called so: its draft is apart from all of theirs. */
@@ -36,13 +37,13 @@ export function NewMachine() {
     if (outcome.kind === "refused" && outcome.status === 412)
       command.say({
         kind: "bad",
-        text: "There is a machine of this name already; change its file there, or take another name.",
+        text: t("machines.thereMachineNameAlready"),
       });
     if (outcome.kind !== "done") return;
     if (path === "/machines/check") {
       const { name, version } = outcome.value;
-      const there = version === 1 ? "" : " But there is a machine of this name already.";
-      command.say({ kind: there ? "warning" : "good", text: `“${name}”: the service finds no fault.${there}` });
+      const there = version === 1 ? "" : t("machines.butThereMachineName");
+      command.say({ kind: there ? "warning" : "good", text: t("machines.serviceFindsNoFault2", { name, there }) });
       return;
     }
     storeDraft(NEW, null);
@@ -52,19 +53,18 @@ export function NewMachine() {
   if (!session.may("engineer"))
     return (
       <>
-        <h1 class="title">New machine</h1>
-        <Notice kind="info">An engineer adds machines.</Notice>
+        <h1 class="title">{t("machines.newMachine")}</h1>
+        <Notice kind="info">{t("machines.engineerAddsMachines")}</Notice>
       </>
     );
   return (
     <>
-      <h1 class="title">New machine</h1>
-      <Panel title="Machine file">
+      <h1 class="title">{t("machines.newMachine")}</h1>
+      <Panel title={t("common.machineFile")}>
         <p class="hint">
-          The file says what joints, cylinders, sensors and buses the machine has. Its key <code>name</code> is the name
-          of the machine.
+          {t("machines.fileSaysWhatJoints")} <code>name</code> {t("machines.nameMachine")}
         </p>
-        <Field label="Take a file of this device">
+        <Field label={t("machines.takeFileDevice")}>
           {(attributes) => (
             <input
               {...attributes}
@@ -76,11 +76,11 @@ export function NewMachine() {
         </Field>
         {fault !== null && (
           <Notice kind="bad">
-            {fault.line !== null && <strong>Line {fault.line}: </strong>}
+            {fault.line !== null && <strong>{t("machines.line", { line: fault.line })}</strong>}
             {fault.text}
           </Notice>
         )}
-        <TextEditor label="Machine file" text={text} fault={fault} onText={keep} />
+        <TextEditor label={t("common.machineFile")} text={text} fault={fault} onText={keep} />
         <CommandNotice of={command} />
         <div class="actions">
           <Button
@@ -89,17 +89,17 @@ export function NewMachine() {
             disabled={text.trim() === "" || !session.online.value}
             onClick={() => void send("/machines")}
           >
-            Make the machine
+            {t("machines.makeTheMachine")}
           </Button>
           <Button
             busy={command.busy}
             disabled={text.trim() === "" || !session.online.value}
             onClick={() => void send("/machines/check")}
           >
-            Check
+            {t("machines.check")}
           </Button>
           <a class="button" href="#/machines">
-            Go back
+            {t("common.goBack")}
           </a>
         </div>
       </Panel>

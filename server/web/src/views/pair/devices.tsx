@@ -7,6 +7,8 @@ import { useSession } from "../../session";
 import { Button } from "../../ui/controls";
 import { time } from "../../ui/format";
 import { Confirm, Panel, Table } from "../../ui/layout";
+import { t } from "../../texts";
+import { accessWords } from "../../words";
 
 type List = components["schemas"]["HolderList"];
 type Holder = components["schemas"]["HolderResource"];
@@ -29,38 +31,38 @@ export function Holders({ of, title, noun }: Props) {
         caption={title}
         columns={[
           { name: "name", title: noun },
-          { name: "role", title: "Role" },
-          { name: "machines", title: "Machines" },
-          { name: "created", title: "Since" },
-          { name: "expires", title: "Until" },
-          { name: "seen", title: "Last seen" },
-          { name: "streams", title: "Open streams", align: "right" },
+          { name: "role", title: t("pair.role") },
+          { name: "machines", title: t("common.machines") },
+          { name: "created", title: t("pair.since") },
+          { name: "expires", title: t("pair.until") },
+          { name: "seen", title: t("pair.lastSeen") },
+          { name: "streams", title: t("pair.openStreams"), align: "right" },
           { name: "action", title: "", align: "right" },
         ]}
         rows={(devices.value?.items ?? []).map((device) => ({
           key: device.id,
           name: device.name,
-          role: device.role,
-          machines: device.machines === null ? "all" : device.machines.join(", "),
+          role: accessWords(device.role),
+          machines: device.machines === null ? t("pair.all") : device.machines.join(", "),
           created: time(device.created),
-          expires: device.expires === null ? "it is revoked" : time(device.expires),
-          seen: device.seen === null ? "not since the start" : `${time(device.seen)}, ${device.address ?? ""}`,
+          expires: device.expires === null ? t("pair.itIsRevoked") : time(device.expires),
+          seen: device.seen === null ? t("pair.notSinceStart") : `${time(device.seen)}, ${device.address ?? ""}`,
           streams: String(device.streams),
           action:
             device.id === session.principal.value?.id ? (
-              "this device"
+              t("pair.thisDevice")
             ) : (
-              <Button label={`End the session of ${device.name}`} onClick={() => setAsked(device)}>
-                End
+              <Button label={t("pair.endSession", { name: device.name })} onClick={() => setAsked(device)}>
+                {t("pair.end")}
               </Button>
             ),
         }))}
       />
       {asked !== null && (
         <Confirm
-          title={`End the session of ${asked.name}?`}
-          text="Its token is worth nothing from now on, and what it has open is closed."
-          confirm="End it"
+          title={t("pair.endSession2", { name: asked.name })}
+          text={t("pair.itsTokenWorthNothing")}
+          confirm={t("common.endIt")}
           kind="danger"
           busy={command.busy}
           onNo={() => setAsked(null)}

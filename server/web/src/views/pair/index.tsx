@@ -8,6 +8,8 @@ import { Button, Field, Notice, type InputEvent } from "../../ui/controls";
 import { Confirm, Panel } from "../../ui/layout";
 import { Holders } from "./devices";
 import { NewCode } from "./new_code";
+import { t } from "../../texts";
+import { accessWords } from "../../words";
 
 export default function PairView() {
   const session = useSession();
@@ -16,23 +18,20 @@ export default function PairView() {
   if (principal === null || code !== null) return <PairForm code={code ?? ""} />;
   return (
     <>
-      <h1 class="title">This device</h1>
-      <Panel title={principal.kind === "local" ? "This computer" : principal.name}>
+      <h1 class="title">{t("pair.thisDevice2")}</h1>
+      <Panel title={principal.kind === "local" ? t("pair.thisComputer") : principal.name}>
         <p>
-          Role: <strong>{principal.role}</strong>, machines:{" "}
-          <strong>{principal.machines === null ? "all" : principal.machines.join(", ")}</strong>
+          {t("pair.role2")} <strong>{accessWords(principal.role)}</strong>
+          {t("pair.machines")}{" "}
+          <strong>{principal.machines === null ? t("pair.all") : principal.machines.join(", ")}</strong>
         </p>
-        {principal.kind === "local" ? (
-          <p class="hint">The service listens on this computer only, so whoever is at it may do everything.</p>
-        ) : (
-          <Forget />
-        )}
+        {principal.kind === "local" ? <p class="hint">{t("pair.serviceListensComputerOnly")}</p> : <Forget />}
       </Panel>
       {session.may("admin") && principal.kind !== "local" && (
         <>
           <NewCode />
-          <Holders of="devices" title="Paired devices" noun="Device" />
-          <Holders of="keys" title="Keys of programs" noun="Program" />
+          <Holders of="devices" title={t("pair.pairedDevices")} noun={t("common.device")} />
+          <Holders of="keys" title={t("pair.keysOfPrograms")} noun={t("pair.program")} />
         </>
       )}
     </>
@@ -46,12 +45,12 @@ function Forget() {
   return (
     <>
       <CommandNotice of={command} />
-      <Button onClick={() => setAsking(true)}>Forget the service on this device</Button>
+      <Button onClick={() => setAsking(true)}>{t("pair.forgetServiceDevice")}</Button>
       {asking && (
         <Confirm
-          title="Forget the service?"
-          text="Its session ends, everywhere. This device needs a new code before it can be used again."
-          confirm="Forget it"
+          title={t("pair.forgetTheService")}
+          text={t("pair.itsSessionEndsEverywhere")}
+          confirm={t("pair.forgetIt")}
           kind="danger"
           busy={command.busy}
           onNo={() => setAsking(false)}
@@ -75,8 +74,8 @@ function PairForm({ code: given }: { code: string }) {
 
   function submit(): void {
     const found: typeof missing = {};
-    if (!/^[0-9]{10}$/.test(code)) found.code = "The code has ten digits.";
-    if (name.trim() === "") found.name = "Give the device a name, so that others know who did what.";
+    if (!/^[0-9]{10}$/.test(code)) found.code = t("pair.codeHasTenDigits");
+    if (name.trim() === "") found.name = t("pair.giveDeviceNameSo");
     setMissing(found);
     if (found.code !== undefined || found.name !== undefined) return;
     const json = { code, name: name.trim() };
@@ -89,27 +88,22 @@ function PairForm({ code: given }: { code: string }) {
   }
 
   return (
-    <Panel title="Pair this device">
-      <p>
-        An admin makes a code for this device, or the service shows one at its first start. It holds for a quarter of an
-        hour.
-      </p>
+    <Panel title={t("common.pairThisDevice")}>
+      <p>{t("pair.adminMakesCodeDevice")}</p>
       {fingerprint !== null && (
         <Notice kind="info">
-          The certificate of this service has the SHA-256 fingerprint <code>{fingerprint}</code>. Compare it with what
-          the browser shows of this connection before you pair.
+          {t("pair.certificateServiceHasSha")} <code>{fingerprint}</code>
+          {t("pair.compareWithWhatBrowser")}
         </Notice>
       )}
-      {session.access.value === "known" && (
-        <Notice kind="info">The service knows this device already. With a new code it gets a new role.</Notice>
-      )}
+      {session.access.value === "known" && <Notice kind="info">{t("pair.serviceKnowsDeviceAlready")}</Notice>}
       <form
         onSubmit={(event) => {
           event.preventDefault();
           submit();
         }}
       >
-        <Field label="Code" error={missing.code}>
+        <Field label={t("pair.code")} error={missing.code}>
           <input
             class="code"
             value={code}
@@ -119,7 +113,7 @@ function PairForm({ code: given }: { code: string }) {
             onInput={(event: InputEvent) => setCode(event.currentTarget.value.replace(/\D/g, ""))}
           />
         </Field>
-        <Field label="Name of this device" hint="For example: tablet at the press" error={missing.name}>
+        <Field label={t("pair.nameDevice")} hint={t("pair.exampleTabletAtPress")} error={missing.name}>
           <input
             value={name}
             maxLength={80}
@@ -129,7 +123,7 @@ function PairForm({ code: given }: { code: string }) {
         </Field>
         <CommandNotice of={command} />
         <Button kind="primary" type="submit" busy={command.busy}>
-          Pair
+          {t("pair.pair")}
         </Button>
       </form>
     </Panel>

@@ -6,15 +6,17 @@ import { useSession } from "../../session";
 import { Button, Field, type InputEvent, type SelectEvent } from "../../ui/controls";
 import { time } from "../../ui/format";
 import { Panel } from "../../ui/layout";
+import { t } from "../../texts";
+import { accessWords } from "../../words";
 
 type Code = components["schemas"]["CodeResource"];
 type Role = components["schemas"]["CodeOrder"]["role"];
 
 const ROLES: Record<Role, string> = {
-  viewer: "Viewer: looks only",
-  operator: "Operator: also records and acknowledges",
-  engineer: "Engineer: also identifies, approves, changes machines",
-  admin: "Admin: also pairs devices",
+  viewer: t("pair.viewerLooksOnly"),
+  operator: t("pair.operatorAlsoRecordsAcknowledges"),
+  engineer: t("pair.engineerAlsoIdentifiesApproves"),
+  admin: t("pair.adminAlsoPairsDevices"),
 };
 
 export function NewCode() {
@@ -26,7 +28,7 @@ export function NewCode() {
   const names = session.machines.value.map((machine) => machine.name);
   const order = { role, machines: machines.length === 0 ? null : machines };
   return (
-    <Panel title="Pair another device">
+    <Panel title={t("pair.pairAnotherDevice")}>
       <form
         onSubmit={(event) => {
           event.preventDefault();
@@ -34,7 +36,7 @@ export function NewCode() {
           void command.run<Code>({ method: "POST", path: "/access/pairing-codes", json: order }, setCode);
         }}
       >
-        <Field label="It may">
+        <Field label={t("pair.itMay")}>
           <select value={role} onChange={(event: SelectEvent) => setRole(event.currentTarget.value as Role)}>
             {Object.entries(ROLES).map(([name, words]) => (
               <option key={name} value={name}>
@@ -45,7 +47,7 @@ export function NewCode() {
         </Field>
         {names.length > 0 && (
           <fieldset>
-            <legend>Only these machines (none marked: all)</legend>
+            <legend>{t("pair.onlyTheseMachinesNone")}</legend>
             {names.map((name) => (
               <label class="check" key={name}>
                 <input
@@ -64,18 +66,22 @@ export function NewCode() {
         )}
         <CommandNotice of={command} />
         <Button kind="primary" type="submit" busy={command.busy}>
-          Make a code
+          {t("pair.makeACode")}
         </Button>
       </form>
       {code !== null && (
         <div class="new-code" role="status">
-          <img src={`data:image/svg+xml,${encodeURIComponent(code.qr_svg)}`} alt={`QR code of ${code.url}`} />
+          <img
+            src={`data:image/svg+xml,${encodeURIComponent(code.qr_svg)}`}
+            alt={t("pair.qrCodeOf", { url: code.url })}
+          />
           <div>
             <p class="digits">
               {code.code.slice(0, 5)} {code.code.slice(5)}
             </p>
             <p>
-              For one device, as {code.role}, until {time(code.expires)}. Or open there: <code>{code.url}</code>
+              {t("pair.oneDeviceAsUntil", { role: accessWords(code.role), expires: time(code.expires) })}{" "}
+              <code>{code.url}</code>
             </p>
           </div>
         </div>

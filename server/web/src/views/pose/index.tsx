@@ -14,6 +14,7 @@ import { type Arm, pose, type Vector } from "./kinematics";
 import { between, middle, type Position, positions } from "./positions";
 import { projected, reach, view } from "./projection";
 import "./pose.css";
+import { t } from "../../texts";
 
 type Detail = components["schemas"]["MachineDetail"];
 
@@ -22,8 +23,14 @@ export default function PoseView() {
   const machine = session.machine.value;
   return (
     <>
-      <h1 class="title">Pose {machine !== null && <span class="hint">{machine}</span>}</h1>
-      {machine === null ? <Empty>There is no machine yet.</Empty> : <MachinePose key={machine} machine={machine} />}
+      <h1 class="title">
+        {t("common.pose")} {machine !== null && <span class="hint">{machine}</span>}
+      </h1>
+      {machine === null ? (
+        <Empty>{t("common.thereNoMachineYet")}</Empty>
+      ) : (
+        <MachinePose key={machine} machine={machine} />
+      )}
     </>
   );
 }
@@ -33,7 +40,11 @@ function MachinePose({ machine }: { machine: string }) {
   const live = useLive(machine);
   const arm = detail.value?.machine as unknown as (Arm & MachineContent) | undefined;
   if (arm === undefined)
-    return detail.error === null ? <p role="status">Reading …</p> : <Notice kind="bad">{detail.error}</Notice>;
+    return detail.error === null ? (
+      <p role="status">{t("common.reading")}</p>
+    ) : (
+      <Notice kind="bad">{detail.error}</Notice>
+    );
   const found = positions(arm.joints, arm.channels, live.history.readings, live.silence);
   const old = live.silence >= SILENT_S;
   return (
@@ -41,15 +52,15 @@ function MachinePose({ machine }: { machine: string }) {
       {old && (
         <Notice kind="warning">
           {live.history.acquisition === "running" || live.link !== "live"
-            ? "No values come now; the drawing is not the arm as it stands."
-            : "The machine is not being acquired now; the drawing is not the arm as it stands."}
+            ? t("pose.noValuesComeNow")
+            : t("pose.machineNotBeingAcquired")}
         </Notice>
       )}
       <div class="pose-columns">
-        <Panel title="Links and joints">
+        <Panel title={t("pose.linksAndJoints")}>
           <Drawing arm={arm} found={found} />
         </Panel>
-        <Panel title="Joint positions">
+        <Panel title={t("common.jointPositions")}>
           <Positions arm={arm} found={found} />
         </Panel>
       </div>
@@ -58,10 +69,10 @@ function MachinePose({ machine }: { machine: string }) {
 }
 
 const VIEWS: [string, number, number][] = [
-  ["Side", 0, 0],
-  ["Front", 90, 0],
-  ["Top", 0, 90],
-  ["Oblique", 30, 20],
+  [t("pose.side"), 0, 0],
+  [t("pose.front"), 90, 0],
+  [t("pose.top"), 0, 90],
+  [t("pose.oblique"), 30, 20],
 ];
 const DEGREE = Math.PI / 180;
 
@@ -83,7 +94,7 @@ export function Drawing({ arm, found }: { arm: Arm; found: Position[] }) {
   const tip = now.frames[now.frames.length - 1]?.origin ?? [0, 0, 0];
   return (
     <div ref={place} class="pose">
-      <div class="chart-toolbar" role="toolbar" aria-label="Where the arm is looked at from">
+      <div class="chart-toolbar" role="toolbar" aria-label={t("pose.whereArmLookedAt")}>
         {VIEWS.map(([name, turned, raised]) => (
           <Button key={name} onClick={() => look([turned, raised])}>
             {name}
@@ -130,11 +141,14 @@ export function Drawing({ arm, found }: { arm: Arm; found: Position[] }) {
         <circle class="tip" cx={at(tip)[0]} cy={at(tip)[1]} r={5} />
       </svg>
       <p class="hint">
-        Drag to turn it. The tip is at {fixed(tip[0], 3)}, {fixed(tip[1], 3)}, {fixed(tip[2], 3)} m of the base frame;
-        gravity points down. Grid: {fixed(grid(size), 2)} m. Links are straight lines along the table of the machine
-        file.
+        {t("pose.dragTurnTipAt", {
+          tip: fixed(tip[0], 3),
+          tip2: fixed(tip[1], 3),
+          tip3: fixed(tip[2], 3),
+          size: fixed(grid(size), 2),
+        })}
       </p>
-      <Field label={`Turned by ${fixed(azimuth, 0)}°`}>
+      <Field label={t("pose.turnedBy", { azimuth: fixed(azimuth, 0) })}>
         <input
           type="range"
           min={-180}
@@ -175,23 +189,23 @@ function ground(arm: Arm, size: number, seen: ReturnType<typeof view>, text: (po
 function inWords(arm: Arm, found: Position[], tip: Vector): string {
   const joints = arm.joints.map((joint, index) => {
     const q = found[index]?.q;
-    if (q == null) return `${joint.name} not measured`;
+    if (q == null) return t("pose.notMeasured", { name: joint.name });
     return joint.type === "revolute"
-      ? `${joint.name} ${fixed(q / DEGREE, 1)} degrees`
+      ? t("pose.degrees", { name: joint.name, value: fixed(q / DEGREE, 1) })
       : `${joint.name} ${fixed(q, 3)} m`;
   });
-  return `${joints.join(", ")}; tip at ${tip.map((one) => fixed(one, 3)).join(", ")} m`;
+  return t("pose.tipAtM", { value: joints.join(", "), value2: tip.map((one) => fixed(one, 3)).join(", ") });
 }
 
 function Positions({ arm, found }: { arm: Arm; found: Position[] }) {
   return (
     <Table
-      caption="Joint positions"
+      caption={t("pose.positionEachJoint")}
       columns={[
-        { name: "joint", title: "Joint" },
-        { name: "value", title: "Position", align: "right" },
-        { name: "share", title: "Of its range" },
-        { name: "quality", title: "Quality" },
+        { name: "joint", title: t("common.joint") },
+        { name: "value", title: t("pose.position"), align: "right" },
+        { name: "share", title: t("pose.ofItsRange") },
+        { name: "quality", title: t("common.quality") },
       ]}
       rows={arm.joints.map((joint, index) => {
         const { q, quality } = found[index] as Position;
@@ -200,7 +214,7 @@ function Positions({ arm, found }: { arm: Arm; found: Position[] }) {
         return {
           key: joint.name,
           joint: joint.name,
-          value: q === null ? DASH : turns ? `${fixed(q / DEGREE, 1)}°` : `${fixed(q * 1000, 1)} mm`,
+          value: q === null ? DASH : turns ? `${fixed(q / DEGREE, 1)}°` : t("pose.mm", { value: fixed(q * 1000, 1) }),
           share:
             share === null ? (
               DASH
@@ -209,9 +223,9 @@ function Positions({ arm, found }: { arm: Arm; found: Position[] }) {
                 <progress
                   max={1}
                   value={within(share, 0, 1)}
-                  aria-label={`${joint.name}: ${percent(share)} of its range`}
+                  aria-label={t("pose.ofItsRange2", { name: joint.name, share: percent(share) })}
                 />
-                {(share < 0 || share > 1) && <Mark kind="warning">outside</Mark>}
+                {(share < 0 || share > 1) && <Mark kind="warning">{t("pose.outside")}</Mark>}
               </span>
             ),
           quality: <Mark kind={quality.kind}>{quality.text}</Mark>,

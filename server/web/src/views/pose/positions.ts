@@ -3,6 +3,7 @@ import type { MachineContent } from "../live/groups";
 import type { Reading } from "../live/history";
 import { measured, mark, type QualityMark } from "../live/quality";
 import type { Joint } from "./kinematics";
+import { t } from "../../texts";
 
 /** rad or m of one, for the units of position that a machine file is likely to use. */
 const SI: Record<string, number> = {
@@ -22,7 +23,7 @@ export interface Position {
   quality: QualityMark;
 }
 
-const NONE: QualityMark = { kind: "off", text: "no channel measures it" };
+const NONE: QualityMark = { kind: "off", text: t("pose.noChannelMeasures") };
 
 /** Of each joint, from its channel of the quantity `joint_position`. */
 export function positions(
@@ -39,7 +40,7 @@ export function positions(
     const known = measured(reading, silence) && reading.value !== null && scale !== undefined;
     const quality: QualityMark =
       scale === undefined
-        ? { kind: "warning", text: `the page does not know the unit ${channel.unit}` }
+        ? { kind: "warning", text: t("pose.pageDoesNotKnow", { unit: channel.unit }) }
         : mark(reading, silence);
     return { q: known ? (reading.value as number) * scale : null, reading, quality };
   });

@@ -4,30 +4,30 @@ import { fixed } from "../../ui/format";
 import { Empty, Table } from "../../ui/layout";
 import { SILENT_S, mark, measured } from "../live/quality";
 import { useLive } from "../live/use_live";
+import { t } from "../../texts";
 
 export function CheckStep({ machine, onDone }: { machine: string; onDone: () => void }) {
   const live = useLive(machine);
   const readings = [...live.history.readings.values()];
   const bad = readings.filter((one) => !measured(one, live.silence) || one.quality !== "fresh");
   if (readings.length === 0 || live.silence >= SILENT_S)
-    return <Empty>{live.link === "live" ? "The machine is not being acquired now." : "Connecting …"}</Empty>;
+    return <Empty>{live.link === "live" ? t("common.machineNotBeingAcquired") : t("common.connecting")}</Empty>;
   return (
     <>
       {bad.length === 0 ? (
-        <Notice kind="good">All {readings.length} sensors measure.</Notice>
+        <Notice kind="good">{t("recalibrate.allSensorsMeasure", { count: readings.length })}</Notice>
       ) : (
         <Notice kind="warning">
-          {bad.length} of {readings.length} sensors have something. Look at cable, node and supply; what is recorded
-          without them is worth less.
+          {t("recalibrate.sensorsHaveSomethingLook", { count: bad.length, count2: readings.length })}
         </Notice>
       )}
       {bad.length > 0 && (
         <Table
-          caption="Sensors that have something"
+          caption={t("recalibrate.sensorsHaveSomething")}
           columns={[
-            { name: "name", title: "Sensor" },
-            { name: "value", title: "Value", align: "right" },
-            { name: "quality", title: "Quality" },
+            { name: "name", title: t("recalibrate.sensor") },
+            { name: "value", title: t("recalibrate.value"), align: "right" },
+            { name: "quality", title: t("common.quality") },
           ]}
           rows={bad.map((one) => {
             const quality = mark(one, live.silence);
@@ -41,7 +41,7 @@ export function CheckStep({ machine, onDone }: { machine: string; onDone: () => 
         />
       )}
       <Button kind={bad.length === 0 ? "primary" : "plain"} onClick={onDone}>
-        {bad.length === 0 ? "Continue" : "Continue anyway"}
+        {bad.length === 0 ? t("recalibrate.continue") : t("recalibrate.continueAnyway")}
       </Button>
     </>
   );

@@ -5,6 +5,7 @@ import { Downloads } from "../downloads";
 import type { WatchedMachine } from "./motion_watch";
 import { type Guide, closingLabel, closingRole, type closingsOf } from "./progress";
 import { RecordStep } from "./record_step";
+import { t } from "../../texts";
 
 interface ClosingProps {
   machine: string;
@@ -24,16 +25,11 @@ export function ClosingStep({ machine, content, guide, closings, keep }: Closing
       <p>
         <strong>{closing.text}</strong>
       </p>
-      {free && (
-        <Notice kind="warning">
-          This motion is made with the rods unpinned: secure and depressurise the arm as your site demands, and take
-          them off first. Put them on again afterwards.
-        </Notice>
-      )}
+      {free && <Notice kind="warning">{t("recalibrate.motionMadeWithRods")}</Notice>}
       <Downloads
         files={[
           {
-            title: "Motion for the controller (CSV)",
+            title: t("recalibrate.motionControllerCsv"),
             path: `/identifications/${encodeURIComponent(closing.identification)}/next-experiment.csv`,
             name: `${machine}-next-experiment.csv`,
           },
@@ -45,14 +41,14 @@ export function ClosingStep({ machine, content, guide, closings, keep }: Closing
         content={content}
         role={closingRole(closing)}
         label={closingLabel(guide, number)}
-        words="Start this motion on the arm’s controller, and record all of it."
+        words={t("recalibrate.startMotionArmsController")}
         guide={guide}
         recording={closings[number]}
         onMotion={() => undefined}
       />
       <div class="actions">
         <Button onClick={() => keep({ closings: guide.closings.filter((_, index) => index !== number) })}>
-          Do without this motion
+          {t("recalibrate.doWithoutMotion")}
         </Button>
       </div>
     </>

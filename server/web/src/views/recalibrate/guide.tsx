@@ -6,7 +6,7 @@ import { useResource } from "../../resource";
 import { useSession } from "../../session";
 import { Button, Mark, Notice } from "../../ui/controls";
 import { Confirm, Empty, Panel } from "../../ui/layout";
-import { time } from "../../ui/format";
+import { stamp } from "../../ui/format";
 import type { MachineContent } from "../live/groups";
 import { CheckStep } from "./check_step";
 import { ClosingStep } from "./closing_step";
@@ -25,20 +25,21 @@ import {
   storeGuide,
   storedGuide,
 } from "./progress";
+import { t } from "../../texts";
 
 type Recordings = components["schemas"]["RecordingList"];
 type Machine = components["schemas"]["MachineDetail"];
 
 const TITLES: Record<Step, string> = {
-  check: "Check the sensors",
-  unpin: "Unpin the rods",
-  unloaded: "Record the free cylinders",
-  pin: "Pin the rods",
-  train: "Record the training motion",
-  repeat: "Record it once more",
-  validate: "Record another motion",
-  closing: "Record the motion that tells the causes apart",
-  identify: "Identify",
+  check: t("recalibrate.checkTheSensors"),
+  unpin: t("recalibrate.unpinTheRods"),
+  unloaded: t("recalibrate.recordFreeCylinders"),
+  pin: t("recalibrate.pinTheRods"),
+  train: t("recalibrate.recordTrainingMotion"),
+  repeat: t("recalibrate.recordOnceMore"),
+  validate: t("recalibrate.recordAnotherMotion"),
+  closing: t("recalibrate.recordMotionTellsCauses"),
+  identify: t("common.identify"),
 };
 
 export default function RecalibrateView() {
@@ -47,8 +48,8 @@ export default function RecalibrateView() {
   if (machine === null)
     return (
       <>
-        <h1 class="title">Recalibrate</h1>
-        <Empty>There is no machine yet.</Empty>
+        <h1 class="title">{t("common.recalibrate")}</h1>
+        <Empty>{t("common.thereNoMachineYet")}</Empty>
       </>
     );
   return <MachineGuide key={machine} machine={machine} />;
@@ -73,7 +74,10 @@ function MachineGuide({ machine }: { machine: string }) {
   }
   function begin(): void {
     const key = randomName();
-    const label = `Recalibration ${time(new Date().toISOString()).slice(0, 16)} ${key.slice(0, 4)}`;
+    const label = t("recalibrate.recalibration", {
+      date: stamp(new Date()),
+      key: key.slice(0, 4),
+    });
     const fresh = newGuide(label, key);
     storeGuide(machine, fresh);
     setGuide(fresh);
@@ -83,8 +87,12 @@ function MachineGuide({ machine }: { machine: string }) {
   if (recordings.value === null)
     return (
       <>
-        <h1 class="title">Recalibrate {machine}</h1>
-        {recordings.error === null ? <p role="status">Reading …</p> : <Notice kind="bad">{recordings.error}</Notice>}
+        <h1 class="title">{t("recalibrate.recalibrate", { machine })}</h1>
+        {recordings.error === null ? (
+          <p role="status">{t("common.reading")}</p>
+        ) : (
+          <Notice kind="bad">{recordings.error}</Notice>
+        )}
       </>
     );
   const mine = recordingsOf(guide, recordings.value.items);
@@ -92,7 +100,7 @@ function MachineGuide({ machine }: { machine: string }) {
   const step = currentStep(guide, mine, closings);
   return (
     <div class={recordings.stale ? "stale" : ""}>
-      <h1 class="title">Recalibrate {machine}</h1>
+      <h1 class="title">{t("recalibrate.recalibrate", { machine })}</h1>
       <div class="guide">
         <StepList step={step} guide={guide} />
         <div>
@@ -107,14 +115,14 @@ function MachineGuide({ machine }: { machine: string }) {
               keep={keep}
             />
           </Panel>
-          <Button onClick={() => setAsking(true)}>End this guide</Button>
+          <Button onClick={() => setAsking(true)}>{t("recalibrate.endThisGuide")}</Button>
         </div>
       </div>
       {asking && (
         <Confirm
-          title="End this guide?"
-          text="What was recorded stays, and can be identified by hand. A new guide begins with the first step."
-          confirm="End it"
+          title={t("recalibrate.endThisGuide2")}
+          text={t("recalibrate.whatWasRecordedStays")}
+          confirm={t("common.endIt")}
           kind="danger"
           onNo={() => setAsking(false)}
           onYes={() => {
@@ -144,26 +152,23 @@ function StepContent({ step, machine, content, guide, recordings, closings, keep
     case "unpin":
       return (
         <>
-          <p>
-            Park the arm so that it is held without its cylinders, then take each rod off the arm. Each cylinder is then
-            moved alone: what it needs is its own friction, and nothing else.
-          </p>
-          <Notice kind="warning">Depressurise and secure the arm as your site demands before a pin is drawn.</Notice>
+          <p>{t("recalibrate.parkArmSoHeld")}</p>
+          <Notice kind="warning">{t("recalibrate.depressuriseSecureArmAs")}</Notice>
           <div class="actions">
             <Button kind="primary" onClick={() => keep({ unpinned: true })}>
-              All rods are off
+              {t("recalibrate.allRodsOff")}
             </Button>
-            <Button onClick={() => keep({ stayOn: true })}>Leave the rods on</Button>
+            <Button onClick={() => keep({ stayOn: true })}>{t("recalibrate.leaveRods")}</Button>
           </div>
-          <p class="hint">With the rods on, friction is told from the moving arm, and less well.</p>
+          <p class="hint">{t("recalibrate.withRodsFrictionTold")}</p>
         </>
       );
     case "pin":
       return (
         <>
-          <p>Put all rods back on the arm, and make sure that nobody is near it.</p>
+          <p>{t("recalibrate.putAllRodsBack")}</p>
           <Button kind="primary" onClick={() => keep({ pinned: true })}>
-            All rods are on
+            {t("recalibrate.allRods")}
           </Button>
         </>
       );
@@ -190,24 +195,21 @@ function StepContent({ step, machine, content, guide, recordings, closings, keep
 function Begin({ onBegin, allowed, cylinders }: { onBegin: () => void; allowed: boolean; cylinders: boolean }) {
   return (
     <>
-      <h1 class="title">Recalibrate</h1>
-      <Panel title="What happens">
+      <h1 class="title">{t("common.recalibrate")}</h1>
+      <Panel title={t("common.whatHappens")}>
         <ol class="what">
-          <li>The sensors are checked.</li>
-          {cylinders && <li>The rods are unpinned, and each cylinder is moved alone.</li>}
-          <li>
-            {cylinders ? "The rods are pinned; a" : "A"} training motion is recorded twice, and another motion to judge
-            the result by.
-          </li>
-          <li>The service identifies the arm and says what changed. Nothing is activated without a person.</li>
+          <li>{t("recalibrate.sensorsChecked")}</li>
+          {cylinders && <li>{t("recalibrate.rodsUnpinnedEachCylinder")}</li>}
+          <li>{cylinders ? t("recalibrate.rodsPinned") : t("recalibrate.trainingMotionRecordedTwice")}</li>
+          <li>{t("recalibrate.serviceIdentifiesArmSays")}</li>
         </ol>
-        <p>The motions come from the arm’s own controller; this service only watches.</p>
+        <p>{t("recalibrate.motionsComeFromArms")}</p>
         {allowed ? (
           <Button kind="primary" onClick={onBegin}>
-            Begin
+            {t("common.begin")}
           </Button>
         ) : (
-          <Notice kind="info">Your role cannot identify: ask an engineer.</Notice>
+          <Notice kind="info">{t("recalibrate.yourRoleCannotIdentify")}</Notice>
         )}
       </Panel>
     </>
@@ -227,7 +229,7 @@ function StepList({ step, guide }: { step: Step; guide: Guide }) {
   const steps = used(guide);
   const at = steps.indexOf(step);
   return (
-    <ol class="steps guide-steps" aria-label="Steps">
+    <ol class="steps guide-steps" aria-label={t("recalibrate.steps")}>
       {steps.map((one, index) => (
         <li
           key={one}
@@ -236,7 +238,7 @@ function StepList({ step, guide }: { step: Step; guide: Guide }) {
         >
           <Mark kind={index < at ? "good" : index === at ? "info" : "off"}>
             {TITLES[one]}
-            {index < at && <span class="for-reader">: done</span>}
+            {index < at && <span class="for-reader">{t("recalibrate.done")}</span>}
           </Mark>
         </li>
       ))}

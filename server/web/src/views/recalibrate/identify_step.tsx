@@ -11,6 +11,7 @@ import { JobPanel, over } from "../jobs";
 import { randomName } from "../../net/random";
 import { NextMotion } from "./next_motion";
 import { type Guide, RECORDED, type closingsOf, orderLabel, type recordingsOf } from "./progress";
+import { t } from "../../texts";
 
 type Identifications = components["schemas"]["IdentificationList"];
 type Identification = components["schemas"]["IdentificationResource"];
@@ -42,38 +43,40 @@ export function IdentifyStep({ machine, guide, recordings, closings, keep }: Ide
         {job.value !== null && over(job.value) && (
           <div class="actions">
             {job.value.state === "done" ? (
-              <Button onClick={() => keep(null)}>Finish this guide</Button>
+              <Button onClick={() => keep(null)}>{t("recalibrate.finishThisGuide")}</Button>
             ) : (
               <Button kind="primary" onClick={() => keep({ attempt: guide.attempt + 1, key: randomName() })}>
-                Try again
+                {t("recalibrate.tryAgain")}
               </Button>
             )}
           </div>
         )}
       </>
     );
-  if (list.value === null) return <p role="status">Reading …</p>;
+  if (list.value === null) return <p role="status">{t("common.reading")}</p>;
   return (
     <>
-      <p>These recordings are used:</p>
+      <p>{t("recalibrate.theseRecordingsUsed")}</p>
       <Table
-        caption="Recordings of this guide"
+        caption={t("recalibrate.recordingsGuide")}
         columns={[
-          { name: "role", title: "Recording" },
-          { name: "rows", title: "Rows", align: "right" },
+          { name: "role", title: t("recalibrate.recording") },
+          { name: "rows", title: t("common.rows"), align: "right" },
           { name: "again", title: "", align: "right" },
         ]}
         rows={chosen.map((one) => ({
           key: one.id,
-          role: closings.includes(one) ? "Motion that tells causes apart" : (ROLE_WORDS[one.role as Role] ?? one.role),
+          role: closings.includes(one)
+            ? t("recalibrate.motionTellsCausesApart")
+            : (ROLE_WORDS[one.role as Role] ?? one.role),
           again: (
             <Button
-              label={`Record again: ${ROLE_WORDS[one.role as Role] ?? one.role}`}
+              label={t("recalibrate.recordAgain", { role: ROLE_WORDS[one.role as Role] ?? one.role })}
               onClick={() =>
                 keep({ dropped: [...guide.dropped, one.id], ...(closings.includes(one) ? {} : redo(one.role)) })
               }
             >
-              Record again
+              {t("recalibrate.recordAgain2")}
             </Button>
           ),
           rows: typeof one.statistics.rows === "number" ? fixed(one.statistics.rows, 0) : "",
@@ -90,7 +93,7 @@ export function IdentifyStep({ machine, guide, recordings, closings, keep }: Ide
           void command.run<Identification>(order, list.reload);
         }}
       >
-        Identify
+        {t("common.identify")}
       </Button>
     </>
   );

@@ -8,6 +8,7 @@ import { duration } from "../../ui/format";
 import { saveFile } from "../../ui/save";
 import type { Role } from "../../words";
 import type { Guide } from "./progress";
+import { t } from "../../texts";
 
 type List = components["schemas"]["ExcitationList"];
 type Job = components["schemas"]["JobResource"];
@@ -35,10 +36,10 @@ export function MotionChoice({ machine, role, guide, onMotion }: MotionProps) {
   const same = role === "validate" && chosen !== "" && chosen === guide.motions.train;
   return (
     <details class="motion">
-      <summary>Motion from this service</summary>
+      <summary>{t("recalibrate.motionFromService")}</summary>
       {done.length > 0 && (
         <>
-          <Field label="Motion" error={same ? "This is the training motion; take another one." : null}>
+          <Field label={t("common.motion")} error={same ? t("recalibrate.trainingMotionTakeAnother") : null}>
             <select value={chosen} onChange={(event: SelectEvent) => onMotion(event.currentTarget.value)}>
               {done.map((one) => (
                 <option key={one.id} value={one.id}>
@@ -57,7 +58,7 @@ export function MotionChoice({ machine, role, guide, onMotion }: MotionProps) {
                 })
               }
             >
-              Download for the controller
+              {t("recalibrate.downloadController")}
             </Button>
             <Button
               busy={command.busy}
@@ -65,11 +66,11 @@ export function MotionChoice({ machine, role, guide, onMotion }: MotionProps) {
               onClick={() =>
                 void command.run({ method: "POST", path: `/excitations/${chosen}/send` }, () => {
                   onMotion(chosen);
-                  command.say({ kind: "good", text: "The simulated machine has the motion and follows it." });
+                  command.say({ kind: "good", text: t("recalibrate.simulatedMachineHasMotion") });
                 })
               }
             >
-              Run it on the simulated machine
+              {t("recalibrate.runSimulatedMachine")}
             </Button>
           </div>
         </>
@@ -77,18 +78,24 @@ export function MotionChoice({ machine, role, guide, onMotion }: MotionProps) {
       {under === undefined ? (
         <>
           <p class="hint">
-            {done.length === 0 ? "None was designed for this machine yet." : "Or let another one be designed:"}
+            {done.length === 0 ? t("recalibrate.noneWasDesignedMachine") : t("recalibrate.letAnotherOneDesigned")}
           </p>
           <Button
             busy={command.busy}
             disabled={!session.online.value}
             onClick={() => {
-              const label = `${role === "validate" ? "Validation" : role === "unloaded" ? "Free cylinders" : "Training"} motion`;
+              const label = t(
+                role === "validate"
+                  ? "common.validationMotion"
+                  : role === "unloaded"
+                    ? "recalibrate.freeCylindersMotion"
+                    : "common.trainingMotion",
+              );
               const json = { machine, rods, label: `${label} ${all.length + 1}`, seed: all.length };
               void command.run({ method: "POST", path: "/excitations", json });
             }}
           >
-            Design a motion
+            {t("recalibrate.designAMotion")}
           </Button>
         </>
       ) : (
@@ -101,5 +108,5 @@ export function MotionChoice({ machine, role, guide, onMotion }: MotionProps) {
 
 function Designing({ job: id }: { job: string }) {
   const job = useResource<Job>(`/jobs/${id}`, "jobs");
-  return <Progress fraction={job.value?.fraction ?? 0} text={job.value?.text ?? "Designing a motion"} />;
+  return <Progress fraction={job.value?.fraction ?? 0} text={job.value?.text ?? t("recalibrate.designingAMotion")} />;
 }

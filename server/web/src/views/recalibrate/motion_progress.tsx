@@ -7,6 +7,7 @@ import { duration, percent } from "../../ui/format";
 import type { Role } from "../../words";
 import type { MachineContent } from "../live/groups";
 import { type Coverage, progress, type WatchedMachine, watchedChannels } from "./motion_watch";
+import { t } from "../../texts";
 
 type Signals = components["schemas"]["Signals"];
 
@@ -48,25 +49,26 @@ export function MotionProgress({ machine, content, role, created, onParked }: Mo
     told.current = true; // a command is sent once
     onParked();
   }, [parked, stops, onParked === null]);
-  if (channels.length === 0)
-    return <p class="hint">No position is measured: this page cannot tell when the motion ends.</p>;
+  if (channels.length === 0) return <p class="hint">{t("recalibrate.noPositionMeasuredPage")}</p>;
   return (
     <div class="motion-progress">
       <p role="status">
         {now === null || !now.moved ? (
-          <Mark kind="info">Waiting for the arm to move</Mark>
+          <Mark kind="info">{t("recalibrate.waitingArmMove")}</Mark>
         ) : now.rest < 1.5 ? (
-          <Mark kind="recording">The arm moves</Mark>
+          <Mark kind="recording">{t("recalibrate.theArmMoves")}</Mark>
         ) : (
           <Mark kind={parked ? "good" : "info"}>
-            Parked for {duration(now.rest)}
-            {!parked && stops && `; the recording ends after ${PARKED_S} s`}
+            {t("recalibrate.parkedFor", {
+              rest: duration(now.rest),
+              ends: !parked && stops ? t("recalibrate.recordingEndsAfterS", { parkeds: PARKED_S }) : "",
+            })}
           </Mark>
         )}
       </p>
       <label class="check">
         <input type="checkbox" checked={stops} onChange={() => setStops(!stops)} />
-        Stop when the arm has been parked for {PARKED_S} s
+        {t("recalibrate.stopWhenArmHas", { parkeds: PARKED_S })}
       </label>
       {now !== null && <Covered coverage={now.coverage} unloaded={role === "unloaded"} />}
     </div>
@@ -75,12 +77,12 @@ export function MotionProgress({ machine, content, role, created, onParked }: Mo
 
 function Covered({ coverage, unloaded }: { coverage: Coverage[]; unloaded: boolean }) {
   return (
-    <ul class="coverage" aria-label="What the motion has covered so far">
+    <ul class="coverage" aria-label={t("recalibrate.whatMotionHasCovered")}>
       {coverage.map(({ joint, range, speed }) => (
         <li key={joint}>
           <span class="name">{joint}</span>
-          <Share value={range} words={unloaded ? "of its stroke" : "of its range"} />
-          {!unloaded && <Share value={speed} words="of its speed" />}
+          <Share value={range} words={unloaded ? t("recalibrate.ofItsStroke") : t("recalibrate.ofItsRange")} />
+          {!unloaded && <Share value={speed} words={t("recalibrate.ofItsSpeed")} />}
         </li>
       ))}
     </ul>

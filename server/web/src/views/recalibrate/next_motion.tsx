@@ -5,6 +5,7 @@ import { Button, Notice } from "../../ui/controls";
 import { type NextExperiment, readReport, type Report } from "../results/report";
 import { capital, readable } from "../results/wording";
 import { type Guide, MOST_CLOSINGS } from "./progress";
+import { t } from "../../texts";
 
 interface NextMotionProps {
   identification: string;
@@ -25,19 +26,14 @@ export function NextMotion({ identification, guide, keep }: NextMotionProps) {
   if (next === null || report === null) return null;
   const text = capital(readable(next.motion ?? "", report, next.joint ?? null));
   if (guide.closings.length >= MOST_CLOSINGS)
-    return (
-      <Notice kind="info">
-        Several causes are still possible after {MOST_CLOSINGS} more motions. The result says what else tells them
-        apart.
-      </Notice>
-    );
+    return <Notice kind="info">{t("recalibrate.severalCausesStillPossible", { mostclosings: MOST_CLOSINGS })}</Notice>;
   return (
     <Notice kind="info">
       <p>
-        Several causes fit these recordings. One more motion would tell them apart: <strong>{text}</strong>
+        {t("recalibrate.severalCausesFitThese")} <strong>{text}</strong>
       </p>
       {next.why && <p>{capital(readable(next.why, report, next.joint ?? null))}.</p>}
-      <p>What was recorded so far is used again, together with it.</p>
+      <p>{t("recalibrate.whatWasRecordedSo")}</p>
       <Button
         kind="primary"
         onClick={() =>
@@ -51,7 +47,7 @@ export function NextMotion({ identification, guide, keep }: NextMotionProps) {
           })
         }
       >
-        Record this motion next
+        {t("recalibrate.recordMotionNext")}
       </Button>
     </Notice>
   );

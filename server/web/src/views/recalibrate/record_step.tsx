@@ -12,21 +12,22 @@ import { MotionChoice } from "./motion_choice";
 import { MotionProgress } from "./motion_progress";
 import type { WatchedMachine } from "./motion_watch";
 import type { Guide } from "./progress";
+import { t } from "../../texts";
 
 type Recording = components["schemas"]["RecordingResource"];
 
 const WORDS: Partial<Record<Role, string>> = {
-  unloaded: "Start the motion of the free cylinders on the arm’s controller, and record it.",
-  train: "Start the training motion on the arm’s controller, and record all of it.",
-  repeat: "Start the same motion again, soon: what differs between the two is noise.",
-  validate: "Start another motion. Nothing is fitted to it: it tells whether the result is true.",
+  unloaded: t("recalibrate.startMotionFreeCylinders"),
+  train: t("recalibrate.startTrainingMotionArms"),
+  repeat: t("recalibrate.startSameMotionAgain"),
+  validate: t("recalibrate.startAnotherMotionNothing"),
 };
 const TIMES: [number, string][] = [
-  [60, "1 minute"],
-  [120, "2 minutes"],
-  [300, "5 minutes"],
-  [900, "15 minutes"],
-  [0, "until I stop it"],
+  [60, t("recalibrate.1Minute")],
+  [120, t("recalibrate.2Minutes")],
+  [300, t("recalibrate.5Minutes")],
+  [900, t("common.15Minutes")],
+  [0, t("recalibrate.untilIStop")],
 ];
 
 interface RecordProps {
@@ -61,7 +62,8 @@ export function RecordStep({ machine, content, role, label, words, guide, record
     return (
       <>
         <p class="now-recording">
-          <Mark kind="recording">Recording</Mark> for <Since iso={recording.created} />
+          <Mark kind="recording">{t("recalibrate.recording")}</Mark> {t("recalibrate.for")}{" "}
+          <Since iso={recording.created} />
         </p>
         <p>{text}</p>
         {content !== undefined && (
@@ -77,7 +79,7 @@ export function RecordStep({ machine, content, role, label, words, guide, record
         {choice}
         <CommandNotice of={command} />
         <Button kind="danger" busy={command.busy} disabled={away} onClick={() => stop(recording.id)}>
-          Stop and go on
+          {t("recalibrate.stopGo")}
         </Button>
       </>
     );
@@ -85,8 +87,10 @@ export function RecordStep({ machine, content, role, label, words, guide, record
     <>
       <p>{text}</p>
       {choice}
-      {other !== undefined && <Notice kind="warning">Somebody records this machine now: “{other.label}”.</Notice>}
-      <Field label="At most">
+      {other !== undefined && (
+        <Notice kind="warning">{t("recalibrate.somebodyRecordsMachineNow", { label: other.label })}</Notice>
+      )}
+      <Field label={t("recalibrate.atMost")}>
         <select
           value={String(seconds)}
           onChange={(event: SelectEvent) => setSeconds(Number(event.currentTarget.value))}
@@ -108,7 +112,7 @@ export function RecordStep({ machine, content, role, label, words, guide, record
           void command.run({ method: "POST", path: "/recordings", json });
         }}
       >
-        Start recording
+        {t("common.startRecording")}
       </Button>
     </>
   );

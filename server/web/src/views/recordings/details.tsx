@@ -10,6 +10,7 @@ import { Confirm, Panel, Table } from "../../ui/layout";
 import { Downloads } from "../downloads";
 import { Events, Findings, SpectrumPlot } from "./remarks";
 import { Replay } from "./replay";
+import { t } from "../../texts";
 
 type Recording = components["schemas"]["RecordingResource"];
 type Statistics = components["schemas"]["RecordingStatistics"];
@@ -41,28 +42,32 @@ export function RecordingDetails({ recording, others, onClose, onDeleted }: Deta
   const remarks = useResource<Remarks>(sealed ? `/recordings/${id}/remarks` : null, []);
   const name = recording.label || recording.id;
   return (
-    <Panel title={name} actions={<Button onClick={onClose}>Close</Button>}>
+    <Panel title={name} actions={<Button onClick={onClose}>{t("recordings.close")}</Button>}>
       <p class="hint">
-        {recording.origin === "uploaded" ? "Uploaded" : "Recorded"} {time(recording.created)}, with version{" "}
-        {recording.machine_version} of the machine file. <span class="mono">{recording.id}</span>
+        {t("recordings.withVersionMachineFile", {
+          origin: recording.origin === "uploaded" ? t("recordings.uploaded") : t("recordings.recorded"),
+          created: time(recording.created),
+          machineVersion: recording.machine_version,
+        })}{" "}
+        <span class="mono">{recording.id}</span>
       </p>
       {recording.error !== null && <Notice kind="bad">{recording.error}</Notice>}
       {sealed && <Replay recording={recording} others={others} remarks={remarks.value} />}
       {sealed && (
         <>
-          <h3>What the checks find</h3>
+          <h3>{t("recordings.whatChecksFind")}</h3>
           {remarks.error !== null && <Notice kind="bad">{remarks.error}</Notice>}
-          {remarks.value === null && remarks.loading && <p role="status">Checking …</p>}
+          {remarks.value === null && remarks.loading && <p role="status">{t("recordings.checking")}</p>}
           {remarks.value !== null && <Findings remarks={remarks.value} />}
-          <h3>Events</h3>
+          <h3>{t("recordings.events")}</h3>
           {remarks.value !== null && <Events remarks={remarks.value} />}
           {statistics.value !== null && (
             <details class="motion">
-              <summary>Spectrum</summary>
+              <summary>{t("common.spectrum")}</summary>
               <SpectrumPlot id={recording.id} channels={Object.keys(statistics.value.channels)} />
             </details>
           )}
-          <h3>Download as</h3>
+          <h3>{t("recordings.downloadAs")}</h3>
           <Downloads
             files={FORMATS.map(([format, title, suffix]) => ({
               title,
@@ -72,24 +77,24 @@ export function RecordingDetails({ recording, others, onClose, onDeleted }: Deta
           />
         </>
       )}
-      <h3>Channels</h3>
+      <h3>{t("common.channels")}</h3>
       {statistics.error !== null && <Notice kind="bad">{statistics.error}</Notice>}
-      {statistics.loading && statistics.value === null && <p role="status">Reading …</p>}
+      {statistics.loading && statistics.value === null && <p role="status">{t("common.reading")}</p>}
       {statistics.value !== null && <Channels statistics={statistics.value} />}
       <CommandNotice of={command} />
       {recording.state !== "recording" &&
         (session.may("engineer") ? (
           <Button kind="danger" busy={command.busy} disabled={!session.online.value} onClick={() => setAsking(true)}>
-            Delete
+            {t("common.delete")}
           </Button>
         ) : (
-          <p class="hint">An engineer can delete a recording.</p>
+          <p class="hint">{t("recordings.engineerCanDeleteRecording")}</p>
         ))}
       {asking && (
         <Confirm
-          title={`Delete “${name}”?`}
-          text="Its file is gone then. A recording that a result was made of has to stay; the service keeps it."
-          confirm="Delete it"
+          title={t("recordings.delete", { name })}
+          text={t("recordings.itsFileGoneThen")}
+          confirm={t("common.deleteIt")}
           kind="danger"
           onNo={() => setAsking(false)}
           onYes={() => {
@@ -106,18 +111,22 @@ function Channels({ statistics }: { statistics: Statistics }) {
   return (
     <>
       <p>
-        {count(statistics.rows)} rows, {duration(statistics.seconds)} at {number(statistics.rate_hz, 3)} Hz,{" "}
-        {statistics.gaps === 0 ? "no gaps" : `${statistics.gaps} gaps`}
+        {t("recordings.rowsAtHz", {
+          rows: count(statistics.rows),
+          seconds: duration(statistics.seconds),
+          rateHz: number(statistics.rate_hz, 3),
+          gaps: statistics.gaps === 0 ? t("recordings.noGaps") : t("recordings.gaps", { gaps: statistics.gaps }),
+        })}
       </p>
       <Table
-        caption="Channels of the recording"
+        caption={t("recordings.channelsRecording")}
         columns={[
-          { name: "name", title: "Channel" },
-          { name: "quality", title: "Quality" },
-          { name: "minimum", title: "Smallest", align: "right" },
-          { name: "mean", title: "Mean", align: "right" },
-          { name: "maximum", title: "Largest", align: "right" },
-          { name: "std", title: "Std. deviation", align: "right" },
+          { name: "name", title: t("recordings.channel") },
+          { name: "quality", title: t("common.quality") },
+          { name: "minimum", title: t("recordings.smallest"), align: "right" },
+          { name: "mean", title: t("common.mean"), align: "right" },
+          { name: "maximum", title: t("recordings.largest"), align: "right" },
+          { name: "std", title: t("recordings.stdDeviation"), align: "right" },
         ]}
         rows={Object.entries(statistics.channels).map(([name, channel]) => ({
           key: name,
@@ -139,7 +148,7 @@ function ChannelQuality({ channel, rows }: { channel: Channel; rows: number }) {
   const texts = faults.map(([name, rows]) => `${count(rows)} ${name}`);
   // A value that is not fresh is missing as well: what is missing beyond those has no quality to name.
   const beyond = channel.missing - faults.reduce((sum, [, rows]) => sum + rows, 0);
-  if (beyond > 0) texts.push(`${count(beyond)} missing`);
-  if (texts.length === 0) return <Mark kind="good">all {count(fresh || rows)} fresh</Mark>;
+  if (beyond > 0) texts.push(t("recordings.missing", { beyond: count(beyond) }));
+  if (texts.length === 0) return <Mark kind="good">{t("recordings.allFresh", { fresh: count(fresh || rows) })}</Mark>;
   return <Mark kind={channel.missing > 0.05 * rows ? "bad" : "warning"}>{texts.join(", ")}</Mark>;
 }

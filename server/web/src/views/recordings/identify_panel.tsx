@@ -9,6 +9,7 @@ import { Button, Field, type InputEvent, type SelectEvent } from "../../ui/contr
 import { Panel, Table } from "../../ui/layout";
 import { ROLE_WORDS, type Role } from "../../words";
 import { type Selection, advice } from "./selection";
+import { t } from "../../texts";
 
 type Recording = components["schemas"]["RecordingResource"];
 type Identification = components["schemas"]["IdentificationResource"];
@@ -31,8 +32,8 @@ export function IdentifyPanel({ machine, recordings, selection, onRole, onClear 
   const { wrong, weak } = advice(chosen.map((one) => selection[one.id] as Role));
   if (!session.may("engineer"))
     return (
-      <Panel title="Identify from recordings">
-        <p class="hint">An engineer can order an identification from recordings that exist.</p>
+      <Panel title={t("recordings.identifyFromRecordings")}>
+        <p class="hint">{t("recordings.engineerCanOrderIdentification")}</p>
       </Panel>
     );
   const order = (): void => {
@@ -48,20 +49,20 @@ export function IdentifyPanel({ machine, recordings, selection, onRole, onClear 
     });
   };
   return (
-    <Panel title={`Identify from recordings (${chosen.length} chosen)`}>
+    <Panel title={t("recordings.identifyFromRecordingsChosen", { count: chosen.length })}>
       {chosen.length > 0 && (
         <Table
-          caption="Chosen recordings"
+          caption={t("recordings.chosenRecordings")}
           columns={[
-            { name: "label", title: "Recording" },
-            { name: "role", title: "Used as" },
+            { name: "label", title: t("recordings.recording") },
+            { name: "role", title: t("recordings.usedAs") },
           ]}
           rows={chosen.map((one) => ({
             key: one.id,
             label: one.label || one.id,
             role: (
               <select
-                aria-label={`Use ${one.label || one.id} as`}
+                aria-label={t("recordings.useAs", { label: one.label || one.id })}
                 value={selection[one.id]}
                 onChange={(event: SelectEvent) => {
                   setKey(randomName());
@@ -89,7 +90,7 @@ export function IdentifyPanel({ machine, recordings, selection, onRole, onClear 
               ))}
             </ul>
           )}
-          <Field label="Label (optional)">
+          <Field label={t("common.labelOptional")}>
             <input
               value={label}
               maxLength={200}
@@ -102,9 +103,9 @@ export function IdentifyPanel({ machine, recordings, selection, onRole, onClear 
       <CommandNotice of={command} />
       <div class="actions">
         <Button kind="primary" busy={command.busy} disabled={wrong !== null || !session.online.value} onClick={order}>
-          Identify
+          {t("common.identify")}
         </Button>
-        {chosen.length > 0 && <Button onClick={onClear}>Choose none</Button>}
+        {chosen.length > 0 && <Button onClick={onClear}>{t("recordings.chooseNone")}</Button>}
       </div>
     </Panel>
   );

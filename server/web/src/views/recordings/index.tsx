@@ -14,6 +14,7 @@ import { quality, seconds } from "./quality";
 import "./recordings.css";
 import { type Selection, toggled } from "./selection";
 import { UploadPanel } from "./upload_panel";
+import { t } from "../../texts";
 
 type List = components["schemas"]["RecordingList"];
 type Recording = components["schemas"]["RecordingResource"];
@@ -24,8 +25,8 @@ export default function RecordingsView() {
   if (machine === null)
     return (
       <>
-        <h1 class="title">Recordings</h1>
-        <Empty>There is no machine yet. An engineer adds one under Machines.</Empty>
+        <h1 class="title">{t("common.recordings")}</h1>
+        <Empty>{t("common.thereNoMachineYet2")}</Empty>
       </>
     );
   return <Recordings key={machine} machine={machine} />;
@@ -47,10 +48,10 @@ function Recordings({ machine }: { machine: string }) {
   return (
     <div class={list.stale ? "stale" : ""}>
       <h1 class="title">
-        Recordings <span class="hint">{machine}</span>
+        {t("common.recordings")} <span class="hint">{machine}</span>
       </h1>
       {list.error !== null && <Notice kind="bad">{list.error}</Notice>}
-      {list.value === null && list.loading && <p role="status">Reading …</p>}
+      {list.value === null && list.loading && <p role="status">{t("common.reading")}</p>}
       <div class="columns">
         <RecordPanel
           machine={machine}
@@ -59,26 +60,26 @@ function Recordings({ machine }: { machine: string }) {
         <UploadPanel machine={machine} onDone={list.reload} />
       </div>
       {list.value !== null && (
-        <Panel title="Newest first">
+        <Panel title={t("common.newestFirst")}>
           {items.length === 0 ? (
-            <Empty>Nothing was recorded yet.</Empty>
+            <Empty>{t("recordings.nothingWasRecordedYet")}</Empty>
           ) : (
             <Table
-              caption="Recordings, newest first"
+              caption={t("recordings.recordingsNewestFirst")}
               columns={[
-                ...(session.may("engineer") ? [{ name: "choose", title: "Use" }] : []),
-                { name: "label", title: "Recording" },
-                { name: "role", title: "What the machine did" },
-                { name: "quality", title: "Quality" },
-                { name: "seconds", title: "Length", align: "right" as const },
-                { name: "size", title: "Size", align: "right" as const },
-                { name: "created", title: "Made" },
+                ...(session.may("engineer") ? [{ name: "choose", title: t("recordings.use") }] : []),
+                { name: "label", title: t("recordings.recording") },
+                { name: "role", title: t("recordings.whatMachineDid") },
+                { name: "quality", title: t("common.quality") },
+                { name: "seconds", title: t("recordings.length"), align: "right" as const },
+                { name: "size", title: t("recordings.size"), align: "right" as const },
+                { name: "created", title: t("recordings.made") },
               ]}
               rows={items.map((one) => ({
                 key: one.id,
                 choose: <Choose recording={one} selection={selection} onChange={setSelection} />,
                 label: (
-                  <Button label={`View ${one.label || one.id}`} onClick={() => setOpen(one.id)}>
+                  <Button label={t("recordings.view", { label: one.label || one.id })} onClick={() => setOpen(one.id)}>
                     {one.label || one.id}
                   </Button>
                 ),
@@ -90,7 +91,9 @@ function Recordings({ machine }: { machine: string }) {
               }))}
             />
           )}
-          {list.value.next !== null && most < 500 && <Button onClick={() => setMost(500)}>Show older ones too</Button>}
+          {list.value.next !== null && most < 500 && (
+            <Button onClick={() => setMost(500)}>{t("recordings.showOlderOnesToo")}</Button>
+          )}
         </Panel>
       )}
       {shown !== undefined && (
@@ -130,7 +133,7 @@ function Choose({ recording, selection, onChange }: ChooseProps) {
   return (
     <input
       type="checkbox"
-      aria-label={`Use ${recording.label || recording.id} for an identification`}
+      aria-label={t("recordings.useIdentification", { label: recording.label || recording.id })}
       checked={selection[recording.id] !== undefined}
       onChange={() => onChange(toggled(selection, recording))}
     />
@@ -140,7 +143,7 @@ function Choose({ recording, selection, onChange }: ChooseProps) {
 /** A size in bytes as people read it. */
 export function bytes(size: number): string {
   if (size < 1000) return `${size} B`;
-  if (size < 1e6) return `${number(size / 1e3, 3)} kB`;
-  if (size < 1e9) return `${number(size / 1e6, 3)} MB`;
-  return `${number(size / 1e9, 3)} GB`;
+  if (size < 1e6) return t("recordings.kb", { size: number(size / 1e3, 3) });
+  if (size < 1e9) return t("recordings.mb", { size: number(size / 1e6, 3) });
+  return t("recordings.gb", { size: number(size / 1e9, 3) });
 }

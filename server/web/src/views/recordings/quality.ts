@@ -2,6 +2,7 @@
 import type { components } from "../../net/api.gen";
 import type { NoticeKind } from "../../ui/controls";
 import { count } from "../../ui/format";
+import { t } from "../../texts";
 
 type Recording = components["schemas"]["RecordingResource"];
 
@@ -26,22 +27,22 @@ export function seconds(recording: Recording): number | null {
 
 /** Whether it is good to identify from, and what is wrong with it. */
 export function quality(recording: Recording): Quality {
-  if (recording.state === "recording") return { kind: "info", text: "Being recorded" };
-  if (recording.state === "failed") return { kind: "bad", text: recording.error ?? "Failed" };
+  if (recording.state === "recording") return { kind: "info", text: t("recordings.beingRecorded") };
+  if (recording.state === "failed") return { kind: "bad", text: recording.error ?? t("common.failed") };
   const { statistics } = recording;
   const faults: string[] = [];
   const missing = known(statistics.missing_rows) ?? 0;
   const rows = known(statistics.rows);
-  if (missing > 0) faults.push(`${count(missing)} rows without all values`);
+  if (missing > 0) faults.push(t("recordings.rowsWithoutAllValues", { missing: count(missing) }));
   const parts = known(statistics.segments);
   const gaps = known(statistics.gaps) ?? (parts === null ? 0 : Math.max(0, parts - 1));
   const missed = known(statistics.missed_cycles) ?? 0;
-  if (missed > 0) faults.push(`${count(missed)} moments missed`);
-  if (gaps > 0) faults.push(gaps === 1 ? "1 gap" : `${count(gaps)} gaps`);
+  if (missed > 0) faults.push(t("recordings.momentsMissed", { missed: count(missed) }));
+  if (gaps > 0) faults.push(t("recordings.gaps", { gaps }));
   const doubtful = channelsNotFresh(statistics.quality);
-  if (doubtful > 0) faults.push(`${doubtful} ${doubtful === 1 ? "channel" : "channels"} with values not fresh`);
-  if (rows === 0) return { kind: "bad", text: "Empty" };
-  if (faults.length === 0) return { kind: "good", text: "No gaps" };
+  if (doubtful > 0) faults.push(t("recordings.withValuesNotFresh", { count: doubtful }));
+  if (rows === 0) return { kind: "bad", text: t("recordings.empty") };
+  if (faults.length === 0) return { kind: "good", text: t("recordings.noGaps2") };
   const share = rows === null ? 0 : (missing + missed) / rows;
   return { kind: share > 0.05 ? "bad" : "warning", text: faults.join(", ") };
 }

@@ -6,6 +6,7 @@ import { Field, Mark, Notice, type SelectEvent } from "../../ui/controls";
 import { duration, fixed, number } from "../../ui/format";
 import { Table } from "../../ui/layout";
 import { Plot } from "../../ui/plot";
+import { t } from "../../texts";
 
 type Remarks = components["schemas"]["RecordingRemarks"];
 type Spectrum = components["schemas"]["Spectrum"];
@@ -16,7 +17,7 @@ export function Findings({ remarks }: { remarks: Remarks }) {
   if (remarks.findings.length === 0)
     return (
       <p>
-        <Mark kind="good">The checks find nothing wrong with files or wiring.</Mark>
+        <Mark kind="good">{t("recordings.checksFindNothingWrong")}</Mark>
       </p>
     );
   return (
@@ -33,23 +34,23 @@ export function Findings({ remarks }: { remarks: Remarks }) {
 }
 
 export function Events({ remarks }: { remarks: Remarks }) {
-  if (remarks.events.length === 0) return <p class="hint">No events of devices or buses were written down.</p>;
+  if (remarks.events.length === 0) return <p class="hint">{t("recordings.noEventsDevicesBuses")}</p>;
   return (
     <Table
-      caption="What happened while it was recorded"
+      caption={t("recordings.whatHappenedWhileWas")}
       columns={[
-        { name: "time", title: "At", align: "right" },
-        { name: "device", title: "Device" },
-        { name: "text", title: "What" },
-        { name: "seconds", title: "Lasted", align: "right" },
-        { name: "count", title: "Times", align: "right" },
+        { name: "time", title: t("recordings.at"), align: "right" },
+        { name: "device", title: t("common.device") },
+        { name: "text", title: t("recordings.what") },
+        { name: "seconds", title: t("recordings.lasted"), align: "right" },
+        { name: "count", title: t("recordings.times"), align: "right" },
       ]}
       rows={remarks.events.map((event, index) => ({
         key: String(index),
         time: event.time === null ? "–" : `${fixed(event.time, 1)} s`,
         device: event.device,
         text: event.text,
-        seconds: event.seconds === null ? "until its end" : duration(event.seconds),
+        seconds: event.seconds === null ? t("recordings.untilItsEnd") : duration(event.seconds),
         count: String(event.count),
       }))}
     />
@@ -64,7 +65,7 @@ export function SpectrumPlot({ id, channels }: { id: string; channels: string[] 
   const spectrum = found.value;
   return (
     <>
-      <Field label="Channel">
+      <Field label={t("recordings.channel")}>
         <select value={channel} onChange={(event: SelectEvent) => setChannel(event.currentTarget.value)}>
           {channels.map((name) => (
             <option key={name}>{name}</option>
@@ -75,14 +76,12 @@ export function SpectrumPlot({ id, channels }: { id: string; channels: string[] 
       {spectrum !== null && (
         <>
           <Plot
-            title={`Spectrum of ${spectrum.channel}`}
-            unit={`dB of 1 (${spectrum.unit})²/Hz`}
-            x={{ label: "frequency [Hz]", values: spectrum.frequency }}
-            series={[{ label: "power density", values: spectrum.density.map(decibels) }]}
+            title={t("recordings.spectrumOf", { channel: spectrum.channel })}
+            unit={t("common.db1Hz", { unit: spectrum.unit })}
+            x={{ label: t("common.frequencyHz"), values: spectrum.frequency }}
+            series={[{ label: t("recordings.powerDensity"), values: spectrum.density.map(decibels) }]}
           />
-          <p class="hint">
-            Power density by Welch’s method over the longest part without a gap, {number(spectrum.seconds, 3)} s.
-          </p>
+          <p class="hint">{t("recordings.powerDensityWelchsMethod", { seconds: number(spectrum.seconds, 3) })}</p>
         </>
       )}
     </>

@@ -16,6 +16,7 @@ import { fixed } from "../../ui/format";
 import { chosen } from "../live/choice";
 import { type Group, groups, type MachineContent } from "../live/groups";
 import { joined, played } from "./replay_trace";
+import { t } from "../../texts";
 
 type Recording = components["schemas"]["RecordingResource"];
 type Remarks = components["schemas"]["RecordingRemarks"];
@@ -50,7 +51,7 @@ export function Replay({ recording, others, remarks }: ReplayProps) {
   const marks = useMemo(() => eventMarks(remarks), [remarks]);
   if (first.error !== null) return <Notice kind="bad">{first.error}</Notice>;
   if (detail.error !== null) return <Notice kind="bad">{detail.error}</Notice>;
-  if (content === undefined || first.trace === null) return <p role="status">Reading the signals …</p>;
+  if (content === undefined || first.trace === null) return <p role="status">{t("recordings.readingTheSignals")}</p>;
   const present = new Set(first.trace.names);
   const absent = groups(content)
     .flatMap((group) => group.lines)
@@ -61,24 +62,28 @@ export function Replay({ recording, others, remarks }: ReplayProps) {
   );
   return (
     <>
-      <div class="chart-toolbar" role="toolbar" aria-label="What the plots show">
+      <div class="chart-toolbar" role="toolbar" aria-label={t("common.whatPlotsShow")}>
         <RangeButtons range={() => now} bounds={() => bounds} onRange={hands.show} />
         <Button disabled={range === null} onClick={() => setRange(null)}>
-          Show all
+          {t("common.showAll2")}
         </Button>
         {playing.speed === 0 ? (
           SPEEDS.map((speed) => (
-            <Button key={speed} label={`Replay, ${speed} times as fast`} onClick={() => playing.play(speed)}>
+            <Button
+              key={speed}
+              label={t("recordings.replayTimesAsFast", { speed })}
+              onClick={() => playing.play(speed)}
+            >
               ▶ {speed} ×
             </Button>
           ))
         ) : (
-          <Button onClick={() => playing.play(0)}>Stop the replay</Button>
+          <Button onClick={() => playing.play(0)}>{t("recordings.stopTheReplay")}</Button>
         )}
       </div>
-      <Field label="Beside it">
+      <Field label={t("recordings.besideIt")}>
         <select value={beside} onChange={(event: SelectEvent) => setBeside(event.currentTarget.value)}>
-          <option value="">no other recording</option>
+          <option value="">{t("recordings.noOtherRecording")}</option>
           {others.map((one) => (
             <option key={one.id} value={one.id}>
               {one.label || one.id}
@@ -87,7 +92,7 @@ export function Replay({ recording, others, remarks }: ReplayProps) {
         </select>
       </Field>
       {second.error !== null && <Notice kind="warning">{second.error}</Notice>}
-      {second.trace !== null && <p class="hint">Thick: this recording. Thin: the other one; both begin at 0 s.</p>}
+      {second.trace !== null && <p class="hint">{t("recordings.thickRecordingThinOther")}</p>}
       <div class="strips">
         {drawn.map((group) => (
           <RecordedStrip
@@ -165,7 +170,7 @@ function RecordedStrip({ group, first, second, range, marks, hands }: RecordedSt
   const drawn = useMemo(() => joined(group, first, second), [group, first, second]);
   const series = useMemo(() => {
     const own = group.lines.map(({ name, label, decimals }) => ({ name, label, decimals }));
-    return second === null ? own : [...own, ...own.map((one) => ({ ...one, name: `${one.name} other`, thin: true }))];
+    return second === null ? own : [...own, ...own.map((one) => ({ ...one, name: `${one.name}|`, thin: true }))];
   }, [group, second === null]);
   const doubtful = group.lines.flatMap((line) => line.sources.flatMap((name) => first.doubtful.get(name) ?? []));
   const register = useCallback((one: (() => void) | null) => void (draw.current = one), []);
@@ -175,7 +180,7 @@ function RecordedStrip({ group, first, second, range, marks, hands }: RecordedSt
     <section class="strip" aria-label={group.title}>
       <h3>
         {group.title} <span class="unit">{group.unit}</span>
-        {time !== undefined && <span class="at">at {fixed(time, 2)} s</span>}
+        {time !== undefined && <span class="at">{t("recordings.atS", { time: fixed(time, 2) })}</span>}
       </h3>
       <TimeChart
         title={group.title}
@@ -239,11 +244,12 @@ function KeepPart({ recording, range: [from, to] }: { recording: Recording; rang
         onClick={() =>
           void command.run<Recording>(
             { method: "POST", path: `/recordings/${recording.id}/cut`, json: { start: from, end: to } },
-            (made) => command.say({ kind: "good", text: `Stored as “${made.label}”; the whole recording stays.` }),
+            (made) =>
+              command.say({ kind: "good", text: t("recordings.storedAsWholeRecording", { label: made.label }) }),
           )
         }
       >
-        Store {fixed(from, 1)} s to {fixed(to, 1)} s as a recording of its own
+        {t("recordings.storeSSAs", { from: fixed(from, 1), to: fixed(to, 1) })}
       </Button>
     </>
   );

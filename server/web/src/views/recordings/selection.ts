@@ -1,6 +1,7 @@
 /** Recordings that are chosen for an identification, each in a role; and what the choice lacks. */
 import type { components } from "../../net/api.gen";
 import type { Role } from "../../words";
+import { t } from "../../texts";
 
 type Recording = components["schemas"]["RecordingResource"];
 
@@ -22,17 +23,15 @@ export interface Advice {
 /** What a choice of roles lets an identification say, before it is ordered. */
 export function advice(roles: Role[]): Advice {
   const has = (role: Role): boolean => roles.includes(role);
-  if (roles.length === 0) return { wrong: "Choose recordings in the list.", weak: [] };
-  if (!has("train") && !has("operation"))
-    return { wrong: "One recording of a training motion, or of normal work, is needed.", weak: [] };
+  if (roles.length === 0) return { wrong: t("recordings.chooseRecordingsList"), weak: [] };
+  if (!has("train") && !has("operation")) return { wrong: t("recordings.oneRecordingTrainingMotion"), weak: [] };
   if (!has("validate") && !has("operation"))
     return {
-      wrong: "One recording of a validation motion, or of normal work, is needed to judge the result.",
+      wrong: t("recordings.oneRecordingValidationMotion"),
       weak: [],
     };
   const weak: string[] = [];
-  if (!has("repeat")) weak.push("Without the training motion once more the noise is only an estimate.");
-  if (!has("unloaded"))
-    weak.push("Without a recording with rods unpinned friction is separated from the load less well.");
+  if (!has("repeat")) weak.push(t("recordings.withoutTrainingMotionOnce"));
+  if (!has("unloaded")) weak.push(t("recordings.withoutRecordingWithRods"));
   return { wrong: null, weak };
 }

@@ -1,14 +1,14 @@
 /** Send a file to the service, once, and tell how far it is. `fetch` cannot tell; an older interface can. */
 import { API, type Outcome, query } from "../../net/client";
 import type { components } from "../../net/api.gen";
+import { t } from "../../texts";
 
 type Recording = components["schemas"]["RecordingResource"];
 
 export const ENDINGS = [".csv", ".parquet", ".txt", ".tsv", ".mf4", ".mat", ".db3", ".mcap"];
 /** Characters of a file's name that the service keeps. */
 const LONGEST = 200;
-const UNKNOWN =
-  "Unknown whether the file arrived: the connection was lost before the answer. Look at the list before it is sent again.";
+const UNKNOWN = t("recordings.unknownWhetherFileArrived");
 
 export interface UploadOrder {
   file: File;
@@ -20,10 +20,10 @@ export interface UploadOrder {
 /** What is wrong with a file before a byte of it is sent; null if nothing is. */
 export function refusal(file: { name: string; size: number }): string | null {
   if (!ENDINGS.some((ending) => file.name.toLowerCase().endsWith(ending)))
-    return `“${file.name}” is none of ${ENDINGS.join(", ")}; export the recording as one of them.`;
+    return t("recordings.noneExportRecordingAs", { name: file.name, endings: ENDINGS.join(", ") });
   if (file.name.length > LONGEST)
-    return `“${file.name.slice(0, 40)}…” has a name of more than ${LONGEST} characters; give the file a shorter one.`;
-  if (file.size === 0) return `“${file.name}” is empty; export the recording again.`;
+    return t("recordings.hasNameMoreThan", { name: file.name.slice(0, 40), longest: LONGEST });
+  if (file.size === 0) return t("recordings.emptyExportRecordingAgain", { name: file.name });
   return null;
 }
 
@@ -47,7 +47,7 @@ export function upload(
     request.onload = () => resolve(answered(request.status, request.responseText));
     request.onerror = () => resolve({ kind: "unknown", text: UNKNOWN });
     request.onabort = () =>
-      resolve({ kind: "refused", status: 0, text: "You broke the upload off; nothing was stored.", problem: null });
+      resolve({ kind: "refused", status: 0, text: t("recordings.youBrokeUploadOff"), problem: null });
     request.send(order.file);
   });
   return { outcome, abort: () => request.abort() };
@@ -66,7 +66,7 @@ function answered(status: number, text: string): Outcome<Recording> {
   return {
     kind: "refused",
     status,
-    text: typeof detail === "string" ? detail : `The service answered ${status}.`,
+    text: typeof detail === "string" ? detail : t("common.theServiceAnswered", { status }),
     problem: null,
   };
 }

@@ -5,6 +5,7 @@ import { Button, Field, Notice, type NoticeText, Progress, type SelectEvent } fr
 import { Panel } from "../../ui/layout";
 import { ROLE_WORDS, type Role } from "../../words";
 import { ENDINGS, refusal, upload } from "./upload";
+import { t } from "../../texts";
 
 export function UploadPanel({ machine, onDone }: { machine: string; onDone: () => void }) {
   const session = useSession();
@@ -27,14 +28,17 @@ export function UploadPanel({ machine, onDone }: { machine: string; onDone: () =
       stop.current = null;
       const notice: NoticeText =
         outcome.kind === "done"
-          ? { kind: "good", text: `“${file.name}” is stored.` }
+          ? { kind: "good", text: t("recordings.isStored", { name: file.name }) }
           : { kind: outcome.kind === "refused" ? "bad" : "warning", text: outcome.text };
       setNotices((before) => [...before, notice]);
       if (outcome.kind === "done") continue;
       // Whoever stands there decides whether the others shall follow.
-      const rest = files.slice(at + 1).map((one) => `“${one.name}”`);
+      const rest = files.slice(at + 1).map((one) => t("common.quoted", { text: one.name }));
       if (rest.length > 0)
-        setNotices((before) => [...before, { kind: "info", text: `Not sent: ${rest.join(", ")}. Choose again.` }]);
+        setNotices((before) => [
+          ...before,
+          { kind: "info", text: t("recordings.notSentChooseAgain", { files: rest.join(", ") }) },
+        ]);
       break;
     }
     setNow(null);
@@ -44,9 +48,9 @@ export function UploadPanel({ machine, onDone }: { machine: string; onDone: () =
   };
 
   return (
-    <Panel title="Upload a recording">
+    <Panel title={t("recordings.uploadARecording")}>
       {!session.may("operate") ? (
-        <p class="hint">Your role looks only: an operator can upload recordings.</p>
+        <p class="hint">{t("recordings.yourRoleLooksOnly")}</p>
       ) : (
         <form
           onSubmit={(event) => {
@@ -54,7 +58,7 @@ export function UploadPanel({ machine, onDone }: { machine: string; onDone: () =
             void send();
           }}
         >
-          <Field label="What the machine did">
+          <Field label={t("recordings.whatMachineDid")}>
             <select value={role} onChange={(event: SelectEvent) => setRole(event.currentTarget.value as Role)}>
               {Object.entries(ROLE_WORDS).map(([name, words]) => (
                 <option key={name} value={name}>
@@ -63,11 +67,7 @@ export function UploadPanel({ machine, onDone }: { machine: string; onDone: () =
               ))}
             </select>
           </Field>
-          <Field
-            label="Files"
-            hint="CSV, Parquet, MDF4, MAT or a ROS 2 bag; columns named as the machine file names the channels, with units if you like."
-            error={wrong}
-          >
+          <Field label={t("common.files")} hint={t("recordings.csvParquetMdf4Mat")} error={wrong}>
             {(attributes) => (
               <input
                 {...attributes}
@@ -86,7 +86,11 @@ export function UploadPanel({ machine, onDone }: { machine: string; onDone: () =
           {now !== null && (
             <Progress
               fraction={now.fraction}
-              text={now.fraction >= 1 ? `of “${now.name}” sent; the service checks it` : `of “${now.name}” sent`}
+              text={
+                now.fraction >= 1
+                  ? t("recordings.sentServiceChecks", { name: now.name })
+                  : t("recordings.ofSent", { name: now.name })
+              }
             />
           )}
           {notices.map((notice, index) => (
@@ -101,9 +105,11 @@ export function UploadPanel({ machine, onDone }: { machine: string; onDone: () =
               busy={now !== null}
               disabled={files.length === 0 || wrong !== null || !session.online.value}
             >
-              {files.length > 1 ? `Upload ${files.length} files` : "Upload"}
+              {files.length > 1 ? t("recordings.uploadFiles", { count: files.length }) : t("recordings.upload")}
             </Button>
-            {now !== null && now.fraction < 1 && <Button onClick={() => stop.current?.()}>Break off</Button>}
+            {now !== null && now.fraction < 1 && (
+              <Button onClick={() => stop.current?.()}>{t("recordings.breakOff")}</Button>
+            )}
           </div>
         </form>
       )}

@@ -7,17 +7,18 @@ import { useSession } from "../../session";
 import { Button, Field, type InputEvent } from "../../ui/controls";
 import { Panel } from "../../ui/layout";
 import { Downloads } from "../downloads";
+import { t } from "../../texts";
 
 type Calibrations = components["schemas"]["CalibrationList"];
 type Calibration = components["schemas"]["CalibrationResource"];
 type Identification = components["schemas"]["IdentificationResource"];
 
 const STATES: Record<Calibration["state"], string> = {
-  proposed: "It is proposed as a calibration and waits for somebody to approve it.",
-  approved: "It is an approved calibration that is not in use yet.",
-  rejected: "It was proposed as a calibration and rejected.",
-  active: "It is the calibration in use.",
-  retired: "It was the calibration in use, until another one was.",
+  proposed: t("results.proposedAsCalibrationWaits"),
+  approved: t("results.approvedCalibrationNotUse"),
+  rejected: t("results.wasProposedAsCalibration"),
+  active: t("results.calibrationUse"),
+  retired: t("results.wasCalibrationUseUntil"),
 };
 
 export function ResultActions({ identification }: { identification: Identification }) {
@@ -30,19 +31,23 @@ export function ResultActions({ identification }: { identification: Identificati
   const id = encodeURIComponent(identification.id);
   const name = `${identification.machine}-${identification.id}`;
   const files = [
-    { title: "Report to read (HTML)", path: `/identifications/${id}/report.html`, name: `${name}-report.html` },
-    { title: "Report as data (JSON)", path: `/identifications/${id}/report.json`, name: `${name}-report.json` },
+    { title: t("results.reportReadHtml"), path: `/identifications/${id}/report.html`, name: `${name}-report.html` },
+    { title: t("results.reportAsDataJson"), path: `/identifications/${id}/report.json`, name: `${name}-report.json` },
   ];
   if (mine !== undefined)
-    files.push({ title: "Model (JSON)", path: `/calibrations/${mine.id}/model.json`, name: `${name}-model.json` });
+    files.push({
+      title: t("common.modelJson"),
+      path: `/calibrations/${mine.id}/model.json`,
+      name: `${name}-model.json`,
+    });
   return (
-    <Panel title="Use this result">
+    <Panel title={t("results.useThisResult")}>
       {mine !== undefined ? (
         <p>
-          {STATES[mine.state]} <a href="#/calibrations">Calibrations</a>
+          {STATES[mine.state]} <a href="#/calibrations">{t("common.calibrations")}</a>
         </p>
       ) : !session.may("operate") ? (
-        <p class="hint">Your role looks only: an operator can propose this result as a calibration.</p>
+        <p class="hint">{t("results.yourRoleLooksOnly")}</p>
       ) : (
         list.value !== null && (
           <form
@@ -53,7 +58,7 @@ export function ResultActions({ identification }: { identification: Identificati
               void command.run({ method: "POST", path: "/calibrations", json }, list.reload);
             }}
           >
-            <Field label="Name of the calibration" hint="Another person approves it before it is used.">
+            <Field label={t("results.nameCalibration")} hint={t("results.anotherPersonApprovesBefore")}>
               <input
                 value={label}
                 maxLength={200}
@@ -62,15 +67,15 @@ export function ResultActions({ identification }: { identification: Identificati
               />
             </Field>
             <Button kind="primary" type="submit" busy={command.busy} disabled={!session.online.value || list.stale}>
-              Propose as calibration
+              {t("results.proposeAsCalibration")}
             </Button>
           </form>
         )
       )}
       <CommandNotice of={command} />
-      <h3>Files</h3>
+      <h3>{t("common.files")}</h3>
       <Downloads files={files} />
-      {mine === undefined && <p class="hint">The model as a file is there once the result is proposed.</p>}
+      {mine === undefined && <p class="hint">{t("results.modelAsFileThere")}</p>}
     </Panel>
   );
 }

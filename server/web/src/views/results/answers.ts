@@ -1,7 +1,9 @@
 /** What the first screen of a result says, worked out from the report: values and words only. */
-import { percent } from "../../ui/format";
+import { fixed, percent } from "../../ui/format";
 import type { Effect, Hypothesis, Report } from "./report";
-import { capital, follows, place, readable, title, words } from "./wording";
+import { capital, follows, place, readable, signalWords, title } from "./wording";
+import { t } from "../../texts";
+import { said } from "../../texts/report";
 
 export interface Missing {
   words: string;
@@ -23,7 +25,7 @@ export function missing(report: Report): Missing[] {
       words: `${capital(title(effect, report))}, ${place(effect.joint)}`,
       probability: effect.probability ?? share(hypotheses, effect),
     })),
-    ...unexplained.map((law) => ({ words: `Unexplained: ${follows(law)}`, probability: null })),
+    ...unexplained.map((law) => ({ words: t("results.unexplained", { law: follows(law) }), probability: null })),
   ];
 }
 
@@ -39,11 +41,11 @@ function share(hypotheses: Hypothesis[], { id, joint }: Effect): number | null {
 export function hypothesisWords(hypothesis: Hypothesis, report: Report): string {
   const parts = [
     ...hypothesis.effects.map((effect) => `${title(effect, report)}, ${place(effect.joint)}`),
-    ...hypothesis.laws.map(
-      (law) => `a law of the ${words(law.variable)}, ${place(law.joint)}, that no known effect explains`,
+    ...hypothesis.laws.map((law) =>
+      t("results.lawNoKnownEffect", { variable: signalWords(law.variable), joint: place(law.joint) }),
     ),
   ];
-  return parts.length === 0 ? "nothing is missing" : parts.join(" and ");
+  return parts.length === 0 ? t("results.nothingIsMissing") : parts.join(t("results.and"));
 }
 
 /** The most probable explanation and the next one. */
@@ -59,26 +61,23 @@ export function sure(report: Report): Sure {
 
 /** A probability as a person reads it: never 0 % or 100 % of what is not certain. */
 export function chance(probability: number | null): string {
-  if (probability === null) return "not worked out";
-  if (probability > 0.9995) return "above 99.9 %";
-  if (probability < 0.0005) return "below 0.1 %";
+  if (probability === null) return t("results.notWorkedOut");
+  if (probability > 0.9995) return t("results.above", { share: percent(0.999, 1) });
+  if (probability < 0.0005) return t("results.below", { share: percent(0.001, 1) });
   return percent(probability, probability > 0.99 || probability < 0.01 ? 1 : 0);
 }
 
 /** `37 to 1`; what is beyond a thousand is said so. */
 export function oddsWords(odds: number): string {
-  return odds >= 1000 ? "more than 1000 to 1" : `${odds >= 10 ? Math.round(odds) : odds.toFixed(1)} to 1`;
+  return odds >= 1000 ? t("results.moreThan10001") : t("results.to1", { odds: fixed(odds, odds >= 10 ? 0 : 1) });
 }
 
 const BY_VERDICT: Record<string, string[]> = {
-  nothing_missing: ["Nothing has to be changed at the machine. Propose the result as a calibration."],
-  unexplained: [
-    "No known cause fits: look at the drawings below for what the error follows, and at that part of the machine.",
-    "The law that was measured may be used; it holds for motions like these.",
-  ],
-  check_input: ["Look at files and wiring first: the warnings below name what is wrong. Then identify again."],
-  implausible: ["A parameter cannot be: check masses, geometry and units in the machine file before this is used."],
-  not_examined: ["Order an identification that looks for what is missing."],
+  nothing_missing: [t("results.nothingHasChangedAt")],
+  unexplained: [t("results.noKnownCauseFits"), t("results.lawWasMeasuredMay")],
+  check_input: [t("results.lookAtFilesWiring")],
+  implausible: [t("results.parameterCannotCheckMasses")],
+  not_examined: [t("results.orderIdentificationLooksWhat")],
 };
 
 /** What a person should do next, in the order of doing it. */
@@ -86,14 +85,14 @@ export function todo(report: Report): string[] {
   const { effects, verdict, next_experiment } = report.loop;
   const found = effects
     .filter((effect) => effect.look_at)
-    .map((effect) => `Look at ${place(effect.joint)}: ${effect.look_at}.`);
+    .map((effect) => t("results.lookAt", { joint: place(effect.joint), lookAt: said(effect.look_at ?? "") }));
   if (verdict === "effect_added") {
-    if (found.length === 0) found.push("Look at the part that the cause names.");
-    found.push("Until it is mended the model with the addition holds: propose it as a calibration.");
+    if (found.length === 0) found.push(t("results.lookAtPartCause"));
+    found.push(t("results.untilMendedModelWith"));
   }
   if (verdict === "ambiguous" && next_experiment !== null) {
     const motion = typeof next_experiment === "string" ? next_experiment : (next_experiment.motion ?? "");
-    found.push(`To decide between them, record once more: ${readable(motion, report)}.`.replace("..", "."));
+    found.push(t("results.decideBetweenThemRecord", { motion: readable(motion, report) }).replace("..", "."));
   }
   return [...found, ...(BY_VERDICT[verdict] ?? [])];
 }

@@ -6,7 +6,9 @@ import { chance, missing, oddsWords, sure, todo } from "./answers";
 import { ErrorBar } from "./joint_errors";
 import { added, jointRows, overall } from "./model";
 import type { Report } from "./report";
+import { label, sentence } from "./sentence";
 import { capital, change, verdictWords } from "./wording";
+import { t } from "../../texts";
 
 export function Verdict({ report }: { report: Report }) {
   // Reports of earlier versions say that nothing is missing where nobody looked.
@@ -15,25 +17,23 @@ export function Verdict({ report }: { report: Report }) {
   const [kind, words] = verdictWords(searched ? verdict : "not_examined");
   const all = overall(report);
   return (
-    <section class={`panel verdict ${kind}`} aria-label="Verdict">
+    <section class={`panel verdict ${kind}`} aria-label={t("results.verdict")}>
       <p>
-        <Mark kind={kind}>{searched ? (report.summary?.label ?? words) : words}</Mark>{" "}
-        <span class="hint">
-          {report.machine}, identified {time(report.created)}
-        </span>
+        <Mark kind={kind}>{searched ? label(report) : words}</Mark>{" "}
+        <span class="hint">{t("results.identified", { machine: report.machine, created: time(report.created) })}</span>
       </p>
-      <p class="sentence">{searched ? (report.summary?.sentence ?? `${words}.`) : unsearched(all.overNoise)}</p>
+      <p class="sentence">{searched ? sentence(report) : unsearched(all.overNoise)}</p>
       <div class="answers">
-        <Answer question="What was missing?">
+        <Answer question={t("results.whatWasMissing")}>
           <MissingCauses report={report} searched={searched} />
         </Answer>
-        <Answer question="How sure is that?">
+        <Answer question={t("results.howSure")}>
           <HowSure report={report} searched={searched} />
         </Answer>
-        <Answer question="How much better is it?">
+        <Answer question={t("results.howMuchBetter")}>
           <Better report={report} />
         </Answer>
-        <Answer question="What to do?">
+        <Answer question={t("results.whatToDo")}>
           <ul class="plain-list">
             {todo(searched ? report : { ...report, loop: { ...report.loop, verdict: "not_examined" } }).map((text) => (
               <li key={text}>{text}</li>
@@ -56,14 +56,14 @@ function Answer({ question, children }: { question: string; children: ComponentC
 
 function MissingCauses({ report, searched }: { report: Report; searched: boolean }) {
   const found = missing(report);
-  if (!searched) return <p>Nobody looked.</p>;
-  if (found.length === 0) return <p>Nothing that these recordings could show.</p>;
+  if (!searched) return <p>{t("results.nobodyLooked")}</p>;
+  if (found.length === 0) return <p>{t("results.nothingTheseRecordingsCould")}</p>;
   return (
     <ul class="plain-list">
       {found.map((one) => (
         <li key={one.words}>
           <strong>{one.words}</strong>
-          {one.probability !== null && `, probability ${chance(one.probability)}`}
+          {one.probability !== null && t("results.probability", { probability: chance(one.probability) })}
         </li>
       ))}
     </ul>
@@ -73,18 +73,18 @@ function MissingCauses({ report, searched }: { report: Report; searched: boolean
 function HowSure({ report, searched }: { report: Report; searched: boolean }) {
   const { best, second, odds } = sure(report);
   if (!searched) return <p>–</p>;
-  if (best === null) return <p class="hint">This report has no probabilities of explanations.</p>;
+  if (best === null) return <p class="hint">{t("results.reportHasNoProbabilities")}</p>;
   return (
     <>
       <p>
         <strong>{chance(best.probability)}</strong> {best.words}
       </p>
       {second === null ? (
-        <p class="hint">No other explanation was left.</p>
+        <p class="hint">{t("results.noOtherExplanationWas")}</p>
       ) : (
         <p>
-          Next: {chance(second.probability)} {second.words}
-          {odds !== null && <small class="margin">{capital(`margin ${oddsWords(odds)}`)}</small>}
+          {t("results.next", { probability: chance(second.probability), words: second.words })}
+          {odds !== null && <small class="margin">{capital(t("results.margin", { odds: oddsWords(odds) }))}</small>}
         </p>
       )}
     </>
@@ -100,15 +100,24 @@ function Better({ report }: { report: Report }) {
       <p>
         {all.change !== null && (
           <>
-            <strong>{change(all.change)}</strong> error of all joints
-            {all.interval !== null && ` (95 % interval ${change(all.interval[0])} to ${change(all.interval[1])})`}.{" "}
+            <strong>{change(all.change)}</strong>{" "}
+            {t("results.errorAllJoints", {
+              interval:
+                all.interval !== null
+                  ? t("results.95IntervalTo", { interval: change(all.interval[0]), interval2: change(all.interval[1]) })
+                  : "",
+            })}{" "}
           </>
         )}
         {all.overNoise !== null && (
           <>
-            <strong>{number(all.overNoise, 3)} ×</strong> the noise
-            {all.overNoiseBefore !== null && ` (before: ${number(all.overNoiseBefore, 3)} ×)`}; 1 × is the best
-            possible.
+            <strong>{number(all.overNoise, 3)} ×</strong>{" "}
+            {t("results.noise1BestPossible", {
+              before:
+                all.overNoiseBefore !== null
+                  ? t("results.before", { overNoiseBefore: number(all.overNoiseBefore, 3) })
+                  : "",
+            })}
           </>
         )}
       </p>
@@ -126,6 +135,6 @@ function Better({ report }: { report: Report }) {
 }
 
 function unsearched(overNoise: number | null): string {
-  const error = overNoise === null ? "" : ` The error is ${number(overNoise, 3)} times the measurement noise.`;
-  return `The model was fitted, and nobody looked for what it may lack.${error}`;
+  const error = overNoise === null ? "" : t("results.errorTimesMeasurementNoise", { overNoise: number(overNoise, 3) });
+  return t("results.modelWasFittedNobody", { error });
 }

@@ -11,6 +11,7 @@ import { Plot } from "../../ui/plot";
 import { added } from "./model";
 import type { Diagnostics as Joint, Report } from "./report";
 import { unit } from "./wording";
+import { t } from "../../texts";
 
 export function Diagnostics({ report }: { report: Report }) {
   const joints = report.figures.diagnostics;
@@ -22,12 +23,12 @@ export function Diagnostics({ report }: { report: Report }) {
   const hands = rangeHands(now, bounds, setRange);
   if (joints.length === 0) return null;
   return (
-    <Panel title="What is left, joint by joint">
-      <p class="hint">Measured minus predicted effort over time: thin before, thick after. Drag to look closer.</p>
-      <div class="chart-toolbar" role="toolbar" aria-label="What the plots show">
+    <Panel title={t("results.whatLeftJointJoint")}>
+      <p class="hint">{t("results.measuredMinusPredictedEffort")}</p>
+      <div class="chart-toolbar" role="toolbar" aria-label={t("common.whatPlotsShow")}>
         <RangeButtons range={() => now} bounds={() => bounds} onRange={hands.show} />
         <Button disabled={range === null} onClick={() => setRange(null)}>
-          Show all
+          {t("common.showAll2")}
         </Button>
       </div>
       <div class="strips">
@@ -36,11 +37,11 @@ export function Diagnostics({ report }: { report: Report }) {
         ))}
       </div>
       <Table
-        caption="Fit of each joint"
+        caption={t("results.fitEachJoint")}
         columns={[
-          { name: "joint", title: "Joint" },
-          ...(both ? [{ name: "before", title: "Fit before", align: "right" as const }] : []),
-          { name: "after", title: both ? "Fit after" : "Fit", align: "right" },
+          { name: "joint", title: t("common.joint") },
+          ...(both ? [{ name: "before", title: t("results.fitBefore"), align: "right" as const }] : []),
+          { name: "after", title: both ? t("results.fitAfter") : t("results.fit"), align: "right" },
         ]}
         rows={joints.map((joint) => ({
           key: joint.joint,
@@ -49,10 +50,10 @@ export function Diagnostics({ report }: { report: Report }) {
           after: `${number(joint.fit_after, 4)} %`,
         }))}
       />
-      <p class="hint">100 % less the norm of the error over that of the measured effort about its mean.</p>
+      <p class="hint">{t("results.100LessNormError")}</p>
       {joints.map((joint) => (
         <details key={joint.joint} class="motion">
-          <summary>{joint.joint}: correlations and spectrum</summary>
+          <summary>{t("results.correlationsAndSpectrum", { joint: joint.joint })}</summary>
           <Correlations joint={joint} both={both} />
         </details>
       ))}
@@ -64,12 +65,12 @@ function Course({ joint, both, range, hands }: { joint: Joint; both: boolean; ra
   const draw = useRef<(() => void) | null>(null);
   const register = useCallback((one: (() => void) | null) => void (draw.current = one), []);
   const series = useMemo(() => {
-    const after = { name: "after", label: "after", decimals: 2 };
-    return both ? [after, { name: "before", label: "before", decimals: 2, thin: true }] : [after];
+    const after = { name: "after", label: t("results.afterShort"), decimals: 2 };
+    return both ? [after, { name: "before", label: t("results.before3"), decimals: 2, thin: true }] : [after];
   }, [both]);
   useEffect(() => draw.current?.(), [range[0], range[1]]);
   return (
-    <section class="strip" aria-label={`Error of ${joint.joint} over time`}>
+    <section class="strip" aria-label={t("results.errorOverTime", { joint: joint.joint })}>
       <h3>
         {joint.joint} <span class="unit">{unit(joint.unit)}</span>
       </h3>
@@ -91,7 +92,7 @@ function Course({ joint, both, range, hands }: { joint: Joint; both: boolean; ra
 function Correlations({ joint, both }: { joint: Joint; both: boolean }) {
   const bound = joint.bound ?? 0;
   const white = (places: number[]) => ({
-    label: "white noise, 99 %",
+    label: t("results.whiteNoise99"),
     values: places.map(() => 0),
     band: [places.map(() => -bound), places.map(() => bound)] as [number[], number[]],
   });
@@ -100,33 +101,30 @@ function Correlations({ joint, both }: { joint: Joint; both: boolean }) {
   return (
     <>
       <Plot
-        title="Correlation with its own past"
+        title={t("results.correlationWithItsOwn")}
         unit=""
-        x={{ label: "lag [s]", values: joint.lag }}
-        series={[{ label: "what is left", values: joint.auto }, white(joint.lag)]}
+        x={{ label: t("results.lagS"), values: joint.lag }}
+        series={[{ label: t("results.whatIsLeft"), values: joint.auto }, white(joint.lag)]}
         height={220}
       />
       <Plot
-        title="Correlation with the speed"
+        title={t("results.correlationWithSpeed")}
         unit=""
-        x={{ label: "lag [s]", values: joint.cross_lag }}
-        series={[{ label: "what is left", values: joint.cross }, white(joint.cross_lag)]}
+        x={{ label: t("results.lagS"), values: joint.cross_lag }}
+        series={[{ label: t("results.whatIsLeft"), values: joint.cross }, white(joint.cross_lag)]}
         height={220}
       />
       <Plot
-        title="Spectrum"
-        unit={`dB of 1 (${unit(joint.unit)})²/Hz`}
-        x={{ label: "frequency [Hz]", values: joint.frequency }}
+        title={t("common.spectrum")}
+        unit={t("common.db1Hz", { unit: unit(joint.unit) })}
+        x={{ label: t("common.frequencyHz"), values: joint.frequency }}
         series={[
-          { label: "after", values: decibels(joint.density_after) },
-          ...(both ? [{ label: "before", values: decibels(joint.density_before) }] : []),
+          { label: t("results.afterShort"), values: decibels(joint.density_after) },
+          ...(both ? [{ label: t("results.before3"), values: decibels(joint.density_before) }] : []),
         ]}
         height={220}
       />
-      <p class="hint">
-        A model that lacks nothing stays within the band. A slow decay says that something slow is missing, a peak at
-        the speed that something moves with the joint. The filter of the identification correlates neighbours by itself.
-      </p>
+      <p class="hint">{t("results.modelLacksNothingStays")}</p>
     </>
   );
 }

@@ -6,7 +6,8 @@ import { Plot } from "../../ui/plot";
 import { cloud, friction } from "./drawn";
 import { added } from "./model";
 import type { FrictionCurve, Report, Scatter } from "./report";
-import { unit, words } from "./wording";
+import { unit, signalWords } from "./wording";
+import { t } from "../../texts";
 
 export function Residuals({ report }: { report: Report }) {
   return (
@@ -21,21 +22,22 @@ export function Residuals({ report }: { report: Report }) {
 function Residual({ scatter, report }: { scatter: Scatter; report: Report }) {
   const drawn = useMemo(() => cloud(scatter), [scatter]);
   const effort = unit(scatter.effort_unit || report.errors[scatter.joint]?.unit);
-  const label = `${words(scatter.variable)}${scatter.unit ? ` [${unit(scatter.unit)}]` : ""}`;
-  const spread = (value: number): string => `standard deviation ${number(value, 3)}`;
+  const label = `${signalWords(scatter.variable)}${scatter.unit ? ` [${unit(scatter.unit)}]` : ""}`;
+  const spread = (value: number): string => t("results.standardDeviation", { value: number(value, 3) });
   return (
-    <Panel title={`What is left at ${scatter.joint}, against ${words(scatter.variable)}`}>
+    <Panel title={t("results.whatLeftAtAgainst", { joint: scatter.joint, variable: signalWords(scatter.variable) })}>
       <p class="hint">
-        Each point is a moment of the validation motion: measured minus predicted. A model that lacks nothing leaves a
-        cloud around zero without a shape.
-        {added(report) &&
-          (scatter.partial
-            ? " On the left the law is taken out of the final model and everything else stays: the points lie on what it explains."
-            : " Other parameters moved too when the law was fitted: the points before lie beside it where those had taken its place.")}
+        {t("results.eachPointMomentValidation", {
+          partial: added(report)
+            ? scatter.partial
+              ? t("results.leftLawTakenOut")
+              : t("results.otherParametersMovedToo")
+            : "",
+        })}
       </p>
       <div class="pair">
         <Plot
-          title={`${scatter.partial ? "Without the law" : "Before"}: ${spread(drawn.spread.before)}`}
+          title={`${scatter.partial ? t("results.withoutTheLaw") : t("results.before2")}: ${spread(drawn.spread.before)}`}
           unit={effort}
           x={{ label, values: drawn.before.x }}
           series={drawn.before.series}
@@ -44,7 +46,7 @@ function Residual({ scatter, report }: { scatter: Scatter; report: Report }) {
         />
         {added(report) && (
           <Plot
-            title={`After: ${spread(drawn.spread.after)}`}
+            title={t("results.after", { after: spread(drawn.spread.after) })}
             unit={effort}
             x={{ label, values: drawn.after.x }}
             series={drawn.after.series}
@@ -60,12 +62,12 @@ function Residual({ scatter, report }: { scatter: Scatter; report: Report }) {
 export function Frictions({ report }: { report: Report }) {
   const curves = report.figures.friction;
   return (
-    <Panel title="Friction of each joint over its speed">
+    <Panel title={t("results.frictionEachJointOver")}>
       {curves.length === 0 ? (
-        <Empty>This report has no friction curves; it was made by an earlier version.</Empty>
+        <Empty>{t("results.reportHasNoFriction")}</Empty>
       ) : (
         <>
-          <p class="hint">The band is two standard deviations. Where it is wide, few moments were recorded.</p>
+          <p class="hint">{t("results.bandTwoStandardDeviations")}</p>
           <div class="curves">
             {curves.map((curve) => (
               <Friction key={curve.joint} curve={curve} />
@@ -83,7 +85,7 @@ function Friction({ curve }: { curve: FrictionCurve }) {
     <Plot
       title={curve.joint}
       unit={unit(curve.unit_y)}
-      x={{ label: `speed [${unit(curve.unit_x)}]`, values: drawn.x }}
+      x={{ label: t("results.speed", { unitX: unit(curve.unit_x) }), values: drawn.x }}
       series={drawn.series}
       height={230}
     />

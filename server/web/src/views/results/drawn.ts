@@ -1,6 +1,7 @@
 /** The report's figures as series to draw. */
 import type { PlotSeries } from "../../ui/plot";
 import type { FrictionCurve, Scatter } from "./report";
+import { t } from "../../texts";
 
 export interface Drawn {
   x: number[];
@@ -32,11 +33,11 @@ export function cloud(scatter: Scatter): Cloud {
   const ways = scatter.direction === null ? null : order.map((index) => scatter.direction?.[index] ?? 0);
   const points = (values: Values): PlotSeries[] => {
     const picked = pick(values);
-    if (ways === null) return [{ label: "samples", values: picked, kind: "points" }];
+    if (ways === null) return [{ label: t("results.samples"), values: picked, kind: "points" }];
     const only = (sign: number): Values => picked.map((value, at) => (ways[at] === sign ? value : null));
     return [
-      { label: "speed > 0", values: only(1), kind: "points" },
-      { label: "speed < 0", values: only(-1), kind: "points" },
+      { label: t("results.speed0"), values: only(1), kind: "points" },
+      { label: t("results.speed02"), values: only(-1), kind: "points" },
     ];
   };
   const found = laws(scatter, x);
@@ -66,10 +67,10 @@ function laws(scatter: Scatter, x: number[]): PlotSeries[] {
     });
   const there = at(scatter.law_y);
   const band: [Values, Values] = [both(there, -1), both(there, 1)];
-  if (scatter.law_back === null) return [{ label: "law found, ±2 std", values: there, band }];
+  if (scatter.law_back === null) return [{ label: t("results.lawFound2Std"), values: there, band }];
   return [
-    { label: "law at speed > 0, ±2 std", values: there, band },
-    { label: "law at speed < 0", values: at(scatter.law_back) },
+    { label: t("results.lawAtSpeed0"), values: there, band },
+    { label: t("results.lawAtSpeed02"), values: at(scatter.law_back) },
   ];
 }
 
@@ -92,11 +93,11 @@ export function friction(curve: FrictionCurve): Drawn {
       return force === null || std === null ? null : force + 2 * sign * std;
     });
   const first: PlotSeries = {
-    label: curve.after === null ? "friction, ±2 std" : "before, ±2 std",
+    label: curve.after === null ? t("results.friction2Std") : t("results.before2Std"),
     values: curve.force,
     band: [edge(-1), edge(1)],
   };
-  const series = curve.after === null ? [first] : [first, { label: "after", values: curve.after }];
+  const series = curve.after === null ? [first] : [first, { label: t("results.afterShort"), values: curve.after }];
   return { x: curve.speed.map((speed) => speed ?? Number.NaN), series };
 }
 

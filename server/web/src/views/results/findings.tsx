@@ -5,12 +5,13 @@ import { Empty, Panel, Table, type Row } from "../../ui/layout";
 import { type CandidateRow, type ShiftRow, candidates, limitGroups, shifts } from "./model";
 import type { Report } from "./report";
 import { STATUSES, amount, capital, follows, place, title, unit } from "./wording";
+import { t } from "../../texts";
 
 export function Found({ report }: { report: Report }) {
   const { effects, unexplained } = report.loop;
   if (effects.length === 0 && unexplained.length === 0) return null;
   return (
-    <Panel title="What was found">
+    <Panel title={t("results.whatWasFound")}>
       {effects.map((effect) => (
         <section key={`${effect.id} ${effect.joint ?? ""}`}>
           <h3>
@@ -18,11 +19,11 @@ export function Found({ report }: { report: Report }) {
           </h3>
           {effect.equation && <p class="mono">{effect.equation}</p>}
           <Table
-            caption={`Sizes of ${title(effect, report)}`}
+            caption={t("results.sizesOf", { effect: title(effect, report) })}
             columns={[
-              { name: "name", title: "Parameter" },
-              { name: "value", title: "Value ± standard deviation", align: "right" },
-              { name: "unit", title: "Unit" },
+              { name: "name", title: t("common.parameter") },
+              { name: "value", title: t("common.valueStandardDeviation"), align: "right" },
+              { name: "unit", title: t("common.unit") },
             ]}
             rows={Object.entries(effect.parameters).map(([name, one]) => ({
               key: name,
@@ -33,21 +34,20 @@ export function Found({ report }: { report: Report }) {
           />
           {effect.indistinguishable_from.length > 0 && (
             <Notice kind="warning">
-              These recordings cannot tell it from{" "}
-              {effect.indistinguishable_from
-                .map((other) => title(typeof other === "string" ? { id: other, joint: null } : other, report))
-                .join(" or ")}
-              .
+              {t("results.theseRecordingsCannotTell", {
+                others: effect.indistinguishable_from
+                  .map((other) => title(typeof other === "string" ? { id: other, joint: null } : other, report))
+                  .join(t("results.or")),
+              })}
             </Notice>
           )}
         </section>
       ))}
       {unexplained.map((law) => (
         <section key={follows(law)}>
-          <h3>Unexplained: {follows(law)}</h3>
+          <h3>{t("results.unexplained", { law: follows(law) })}</h3>
           <p>
-            No effect of the catalogue fits. The law that was measured describes these recordings and is not a cause.
-            {!law.added && " It does not hold on the validation motion, so it was not added to the model."}
+            {t("results.noEffectCatalogueFits", { notAdded: !law.added ? t("results.doesNotHoldValidation") : "" })}
           </p>
         </section>
       ))}
@@ -59,19 +59,17 @@ export function Candidates({ report }: { report: Report }) {
   const { kept, refused } = candidates(report);
   if (kept.length + refused.length === 0) return null;
   return (
-    <Panel title="Candidate causes">
+    <Panel title={t("results.candidateCauses")}>
       {kept.length === 0 ? (
-        <Empty>None of {refused.length} causes was accepted.</Empty>
+        <Empty>{t("results.noneCausesWasAccepted", { count: refused.length })}</Empty>
       ) : (
-        <CandidateTable rows={kept} caption="Causes that count, with reasons" />
+        <CandidateTable rows={kept} caption={t("results.causesCountWithReasons")} />
       )}
-      <p class="hint">
-        Chi-square counts in units of the noise: it is how much of the squared error a cause takes away.
-      </p>
+      <p class="hint">{t("results.chiSquareCountsUnits")}</p>
       {refused.length > 0 && (
         <details>
-          <summary>{refused.length} rejected, with reasons</summary>
-          <CandidateTable rows={refused} caption="Rejected causes, with reasons" />
+          <summary>{t("results.rejectedWithReasons", { count: refused.length })}</summary>
+          <CandidateTable rows={refused} caption={t("results.rejectedCausesWithReasons")} />
         </details>
       )}
     </Panel>
@@ -84,9 +82,9 @@ function CandidateTable({ rows, caption }: { rows: CandidateRow[]; caption: stri
       caption={caption}
       columns={[
         { name: "status", title: "" },
-        { name: "title", title: "Cause" },
-        { name: "joint", title: "Where" },
-        { name: "reason", title: "Why" },
+        { name: "title", title: t("results.cause") },
+        { name: "joint", title: t("results.where") },
+        { name: "reason", title: t("common.why") },
       ]}
       rows={rows.map((row) => ({
         key: `${row.title} ${row.joint ?? ""}`,
@@ -108,17 +106,13 @@ export function Moved({ report }: { report: Report }) {
   const first = far.length > 0 ? far : rows.slice(0, SHOWN);
   const rest = rows.slice(first.length);
   return (
-    <Panel title="What moved when it was added">
-      <p class="hint">
-        {far.length > 0
-          ? "These moved by more than three standard deviations: they had been standing in for what was missing."
-          : "Nothing moved by more than three standard deviations. The largest moves:"}
-      </p>
-      <ShiftTable rows={first} caption="Parameters that moved most" />
+    <Panel title={t("results.whatMovedWhenWas")}>
+      <p class="hint">{far.length > 0 ? t("results.theseMovedMoreThan") : t("results.nothingMovedMoreThan")}</p>
+      <ShiftTable rows={first} caption={t("results.parametersMovedMost")} />
       {rest.length > 0 && (
         <details>
-          <summary>{rest.length} others</summary>
-          <ShiftTable rows={rest} caption="Other parameters before and after" />
+          <summary>{t("results.others", { count: rest.length })}</summary>
+          <ShiftTable rows={rest} caption={t("results.otherParametersBeforeAfter")} />
         </details>
       )}
     </Panel>
@@ -130,11 +124,11 @@ function ShiftTable({ rows, caption }: { rows: ShiftRow[]; caption: string }) {
     <Table
       caption={caption}
       columns={[
-        { name: "name", title: "Parameter" },
-        { name: "before", title: "Before", align: "right" },
-        { name: "after", title: "After", align: "right" },
-        { name: "unit", title: "Unit" },
-        { name: "sigmas", title: "Moved by (standard deviations)", align: "right" },
+        { name: "name", title: t("common.parameter") },
+        { name: "before", title: t("results.before2"), align: "right" },
+        { name: "after", title: t("results.after2"), align: "right" },
+        { name: "unit", title: t("common.unit") },
+        { name: "sigmas", title: t("results.movedStandardDeviations"), align: "right" },
       ]}
       rows={rows.map((row): Row => ({
         key: row.name,
@@ -156,18 +150,15 @@ export function Limits({ report }: { report: Report }) {
   const groups = limitGroups(report);
   if (groups.length === 0) return null;
   return (
-    <Panel title="Detection limits">
-      <p>
-        Below these sizes “nothing found” says nothing: a cause that is smaller could be there and these recordings
-        would not have shown it.
-      </p>
+    <Panel title={t("results.detectionLimits")}>
+      <p>{t("results.belowTheseSizesNothing")}</p>
       <details>
-        <summary>{groups.length} causes, joint by joint</summary>
+        <summary>{t("results.causesJointJoint", { count: groups.length })}</summary>
         <Table
-          caption="Smallest size of each cause that would have been found"
+          caption={t("results.smallestSizeEachCause")}
           columns={[
-            { name: "title", title: "Cause" },
-            { name: "sizes", title: "Smallest size that would have been found" },
+            { name: "title", title: t("results.cause") },
+            { name: "sizes", title: t("results.smallestSizeWouldHave") },
           ]}
           rows={groups.map((group) => ({
             key: group.title,
@@ -178,7 +169,7 @@ export function Limits({ report }: { report: Report }) {
                   <li key={limit.joint ?? ""}>
                     {place(limit.joint)}:{" "}
                     <span class="number-cell">
-                      {limit.smallest === null ? "not at any size" : amount(limit.smallest, limit.unit, 2)}
+                      {limit.smallest === null ? t("results.notAtAnySize") : amount(limit.smallest, limit.unit, 2)}
                     </span>
                   </li>
                 ))}

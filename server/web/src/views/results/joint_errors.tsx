@@ -5,50 +5,48 @@ import { Panel, Table, type Column } from "../../ui/layout";
 import { type JointRow, added, judgedOn, jointRows, overall } from "./model";
 import type { Report } from "./report";
 import { change, unit } from "./wording";
+import { t } from "../../texts";
 
 const NOISE: Record<string, string> = {
-  repeat: "The noise was measured: one motion was recorded twice, and what differs between the two is noise.",
-  estimated:
-    "The noise is an estimate from what the model leaves over, because no motion was recorded twice. Record the " +
-    "training motion once more to have it measured.",
+  repeat: t("results.noiseWasMeasuredOne"),
+  estimated: t("results.noiseEstimateFromWhat"),
 };
 
 export function JointErrors({ report }: { report: Report }) {
   const rows = jointRows(report);
   const both = added(report);
-  const motion = judgedOn(report) === "validate" ? "the validation motion, which was not fitted" : "the fitted motion";
+  const motion = judgedOn(report) === "validate" ? t("results.validationMotionWhichWas") : t("results.theFittedMotion");
   const sized = rows.some((row) => row.rms !== null);
   const columns: Column[] = [
-    { name: "joint", title: "Joint" },
-    ...(both ? [{ name: "before", title: "Before", align: "right" } as const] : []),
-    { name: "after", title: both ? "After" : "Error", align: "right" },
-    { name: "unit", title: "Unit" },
-    { name: "noise", title: "Noise", align: "right" },
-    ...(both ? [{ name: "change", title: "Change", align: "right" } as const] : []),
+    { name: "joint", title: t("common.joint") },
+    ...(both ? [{ name: "before", title: t("results.before2"), align: "right" } as const] : []),
+    { name: "after", title: both ? t("results.after2") : t("results.error"), align: "right" },
+    { name: "unit", title: t("common.unit") },
+    { name: "noise", title: t("common.noise"), align: "right" },
+    ...(both ? [{ name: "change", title: t("results.change"), align: "right" } as const] : []),
     ...(sized
       ? ([
           { name: "rms", title: "RMS", align: "right" },
-          { name: "mean", title: "Mean", align: "right" },
-          { name: "relative", title: "Of effort", align: "right" },
+          { name: "mean", title: t("common.mean"), align: "right" },
+          { name: "relative", title: t("results.ofEffort"), align: "right" },
         ] as const)
       : []),
-    { name: "overNoise", title: "Error / noise", align: "right" },
-    { name: "bar", title: "Compared with noise" },
+    { name: "overNoise", title: t("results.errorNoise"), align: "right" },
+    { name: "bar", title: t("results.comparedWithNoise") },
   ];
   return (
-    <Panel title="Error of each joint">
+    <Panel title={t("common.errorEachJoint")}>
       <p class="hint">
-        Standard deviation of measured minus predicted effort on {motion}. At 1 × noise nothing is left to explain.
-        {sized && " RMS and mean see a constant offset too."}
+        {t("results.standardDeviationMeasuredMinus", { motion, offset: sized ? t("results.rmsMeanSeeConstant") : "" })}
       </p>
       <Table
-        caption="Errors joint by joint"
+        caption={t("results.errorsJointJoint")}
         columns={columns}
         rows={rows.map((row) => ({
           key: row.joint,
           joint: row.named ? (
             <>
-              <strong>{row.joint}</strong> <span class="hint">{both ? "changed here" : "blamed"}</span>
+              <strong>{row.joint}</strong> <span class="hint">{both ? t("results.changedHere") : "blamed"}</span>
             </>
           ) : (
             row.joint
@@ -71,20 +69,20 @@ export function JointErrors({ report }: { report: Report }) {
             <svg viewBox="0 0 28 16">
               <rect class="before" x="1" y="3" width="26" height="10" />
             </svg>
-            before
+            {t("results.before3")}
           </li>
         )}
         <li>
           <svg viewBox="0 0 28 16">
             <rect class="after" x="0" y="2" width="28" height="12" />
           </svg>
-          {both ? "after" : "error"}
+          {both ? t("results.afterShort") : t("results.errorShort")}
         </li>
         <li>
           <svg viewBox="0 0 28 16">
             <line class="floor" x1="14" x2="14" y1="0" y2="16" />
           </svg>
-          noise of this joint
+          {t("results.noiseJoint")}
         </li>
       </ul>
       <OfEffort report={report} />
@@ -94,19 +92,22 @@ export function JointErrors({ report }: { report: Report }) {
 }
 
 const OF: Record<string, string> = {
-  stacked: "the norm of all errors over that of all measured efforts",
-  joints: "the root mean square of the joints’ relative errors, because N and N m do not add up",
+  stacked: t("results.normAllErrorsOver"),
+  joints: t("results.rootMeanSquareJoints"),
 };
 
 /** The relative error of all joints. */
 function OfEffort({ report }: { report: Report }) {
   const { relative, relativeBefore } = overall(report);
   if (relative === null) return null;
-  const before = relativeBefore === null ? "" : ` (before: ${percent(relativeBefore, 1)})`;
+  const before = relativeBefore === null ? "" : t("results.before4", { relativeBefore: percent(relativeBefore, 1) });
   return (
     <p class="hint">
-      All joints together: <strong>{percent(relative, 1)}</strong> of the measured effort{before}, as{" "}
-      {OF[report.overall.relative?.of ?? ""] ?? "the report says"}.
+      {t("results.allJointsTogether")} <strong>{percent(relative, 1)}</strong>{" "}
+      {t("results.measuredEffortAs", {
+        before,
+        of: OF[report.overall.relative?.of ?? ""] ?? t("results.theReportSays"),
+      })}
     </p>
   );
 }
@@ -124,8 +125,8 @@ export function ErrorBar({ row, both }: { row: JointRow; both: boolean }) {
   if (row.bar === null) return null;
   const { before, after, noise } = row.bar;
   const words =
-    `${row.joint}: ${both ? `before ${number(row.before, 3)}, after ` : ""}${number(row.after, 3)} ${unit(row.unit)}, ` +
-    `noise ${number(row.noise, 3)}`;
+    `${row.joint}: ${both ? t("results.beforeAfter", { before: number(row.before, 3) }) : ""}${number(row.after, 3)} ${unit(row.unit)}, ` +
+    t("results.noise", { noise: number(row.noise, 3) });
   return (
     <svg class="error-bar" viewBox={`0 0 ${WIDTH} 36`} preserveAspectRatio="none" role="img" aria-label={words}>
       {both && <rect class="before" x={1} y={3} width={Math.max(1, before * WIDTH - 2)} height={12} />}

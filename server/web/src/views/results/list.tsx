@@ -7,6 +7,7 @@ import { time } from "../../ui/format";
 import { Empty, Panel, Table } from "../../ui/layout";
 import { jobWords } from "../../words";
 import { change, verdictWords } from "./wording";
+import { t } from "../../texts";
 
 type List = components["schemas"]["IdentificationList"];
 type Jobs = components["schemas"]["JobList"];
@@ -21,24 +22,23 @@ export function ResultList() {
   const items = list.value?.items ?? [];
   return (
     <div class={list.stale ? "stale" : ""}>
-      <h1 class="title">Results {machine !== null && <span class="hint">{machine}</span>}</h1>
+      <h1 class="title">
+        {t("common.results")} {machine !== null && <span class="hint">{machine}</span>}
+      </h1>
       {list.error !== null && <Notice kind="bad">{list.error}</Notice>}
-      {list.value === null && list.loading && <p role="status">Reading …</p>}
+      {list.value === null && list.loading && <p role="status">{t("common.reading")}</p>}
       {list.value !== null && (
-        <Panel title="Newest first">
+        <Panel title={t("common.newestFirst")}>
           {items.length === 0 ? (
-            <Empty>
-              Nothing was identified on this machine yet. The guide under Recalibrate leads there; recordings that exist
-              already are identified under Recordings.
-            </Empty>
+            <Empty>{t("results.nothingWasIdentifiedMachine")}</Empty>
           ) : (
             <Table
-              caption="Identifications, newest first"
+              caption={t("results.identificationsNewestFirst")}
               columns={[
-                { name: "label", title: "Result" },
-                { name: "verdict", title: "Verdict" },
-                { name: "change", title: "Error, all joints", align: "right" },
-                { name: "created", title: "Submitted" },
+                { name: "label", title: t("results.result") },
+                { name: "verdict", title: t("results.verdict") },
+                { name: "change", title: t("results.errorAllJoints2"), align: "right" },
+                { name: "created", title: t("common.submitted") },
               ]}
               rows={items.map((one) => {
                 const state = states.get(one.job)?.state;

@@ -1,4 +1,5 @@
 /** What the result page shows, worked out from a report: values only, no drawing. */
+import { language } from "../../texts/language";
 import type { Candidate, ErrorPair, Limit, Report } from "./report";
 import { PARAMETERS, readable, title } from "./wording";
 
@@ -200,7 +201,7 @@ export function limitGroups(report: Report): LimitGroup[] {
     group.limits.push(limit);
     groups.set(limit.id, group);
   }
-  return [...groups.values()].sort((a, b) => a.title.localeCompare(b.title, "en"));
+  return [...groups.values()].sort((a, b) => a.title.localeCompare(b.title, language));
 }
 
 /** Effects that nothing in these recordings can be said about: not even a large one would have been seen. */

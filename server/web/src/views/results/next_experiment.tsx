@@ -3,6 +3,7 @@ import { Panel } from "../../ui/layout";
 import { Downloads } from "../downloads";
 import type { NextExperiment as Experiment, Report } from "./report";
 import { capital, readable, title } from "./wording";
+import { t } from "../../texts";
 
 export function NextExperiment({ id, report }: { id: string; report: Report }) {
   const next = report.loop.next_experiment;
@@ -11,7 +12,7 @@ export function NextExperiment({ id, report }: { id: string; report: Report }) {
   const said = (text: string): string => capital(readable(text, report, joint));
   if (typeof next === "string")
     return (
-      <Panel title="Next experiment">
+      <Panel title={t("results.nextExperiment")}>
         <p>{said(next)}</p>
       </Panel>
     );
@@ -26,7 +27,7 @@ export function NextExperiment({ id, report }: { id: string; report: Report }) {
     </ul>
   );
   return (
-    <Panel title="Next experiment">
+    <Panel title={t("results.nextExperiment")}>
       {motion ? (
         <p>
           <strong>{said(next.motion ?? "")}</strong>
@@ -34,18 +35,16 @@ export function NextExperiment({ id, report }: { id: string; report: Report }) {
       ) : (
         <>
           <p>
-            <strong>
-              To tell {rivals(next, report)} apart, record once more and change what a motion alone cannot change:
-            </strong>
+            <strong>{t("results.tellApartRecordOnce", { next: rivals(next, report) })}</strong>
           </p>
           {other}
         </>
       )}
       {next.why && <p>{said(next.why)}.</p>}
-      {motion && <p class="hint">It tells apart: {rivals(next, report)}.</p>}
+      {motion && <p class="hint">{t("results.itTellsApart", { next: rivals(next, report) })}</p>}
       {motion && otherwise.length > 0 && (
         <details>
-          <summary>What else would tell them apart</summary>
+          <summary>{t("results.whatElseWouldTell")}</summary>
           {other}
         </details>
       )}
@@ -53,7 +52,7 @@ export function NextExperiment({ id, report }: { id: string; report: Report }) {
         <Downloads
           files={[
             {
-              title: "this motion (CSV)",
+              title: t("results.thisMotionCsv"),
               path: `/identifications/${encodeURIComponent(id)}/next-experiment.csv`,
               name: `${report.machine}-${id}-${next.motion_file}`,
             },
@@ -62,7 +61,7 @@ export function NextExperiment({ id, report }: { id: string; report: Report }) {
       )}
       <div class="actions">
         <a class="button" href="#/recalibrate">
-          Record it in the guide
+          {t("results.recordGuide")}
         </a>
       </div>
     </Panel>
@@ -71,5 +70,5 @@ export function NextExperiment({ id, report }: { id: string; report: Report }) {
 
 function rivals(next: Experiment, report: Report): string {
   const names = (next.separates ?? []).map((id) => title({ id, joint: next.joint ?? null }, report));
-  return names.length === 0 ? "them" : names.join(" and ");
+  return names.length === 0 ? t("results.them") : names.join(t("results.and"));
 }

@@ -5,13 +5,14 @@ import { Panel, Table, type Row } from "../../ui/layout";
 import { ROLE_WORDS, type Role } from "../../words";
 import type { Report, Value } from "./report";
 import { PARAMETERS, unit } from "./wording";
+import { t } from "../../texts";
 
 /** A relative standard deviation above this says that the recordings hardly tell the parameter. */
 const FLAG = 0.3;
 
 const COLUMNS = [
-  { name: "value", title: "Value ± standard deviation", align: "right" },
-  { name: "unit", title: "Unit" },
+  { name: "value", title: t("common.valueStandardDeviation"), align: "right" },
+  { name: "unit", title: t("common.unit") },
   { name: "flag", title: "" },
 ] as const;
 
@@ -33,24 +34,26 @@ export function Parameters({ report }: { report: Report }) {
     ...cells(one),
   }));
   return (
-    <Panel title="Parameters">
+    <Panel title={t("results.parameters")}>
       <details>
-        <summary>{drives.length} of the drives</summary>
+        <summary>{t("results.ofTheDrives", { count: drives.length })}</summary>
         <Table
-          caption="Parameters of the drives"
-          columns={[{ name: "name", title: "Parameter" }, ...COLUMNS]}
+          caption={t("results.parametersDrives")}
+          columns={[{ name: "name", title: t("common.parameter") }, ...COLUMNS]}
           rows={drives}
         />
       </details>
       <details>
-        <summary>{body.length} of the rigid body</summary>
+        <summary>{t("results.rigidBody", { count: body.length })}</summary>
         <p class="hint">
-          Of {report.reduction.standard_parameters} standard parameters only these combinations act on the joints.
-          Condition number {number(report.rigid_body.condition_number, 3)}.
+          {t("results.standardParametersOnlyThese", {
+            standardParameters: report.reduction.standard_parameters,
+            conditionNumber: number(report.rigid_body.condition_number, 3),
+          })}
         </p>
         <Table
-          caption="Base parameters of the rigid body"
-          columns={[{ name: "name", title: "Base parameter" }, ...COLUMNS]}
+          caption={t("results.baseParametersRigidBody")}
+          columns={[{ name: "name", title: t("results.baseParameter") }, ...COLUMNS]}
           rows={body}
         />
       </details>
@@ -63,19 +66,19 @@ function cells(one: Value): Row {
   return {
     value: <span class="number-cell">{withStd(one.value, one.std)}</span>,
     unit: <span class="number-cell">{unit(one.unit)}</span>,
-    flag: hardly ? <Mark kind="warning">hardly known</Mark> : "",
+    flag: hardly ? <Mark kind="warning">{t("results.hardlyKnown")}</Mark> : "",
   };
 }
 
 export function DataUsed({ report }: { report: Report }) {
   return (
-    <Panel title="Recordings that were used">
+    <Panel title={t("results.recordingsWereUsed")}>
       <Table
-        caption="Files with their check sums"
+        caption={t("results.filesWithTheirCheck")}
         columns={[
-          { name: "role", title: "Recording" },
-          { name: "file", title: "File" },
-          { name: "samples", title: "Rows", align: "right" },
+          { name: "role", title: t("results.recording") },
+          { name: "file", title: t("results.file") },
+          { name: "samples", title: t("common.rows"), align: "right" },
           { name: "sha", title: "SHA-256" },
         ]}
         rows={report.data.map((one) => ({
@@ -91,7 +94,7 @@ export function DataUsed({ report }: { report: Report }) {
         }))}
       />
       {report.bandwidth_hz !== null && (
-        <p class="hint">Bandwidth {number(report.bandwidth_hz, 2)} Hz: all errors are of signals filtered alike.</p>
+        <p class="hint">{t("results.bandwidthHzAllErrors", { bandwidthHz: number(report.bandwidth_hz, 2) })}</p>
       )}
     </Panel>
   );

@@ -1,125 +1,31 @@
 /** `report.json` (schema `hilfit/report/1`) as far as the page shows it. */
 
-export interface Value {
-  value: number | null;
-  std: number | null;
-  unit: string | null;
-}
-/** Standard deviations; further sizes stand beside them, in reports of later versions. */
-export interface ErrorPair {
-  train: number | null;
-  validate: number | null;
-  train_rms?: number | null;
-  train_mean?: number | null;
-  train_relative?: number | null;
-  validate_rms?: number | null;
-  validate_mean?: number | null;
-  validate_relative?: number | null;
-}
-export interface JointErrors {
-  unit: string;
-  noise_floor: number | null;
-  before: ErrorPair;
-  after: ErrorPair;
-}
-export interface Named {
-  id: string;
-  joint: string | null;
-  title?: string | null;
-}
-export interface Effect extends Named {
-  equation?: string | null;
+import type { components } from "./report.gen";
+
+type Schemas = components["schemas"];
+/** With these keys there: {@link readReport} fills in what a report of an earlier version lacks. */
+type With<T, K extends keyof T> = T & { [P in K]-?: Exclude<T[P], undefined> };
+
+export type Value = With<Schemas["Value"], "value" | "std" | "unit">;
+export type ErrorPair = With<Schemas["ErrorPair"], "train" | "validate">;
+export type JointErrors = Omit<Schemas["JointErrors"], "before" | "after"> & { before: ErrorPair; after: ErrorPair };
+export type Named = With<Schemas["Named"], "joint">;
+export type Effect = With<Omit<Schemas["AddedEffect"], "parameters" | "indistinguishable_from">, "joint"> & {
   parameters: Record<string, Value>;
-  /** Which part of the machine to look at. */
-  look_at?: string;
-  probability?: number | null;
   indistinguishable_from: (string | Named)[];
-}
-export interface Law {
-  joint: string | null;
-  variable: string;
-  second_variable?: string | null;
-  /** Whether the law turns its sign with the direction of motion. */
-  times_sign_of_speed?: boolean;
-  added: boolean;
-}
-/** One explanation of everything; neither effects nor laws: nothing is missing. */
-export interface Hypothesis {
-  effects: Named[];
-  laws: Pick<Law, "joint" | "variable">[];
-  probability: number;
-}
-export interface Candidate extends Named {
-  score: number | null;
-  status: "accepted" | "rejected" | "indistinguishable" | "artefact";
-  reason: string;
-}
-export interface Limit extends Named {
-  smallest: number | null;
-  unit: string;
-}
-export interface NextExperiment {
-  motion?: string | null;
-  why?: string | null;
-  separates?: string[];
-  joint?: string | null;
-  kind?: string | null;
-  motion_file?: string | null;
-  /** Whether the motion is made with the rods on the arm: `pinned`, or `unpinned`. */
-  rods?: string | null;
-  otherwise?: string[];
-}
-export interface Shift {
-  name: string;
-  before: number | null;
-  after: number | null;
-  sigmas: number | null;
-}
-export interface Scatter {
-  joint: string;
-  variable: string;
-  unit: string;
-  effort_unit: string;
-  x: (number | null)[];
-  before: (number | null)[];
-  after: (number | null)[];
-  /** What the law has to explain: it lies on the law. Null in reports of earlier versions. */
-  partial?: (number | null)[] | null;
-  direction: number[] | null;
-  law_x: (number | null)[];
-  law_y: (number | null)[];
-  law_std: (number | null)[];
-  law_back: (number | null)[] | null;
-}
-/** What is left of one joint: over time, over its own past and the speed, over frequency. */
-export interface Diagnostics {
-  joint: string;
-  unit: string;
-  fit_before: number | null;
-  fit_after: number | null;
-  bound: number | null;
-  time: number[];
-  measured: (number | null)[];
-  before: (number | null)[];
-  after: (number | null)[];
-  lag: number[];
-  auto: (number | null)[];
-  cross_lag: number[];
-  cross: (number | null)[];
-  frequency: number[];
-  density_before: (number | null)[];
-  density_after: (number | null)[];
-}
-export interface FrictionCurve {
-  joint: string;
-  unit_x: string;
-  unit_y: string;
-  speed: (number | null)[];
-  force: (number | null)[];
-  std: (number | null)[];
-  after: (number | null)[] | null;
-}
-const VERDICTS = [
+};
+export type Law = With<Omit<Schemas["Unexplained"], "law">, "added">;
+export type Hypothesis = { effects: Named[]; laws: Schemas["LawPlace"][]; probability: number };
+export type Candidate = With<Schemas["Candidate"], "joint" | "score" | "reason">;
+export type Limit = With<Schemas["DetectionLimit"], "joint">;
+export type NextExperiment = Schemas["NextExperiment"];
+export type Shift = Schemas["Shift"];
+export type Scatter = With<Schemas["ScatterFigure"], "direction" | "law_back">;
+export type Diagnostics = Schemas["DiagnosticsFigure"];
+export type FrictionCurve = With<Schemas["FrictionFigure"], "after">;
+export type Verdict = Schemas["Loop"]["verdict"];
+
+const VERDICTS: readonly Verdict[] = [
   "check_input",
   "implausible",
   "not_examined",
@@ -127,31 +33,22 @@ const VERDICTS = [
   "effect_added",
   "ambiguous",
   "unexplained",
-] as const;
-export type Verdict = (typeof VERDICTS)[number];
+];
+
+/** What the page shows of a report. */
 export interface Report {
   machine: string;
   created: string;
-  data: { role: string; file: string; sha256: string; samples: number }[];
+  data: Schemas["DataFile"][];
   bandwidth_hz: number | null;
   noise_floor_method: string | null;
-  reduction: { standard_parameters: number; base_parameters: number };
+  reduction: Schemas["Reduction"];
   cylinders: Record<string, { parameters: Record<string, Value> }>;
-  rigid_body: {
-    estimator: string;
-    condition_number: number | null;
-    parameters: ({ expression: string; name?: string } & Value)[];
+  rigid_body: Omit<Schemas["RigidBody"], "parameters"> & {
+    parameters: ({ expression: string; name?: string | null } & Value)[];
   };
   errors: Record<string, JointErrors>;
-  overall: {
-    before: number | null;
-    after: number | null;
-    change_percent: number | null;
-    ci95_percent: [number, number] | null;
-    unit?: string | null;
-    /** Norm of the errors over that of the measured efforts: of all joints stacked, or a mean over the joints. */
-    relative?: { before: number | null; after: number | null; of: "stacked" | "joints" } | null;
-  };
+  overall: Schemas["Overall"];
   loop: {
     verdict: Verdict;
     /** Whether anybody looked for what the model lacks: an identification can be ordered without that. */
@@ -166,7 +63,7 @@ export interface Report {
   };
   parameter_shifts: Shift[];
   warnings: string[];
-  summary: { label: string; sentence: string } | null;
+  summary: Schemas["Summary"] | null;
   figures: { scatter: Scatter[]; friction: FrictionCurve[]; diagnostics: Diagnostics[] };
 }
 

@@ -16,6 +16,7 @@ import { NextExperiment } from "./next_experiment";
 import { DataUsed, Parameters } from "./parameters";
 import { type Report, readReport } from "./report";
 import { readable } from "./wording";
+import { t } from "../../texts";
 
 type Identification = components["schemas"]["IdentificationResource"];
 type Job = components["schemas"]["JobResource"];
@@ -36,23 +37,19 @@ export function ResultPage({ id }: { id: string }) {
   return (
     <div class={identification.stale ? "stale" : ""}>
       <h1 class="title">
-        {found?.label || "Result"} {found !== null && <span class="hint">{found.machine}</span>}
+        {found?.label || t("results.result")} {found !== null && <span class="hint">{found.machine}</span>}
       </h1>
       {identification.error !== null && <Notice kind="bad">{identification.error}</Notice>}
       {content.error !== null && <Notice kind="bad">{content.error}</Notice>}
-      {(identification.loading || content.loading) && report === null && <p role="status">Reading …</p>}
+      {(identification.loading || content.loading) && report === null && <p role="status">{t("common.reading")}</p>}
       {job.value !== null && <JobPanel job={job.value} />}
-      {content.value !== null && report === null && (
-        <Notice kind="warning">
-          This page cannot read the report; it may be of another version. Download it below.
-        </Notice>
-      )}
+      {content.value !== null && report === null && <Notice kind="warning">{t("results.pageCannotReadReport")}</Notice>}
       {report !== null && <Verdict report={report} />}
       {report !== null && report.warnings.length > 0 && <Warnings report={report} />}
       {found !== null && done && <ResultActions identification={found} />}
       {report !== null && <Sections id={id} report={report} />}
       <p>
-        <a href="#/results">All results</a>
+        <a href="#/results">{t("results.allResults")}</a>
       </p>
     </div>
   );
@@ -78,7 +75,7 @@ function Sections({ id, report }: { id: string; report: Report }) {
 
 function Warnings({ report }: { report: Report }) {
   return (
-    <Panel title={`Warnings (${report.warnings.length})`}>
+    <Panel title={t("results.warnings", { count: report.warnings.length })}>
       <ul class="plain-list">
         {report.warnings.map((warning) => (
           <li key={warning}>{readable(warning, report)}</li>

@@ -1,7 +1,9 @@
 /** Names, units and changes of reports as a person reads them. */
 import type { NoticeKind } from "../../ui/controls";
-import { DASH, number } from "../../ui/format";
+import { DASH, number, spelt } from "../../ui/format";
 import type { Candidate, Law, Named, Report, Verdict } from "./report";
+import { t } from "../../texts";
+import { said } from "../../texts/report";
 
 const SUPERSCRIPT: Record<string, string> = { "2": "²", "3": "³", "4": "⁴", "5": "⁵", "6": "⁶" };
 // Measured and derived signals as programs write them; joints and files may be called anything else with underscores.
@@ -23,22 +25,32 @@ export function words(name: string): string {
   return name.replace(/_/g, " ");
 }
 
+/** A signal: `piston_position` as `piston position`, a neighbour's with the joint before it. */
+export function signalWords(name: string): string {
+  const at = name.lastIndexOf(".") + 1;
+  return name.slice(0, at) + said(words(name.slice(at)));
+}
+
 /** Names of signals in a text with spaces; effects of the report by their titles. */
 export function readable(text: string, report?: Report, joint: string | null = null): string {
   const { candidates = [], effects = [] } = report?.loop ?? {};
   const all = [...candidates, ...effects];
   // Joints that are driven otherwise call an effect otherwise: the last word is that of the joint in question.
   const named = [...all, ...all.filter((one) => joint !== null && one.joint === joint)];
-  const titles = new Map(named.map((one) => [one.id, one.title ?? words(one.id)]));
-  return text.replace(NAME, (name) => titles.get(name) ?? name).replace(SIGNAL, "$1 $2");
+  const titles = new Map(named.map((one) => [one.id, said(one.title ?? words(one.id))]));
+  return said(text)
+    .replace(NAME, (name) => titles.get(name) ?? name)
+    .replace(SIGNAL, "$1 $2");
 }
 
 /** What an unexplained law says: `the error at joint1 follows the piston position`. */
 export function follows(law: Law): string {
-  const where = law.joint === null ? "of the whole machine" : `at ${law.joint}`;
-  const second = law.second_variable ? ` together with the ${words(law.second_variable)}` : "";
-  const turns = law.times_sign_of_speed ? ", and turns its sign with the direction of motion" : "";
-  return `the error ${where} follows the ${words(law.variable)}${second}${turns}`;
+  const where = law.joint === null ? t("results.wholeMachine") : t("results.at", { joint: law.joint });
+  const second = law.second_variable
+    ? t("results.togetherWithThe", { secondVariable: signalWords(law.second_variable) })
+    : "";
+  const turns = law.times_sign_of_speed ? t("results.turnsItsSignWith") : "";
+  return t("results.errorFollows", { where, variable: signalWords(law.variable), second, turns });
 }
 
 export function capital(text: string): string {
@@ -49,7 +61,7 @@ export function capital(text: string): string {
 export function change(percent: number | null | undefined): string {
   if (percent === null || percent === undefined || !Number.isFinite(percent)) return DASH;
   const text = Math.abs(percent).toFixed(Math.abs(percent) >= 10 ? 0 : 1);
-  return Number(text) === 0 ? "0 %" : `${percent < 0 ? "−" : "+"}${text} %`;
+  return Number(text) === 0 ? "0 %" : `${percent < 0 ? "−" : "+"}${spelt(text)} %`;
 }
 
 /** The sizes of effects: a number with its unit. */
@@ -67,21 +79,21 @@ export function parameterName(name: string): string {
 export function title(effect: Named, report: Report): string {
   const same = report.loop.candidates.filter((one) => one.id === effect.id && one.title);
   const here = same.find((one) => one.joint === effect.joint) ?? same[0];
-  return effect.title ?? here?.title ?? words(effect.id);
+  return said(effect.title ?? here?.title ?? words(effect.id));
 }
 
 export function place(joint: string | null): string {
-  return joint ?? "whole machine";
+  return joint ?? t("results.wholeMachine2");
 }
 
 export const VERDICTS: Record<Verdict, [NoticeKind, string]> = {
-  nothing_missing: ["good", "Nothing is missing"],
-  effect_added: ["good", "Effect found and added"],
-  ambiguous: ["warning", "Something is missing, several causes fit"],
-  unexplained: ["warning", "Something is missing, no known cause fits"],
-  implausible: ["bad", "A parameter is physically impossible"],
-  check_input: ["bad", "A mistake in files or wiring is likely"],
-  not_examined: ["info", "Fitted only: what is missing was not looked for"],
+  nothing_missing: ["good", t("results.nothingIsMissing2")],
+  effect_added: ["good", t("results.effectFoundAdded")],
+  ambiguous: ["warning", t("results.somethingMissingSeveralCauses")],
+  unexplained: ["warning", t("results.somethingMissingNoKnown")],
+  implausible: ["bad", t("results.parameterPhysicallyImpossible")],
+  check_input: ["bad", t("results.mistakeFilesWiringLikely")],
+  not_examined: ["info", t("results.fittedOnlyWhatMissing")],
 };
 
 /** Of a verdict that may be newer than this page. */
@@ -90,17 +102,17 @@ export function verdictWords(verdict: string): [NoticeKind, string] {
 }
 
 export const STATUSES: Record<Candidate["status"], [NoticeKind | "off", string]> = {
-  accepted: ["good", "Accepted"],
-  indistinguishable: ["warning", "Cannot be told apart"],
-  artefact: ["info", "Artefact of measurement"],
-  rejected: ["off", "Rejected"],
+  accepted: ["good", t("results.accepted")],
+  indistinguishable: ["warning", t("results.cannotToldApart")],
+  artefact: ["info", t("results.artefactOfMeasurement")],
+  rejected: ["off", t("common.rejected")],
 };
 
 export const PARAMETERS: Record<string, string> = {
-  m: "moving mass",
-  K: "stiffness",
-  f_c: "Coulomb friction",
-  f_v: "viscous friction",
-  f_s: "cube-root friction",
-  J: "drive inertia",
+  m: t("results.movingMass"),
+  K: t("results.stiffness"),
+  f_c: t("results.coulombFriction"),
+  f_v: t("results.viscousFriction"),
+  f_s: t("results.cubeRootFriction"),
+  J: t("results.driveInertia"),
 };

@@ -6,9 +6,10 @@ import { CommandNotice, useCommand } from "../../command";
 import { useResource } from "../../resource";
 import { useSession } from "../../session";
 import { Button, Mark, Notice, type NoticeKind } from "../../ui/controls";
-import { duration } from "../../ui/format";
+import { duration, inZone } from "../../ui/format";
 import { Confirm, Empty, Panel, Table } from "../../ui/layout";
-import { cronWords, inZone } from "./cron";
+import { cronWords } from "./cron";
+import { t } from "../../texts";
 
 type Schedule = components["schemas"]["ScheduleResource"];
 type Slots = components["schemas"]["SlotList"];
@@ -16,11 +17,11 @@ type Slot = components["schemas"]["SlotResource"];
 type Job = components["schemas"]["JobResource"];
 
 const SLOTS: Record<Slot["state"], [NoticeKind | "off", string]> = {
-  running: ["info", "Running"],
-  done: ["good", "Done"],
-  failed: ["bad", "Failed"],
-  missed: ["warning", "Missed"],
-  coalesced: ["off", "Together with a later one"],
+  running: ["info", t("schedules.running")],
+  done: ["good", t("schedules.done")],
+  failed: ["bad", t("common.failed")],
+  missed: ["warning", t("schedules.missed")],
+  coalesced: ["off", t("schedules.togetherWithLaterOne")],
 };
 
 interface CardProps {
@@ -50,32 +51,38 @@ export function ScheduleCard({ schedule, onEdit, onDone }: CardProps) {
   return (
     <Panel
       title={schedule.label || schedule.id}
-      actions={<Mark kind={enabled ? "good" : "off"}>{enabled ? "Runs" : "Switched off"}</Mark>}
+      actions={
+        <Mark kind={enabled ? "good" : "off"}>{enabled ? t("schedules.runs") : t("schedules.switchedOff")}</Mark>
+      }
     >
       <p>
         <strong>{cronWords(schedule.cron)}</strong> ({zone}): {what(schedule)}
       </p>
       <p class="hint">
-        {schedule.next === null ? "No next time." : `Next: ${inZone(schedule.next, zone)}.`}{" "}
-        {schedule.last === null ? "It never ran." : `Last: ${inZone(schedule.last, zone)}.`}
+        {schedule.next === null
+          ? t("schedules.noNextTime")
+          : t("schedules.next", { next: inZone(schedule.next, zone) })}{" "}
+        {schedule.last === null
+          ? t("schedules.itNeverRan")
+          : t("schedules.last", { last: inZone(schedule.last, zone) })}
       </p>
       <CommandNotice of={command} />
       <div class="actions">
         {session.may("operate") && (
           <Button kind="primary" busy={command.busy} disabled={away} onClick={() => setAsked("run")}>
-            Run now
+            {t("schedules.runNow")}
           </Button>
         )}
         {session.may("engineer") && (
           <>
             <Button busy={command.busy} disabled={away || read.value === null} onClick={() => switchTo(!enabled)}>
-              {enabled ? "Switch off" : "Switch on"}
+              {enabled ? t("schedules.switchOff") : t("schedules.switchOn")}
             </Button>
             <Button disabled={away} onClick={onEdit}>
-              Change
+              {t("schedules.changeIt")}
             </Button>
             <Button busy={command.busy} disabled={away || read.etag === null} onClick={() => setAsked("delete")}>
-              Delete
+              {t("common.delete")}
             </Button>
           </>
         )}
@@ -83,11 +90,18 @@ export function ScheduleCard({ schedule, onEdit, onDone }: CardProps) {
       <SlotHistory schedule={schedule} zone={zone} />
       {asked === "run" && (
         <Confirm
-          title={`Run “${schedule.label}” now?`}
-          text={`It records ${
-            schedule.motion === "standard" ? "the designed motion" : `normal work for ${duration(schedule.duration_s)}`
-          }, fits and ${schedule.activate === "if_better" ? "uses the new calibration if it is better" : "proposes a calibration"}.`}
-          confirm="Run it now"
+          title={t("schedules.runNow2", { label: schedule.label })}
+          text={t("schedules.recordsFits", {
+            motion:
+              schedule.motion === "standard"
+                ? t("schedules.theDesignedMotion")
+                : t("schedules.normalWorkFor", { durationS: duration(schedule.duration_s) }),
+            activate:
+              schedule.activate === "if_better"
+                ? t("schedules.usesNewCalibrationIf")
+                : t("schedules.proposesACalibration"),
+          })}
+          confirm={t("schedules.runItNow")}
           onNo={() => setAsked(null)}
           onYes={() => {
             setAsked(null);
@@ -99,9 +113,9 @@ export function ScheduleCard({ schedule, onEdit, onDone }: CardProps) {
       )}
       {asked === "delete" && (
         <Confirm
-          title={`Delete “${schedule.label}”?`}
-          text="It does not run any more. Its results and calibrations stay."
-          confirm="Delete it"
+          title={t("schedules.delete", { label: schedule.label })}
+          text={t("schedules.doesNotRunAny")}
+          confirm={t("common.deleteIt")}
           kind="danger"
           onNo={() => setAsked(null)}
           onYes={() => {
@@ -118,12 +132,12 @@ export function ScheduleCard({ schedule, onEdit, onDone }: CardProps) {
 export function what(schedule: Schedule): string {
   const record =
     schedule.motion === "standard"
-      ? `the designed motion is recorded (waits up to ${duration(schedule.deadline_s)})`
-      : `normal work is recorded for ${duration(schedule.duration_s)}`;
+      ? t("schedules.designedMotionRecordedWaits", { deadlineS: duration(schedule.deadline_s) })
+      : t("schedules.normalWorkRecorded", { durationS: duration(schedule.duration_s) });
   const then =
     schedule.activate === "if_better"
-      ? "a new calibration is used at once if it is better"
-      : "a new calibration is proposed, and a person decides";
+      ? t("schedules.newCalibrationUsedAt")
+      : t("schedules.newCalibrationProposedPerson");
   return `${record}; ${then}.`;
 }
 
@@ -133,19 +147,19 @@ function SlotHistory({ schedule, zone }: { schedule: Schedule; zone: string }) {
   const slots = useResource<Slots>(path, ["schedules", "jobs"]);
   return (
     <details open={open} onToggle={(event) => setOpen(event.currentTarget.open)}>
-      <summary>Run history</summary>
+      <summary>{t("schedules.runHistory")}</summary>
       {slots.error !== null && <Notice kind="bad">{slots.error}</Notice>}
       {slots.value === null ? (
-        slots.loading && <p role="status">Reading …</p>
+        slots.loading && <p role="status">{t("common.reading")}</p>
       ) : slots.value.items.length === 0 ? (
-        <Empty>None had its turn yet.</Empty>
+        <Empty>{t("schedules.noneHadItsTurn")}</Empty>
       ) : (
         <Table
-          caption={`Times of ${schedule.label}`}
+          caption={t("schedules.timesOf", { label: schedule.label })}
           columns={[
-            { name: "slot", title: `Time (${zone})` },
-            { name: "state", title: "What became of it" },
-            { name: "note", title: "Note" },
+            { name: "slot", title: t("schedules.time", { zone }) },
+            { name: "state", title: t("schedules.outcome") },
+            { name: "note", title: t("schedules.note") },
             { name: "links", title: "" },
           ]}
           rows={slots.value.items.map((slot) => ({
@@ -155,9 +169,9 @@ function SlotHistory({ schedule, zone }: { schedule: Schedule; zone: string }) {
             note: slot.note,
             links:
               slot.calibration !== null ? (
-                <a href="#/calibrations">Calibration</a>
+                <a href="#/calibrations">{t("schedules.calibration")}</a>
               ) : slot.job !== null ? (
-                <a href={`#/jobs/${slot.job}`}>Job</a>
+                <a href={`#/jobs/${slot.job}`}>{t("common.job")}</a>
               ) : (
                 ""
               ),

@@ -1,5 +1,6 @@
 import { describe, expect, it } from "vitest";
-import { NEW_PLAN, type Plan, cronOf, cronWords, inZone, planOf, timeZones } from "./cron";
+import { inZone } from "../../ui/format";
+import { NEW_PLAN, type Plan, cronOf, cronWords, planOf, timeZones } from "./cron";
 
 describe("presets", () => {
   it("make an expression that leads back to them", () => {

@@ -1,4 +1,5 @@
 /** Cron expressions for people: presets that make one, and words for one. */
+import { t } from "../../texts";
 
 export type Every = "day" | "week" | "month" | "own";
 
@@ -15,7 +16,15 @@ export interface Plan {
   own: string;
 }
 
-export const WEEKDAYS = ["Sunday", "Monday", "Tuesday", "Wednesday", "Thursday", "Friday", "Saturday"];
+export const WEEKDAYS = [
+  t("schedules.sunday"),
+  t("schedules.monday"),
+  t("schedules.tuesday"),
+  t("schedules.wednesday"),
+  t("schedules.thursday"),
+  t("schedules.friday"),
+  t("schedules.saturday"),
+];
 export const NEW_PLAN: Plan = { every: "week", hour: 2, minute: 30, weekday: 1, day: 1, own: "" };
 
 /** The five fields: minute, hour, day of the month, month, day of the week. */
@@ -53,10 +62,10 @@ export function planOf(cron: string): Plan {
 export function cronWords(cron: string): string {
   const plan = planOf(cron);
   const at = `${two(plan.hour)}:${two(plan.minute)}`;
-  if (plan.every === "day") return `Every day at ${at}`;
-  if (plan.every === "week") return `Every ${WEEKDAYS[plan.weekday]} at ${at}`;
-  if (plan.every === "month") return `On day ${plan.day} of every month at ${at}`;
-  return `By the expression ${plan.own}`;
+  if (plan.every === "day") return t("schedules.everyDayAt", { at });
+  if (plan.every === "week") return t("schedules.everyAt", { weekday: WEEKDAYS[plan.weekday] ?? "", at });
+  if (plan.every === "month") return t("schedules.dayEveryMonthAt", { day: plan.day, at });
+  return t("schedules.byTheExpression", { own: plan.own });
 }
 
 export function two(value: number): string {
@@ -81,26 +90,5 @@ export function ownZone(): string {
     return Intl.DateTimeFormat().resolvedOptions().timeZone || "UTC";
   } catch {
     return "UTC";
-  }
-}
-
-/** A moment in a time zone, with its day of the week: `Mon 2026-03-02 02:30`. */
-export function inZone(iso: string, zone: string): string {
-  const date = new Date(iso);
-  try {
-    const parts = new Intl.DateTimeFormat("en-GB", {
-      timeZone: zone,
-      weekday: "short",
-      year: "numeric",
-      month: "2-digit",
-      day: "2-digit",
-      hour: "2-digit",
-      minute: "2-digit",
-      hourCycle: "h23",
-    }).formatToParts(date);
-    const part = (type: string): string => parts.find((one) => one.type === type)?.value ?? "";
-    return `${part("weekday")} ${part("year")}-${part("month")}-${part("day")} ${part("hour")}:${part("minute")}`;
-  } catch {
-    return iso; // a zone that this browser does not know
   }
 }

@@ -9,6 +9,7 @@ import { duration } from "../../ui/format";
 import { Panel } from "../../ui/layout";
 import { cronOf, ownZone, planOf } from "./cron";
 import { When, useUpcoming } from "./when";
+import { t } from "../../texts";
 
 type Schedule = components["schemas"]["ScheduleResource"];
 type Wish = components["schemas"]["ScheduleWish"];
@@ -42,9 +43,9 @@ export function ScheduleForm({ machine, schedule, onEnd }: FormProps) {
   const seconds = 60 * Number(minutes);
   const deadline = 60 * Number(wait);
   const wrong = {
-    minutes: seconds >= 30 && seconds <= 86400 ? null : "Between half a minute and 1440 minutes.",
-    wait: deadline >= 10 && deadline <= 86400 ? null : "Between 1 and 1440 minutes.",
-    fit: motion === "standard" && fit === "" ? "Choose the motion that is fitted." : null,
+    minutes: seconds >= 30 && seconds <= 86400 ? null : t("schedules.betweenHalfMinute1440"),
+    wait: deadline >= 10 && deadline <= 86400 ? null : t("schedules.between11440Minutes"),
+    fit: motion === "standard" && fit === "" ? t("schedules.chooseMotionFitted") : null,
   };
   // What the service says of the times stands beside them already.
   const times = cronOf(plan) !== "" && upcoming.error === null;
@@ -72,7 +73,7 @@ export function ScheduleForm({ machine, schedule, onEnd }: FormProps) {
   };
 
   return (
-    <Panel title={schedule === null ? "New schedule" : `Change “${schedule.label}”`}>
+    <Panel title={schedule === null ? t("schedules.newSchedule") : t("schedules.change", { label: schedule.label })}>
       <form
         onInput={() => command.say(null)} // what was said is of the form as it was
         onSubmit={(event) => {
@@ -80,7 +81,7 @@ export function ScheduleForm({ machine, schedule, onEnd }: FormProps) {
           send();
         }}
       >
-        <Field label="Name (optional)">
+        <Field label={t("schedules.nameOptional")}>
           <input
             value={label}
             maxLength={200}
@@ -91,12 +92,8 @@ export function ScheduleForm({ machine, schedule, onEnd }: FormProps) {
         <When plan={plan} zone={zone} upcoming={upcoming} onPlan={setPlan} onZone={setZone} />
         <div class="columns">
           <Field
-            label="What is recorded"
-            hint={
-              motion === "operation"
-                ? "Nobody has to do anything: the machine works, two thirds are fitted and one third judges the fit."
-                : "The service waits until the motion runs on the arm’s controller, and tells by an alarm that it waits."
-            }
+            label={t("schedules.whatIsRecorded")}
+            hint={motion === "operation" ? t("schedules.nobodyHasDoAnything") : t("schedules.serviceWaitsUntilMotion")}
           >
             {(attributes) => (
               <select
@@ -104,13 +101,13 @@ export function ScheduleForm({ machine, schedule, onEnd }: FormProps) {
                 value={motion}
                 onChange={(event: SelectEvent) => setMotion(event.currentTarget.value as typeof motion)}
               >
-                <option value="operation">Normal work</option>
-                <option value="standard">A designed motion</option>
+                <option value="operation">{t("common.normalWork")}</option>
+                <option value="standard">{t("schedules.aDesignedMotion")}</option>
               </select>
             )}
           </Field>
           {motion === "operation" && (
-            <Field label="For how many minutes" error={wrong.minutes}>
+            <Field label={t("schedules.howManyMinutes")} error={wrong.minutes}>
               {(attributes) => (
                 <input
                   {...attributes}
@@ -123,15 +120,22 @@ export function ScheduleForm({ machine, schedule, onEnd }: FormProps) {
           )}
           {motion === "standard" && (
             <>
-              <MotionField label="Motion to fit" value={fit} motions={motions} error={wrong.fit} onChange={setFit} />
-              <MotionField label="Motion to judge by (optional)" value={judge} motions={motions} onChange={setJudge} />
+              <MotionField
+                label={t("schedules.motionToFit")}
+                value={fit}
+                motions={motions}
+                error={wrong.fit}
+                onChange={setFit}
+              />
+              <MotionField
+                label={t("schedules.motionJudgeOptional")}
+                value={judge}
+                motions={motions}
+                onChange={setJudge}
+              />
             </>
           )}
-          <Field
-            label="Minutes to wait for the machine"
-            hint="After that the slot counts as failed."
-            error={wrong.wait}
-          >
+          <Field label={t("schedules.minutesWaitMachine")} hint={t("schedules.afterSlotCountsAs")} error={wrong.wait}>
             {(attributes) => (
               <input
                 {...attributes}
@@ -141,25 +145,19 @@ export function ScheduleForm({ machine, schedule, onEnd }: FormProps) {
               />
             )}
           </Field>
-          <Field label="What happens with a new calibration">
+          <Field label={t("schedules.whatHappensWithNew")}>
             <select
               value={activate}
               onChange={(event: SelectEvent) => setActivate(event.currentTarget.value as typeof activate)}
             >
-              <option value="never">It is proposed; a person decides</option>
-              <option value="if_better">If it is better, it is used at once</option>
+              <option value="never">{t("schedules.proposedPersonDecides")}</option>
+              <option value="if_better">{t("schedules.ifBetterUsedAt")}</option>
             </select>
           </Field>
         </div>
-        {activate === "if_better" && (
-          <Notice kind="warning">
-            Nobody looks at the model before it is used. Every such step is in the audit log.
-          </Notice>
-        )}
+        {activate === "if_better" && <Notice kind="warning">{t("schedules.nobodyLooksAtModel")}</Notice>}
         {motion === "standard" && designed.value !== null && motions.length === 0 && (
-          <Notice kind="warning">
-            No motion was designed for this machine yet. The guide under Recalibrate does that.
-          </Notice>
+          <Notice kind="warning">{t("schedules.noMotionWasDesigned")}</Notice>
         )}
         <CommandNotice of={command} />
         <div class="actions">
@@ -169,9 +167,9 @@ export function ScheduleForm({ machine, schedule, onEnd }: FormProps) {
             busy={command.busy}
             disabled={!good || !session.online.value || (schedule !== null && read.etag === null)}
           >
-            {schedule === null ? "Create schedule" : "Save"}
+            {schedule === null ? t("schedules.createSchedule") : t("schedules.save")}
           </Button>
-          <Button onClick={onEnd}>Go back</Button>
+          <Button onClick={onEnd}>{t("common.goBack")}</Button>
         </div>
       </form>
     </Panel>

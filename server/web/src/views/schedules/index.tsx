@@ -8,6 +8,7 @@ import { Empty, Panel } from "../../ui/layout";
 import { ScheduleCard } from "./card";
 import { ScheduleForm } from "./form";
 import "./schedules.css";
+import { t } from "../../texts";
 
 type List = components["schemas"]["ScheduleList"];
 
@@ -16,8 +17,8 @@ export default function SchedulesView() {
   if (machine === null)
     return (
       <>
-        <h1 class="title">Schedules</h1>
-        <Empty>There is no machine yet. An engineer adds one under Machines.</Empty>
+        <h1 class="title">{t("common.schedules")}</h1>
+        <Empty>{t("common.thereNoMachineYet2")}</Empty>
       </>
     );
   return <Schedules key={machine} machine={machine} />;
@@ -41,7 +42,7 @@ function Schedules({ machine }: { machine: string }) {
     return (
       <>
         <h1 class="title">
-          Schedules <span class="hint">{machine}</span>
+          {t("common.schedules")} <span class="hint">{machine}</span>
         </h1>
         <ScheduleForm key={edited} machine={machine} schedule={changed} onEnd={end} />
       </>
@@ -49,16 +50,13 @@ function Schedules({ machine }: { machine: string }) {
   return (
     <div class={list.stale ? "stale" : ""}>
       <h1 class="title">
-        Schedules <span class="hint">{machine}</span>
+        {t("common.schedules")} <span class="hint">{machine}</span>
       </h1>
       {list.error !== null && <Notice kind="bad">{list.error}</Notice>}
-      {list.value === null && list.loading && <p role="status">Reading …</p>}
+      {list.value === null && list.loading && <p role="status">{t("common.reading")}</p>}
       {list.value !== null && items.length === 0 && (
-        <Panel title="Scheduled recalibration">
-          <Empty>
-            Nothing is scheduled. A schedule records the machine at set times, fits, compares with the calibration in
-            use and proposes the new one.
-          </Empty>
+        <Panel title={t("common.scheduledRecalibration")}>
+          <Empty>{t("schedules.nothingScheduledScheduleRecords")}</Empty>
         </Panel>
       )}
       {items.map((one) => (
@@ -66,10 +64,10 @@ function Schedules({ machine }: { machine: string }) {
       ))}
       {session.may("engineer") ? (
         <Button kind="primary" onClick={() => setEdited("new")}>
-          New schedule
+          {t("schedules.newSchedule")}
         </Button>
       ) : (
-        <p class="hint">An engineer makes and changes schedules; an operator can run one now.</p>
+        <p class="hint">{t("schedules.engineerMakesChangesSchedules")}</p>
       )}
     </div>
   );

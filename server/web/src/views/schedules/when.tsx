@@ -4,7 +4,9 @@ import { query } from "../../net/client";
 import { type Resource, useResource } from "../../resource";
 import { Field, type InputEvent, Notice, type SelectEvent } from "../../ui/controls";
 import { useSettled } from "../settled";
-import { type Every, type Plan, WEEKDAYS, cronOf, inZone, timeZones, two } from "./cron";
+import { type Every, type Plan, WEEKDAYS, cronOf, timeZones, two } from "./cron";
+import { t } from "../../texts";
+import { inZone } from "../../ui/format";
 
 type Upcoming = components["schemas"]["UpcomingSlots"];
 
@@ -28,7 +30,7 @@ export function When({ plan, zone, upcoming, onPlan, onZone }: WhenProps) {
   return (
     <>
       <div class="columns">
-        <Field label="How often">
+        <Field label={t("schedules.howOften")}>
           <select
             value={plan.every}
             onChange={(event: SelectEvent) => {
@@ -36,14 +38,14 @@ export function When({ plan, zone, upcoming, onPlan, onZone }: WhenProps) {
               onPlan({ ...plan, every, own: every === "own" ? cron : plan.own });
             }}
           >
-            <option value="day">Every day</option>
-            <option value="week">Every week</option>
-            <option value="month">Every month</option>
-            <option value="own">By a cron expression</option>
+            <option value="day">{t("schedules.everyDay")}</option>
+            <option value="week">{t("schedules.everyWeek")}</option>
+            <option value="month">{t("schedules.everyMonth")}</option>
+            <option value="own">{t("schedules.cronExpression")}</option>
           </select>
         </Field>
         {plan.every === "week" && (
-          <Field label="Day of the week">
+          <Field label={t("schedules.dayWeek")}>
             <select
               value={String(plan.weekday)}
               onChange={(event: SelectEvent) => onPlan({ ...plan, weekday: Number(event.currentTarget.value) })}
@@ -57,7 +59,7 @@ export function When({ plan, zone, upcoming, onPlan, onZone }: WhenProps) {
           </Field>
         )}
         {plan.every === "month" && (
-          <Field label="Day of the month">
+          <Field label={t("schedules.dayMonth")}>
             <select
               value={String(plan.day)}
               onChange={(event: SelectEvent) => onPlan({ ...plan, day: Number(event.currentTarget.value) })}
@@ -71,7 +73,7 @@ export function When({ plan, zone, upcoming, onPlan, onZone }: WhenProps) {
           </Field>
         )}
         {plan.every === "own" ? (
-          <Field label="Cron expression" hint="Minute, hour, day, month, day of the week: 30 2 * * 1">
+          <Field label={t("schedules.cronExpression2")} hint={t("schedules.minuteHourDayMonth")}>
             {(attributes) => (
               <input
                 {...attributes}
@@ -84,7 +86,7 @@ export function When({ plan, zone, upcoming, onPlan, onZone }: WhenProps) {
             )}
           </Field>
         ) : (
-          <Field label="Time of day">
+          <Field label={t("schedules.timeOfDay")}>
             <input
               type="time"
               required
@@ -96,7 +98,7 @@ export function When({ plan, zone, upcoming, onPlan, onZone }: WhenProps) {
             />
           </Field>
         )}
-        <Field label="Time zone">
+        <Field label={t("schedules.timeZone")}>
           <select value={zone} onChange={(event: SelectEvent) => onZone(event.currentTarget.value)}>
             {timeZones(zone).map((name) => (
               <option key={name} value={name}>
@@ -107,7 +109,7 @@ export function When({ plan, zone, upcoming, onPlan, onZone }: WhenProps) {
         </Field>
       </div>
       {cron === "" ? (
-        <p class="hint">Write an expression to see its next times.</p>
+        <p class="hint">{t("schedules.writeExpressionSeeIts")}</p>
       ) : (
         <NextTimes upcoming={upcoming} zone={zone} />
       )}
@@ -117,11 +119,11 @@ export function When({ plan, zone, upcoming, onPlan, onZone }: WhenProps) {
 
 function NextTimes({ upcoming, zone }: { upcoming: Resource<Upcoming>; zone: string }) {
   if (upcoming.error !== null) return <Notice kind="bad">{upcoming.error}</Notice>;
-  if (upcoming.value === null) return <p role="status">Reading …</p>;
+  if (upcoming.value === null) return <p role="status">{t("common.reading")}</p>;
   return (
     <div class="next-times" role="status">
       <p>
-        <strong>The next times</strong> <span class="hint">in {zone}</span>
+        <strong>{t("schedules.theNextTimes")}</strong> <span class="hint">{t("schedules.in", { zone })}</span>
       </p>
       <ol>
         {upcoming.value.slots.map((slot) => (

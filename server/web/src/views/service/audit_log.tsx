@@ -8,6 +8,7 @@ import { Button, Field, Notice, type SelectEvent } from "../../ui/controls";
 import { count, time } from "../../ui/format";
 import { Empty, Panel, Table } from "../../ui/layout";
 import { saveFile } from "../../ui/save";
+import { t } from "../../texts";
 
 type List = components["schemas"]["EntryList"];
 type Entry = components["schemas"]["EntryResource"];
@@ -15,16 +16,16 @@ type Verification = components["schemas"]["VerificationResource"];
 
 /** What an action may begin with: the resources of the service. */
 const ACTIONS: [string, string][] = [
-  ["", "Everything"],
-  ["access", "Access: devices, keys, codes"],
-  ["calibrations", "Calibrations"],
-  ["identifications", "Identifications"],
-  ["machines", "Machines"],
-  ["recordings", "Recordings"],
-  ["schedules", "Schedules"],
-  ["alarms", "Alarms"],
-  ["jobs", "Jobs"],
-  ["backups", "Backups"],
+  ["", t("service.everything")],
+  ["access", t("service.accessDevicesKeysCodes")],
+  ["calibrations", t("common.calibrations")],
+  ["identifications", t("service.identifications")],
+  ["machines", t("common.machines")],
+  ["recordings", t("common.recordings")],
+  ["schedules", t("common.schedules")],
+  ["alarms", t("common.alarms")],
+  ["jobs", t("common.jobs")],
+  ["backups", t("service.backups")],
 ];
 const PAGE = 100;
 
@@ -39,9 +40,9 @@ export function AuditLog() {
   return (
     <div class={list.stale ? "stale" : ""}>
       <Chain />
-      <Panel title="Entries, newest first">
+      <Panel title={t("service.entriesNewestFirst")}>
         <div class="filters">
-          <Field label="What was done">
+          <Field label={t("service.whatWasDone")}>
             <select
               value={action}
               onChange={(event: SelectEvent) => {
@@ -57,22 +58,22 @@ export function AuditLog() {
             </select>
           </Field>
           <Button disabled={items.length === 0} onClick={() => saveFile(asCsv(items), "audit-log.csv")}>
-            Download these as CSV
+            {t("service.downloadTheseAsCsv")}
           </Button>
         </div>
         {list.error !== null && <Notice kind="bad">{list.error}</Notice>}
-        {list.value === null && list.loading && <p role="status">Reading …</p>}
-        {list.value !== null && items.length === 0 && <Empty>There is no such entry.</Empty>}
+        {list.value === null && list.loading && <p role="status">{t("common.reading")}</p>}
+        {list.value !== null && items.length === 0 && <Empty>{t("service.thereNoSuchEntry")}</Empty>}
         {items.length > 0 && (
           <Table
-            caption="Audit log"
+            caption={t("service.auditLog")}
             columns={[
-              { name: "number", title: "No.", align: "right" },
-              { name: "time", title: "When" },
-              { name: "principal", title: "Who" },
-              { name: "action", title: "What" },
-              { name: "subject", title: "Of what" },
-              { name: "detail", title: "Detail" },
+              { name: "number", title: t("service.number"), align: "right" },
+              { name: "time", title: t("common.when") },
+              { name: "principal", title: t("service.who") },
+              { name: "action", title: t("service.what") },
+              { name: "subject", title: t("service.ofWhat") },
+              { name: "detail", title: t("service.detail") },
             ]}
             rows={items.map((entry) => ({
               key: String(entry.number),
@@ -86,8 +87,8 @@ export function AuditLog() {
           />
         )}
         <div class="actions">
-          {cursors.length > 1 && <Button onClick={() => setCursors(cursors.slice(0, -1))}>Newer</Button>}
-          {next !== null && <Button onClick={() => setCursors([...cursors, next])}>Older</Button>}
+          {cursors.length > 1 && <Button onClick={() => setCursors(cursors.slice(0, -1))}>{t("service.newer")}</Button>}
+          {next !== null && <Button onClick={() => setCursors([...cursors, next])}>{t("service.older")}</Button>}
         </div>
       </Panel>
     </div>
@@ -106,23 +107,23 @@ function Chain() {
     setBusy(false);
   };
   return (
-    <Panel title="Is it as it was written?">
+    <Panel title={t("service.asWasWritten")}>
       {typeof found === "string" && <Notice kind="bad">{found}</Notice>}
       {found !== null && typeof found !== "string" && (
         <Notice kind={found.intact ? "good" : "bad"}>
           {found.intact
-            ? `All ${count(found.entries)} entries are as they were written. `
-            : `Entry ${count(found.first_broken)} is not as it was written, or one before it is missing. `}
+            ? t("service.allEntriesAsThey", { entries: count(found.entries) })
+            : t("service.entryNotAsWas", { firstBroken: count(found.first_broken) })}
           {found.last_hash !== null && (
             <>
-              Note elsewhere, so that cutting off the newest shows later: <code>{count(found.entries)}</code> entries,
-              hash <code class="detail-cell">{found.last_hash}</code>
+              {t("service.noteElsewhereSoCutting")} <code>{count(found.entries)}</code> {t("service.entriesHash")}{" "}
+              <code class="detail-cell">{found.last_hash}</code>
             </>
           )}
         </Notice>
       )}
       <Button busy={busy} disabled={!session.online.value} onClick={() => void verify()}>
-        Verify the chain of hashes
+        {t("service.verifyChainHashes")}
       </Button>
     </Panel>
   );

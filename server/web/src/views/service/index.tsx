@@ -5,10 +5,11 @@ import { Notice } from "../../ui/controls";
 import { AuditLog } from "./audit_log";
 import { LogConsole } from "./log_console";
 import "./service.css";
+import { t } from "../../texts";
 
 const PARTS = [
-  ["audit", "Audit log", AuditLog],
-  ["log", "Log", LogConsole],
+  ["audit", t("service.auditLog"), AuditLog],
+  ["log", t("service.log"), LogConsole],
 ] as const;
 
 export default function ServiceView() {
@@ -20,7 +21,7 @@ export default function ServiceView() {
   return (
     <>
       <h1 class="title">{title}</h1>
-      <nav class="tabs" aria-label="Parts of the service">
+      <nav class="tabs" aria-label={t("service.partsService")}>
         {PARTS.map(([part, words]) => (
           <a
             key={part}
@@ -32,7 +33,7 @@ export default function ServiceView() {
           </a>
         ))}
       </nav>
-      {may ? <Part /> : <Notice kind="info">This is for admins of all machines.</Notice>}
+      {may ? <Part /> : <Notice kind="info">{t("service.adminsAllMachines")}</Notice>}
     </>
   );
 }

@@ -7,6 +7,7 @@ import { Button, Field, type InputEvent, Notice, type SelectEvent } from "../../
 import { time } from "../../ui/format";
 import { Empty, Panel } from "../../ui/layout";
 import { saveFile } from "../../ui/save";
+import { t } from "../../texts";
 
 type Lines = components["schemas"]["LogLines"];
 export type Line = components["schemas"]["LogLine"];
@@ -15,9 +16,9 @@ const LOOK_MS = 2000;
 /** Lines that the page keeps: more are in the log of the service's computer. */
 const MOST = 2000;
 const LEVELS: [string, string][] = [
-  ["info", "Everything"],
-  ["warning", "Warnings and errors"],
-  ["error", "Errors"],
+  ["info", t("service.everything")],
+  ["warning", t("service.warningsAndErrors")],
+  ["error", t("service.errors")],
 ];
 
 /**
@@ -71,13 +72,10 @@ export function LogConsole() {
   }, [lines]);
 
   return (
-    <Panel title="What the service says">
-      <p class="hint">
-        The newest lines since the service was started, of the service itself; workers on other computers, and the
-        processes that acquire and identify, have logs of their own.
-      </p>
+    <Panel title={t("service.whatServiceSays")}>
+      <p class="hint">{t("service.newestLinesSinceService")}</p>
       <div class="filters">
-        <Field label="Show">
+        <Field label={t("service.show")}>
           <select value={level} onChange={(event: SelectEvent) => setLevel(event.currentTarget.value)}>
             {LEVELS.map(([value, words]) => (
               <option key={value} value={value}>
@@ -86,7 +84,7 @@ export function LogConsole() {
             ))}
           </select>
         </Field>
-        <Field label="Containing">
+        <Field label={t("service.containing")}>
           <input
             type="search"
             maxLength={200}
@@ -94,20 +92,20 @@ export function LogConsole() {
             onInput={(event: InputEvent) => setContaining(event.currentTarget.value)}
           />
         </Field>
-        <Button onClick={() => setPaused(!paused)}>{paused ? "▶ Go on" : "Pause"}</Button>
+        <Button onClick={() => setPaused(!paused)}>{paused ? t("service.goOn") : t("common.pause")}</Button>
         <Button disabled={!lines?.length} onClick={() => saveFile(asText(lines ?? []), "hilfit-log.jsonl")}>
-          Download these lines
+          {t("service.downloadTheseLines")}
         </Button>
       </div>
       {error !== null && <Notice kind="warning">{error}</Notice>}
-      {lines === null && error === null && <p role="status">Reading …</p>}
-      {lines !== null && lines.length === 0 && <Empty>There is no such line so far.</Empty>}
+      {lines === null && error === null && <p role="status">{t("common.reading")}</p>}
+      {lines !== null && lines.length === 0 && <Empty>{t("service.thereNoSuchLine")}</Empty>}
       {lines !== null && lines.length > 0 && (
         <ol
           class="log-lines"
           ref={box}
           tabIndex={0}
-          aria-label="Lines of the log, oldest first"
+          aria-label={t("service.linesLogOldestFirst")}
           onScroll={({ currentTarget: { scrollTop, scrollHeight, clientHeight } }) => {
             follow.current = scrollHeight - scrollTop - clientHeight < 40; // who scrolled up wants to read
           }}

@@ -1,0 +1,42 @@
+"""Looks at the newest frames of a running acquisition, as ``hilfit bus check`` does where nobody else acquires."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from server.machines.acquisition import Acquisition
+from server.platform.errors import UnavailableError
+
+if TYPE_CHECKING:
+    from daq.commissioning.check import MachineCheck
+
+LEAST_S = 2.0  # of frames, without which noise and drift say nothing
+
+
+class BusChecks:
+    """Checks machines that are acquired; the acquisition goes on undisturbed."""
+
+    def __init__(self, acquisition: Acquisition) -> None:
+        self._acquisition = acquisition
+
+    def check(self, name: str, seconds: float, depressurised: bool) -> MachineCheck:
+        """The last ``seconds`` of a machine, or what there is of them.
+
+        Raises
+        ------
+        ConflictError
+            If it is not acquired.
+        UnavailableError
+            If its acquisition does not run at the moment, or has run for less than two seconds.
+        """
+        from daq.commissioning.running_check import check_running
+        from daq.ring import RingReader
+
+        machine, feed = self._acquisition.feed(name)
+        with RingReader(feed.ring_name, from_start=True) as ring:
+            rows = ring.read().rows[-max(1, round(seconds * machine.rate_hz)) :]
+        if len(rows) < LEAST_S * machine.rate_hz:
+            raise UnavailableError(
+                f"machine '{name}' has been acquired for less than {LEAST_S:g} s; try again when it has"
+            )
+        return check_running(machine, rows, feed.statistics(), depressurised=depressurised)
