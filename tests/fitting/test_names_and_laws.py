@@ -8,12 +8,13 @@ import numpy as np
 import pytest
 from synthetic_arm import USUAL, Motion, force, make_motion, make_recordings, planar_machine, truth
 
-from fitting.effects import effects
+from fitting.effects import effect, effects
 from fitting.loop.residual_loop import SessionSignals, run_attribution
 from fitting.loop.session import Options, Session
 from fitting.residual.cross_validation import HeldOut
-from fitting.residual.findings import Attribution, Unconfirmed
+from fitting.residual.findings import Accepted, Attribution, Unconfirmed
 from fitting.residual.scoring import catalogue_terms, law_terms, score_terms
+from fitting.residual.terms import Term
 from fitting.selection.evidence import least_gain
 from fitting.selection.search import Search
 from fitting.signals.corrections import Corrections
@@ -47,6 +48,45 @@ def place(motion: Motion) -> np.ndarray:
 def test_friction_from_some_position_on_is_friction_that_depends_on_the_position() -> None:
     found = found_with(lambda motion: 60.0 * np.maximum(0.0, place(motion) - 0.55) * np.sign(motion.v[:, 1]))
     assert [item.score.term.family for item in found.accepted] == [("position_dependent_friction", 1)]
+
+
+@pytest.mark.slow
+def test_a_bore_that_is_worn_where_the_piston_works_most_has_friction_that_depends_on_the_position() -> None:
+    """Flat in the middle and steep on both sides, in full sight of the noise: a cubic leaves a fifth of it."""
+    found = found_with(lambda motion: -250.0 * np.exp(-(((place(motion) - 0.5) / 0.4) ** 2)) * np.sign(motion.v[:, 1]))
+    (item,) = found.accepted
+    assert item.score.term.family == ("position_dependent_friction", 1)
+    assert item.probability > 0.9
+
+
+@pytest.mark.slow
+def test_a_name_that_a_law_outweighs_is_not_added_where_that_law_did_not_hold_elsewhere() -> None:
+    """The joint stays unexplained, and the explanations say that it is the law rather than the name."""
+
+    def dents(motion: Motion) -> np.ndarray:
+        depths = [np.cosh((place(motion) - at) / 0.05) ** -2.0 for at in (0.2, 0.35, 0.8)]
+        return np.asarray(-120.0 * sum(depths) * np.sign(motion.v[:, 1]))
+
+    session = session_with(dents)
+    signals = SessionSignals(session, Corrections(session.machine))
+    base = signals.refit(())
+    search = Search(base, effects(), (), signals, 0, ())
+    laws = [s for s in score_terms(base, *law_terms(base)) if s.term.joint == 1 and not s.term.everywhere]
+    name = Term(effect("position_dependent_friction"), 1)
+    (score,) = score_terms(base, [name], [1])
+    nothing = HeldOut(0.0, 0.0, 1)
+    search.lawless.add(1)
+    search.unconfirmed.append(Unconfirmed(max(laws, key=lambda s: s.gain), nothing, -1.0))
+    search.accepted.append(Accepted(score, (), nothing, None))
+    search.model = signals.refit([name])
+    search.settle()
+    found = search.result()
+    assert not found.accepted and not found.model.terms
+    assert [item.score.term.joint for item in found.unconfirmed] == [1]
+    assert found.verdict == "unexplained"
+    assert any(c.status == "rejected" and "in no catalogue" in c.reason for c in found.candidates)
+    (best, *_) = found.hypotheses
+    assert [term.id for term in best.terms] == ["law"] and best.probability > 0.5
 
 
 @pytest.mark.slow
