@@ -23,13 +23,13 @@ class CrossCylinderCoupling(Effect):
     variable = "other.piston_speed"
     series = True
     uses_model = False
-    equation = "b_1 v_k + b_2 |v_k| + b_3 v_k |v_k| + b_4 v_k^2"
+    equation = "b_1 |v_k| + b_2 v_k^2 + b_3 v_k + b_4 v_k |v_k|"
     parity = Parity.OTHER
     dependence = "follows a neighbour's speed"
     parameters = (
         Parameter("b_1", "N s/m"),
-        Parameter("b_2", "N s/m"),
-        Parameter("b_3", "N s^2/m^2"),
+        Parameter("b_2", "N s^2/m^2"),
+        Parameter("b_3", "N s/m"),
         Parameter("b_4", "N s^2/m^2"),
     )
     discrete_shapes = frozenset({"other"})
@@ -45,17 +45,17 @@ class CrossCylinderCoupling(Effect):
     def columns(self, view: DriveView, shape: Shape) -> FloatArray:
         """Columns (N, k); see :class:`Effect`."""
         speed = view.speed_of(int(shape["other"]))
-        return np.column_stack([speed, np.abs(speed), speed * np.abs(speed), speed**2])
+        return np.column_stack([np.abs(speed), speed**2, speed, speed * np.abs(speed)])
 
     def plausible(self, values: Sequence[float], stds: Sequence[float]) -> bool:
         """A line's loss grows at least as fast as the flow: its linear and its quadratic part push the same way.
 
-        Asked of the odd and the even part each, where it is no bystander of the other.
+        Asked of the even and the odd part each, where it is no bystander of the other.
         """
         sigmas = [abs(value) / max(std, 1e-300) for value, std in zip(values, stds, strict=True)]
         return all(
             values[linear] * values[square] >= 0.0
             or min(sigmas[linear], sigmas[square]) < SURE
             or max(sigmas[linear], sigmas[square]) < 0.5 * max(sigmas)
-            for linear, square in ((0, 2), (1, 3))
+            for linear, square in ((0, 1), (2, 3))
         )

@@ -19,10 +19,10 @@ class PoseDependentFriction(Effect):
     variable = "other.joint_position"
     series = True
     uses_model = False
-    equation = "b (q_k - q_m) sgn v"
+    equation = "(b_1 u + b_2 u^2 + b_3 u^3) sgn(v) / |r|, u = q_k - q_m"
     parity = Parity.ODD
     dependence = "odd in v; follows a neighbour's pose"
-    parameters = (Parameter("b", "N/rad"),)
+    parameters = (Parameter("b_1", "N m/rad"), Parameter("b_2", "N m/rad^2"), Parameter("b_3", "N m/rad^3"))
     discrete_shapes = frozenset({"other"})
     confounders = ("load_dependent_friction",)
     experiment = "a single joint at three poses of the other"
@@ -41,5 +41,6 @@ class PoseDependentFriction(Effect):
         """Columns (N, k); see :class:`Effect`."""
         other = int(shape["other"])
         low, high = view.machine.joints[other].limits.position
-        column = (view.segment.q[:, other] - 0.5 * (low + high)) * view.s
-        return (column if view.segment.loaded else np.zeros_like(column))[:, None]
+        turned = view.segment.q[:, other] - 0.5 * (low + high)
+        columns = np.column_stack([turned**k * view.s / np.abs(view.r) for k in range(1, len(self.parameters) + 1)])
+        return columns if view.segment.loaded else np.zeros_like(columns)

@@ -12,6 +12,8 @@ NOTHING, CATALOGUE, UNKNOWN = 0.5, 0.4, 0.1
 SMALLEST, RATIO = 3.0, 3.0
 #: Correlation lengths of a law of nature along a signal, in sixteenths of its range.
 LENGTHS = (1.0, 2.0, 4.0, 8.0)
+#: From this one of them on a curve is smooth all along: what a short series of its signal stands for.
+SMOOTH = 2
 #: Chance that a law of an unknown effect is one of a few simple formulas rather than any smooth curve: nobody knows.
 SIMPLE = 0.5
 #: How far nature is from a formula, as share of what is visible of the effect: of laws of physics, and of short series

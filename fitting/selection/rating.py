@@ -115,8 +115,8 @@ class Rating:
 
     def _covered(self, names: Mapping[Family, Sequence[int]], scores: Mapping[int, Score]) -> set[int]:
         """Laws that a series of the catalogue stands for: their simple formulas are that name's, not against it."""
-        series = [scores[own[0]].term for own in names.values()]
-        return {n for term in series if _is_series(term) for n in self._own_laws(term)}
+        series = [scores[n].term for own in names.values() if _is_series(scores[own[0]].term) for n in own]
+        return {n for term in series for n in self._own_laws(term)}
 
     def _share_bias(self, names: Mapping[Family, Sequence[int]], scores: Mapping[int, Score]) -> None:
         """What noise in the regressors makes of a name it makes of the laws of its joint, as far as they are alike.
@@ -200,21 +200,28 @@ class Rating:
             starts = np.cumsum([0, *(self._candidates.width(n) for n in used)])
             where = {n: np.arange(starts[k], starts[k + 1]) for k, n in enumerate(used)}
             for n in near:
-                places = [where[n], *(where[m] for m in own_laws[n])]
-                into = np.concatenate(places)
-                share = self._trust.get(n, 1.0)
-                curved = self._with_curves(
-                    scores[n], share * S[np.ix_(into, into)], share * g[into], [len(p) for p in places]
-                )
-                if not np.isfinite(curved):
-                    result[n] = self._keep("bent", n, scores[n], by_order[n])
-                    continue
-                # What is won where a series needs its first terms only is won with curves beside it as well.
-                gain, live = np.array([scores[n].gain * share]), np.array([float(scores[n].live)])
-                whole = averaged(gain, live, np.array([self._limit(scores[n])]))[0]
-                value = max(curved + max(0.0, by_order[n] - float(whole)), by_order[n])
+                curves = [where[m] for m in own_laws[n]]
+                share, found = self._trust.get(n, 1.0), []
+                for first in _first_terms(scores[n], where[n]):
+                    into = np.concatenate([first, *curves])
+                    widths = [len(first), *(len(p) for p in curves)]
+                    found.append(self._with_curves(scores[n], share * S[np.ix_(into, into)], share * g[into], widths))
+                if _is_series(scores[n].term):
+                    found = [float(log_mean(found)), self._smooth(own_laws[n], scores)]
+                value = max(float(log_mean(found)), by_order[n]) if np.isfinite(found).any() else by_order[n]
                 result[n] = self._keep("bent", n, scores[n], value)
         return result
+
+    def _smooth(self, laws: Sequence[int], scores: Mapping[int, Score]) -> float:
+        """Log evidence of what a series stands for: a curve of its signal that is smooth all along."""
+        found = []
+        for law in laws:
+            score = scores[law]
+            gram = self._trust.get(law, 1.0) * score.information[None]
+            roots = curve_roots(gram.shape[1], priors.LENGTHS)[priors.SMOOTH :]
+            sizes = priors.amplitudes(self._limit(score))
+            found.append(log_mean(curve_evidence(gram, gram @ np.asarray(score.values), roots, sizes)[0].ravel()))
+        return float(log_mean(found))
 
     def _beside(self, number: int, term: Term) -> list[int]:
         """Numbers of what nature's formula may hold beside a name's own: curves of its signal, and its overtone."""
@@ -337,11 +344,16 @@ class Rating:
         return float(self._keep("plausible", number, score, plausible(score)) if known is None else known)
 
     def _with_curves(self, score: Score, S: FloatArray, g: FloatArray, widths: Sequence[int]) -> float:
-        """Log evidence of a name, with curves of its signal beside it; columns are the name's, then each curve's."""
+        """Log evidence of a name, with curves of its signal beside it; columns are the name's, then each curve's.
+
+        Of a series, ``S`` and ``g`` may hold its first terms only.
+        """
         effect = score.term.content
         assert isinstance(effect, Effect)
         own = whitened_parts(S[: widths[0], : widths[0]])
         k = own.shape[1]
+        if k == 0:
+            return -np.inf
         sizes = priors.amplitudes(self._limit(score))
         shown = float(np.sqrt(max(score.gain, priors.SMALLEST**2)))
         near = sizes[np.abs(np.log(sizes / shown)) < 1.5 * np.log(priors.RATIO)]
@@ -454,6 +466,11 @@ def _either(curve: FloatArray, formula: FloatArray) -> FloatArray:
 
 def _is_series(term: Term) -> bool:
     return isinstance(term.content, Effect) and term.content.series and not term.everywhere
+
+
+def _first_terms(score: Score, columns: npt.NDArray[np.int64]) -> list[npt.NDArray[np.int64]]:
+    """Columns of a series' first terms, one order after the other; else all of them at once."""
+    return [columns[:order] for order in range(1, len(columns) + 1)] if _is_series(score.term) else [columns]
 
 
 def _explained(own: Score, cross: FloatArray, root: FloatArray) -> float:

@@ -203,11 +203,11 @@ CASES = [
     # Class of the notes: v|v|, another power and a bump at low speed, once v and |v|^(1/3) are in the base.
     Case("quadratic_loss", 1, (9000.0,), or_set=("velocity_root_friction", "stribeck")),
     Case("end_cushion", 1, (4000.0, 8000.0), {"side": 1.0, "share": 0.15, "n": 1.0}),
-    Case("position_dependent_friction", 1, (800.0, 0.0, 0.0)),
+    Case("position_dependent_friction", 1, (800.0, 0.0, 0.0, 0.0, 0.0)),
     Case("gas_spring", 1, (120.0, -100.0), {"side": 1.0, "rest": 0.3, "n": 1.4}),
     Case("counterbalance_valve", 1, (40.0, 400.0), {"side": 1.0}),
     Case("counterbalance_valve", 1, (40.0, 400.0), {"side": 1.0, "band": 0.4}),
-    Case("cross_cylinder_coupling", 1, (500.0, 0.0, 0.0, 0.0), {"other": 0.0}),
+    Case("cross_cylinder_coupling", 1, (0.0, 0.0, 500.0, 0.0), {"other": 0.0}),
     # Equivalence classes of the notes: a constant force is also a Coulomb asymmetry, a gain of one chamber as well.
     Case("pressure_offset", 1, (50.0,), or_set=("asymmetric_friction", "gas_spring", "pressure_gain")),
     Case("pressure_gain", 1, (0.05,), {"chamber": 1.0}, or_set=("asymmetric_friction", "pressure_offset")),
@@ -221,7 +221,7 @@ CASES = [
     ),
     Case("payload", None, (2.0,), {"recording": 2.0, "t_0": 14.0}),
     Case("hose_stiffness", 1, (0.0, 0.0, 60.0, 300.0)),
-    Case("pose_dependent_friction", 1, (120.0,), {"other": 0.0}),
+    Case("pose_dependent_friction", 1, (120.0, 0.0, 0.0), {"other": 0.0}),
     # A liquid that follows at frequencies far above the motion's is nothing but an inertia.
     Case("actuator_inertia", 2, (10.0,), or_set=("carried_liquid",)),
     Case("carried_liquid", 1, (15.0, -4.0), {"frequency": 0.7, "zeta": 0.03}),
