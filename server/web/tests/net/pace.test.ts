@@ -35,7 +35,7 @@ it("leaves a slow device most of its time", () => {
 });
 
 /** Parts that each take `cost` ms to draw, on a screen with a frame each 16 ms. */
-function parts(cost: number, count: number) {
+function parts(cost: number, count: number, shortest = 33) {
   const timers = new FakeTimers();
   let busy = 0;
   const now = (): number => timers.now() + busy;
@@ -50,11 +50,19 @@ function parts(cost: number, count: number) {
     drawn.push([number, timers.now()]);
     busy += cost;
   });
-  return { timers, drawn, news: sliced(() => [...pieces], clock, 33) };
+  return {
+    timers,
+    drawn,
+    news: sliced(
+      () => [...pieces],
+      clock,
+      () => shortest,
+    ),
+  };
 }
 
-it("spreads a drawing over frames where its parts take long, each part once", () => {
-  const { timers, drawn, news } = parts(10, 4);
+it("draws one part in each frame, each part once", () => {
+  const { timers, drawn, news } = parts(1, 4);
   news();
   news();
   timers.pass(200);
@@ -66,11 +74,33 @@ it("spreads a drawing over frames where its parts take long, each part once", ()
   ]);
 });
 
-it("draws parts that take no time in one frame", () => {
-  const { timers, drawn, news } = parts(1, 4);
-  news();
-  timers.pass(10);
-  expect(drawn.map(([number, time]) => [number, time])).toEqual([0, 1, 2, 3].map((number) => [number, 0]));
+it("draws no part again before what moved can be seen", () => {
+  const { timers, drawn, news } = parts(1, 2, 100);
+  for (let frame = 0; frame < 20; frame += 1) {
+    news();
+    timers.pass(16);
+  }
+  expect(drawn.filter(([number]) => number === 0).map(([, time]) => time)).toEqual([0, 100, 200, 300]);
+});
+
+it("counts what a device needs to show a part, which is seen only in how late its next frame is", () => {
+  const timers = new FakeTimers();
+  const drawn: number[] = [];
+  const clock = {
+    now: () => timers.now(),
+    after: (ms: number, work: () => void) => void timers.after(ms, work),
+    drawn: (work: () => void) => void timers.after(1000 / 60 + 30, work), // drawn in no time, shown 30 ms late
+  };
+  const news = sliced(
+    () => [() => drawn.push(timers.now())],
+    clock,
+    () => 33,
+  );
+  for (let frame = 0; frame < 40; frame += 1) {
+    news();
+    timers.pass(10);
+  }
+  expect(drawn.map(Math.round)).toEqual([0, 100, 200, 300]); // 30 of 100 ms
 });
 
 it("leaves a slow device most of its time between drawings of several parts, too", () => {

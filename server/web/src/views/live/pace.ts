@@ -41,14 +41,19 @@ export function paced(draw: () => void, clock: Clock = realClock, shortest = SHO
   };
 }
 
-/** ms of a frame that drawings may take before the rest waits for the next one: a frame has 16. */
-const SLICE_MS = 6;
+/** ms in which a frame that is not late has been shown. */
+const FRAME_MS = 1000 / 60;
 
 /**
- * As `paced`, for a drawing of several parts: as many in one frame as take six ms, at least one, the others in the frames
- * that follow, so that none of these is dropped. All of them are drawn before any is drawn again.
+ * As `paced`, for a drawing of several parts: one in each frame, so that none of these is dropped. To bring a part on the
+ * screen takes longer than to draw it, and is seen only in how late the next frame is. All parts are drawn before any is
+ * drawn again. `shortest`: ms between two drawings of the same part.
  */
-export function sliced(parts: () => (() => void)[], clock: Clock = realClock, shortest = SHORTEST_MS): () => void {
+export function sliced(
+  parts: () => (() => void)[],
+  clock: Clock = realClock,
+  shortest: () => number = () => SHORTEST_MS,
+): () => void {
   let waiting = false;
   let next = 0;
   return () => {
@@ -60,12 +65,12 @@ export function sliced(parts: () => (() => void)[], clock: Clock = realClock, sh
       let worked = 0;
       const slice = (): void => {
         const begun = clock.now();
-        do todo.shift()?.();
-        while (todo.length > 0 && clock.now() - begun < SLICE_MS);
-        worked += clock.now() - begun;
+        todo.shift()?.();
+        const drew = clock.now() - begun;
         clock.drawn(() => {
+          worked += Math.max(drew, clock.now() - begun - FRAME_MS);
           if (todo.length > 0) return slice();
-          next = Math.max(start + shortest, clock.now() + worked / SHARE - (clock.now() - start));
+          next = start + Math.max(shortest(), worked / SHARE);
           waiting = false;
         });
       };

@@ -19,8 +19,11 @@ import type { Live } from "./use_live";
 import { XyPanel } from "./xy_panel";
 import { t } from "../../texts";
 
-/** ms between two drawings of what moves: thirty a second, where the device can. */
-const FRAME_MS = 33;
+/** ms between two drawings of what moves: not more often than it is seen, and often enough that it does not jump. */
+const OFTENEST_MS = 50;
+const RAREST_MS = 200;
+/** CSS px that a plot's lines have on a tablet. */
+const PIXELS = 320;
 const KEY = "hilfit.window";
 
 export function Plots({ machine, groups, live }: { machine: string; groups: Group[]; live: Live }) {
@@ -36,6 +39,9 @@ export function Plots({ machine, groups, live }: { machine: string; groups: Grou
   const marks = useMarks(machine);
   const draws = useRef(new Map<string, () => void>());
   const drawings = useRef(0);
+  const period = Math.min(RAREST_MS, Math.max(OFTENEST_MS, (1000 * lengthOf(shown)) / PIXELS));
+  const latestPeriod = useRef(period);
+  latestPeriod.current = period;
   const draw = useMemo(
     () =>
       sliced(
@@ -44,7 +50,7 @@ export function Plots({ machine, groups, live }: { machine: string; groups: Grou
           return [...draws.current.values()];
         },
         realClock,
-        FRAME_MS,
+        () => latestPeriod.current,
       ),
     [],
   );
@@ -53,7 +59,7 @@ export function Plots({ machine, groups, live }: { machine: string; groups: Grou
     if (one === null) draws.current.delete(name);
     else draws.current.set(name, one);
   }, []);
-  useMoving(shown.kind === "live" && shown.span <= 120, draw);
+  useMoving(shown.kind === "live" && shown.span <= 120, period, draw);
   useEffect(draw, [shown, drawn, choice, marks.length]);
 
   const show = (next: Shown): void => {
@@ -71,9 +77,6 @@ export function Plots({ machine, groups, live }: { machine: string; groups: Grou
     back: () => show({ kind: "live", span }),
   };
   const toggle = (part: typeof open) => () => setOpen(open === part ? null : part);
-  const trace = (): typeof signals.trace => latest.current.trace;
-  const latest = useRef(signals);
-  latest.current = signals;
   return (
     <>
       <LiveToolbar shown={shown} range={signals.range} bounds={signals.bounds} onShown={show} span={span}>
@@ -93,7 +96,7 @@ export function Plots({ machine, groups, live }: { machine: string; groups: Grou
       {signals.error !== null && <Notice kind="warning">{signals.error}</Notice>}
       {open === "channels" && <ChannelChoice groups={groups} choice={choice} onChoice={setChoice} />}
       {open === "thresholds" && <Thresholds groups={groups} choice={choice} onChoice={setChoice} />}
-      {open === "xy" && <XyPanel groups={drawn} trace={trace} range={signals.range} register={register} />}
+      {open === "xy" && <XyPanel groups={drawn} trace={signals.trace} range={signals.range} register={register} />}
       <div class="strips">
         {drawn.map((group) => (
           <Strip
@@ -101,7 +104,8 @@ export function Plots({ machine, groups, live }: { machine: string; groups: Grou
             group={group}
             history={live.history}
             silence={live.silence}
-            trace={trace}
+            ticks={live.ticks}
+            trace={signals.trace}
             range={signals.range}
             marks={marks}
             thresholds={choice.thresholds[group.key] ?? []}
@@ -116,18 +120,18 @@ export function Plots({ machine, groups, live }: { machine: string; groups: Grou
   );
 }
 
-/** Call `draw` at each frame of the screen while `moves`; it takes what the device can give. */
-function useMoving(moves: boolean, draw: () => void): void {
+/** Seconds that are shown. */
+function lengthOf(shown: Shown): number {
+  return shown.kind === "live" ? shown.span : shown.to - shown.from;
+}
+
+/** Call `draw` each `period` ms, about the time in which lines move by a pixel, while `moves`. */
+function useMoving(moves: boolean, period: number, draw: () => void): void {
   useEffect(() => {
     if (!moves) return undefined;
-    let frame = 0;
-    const step = (): void => {
-      draw();
-      frame = requestAnimationFrame(step);
-    };
-    frame = requestAnimationFrame(step);
-    return () => cancelAnimationFrame(frame);
-  }, [moves, draw]);
+    const timer = setInterval(draw, period);
+    return () => clearInterval(timer);
+  }, [moves, period, draw]);
 }
 
 const WORDS = { alarm: t("live.alarm"), event: t("live.event"), recording: t("live.recording") } as const;

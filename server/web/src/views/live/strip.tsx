@@ -1,15 +1,17 @@
 /** One drawing with the numbers below it; the numbers name the lines. */
+import { type ReadonlySignal, useComputed } from "@preact/signals";
 import { useMemo, useRef, useState } from "preact/hooks";
 import type { Hands } from "../../charts/gestures";
 import type { ChartMark } from "../../charts/overlays";
 import type { Range } from "../../charts/range";
 import { clock, clockLabels, DASHES, TimeChart } from "../../charts/time_chart";
 import type { Trace } from "../../charts/trace";
-import { Mark } from "../../ui/controls";
+import { Mark, type MarkKind } from "../../ui/controls";
 import { fixed, number, zone } from "../../ui/format";
 import { type Group, column, type Line, reading } from "./groups";
 import type { History } from "./history";
-import { mark, measured } from "./quality";
+import { mark, measured, SILENT_S } from "./quality";
+import { silenceOf } from "./use_live";
 import { t } from "../../texts";
 
 const HEIGHT = 150;
@@ -18,6 +20,7 @@ export interface StripProps {
   group: Group;
   history: History;
   silence: number;
+  ticks: ReadonlySignal<number>;
   trace: () => Trace;
   range: () => Range;
   marks: ChartMark[];
@@ -28,7 +31,7 @@ export interface StripProps {
 }
 
 export function Strip(props: StripProps) {
-  const { group, history, silence, thresholds } = props;
+  const { group, history, silence, ticks, thresholds } = props;
   const [at, setAt] = useState<number | null>(null);
   const columns = useRef<(number | null)[][]>([]);
   const times = useRef<number[]>([]);
@@ -38,7 +41,7 @@ export function Strip(props: StripProps) {
     ...thresholds.map((value) => ({ value, label: t("live.threshold", { value: number(value) }) })),
   ];
   const time = at === null ? undefined : times.current[at];
-  const old = silence >= 2;
+  const old = silence >= SILENT_S;
   return (
     <section class={old ? "strip stale" : "strip"} aria-label={group.title}>
       <h3>
@@ -71,7 +74,7 @@ export function Strip(props: StripProps) {
             line={line}
             index={index}
             history={history}
-            silence={silence}
+            ticks={ticks}
             then={time === undefined ? undefined : (columns.current[index]?.[at as number] ?? null)}
           />
         ))}
@@ -89,15 +92,26 @@ interface NumberProps {
   line: Line;
   index: number;
   history: History;
-  silence: number;
+  ticks: ReadonlySignal<number>;
   /** What the line was where the cursor is; undefined: show what it is now. */
   then: number | null | undefined;
 }
 
-function Number({ line, index, history, silence, then }: NumberProps) {
-  const now = reading(line, history.readings);
-  const quality = mark(now, silence);
-  const good = then !== undefined || measured(now, silence);
+function Number({ line, index, history, ticks, then }: NumberProps) {
+  // A value that moves writes its text; only another quality makes anything else.
+  const value = useComputed(() => {
+    void ticks.value;
+    return fixed(reading(line, history.readings).value, line.decimals);
+  });
+  const said = useComputed(() => {
+    void ticks.value;
+    const now = reading(line, history.readings);
+    const silence = silenceOf(history);
+    const { kind, text } = mark(now, silence);
+    return [measured(now, silence) ? "measured" : "", kind, text].join("\n");
+  });
+  const [isMeasured, kind, text] = said.value.split("\n") as [string, MarkKind, string];
+  const good = then !== undefined || isMeasured !== "";
   return (
     <li class={good ? "number" : "number not-measured"}>
       <span class="name">
@@ -105,16 +119,16 @@ function Number({ line, index, history, silence, then }: NumberProps) {
           <line x1="0" y1="4" x2="28" y2="4" stroke-dasharray={(DASHES[index % 6] as number[]).join(" ")} />
         </svg>
         {line.label}
-        {then === undefined && quality.kind === "good" && (
+        {then === undefined && kind === "good" && (
           <Mark kind="good">
-            <span class="for-reader">{quality.text}</span>
+            <span class="for-reader">{text}</span>
           </Mark>
         )}
       </span>
       <span class="value">
-        {fixed(then === undefined ? now.value : then, line.decimals)} <span class="unit">{line.unit}</span>
+        {then === undefined ? value : fixed(then, line.decimals)} <span class="unit">{line.unit}</span>
       </span>
-      {then === undefined && quality.kind !== "good" && <Mark kind={quality.kind}>{quality.text}</Mark>}
+      {then === undefined && kind !== "good" && <Mark kind={kind}>{text}</Mark>}
     </li>
   );
 }

@@ -1,4 +1,5 @@
 /** The live stream of a machine while a view shows it. */
+import { type ReadonlySignal, useSignal } from "@preact/signals";
 import { useEffect, useRef, useState } from "preact/hooks";
 import { API } from "../../net/client";
 import { LiveSocket, type LinkState, type SocketLike } from "../../net/live_socket";
@@ -6,15 +7,28 @@ import { realTimers } from "../../net/timers";
 import { useSession } from "../../session";
 import { History } from "./history";
 import { paced } from "./pace";
+import { SILENT_S } from "./quality";
 
 export interface Live {
   history: History;
   link: LinkState;
   reason: string;
-  /** Counts what came; whoever draws draws again when it moves. */
-  tick: number;
+  /** Counts what came: who shows values reads it, and is drawn again when it moves. Nobody else is. */
+  ticks: ReadonlySignal<number>;
   /** Seconds since values came; Infinity before the first. */
   silence: number;
+}
+
+/** Seconds since values came. */
+export function silenceOf(history: History): number {
+  return history.heard === null ? Infinity : Math.max(0, (Date.now() - history.heard) / 1000);
+}
+
+/** What of a stream more than numbers depends on: whoever shows the stream is drawn again when it is another. */
+function stateOf(history: History): string {
+  const silence = silenceOf(history);
+  const silent = silence < SILENT_S ? "" : Math.floor(silence);
+  return `${history.acquisition} ${history.readings.size} ${silent}`;
 }
 
 /** A browser's socket to the live stream; the token travels as a sub-protocol, as browsers send no headers here. */
@@ -28,7 +42,8 @@ export function useLive(machine: string | null): Live {
   const session = useSession();
   const history = useRef(new History());
   const [link, setLink] = useState<{ state: LinkState; reason: string }>({ state: "connecting", reason: "" });
-  const [tick, setTick] = useState(0);
+  const ticks = useSignal(0);
+  const [, setState] = useState("");
   const socket = useRef<LiveSocket | null>(null);
   const renewals = session.renewals.value;
 
@@ -37,7 +52,9 @@ export function useLive(machine: string | null): Live {
     if (machine === null) return undefined;
     let gone = false;
     const draw = paced(() => {
-      if (!gone) setTick((count) => count + 1);
+      if (gone) return;
+      ticks.value += 1;
+      setState(stateOf(history.current));
     });
     const live = new LiveSocket(
       () => open(machine, session.token()),
@@ -65,7 +82,6 @@ export function useLive(machine: string | null): Live {
     if (renewals !== first.current) socket.current?.renew("the service came back");
   }, [renewals]);
 
-  const heard = history.current.heard;
-  const silence = heard === null ? Infinity : Math.max(0, (Date.now() - heard) / 1000);
-  return { history: history.current, link: link.state, reason: link.reason, tick, silence };
+  const silence = silenceOf(history.current);
+  return { history: history.current, link: link.state, reason: link.reason, ticks, silence };
 }

@@ -14,7 +14,8 @@ const moments = (span: number): number => (span <= 30 ? 2000 : 900);
 const SETTLED_MS = 250;
 
 export interface LiveSignals {
-  trace: Trace;
+  /** What is drawn now; another one once the service has answered. */
+  trace(): Trace;
   /** The range that is shown now. */
   range(): Range;
   /** Nothing is older, and nothing newer, than this. */
@@ -89,7 +90,7 @@ export function useSignals(
     return Math.max(last, Math.min(performance.now() / 1000 + clock.current, last + held.current.moment + 0.5));
   };
   return {
-    trace: held.current,
+    trace: () => held.current,
     range: () => {
       const { current } = now;
       if (current.kind === "fixed") return [current.from, current.to];

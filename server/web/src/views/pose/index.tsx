@@ -38,6 +38,7 @@ export default function PoseView() {
 function MachinePose({ machine }: { machine: string }) {
   const detail = useResource<Detail>(`/machines/${encodeURIComponent(machine)}`, "machines");
   const live = useLive(machine);
+  void live.ticks.value; // drawn again with each value
   const arm = detail.value?.machine as unknown as (Arm & MachineContent) | undefined;
   if (arm === undefined)
     return detail.error === null ? (

@@ -8,6 +8,7 @@ import { t } from "../../texts";
 
 export function CheckStep({ machine, onDone }: { machine: string; onDone: () => void }) {
   const live = useLive(machine);
+  void live.ticks.value; // drawn again with each value
   const readings = [...live.history.readings.values()];
   const bad = readings.filter((one) => !measured(one, live.silence) || one.quality !== "fresh");
   if (readings.length === 0 || live.silence >= SILENT_S)
