@@ -43,6 +43,8 @@ export function paced(draw: () => void, clock: Clock = realClock, shortest = SHO
 
 /** ms in which a frame that is not late has been shown. */
 const FRAME_MS = 1000 / 60;
+/** ms after which even a device that is busy with something else draws again. */
+const LONGEST_PAUSE_MS = 500;
 
 /**
  * As `paced`, for a drawing of several parts: one in each frame, so that none of these is dropped. To bring a part on the
@@ -70,7 +72,7 @@ export function sliced(
         clock.drawn(() => {
           worked += Math.max(drew, clock.now() - begun - FRAME_MS);
           if (todo.length > 0) return slice();
-          next = start + Math.max(shortest(), worked / SHARE);
+          next = Math.min(start + Math.max(shortest(), worked / SHARE), clock.now() + LONGEST_PAUSE_MS);
           waiting = false;
         });
       };
