@@ -286,7 +286,7 @@ def machine_problems(
 def machine_to_yaml(machine: Machine) -> str:
     """The machine as the text of a machine file; :func:`parse_machine` reads it back unchanged."""
     content = machine.model_dump(mode="json", by_alias=True, exclude_none=True, exclude_defaults=False)
-    return yaml.safe_dump(content, sort_keys=False, allow_unicode=True)
+    return safe_yaml.write(content)
 
 
 def _kinds(model: type[BaseModel]) -> Iterator[type[BaseModel]]:

@@ -6,7 +6,9 @@ that is no :class:`daq.errors.MachineFileError`.
 
 from __future__ import annotations
 
+from importlib.util import module_from_spec, spec_from_file_location
 from itertools import pairwise
+from types import ModuleType
 
 import pint
 import pytest
@@ -44,6 +46,8 @@ HOSTILE = {
     "binary data": "schema: !!binary AA==\n",
     "an object of Python": "schema: !!python/object/apply:os.getcwd []\n",
 }
+#: Those that are read as text, which is no schema.
+TEXT = {"a date that is none", "a number to the base 60", "a long number"}
 
 
 @pytest.mark.timeout(60)
@@ -53,6 +57,38 @@ def test_a_hostile_text_is_refused_with_one_short_line(text: str) -> None:
         parse_machine(text)
     assert "\n" not in str(refusal.value)
     assert len(str(refusal.value)) < 400
+
+
+@pytest.fixture
+def without_libyaml(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
+    """The reader where PyYAML was built without libyaml."""
+    monkeypatch.setattr(yaml, "__with_libyaml__", False)
+    spec = spec_from_file_location("plain_yaml", safe_yaml.__file__)
+    assert spec is not None and spec.loader is not None
+    module = module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.mark.timeout(60)
+@pytest.mark.parametrize("name", sorted(HOSTILE.keys() - TEXT))
+def test_without_libyaml_the_same_is_refused(name: str, without_libyaml: ModuleType) -> None:
+    with pytest.raises(yaml.YAMLError):
+        without_libyaml.read(HOSTILE[name])
+
+
+def test_without_libyaml_a_machine_file_has_the_same_content_on_the_same_lines(without_libyaml: ModuleType) -> None:
+    (fast, content), (plainly, same) = safe_yaml.read(plain()), without_libyaml.read(plain())
+    assert content == same
+    assert fast is not None and plainly is not None
+    assert places(fast) == places(plainly)
+
+
+def places(node: yaml.Node) -> list[tuple[int, int]]:
+    """Line and column of a node and of all below it."""
+    below = node.value if isinstance(node.value, list) else []
+    parts = [part for entry in below for part in (entry if isinstance(entry, tuple) else (entry,))]
+    return [(node.start_mark.line, node.start_mark.column), *(place for part in parts for place in places(part))]
 
 
 @pytest.mark.timeout(60)
@@ -83,6 +119,7 @@ def test_the_budget_counts_an_alias_as_what_it_stands_for() -> None:
 def test_what_pyyaml_writes_is_read_as_pyyaml_reads_it(content: object) -> None:
     text = yaml.safe_dump(content)
     assert safe_yaml.read(text)[1] == yaml.safe_load(text)
+    assert safe_yaml.read(safe_yaml.write(content))[1] == yaml.safe_load(text)
 
 
 @pytest.mark.parametrize("text", ["12:30", "2026-03-01", "1:00:00"])
