@@ -69,7 +69,6 @@ COMPILE = $(BIN)/uv pip compile --universal --python-version 3.11 --quiet --no-a
   --no-emit-find-links pyproject.toml
 
 lock: $(VENV)/.dev ## the files in locks/, anew, with the newest versions that pyproject.toml allows
-	$(PIP) uv
 	@$(COMPILE) --all-extras --upgrade > locks/all.new
 	@for name in use dev docs image; do $(MAKE) --silent locks/$$name.txt.new || exit 1; done
 	@for name in use dev docs image; do mv locks/$$name.txt.new locks/$$name.txt; done; rm locks/all.new

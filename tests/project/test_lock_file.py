@@ -98,3 +98,20 @@ def test_the_project_itself_is_built_with_what_is_locked() -> None:
     for name in FILES:
         assert "setuptools" in {own.name for own in locked(name)}
     assert "--no-build-isolation" in MAKEFILE and "--require-hashes" in MAKEFILE
+
+
+def test_nothing_is_installed_past_the_locks() -> None:
+    """Every call of pip is that of ``install``, or has the hashes of a lock file itself."""
+    unlocked = [
+        line.strip()
+        for line in MAKEFILE.replace("\\\n", " ").splitlines()
+        if "$(PIP)" in line and not line.startswith("install = ")
+    ]
+    assert unlocked == []
+    dockerfile = (ROOT / "Dockerfile").read_text()
+    installs = [line for line in dockerfile.splitlines() if "pip install" in line]
+    assert len(installs) == 2
+    assert "--require-hashes -r locks/image.txt" in installs[0]
+    assert "--no-deps --no-build-isolation ." in installs[1]
+    targets = re.findall(r"call install,(\w+)", MAKEFILE)
+    assert sorted(targets) == sorted(set(FILES) - {"image"})
