@@ -151,7 +151,7 @@ def test_wrong_pairing_codes_do_not_invalidate_the_code_of_another(database: Dat
     assert (grant.role, grant.machines, grant.created_by) == ("operator", ("lever",), "somebody")
 
 
-def test_guesses_of_a_whole_network_void_every_open_code_before_they_find_one(database: Database) -> None:
+def test_many_wrong_codes_void_every_open_code(database: Database) -> None:
     assert MOST_FAILURES * MOST_OPEN / 10**DIGITS < 1e-5
     codes = PairingCodes(database, lambda: "1111111111")
     codes.make("viewer", None, "somebody")

@@ -285,7 +285,9 @@ def test_a_bound_engineer_changes_the_file_of_its_machine_only(guarded: Guarded)
     ("role", "machines", "allowed"),
     [(None, None, False), ("viewer", ("other",), False), ("viewer", ("lever",), True), ("viewer", None, True)],
 )
-def test_the_live_stream(guarded: Guarded, role: Role | None, machines: tuple[str, ...] | None, allowed: bool) -> None:
+def test_roles_that_may_open_the_live_stream(
+    guarded: Guarded, role: Role | None, machines: tuple[str, ...] | None, allowed: bool
+) -> None:
     protocols = ["hilfit.v1"]
     if role is not None:
         protocols.append("bearer." + guarded.bearer(role, machines)["Authorization"].removeprefix("Bearer "))

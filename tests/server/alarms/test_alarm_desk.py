@@ -48,7 +48,7 @@ def bench(tmp_path: Path) -> Bench:
     return Bench(tmp_path / "store.sqlite")
 
 
-def test_it_comes_and_goes_after_its_delays(bench: Bench) -> None:
+def test_an_alarm_is_raised_and_cleared_after_its_delays(bench: Bench) -> None:
     for seconds, on, expected in [
         (0, True, []),
         (2.9, True, []),
@@ -63,7 +63,7 @@ def test_it_comes_and_goes_after_its_delays(bench: Bench) -> None:
         assert bench.all() == expected
 
 
-def test_saying_the_same_again_writes_nothing(bench: Bench) -> None:
+def test_a_repeated_report_of_an_alarm_writes_nothing(bench: Bench) -> None:
     bench.report(True, "residual_drift")
     before = bench.database.revisions()
     for _ in range(5):
@@ -210,7 +210,7 @@ def test_recordings_end_before_the_disk_is_full_and_the_alarm_has_a_dead_band(wo
     assert world.look() == []
 
 
-def test_a_clock_that_is_set_is_told_once_and_nothing_else_happens(world: Surroundings) -> None:
+def test_a_clock_that_was_set_raises_one_alarm_only(world: Surroundings) -> None:
     world.look(1)
     world.wall += timedelta(hours=-3)
     assert world.look() == []

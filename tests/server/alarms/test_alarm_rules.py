@@ -27,7 +27,7 @@ def test_delays_are_no_secret_and_not_negative(kind: AlarmKind) -> None:
     off=st.floats(0, 10),
     looks=st.lists(st.tuples(st.floats(0.01, 3), st.booleans()), min_size=1, max_size=60),
 )
-def test_it_changes_exactly_when_the_condition_has_held_for_the_delay(
+def test_the_timer_changes_when_the_condition_has_held_for_the_delay(
     on: float, off: float, looks: list[tuple[float, bool]]
 ) -> None:
     """Against a search through the whole history of looks."""
@@ -76,14 +76,14 @@ def test_noise_about_a_limit_is_one_alarm() -> None:
     assert times == 1
 
 
-def test_one_that_comes_again_unseen_is_the_same_and_counts() -> None:
+def test_an_unacknowledged_alarm_that_returns_is_counted() -> None:
     gone = lifecycle.clear(NEW, "2026-01-01T00:01:00.000Z")
     again = replace(NEW, id="a2", raised="2026-01-01T00:02:00.000Z", text="another")
     back = lifecycle.raise_(gone, again)
     assert (back.id, back.count, back.raised, back.text, back.state) == ("a1", 2, again.raised, "another", "active")
 
 
-def test_one_that_comes_again_after_it_was_seen_is_a_new_one_on_the_same_shelf() -> None:
+def test_an_acknowledged_alarm_that_returns_is_new_and_stays_shelved() -> None:
     seen = lifecycle.acknowledge(NEW, "Ada")
     assert lifecycle.acknowledge(seen, "Bob").acknowledged_by == "Ada"
     gone = lifecycle.clear(lifecycle.shelve(seen, "Ada", "known", 60, NOW), "2026-01-01T00:01:00.000Z")

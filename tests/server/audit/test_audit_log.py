@@ -80,7 +80,7 @@ def test_the_database_refuses_changes(audit: Audit, place: Path, statement: str)
 @pytest.mark.slow
 @settings(max_examples=12, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(column=st.sampled_from(COLUMNS), number=st.integers(1, 6), text=st.text("abc0", min_size=1, max_size=4))
-def test_any_change_shows_where_it_was_made(
+def test_verification_names_the_entry_that_was_changed(
     tmp_path_factory: pytest.TempPathFactory, column: str, number: int, text: str
 ) -> None:
     place = tmp_path_factory.mktemp("log") / "store.sqlite"

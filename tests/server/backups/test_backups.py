@@ -231,7 +231,9 @@ def main_ends_well(arguments: list[str]) -> None:
     assert ended.value.code == 0
 
 
-def test_the_commands(files: DataDirectory, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_backup_and_restore_as_commands(
+    files: DataDirectory, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     with pytest.raises(SystemExit) as ended:
         main(["backup", "--data-dir", str(files.root), "--output", str(tmp_path / "elsewhere")])
     assert ended.value.code == 0

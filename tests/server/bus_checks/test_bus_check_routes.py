@@ -107,13 +107,13 @@ def test_channels_at_rest(running: Running) -> None:
     assert any(line.startswith("joint1.torque: 50.0 % of the cycles") for line in found["findings"])
 
 
-def test_as_many_seconds_as_were_asked_for(running: Running) -> None:
+def test_the_check_covers_the_seconds_that_were_asked_for(running: Running) -> None:
     assert running.client.get(f"{CHECK}?seconds=5").json()["seconds"] == 5.0
     assert running.client.get(f"{CHECK}?seconds=50").json()["seconds"] == 30.0, "no more than there are"
     assert running.client.get(f"{CHECK}?seconds=1").status_code == 422
 
 
-def test_who_cannot_be_checked(tmp_path: Path) -> None:
+def test_a_machine_without_enough_frames_cannot_be_checked(tmp_path: Path) -> None:
     with service_of(tmp_path, 1.0) as running:
         assert running.client.get(CHECK).status_code == 404
         acquire(running, "lever")

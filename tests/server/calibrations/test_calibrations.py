@@ -196,7 +196,7 @@ def test_a_rejected_one_stays_rejected(guarded: Guarded, identified: Any) -> Non
     assert (again.status_code, again.json()["id"], again.json()["state"]) == (200, id, "rejected")
 
 
-def test_what_changed_meanwhile_is_not_changed_by_surprise(guarded: Guarded, identified: Any) -> None:
+def test_a_change_with_an_outdated_etag_is_refused(guarded: Guarded, identified: Any) -> None:
     made = propose(guarded, identified(report(70.0)))
     id, tag = made.json()["id"], made.headers["etag"]
     approved = act(guarded, id, "approve", headers={"If-Match": tag})
@@ -216,7 +216,7 @@ def test_only_what_is_done_can_be_proposed(guarded: Guarded, identified: Any) ->
     assert propose(guarded, broken).status_code == 409
 
 
-def test_a_policy_leaves_its_traces(guarded: Guarded, identified: Any) -> None:
+def test_what_a_policy_does_is_in_the_audit_log(guarded: Guarded, identified: Any) -> None:
     service = guarded.running.service
     policy = ByPolicy(service[Calibrations], service[Audit])
     identification = identified(report(60.0))

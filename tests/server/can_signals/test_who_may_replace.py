@@ -14,7 +14,7 @@ ROLES: dict[Any, tuple[int, int]] = {"viewer": (200, 403), "operator": (200, 403
 
 
 @pytest.mark.slow
-def test_who_may(tmp_path: Path) -> None:
+def test_roles_that_may_list_and_replace_signal_files(tmp_path: Path) -> None:
     with guarded_service(tmp_path) as guarded:
         for role, expected in ROLES.items():
             headers, query = guarded.bearer(role, None), {"machine": "lever", "name": "lever.dbc"}

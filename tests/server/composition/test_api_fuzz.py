@@ -64,7 +64,7 @@ def headers_of(guarded: Guarded, who: str) -> dict[str, str]:
 
 
 @pytest.mark.parametrize("who", ["nobody", *ROLES])
-def test_no_made_up_request_is_answered_with_a_surprise(guarded: Guarded, who: str) -> None:
+def test_generated_requests_are_answered_as_described(guarded: Guarded, who: str) -> None:
     operations = [found.ok() for found in schema_of(guarded).get_all_operations()]
     assert len(operations) > 60
     found = [surprise(operation, headers_of(guarded, who)) for operation in operations]
@@ -91,7 +91,7 @@ def surprise(operation: Any, headers: dict[str, str]) -> str | None:
     return None
 
 
-def test_no_sequence_of_requests_is_answered_with_a_surprise(guarded: Guarded) -> None:
+def test_generated_sequences_of_requests_are_answered_as_described(guarded: Guarded) -> None:
     """What one request made is read, changed and deleted by the next ones."""
     headers = headers_of(guarded, "admin")
     machine: Any = schema_of(guarded).exclude(path=f"{API}/access/me", method="DELETE").as_state_machine()

@@ -41,7 +41,7 @@ def finished(service: Running, csv: bytes) -> str:
 @pytest.mark.slow
 @pytest.mark.timeout(60)
 @pytest.mark.parametrize("last", ["last", str(2**53), str(2**63), "9" * 20])
-def test_whoever_has_seen_the_last_event_of_a_job_waits_for_nothing(service: Running, finished: str, last: str) -> None:
+def test_a_client_that_has_the_last_event_of_a_job_does_not_wait(service: Running, finished: str, last: str) -> None:
     number = str(len(service.service[Jobs].events(finished))) if last == "last" else last
     answer = service.client.get(f"{API}/jobs/{finished}/events", headers={"Last-Event-ID": number})
     assert (answer.status_code, answer.text) == (200, "")

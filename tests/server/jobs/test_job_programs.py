@@ -64,7 +64,7 @@ def identified(directory: Path, coulomb: float, seed: int) -> dict[str, Any]:
     return {"model": str(directory / "model.json"), "recordings": [str(files[1][1])]}
 
 
-def test_a_model_of_the_friction_that_was_leaves_over_what_it_grew_by(tmp_path: Path) -> None:
+def test_the_residual_of_the_old_model_is_the_growth_of_friction(tmp_path: Path) -> None:
     active, new = identified(tmp_path / "active", 6.0, 10), identified(tmp_path / "new", 18.0, 20)
     request = tmp_path / "request.json"
     request.write_text(json.dumps({"active": active, "new": new}))

@@ -263,7 +263,7 @@ def test_a_claim_that_holds_no_more_stores_nothing(database: Database) -> None:
         assert connection.execute(sa.select(executors)).all() == []
 
 
-def test_of_many_that_reach_for_a_job_at_once_one_gets_it(database: Database) -> None:
+def test_a_job_is_claimed_by_one_worker_of_many(database: Database) -> None:
     queued(database)
     claims = Claims(database)
     with ThreadPoolExecutor(8) as pool:
@@ -314,7 +314,7 @@ def test_a_service_on_postgresql_runs_jobs_itself_and_refuses_a_second_server(
         assert not (tmp_path / "one" / "hilfit.sqlite").exists()
 
 
-def test_silence_is_what_changes_nothing_for_a_while(tmp_path: Path) -> None:
+def test_a_worker_without_heartbeats_is_silent(tmp_path: Path) -> None:
     now = 0.0
     database = Database(tmp_path / "s.sqlite", TABLES, changed=lambda: None)
     silence = Silence(database, lambda: now)

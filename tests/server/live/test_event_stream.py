@@ -34,7 +34,7 @@ async def soon(events: AsyncIterator[tuple[str, int] | None]) -> tuple[str, int]
     return await asyncio.wait_for(anext(events), 30)
 
 
-def test_all_counters_come_first_and_then_those_that_move() -> None:
+def test_all_counters_come_first_and_then_those_that_changed() -> None:
     async def run() -> list[tuple[str, int] | None]:
         store, changes = Store(), Changes()
         events = follower(store, changes).follow()

@@ -198,7 +198,7 @@ def test_a_client_that_does_not_keep_up_is_dropped_and_the_others_get_everything
     assert asyncio.run(run()) == (True, False, [str(number) for number in range(10)])
 
 
-def test_a_client_whose_loop_has_ended_costs_the_reader_nothing() -> None:
+def test_offers_to_a_client_whose_loop_has_ended_raise_nothing() -> None:
     async def make() -> Client:
         return Client()
 
@@ -207,7 +207,7 @@ def test_a_client_whose_loop_has_ended_costs_the_reader_nothing() -> None:
     client.drop()
 
 
-def test_a_thread_lives_while_somebody_looks() -> None:
+def test_a_machine_is_read_while_it_has_clients() -> None:
     async def run() -> tuple[tuple[str, ...], ...]:
         hub = Hub(Source(), lambda: False)
         client, other = Client(), Client()

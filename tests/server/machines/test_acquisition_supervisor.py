@@ -70,7 +70,7 @@ def test_a_process_that_dies_is_started_again(
     assert (state["state"], state["restarts"], state["error"]) == ("running", 1, None)
 
 
-def test_pauses_grow_while_it_does_not_come_up(
+def test_pauses_between_restarts_grow(
     supervised: tuple[Supervisor, FakeAcquisition, Pace],
 ) -> None:
     supervisor, acquisition, pace = supervised

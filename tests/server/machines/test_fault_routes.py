@@ -75,7 +75,7 @@ def test_what_makes_no_sense_is_refused(running: Running, machine: Breakable, bo
     assert machine.begun == []
 
 
-def test_a_machine_of_this_world_is_never_broken(running: Running, machine: Breakable) -> None:
+def test_faults_on_a_machine_that_is_not_simulated_are_refused(running: Running, machine: Breakable) -> None:
     running.service[MachineDesk].simulated = None
     assert running.client.get(FAULTS).json() == {"simulated": False, "offers": [], "running": []}
     refused = running.client.post(FAULTS, json={"faults": [DEATH]})

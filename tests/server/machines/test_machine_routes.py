@@ -138,7 +138,9 @@ def test_live_values_come_from_the_ring(running: Running) -> None:
     assert "enable it" in refused.json()["detail"]
 
 
-def test_a_machine_that_has_just_begun_hides_no_other(running: Running, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_machine_without_a_frame_yet_does_not_hide_the_others(
+    running: Running, monkeypatch: pytest.MonkeyPatch
+) -> None:
     acquire(running, "early")
     acquire(running, "late")
     latest = running.service[Acquisition].latest

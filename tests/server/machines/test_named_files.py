@@ -46,7 +46,7 @@ def test_paths_that_lead_elsewhere_are_refused_in_one_line(kind: str, elsewhere:
     assert not (tmp_path / "out.json").exists()
 
 
-def test_whether_a_file_is_there_makes_no_difference(tmp_path: Path) -> None:
+def test_the_refusal_does_not_tell_whether_a_file_exists(tmp_path: Path) -> None:
     there = tmp_path / "there.eds"
     there.write_text("")
     answers = [

@@ -121,7 +121,7 @@ def test_more_statistics_share_the_same_number_of_false_alarms() -> None:
         assert rate == pytest.approx(2.0)
 
 
-def test_what_is_said_of_a_joint_is_the_rate_of_its_own_statistics() -> None:
+def test_a_joint_reports_the_false_alarm_rate_of_its_own_statistics() -> None:
     watcher = Watcher.begin(("a", "b"), ("offset", "direction"), Rules(learn=5))
     for k in range(6):
         watcher = watcher.step({"a": {"offset": float(k % 2), "direction": float(k % 3)}, "b": None})
@@ -151,7 +151,7 @@ def test_what_was_learnt_and_the_sums_are_kept_over_a_restart(blocks: int) -> No
     assert again.step({"a": None}).memory() == before.step({"a": None}).memory()
 
 
-def test_a_memory_of_other_joints_is_no_memory_of_these() -> None:
+def test_a_memory_of_other_joints_is_ignored() -> None:
     known = Watcher.begin(("a",), ("offset",), Rules(learn=10)).step({"a": {"offset": 1.0}})
     other = Watcher.begin(("b",), ("offset",), Rules(learn=10))
     assert other.remembering(known.memory()) == other
@@ -159,7 +159,7 @@ def test_a_memory_of_other_joints_is_no_memory_of_these() -> None:
         other.remembering({"a/offset": {}})
 
 
-def test_what_is_usual_is_on_the_careful_side() -> None:
+def test_the_learnt_deviation_is_not_too_small() -> None:
     values = tuple(coloured(120, 0.5, 2))
     usual = Usual.of(values)
     assert usual.correlation == pytest.approx(0.5, abs=0.2)

@@ -94,7 +94,7 @@ def test_a_silent_channel_is_a_pause_and_no_drift(live: LiveModel, tmp_path: Pat
     assert all(found["state"] == "learning" for found in said)
 
 
-def test_an_order_is_what_was_ordered() -> None:
+def test_an_order_is_the_same_after_json() -> None:
     order = Order(Path("/a/request.json"), Path("/b/1.yaml"), "ring", Path("/c.json"), RULES)
     assert Order.from_json(order.to_json()) == order
 
@@ -202,7 +202,7 @@ def world(identified: Path) -> Iterator[World]:
         (identified / "monitor-test.sqlite").unlink()
 
 
-def test_it_is_off_for_a_reason(world: World) -> None:
+def test_a_monitor_that_is_off_says_why(world: World) -> None:
     world.monitors.look()
     assert world.monitors.state("lever") == {"state": "off", "reason": "the machine is not acquired at the moment"}
     world.ring_name, world.calibration = "some", None

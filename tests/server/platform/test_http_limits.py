@@ -130,7 +130,7 @@ def test_half_open_requests_are_ended(port: int, begin: bytes) -> None:
         assert [problem(said(one))[0] for one in found] == [408] * 20
 
 
-def test_a_drop_now_and_then_does_not_hold_a_connection(port: int) -> None:
+def test_a_request_sent_byte_by_byte_is_ended(port: int) -> None:
     with connection(port) as found:
         found.settimeout(0.1)
         answer = b""

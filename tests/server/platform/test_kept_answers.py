@@ -67,7 +67,7 @@ class Bench:
         return sent[0]["status"], body, dict(sent[0]["headers"]), scope.get("route")
 
 
-def test_it_is_asked_again_only_when_what_the_list_depends_on_moved() -> None:
+def test_a_kept_list_is_renewed_only_after_a_change_of_what_it_depends_on() -> None:
     bench = Bench()
     for _ in range(3):
         assert bench.ask()[:2] == (200, b"[]")
@@ -94,7 +94,7 @@ def test_queries_and_askers_have_answers_of_their_own() -> None:
 
 
 @pytest.mark.parametrize("path", ["/api/status", "/api/live", "/api/jobs/job-1", "/other/jobs"])
-def test_what_is_live_is_always_asked(path: str) -> None:
+def test_live_values_and_changes_are_not_kept(path: str) -> None:
     bench = Bench()
     bench.ask(path)
     bench.ask(path)
@@ -111,7 +111,7 @@ def test_a_refusal_and_what_is_too_large_are_passed_on_and_not_kept() -> None:
     assert bench.application.asked == 4
 
 
-def test_whoever_has_it_gets_304() -> None:
+def test_a_known_etag_is_answered_with_304() -> None:
     bench = Bench()
     _, _, headers, _ = bench.ask()
     tag = headers[b"etag"].decode()
@@ -133,7 +133,7 @@ def test_without_a_store_the_route_says_so() -> None:
     assert bench.ask()[0] == 503
 
 
-def test_of_many_that_ask_at_once_one_asks_the_store() -> None:
+def test_simultaneous_requests_read_the_store_once() -> None:
     bench = Bench()
     inner = bench.application
 

@@ -54,7 +54,7 @@ def test_the_page_loads_only_files_that_are_there_and_runs_nothing_of_its_own(ru
     assert "<style" not in html and " on" + "click" not in html
 
 
-def test_what_has_its_hash_in_its_name_is_good_for_ever(running: Running) -> None:
+def test_files_with_a_hash_in_their_name_are_cached_for_ever(running: Running) -> None:
     assert ASSETS
     for name in ASSETS:
         assert re.search(r"-[\w-]{8}\.\w+$", name)

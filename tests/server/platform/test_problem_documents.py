@@ -124,5 +124,5 @@ def test_pages_from_elsewhere_are_refused(running: Running, headers: dict[str, s
     "headers",
     [{"origin": "http://127.0.0.1:8350"}, {"host": "localhost:80"}, {"host": "[::1]:8350"}, {"host": "127.0.0.1"}],
 )
-def test_our_own_pages_and_programs_are_not(running: Running, headers: dict[str, str]) -> None:
+def test_requests_of_the_own_page_and_of_programs_are_answered(running: Running, headers: dict[str, str]) -> None:
     assert running.client.get(f"{API}/machines", headers=headers).status_code == 200

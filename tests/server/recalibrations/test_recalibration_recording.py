@@ -76,14 +76,14 @@ def test_a_recording_that_was_cut_is_made_again_and_the_whole_one_counts() -> No
     assert site.notes["recordings"] == {"operation": "rec-2", "validate": "rec-4"}
 
 
-def test_it_is_not_made_for_ever() -> None:
+def test_a_recording_that_ends_early_is_tried_a_limited_number_of_times() -> None:
     site = Site([10] * (TRIES + 1))
     with pytest.raises(JobError, match=f"rec-{TRIES} ended early, {TRIES} times over; check the machine"):
         site.record()
     assert len(site.made) == TRIES
 
 
-def test_it_is_not_made_after_the_deadline() -> None:
+def test_no_recording_is_started_after_the_deadline() -> None:
     site = Site([10] * TRIES, seconds_each=400.0)
     with pytest.raises(JobError, match="until 2026-01-01T00:10 UTC"):
         site.record()

@@ -65,7 +65,7 @@ def test_missed_slots_have_their_turn_together(site: Setting) -> None:
 
 
 @pytest.mark.slow
-def test_there_are_never_two_on_one_machine_and_slots_wait_meanwhile(site: Setting) -> None:
+def test_recalibrations_of_one_machine_run_one_after_another(site: Setting) -> None:
     (site.service.files.root / "steer.json").write_text('{"block": "check"}')
     schedule, other = site.schedule(), site.schedule("30 * * * *")
     (job,) = site.later(1)
@@ -93,7 +93,7 @@ def test_a_slot_of_a_machine_that_is_not_acquired_is_missed_and_says_why(site: S
 
 
 @pytest.mark.slow
-def test_two_servers_that_look_at_once_order_one(site: Setting) -> None:
+def test_two_servers_order_one_recalibration_per_slot(site: Setting) -> None:
     schedule = site.schedule()
     seen = site.service[Schedules].get(schedule.id)
     (job,) = site.later(1)
@@ -183,7 +183,7 @@ def test_the_standard_motion_of_a_real_machine_waits_for_a_person_and_says_what_
 
 
 @pytest.mark.slow
-def test_a_person_who_does_not_come_is_no_reason_to_wait_for_ever(site: Setting) -> None:
+def test_a_recalibration_without_its_standard_motion_fails_at_the_deadline(site: Setting) -> None:
     site.service[Site].motion_seconds = lambda excitation: 11.0  # type: ignore[method-assign]
     site.schedule(plan=replace(PLAN, motion="standard", excitations=("exc-1",), deadline_s=0.0))
     (job,) = site.later(1)

@@ -65,7 +65,7 @@ def test_all_four_forms_hold_the_same_numbers(running: Running, sealed: str, tmp
 
 
 @pytest.mark.slow
-def test_nothing_is_left_of_a_conversion(running: Running, sealed: str) -> None:
+def test_a_conversion_leaves_no_files_behind(running: Running, sealed: str) -> None:
     download(running, sealed, "mcap")
     assert not list(running.service.files.recordings.glob(".incoming-*"))
 
@@ -155,7 +155,7 @@ HOSTILE = {
 @pytest.mark.slow
 @pytest.mark.parametrize("content", HOSTILE.values(), ids=list(HOSTILE))
 @pytest.mark.parametrize("name", ["x.mf4", "x.parquet", "x.csv"])
-def test_a_hostile_upload_costs_one_line(running: Running, sealed: str, content: bytes, name: str) -> None:
+def test_a_hostile_upload_is_refused_with_one_line(running: Running, sealed: str, content: bytes, name: str) -> None:
     response = running.client.post(
         f"{API}/recordings/upload", params={"machine": "lever", "role": "train", "name": name}, content=content
     )
@@ -197,7 +197,7 @@ def test_statistics_against_numpy(tmp_path: Path) -> None:
     assert found["channels"]["joint1.angle"]["maximum"] == pytest.approx(math.degrees(values["joint1.angle"].max()))
 
 
-def test_a_channel_of_nothing_has_statistics_of_nothing() -> None:
+def test_a_channel_without_values_has_no_statistics() -> None:
     columns: dict[str, Any] = {"time": np.arange(3) / 50, "joint1.torque": np.full(3, np.nan)}
     found = statistics(Table(columns, {}, ""), parse_machine(MACHINE))
     assert found["channels"]["joint1.torque"]["mean"] is None

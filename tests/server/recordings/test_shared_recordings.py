@@ -137,7 +137,7 @@ class Buckets:
         self.kept[place] = Path(path).read_bytes()
 
 
-def test_no_bucket_is_made(local: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_upload_to_s3_creates_no_bucket(local: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     buckets = Buckets()
     monkeypatch.setattr("fsspec.core.url_to_fs", lambda url: (buckets, "site/recordings"))
     assert SharedRecordings("s3://site/recordings").put(row(), local)

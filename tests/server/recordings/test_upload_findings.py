@@ -48,7 +48,7 @@ def test_a_slipped_encoder_is_reported_with_its_cure(running: Running, tmp_path:
     assert str(running.service.files.root) not in findings[0]["text"]
 
 
-def test_checks_that_fail_cost_nothing(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_an_upload_is_read_when_its_checks_fail(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     def broken(*_: object, **__: object) -> None:
         raise ZeroDivisionError
 

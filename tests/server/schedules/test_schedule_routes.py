@@ -162,7 +162,7 @@ def test_an_answer_is_kept_for_its_own_asker_and_for_a_while() -> None:
 
 
 @pytest.mark.slow
-def test_an_alarm_that_changed_meanwhile_is_not_changed_by_surprise(running: Running) -> None:
+def test_a_change_of_an_alarm_with_an_outdated_etag_is_refused(running: Running) -> None:
     running.service[Alarms].report("lever", "recalibration_failed", "of a test", "warning", True)
     (row,) = [a for a in running.client.get(f"{API}/alarms").json()["items"] if a["text"] == "of a test"]
     place = f"{API}/alarms/{row['id']}"

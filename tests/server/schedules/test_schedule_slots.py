@@ -45,7 +45,7 @@ def test_two_wall_clock_times_that_are_one_moment_are_one_slot() -> None:
     ]
 
 
-def test_the_hour_stays_the_same_on_the_wall_all_year() -> None:
+def test_the_local_hour_is_the_same_all_year() -> None:
     slots = list(islice(upcoming("0 6 * * *", VIENNA, at("2026-01-01T00:00")), 365))
     assert {slot.astimezone(ZoneInfo(VIENNA)).hour for slot in slots} == {6}
     assert {(b - a) for a, b in pairwise(slots)} == {timedelta(hours=hours) for hours in (23, 24, 25)}
