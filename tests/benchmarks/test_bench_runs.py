@@ -139,6 +139,7 @@ def test_recipes_stay_as_they_are() -> None:
     assert RECIPE == 4 and set(OUTSIDE) == set(first + later)
 
 
+@pytest.mark.slow
 def test_a_recipe_draws_all_of_its_arms_and_chosen_ones_take_turns() -> None:
     def arms(selection: Selection) -> list[str]:
         return [opened(CaseKey("null", n, 5), selection)[1].machine.name for n in range(24)]

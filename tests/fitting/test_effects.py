@@ -25,6 +25,8 @@ from fitting.residual.findings import Attribution
 from fitting.signals.corrections import Corrections
 
 IDS = [e.id for e in effects()]
+#: Effects whose columns cost most: their conformance is left out of make test-quick.
+LONG = ("carried_liquid", "position_harmonic")
 
 
 def test_every_effect_is_named_after_its_file() -> None:
@@ -66,9 +68,7 @@ def test_an_effect_is_confused_with_effects_of_the_catalogue(name: str) -> None:
     assert set(effect(name).confounders) <= set(IDS)
 
 
-@pytest.mark.parametrize(
-    "name", [pytest.param(i, marks=pytest.mark.slow if i == "carried_liquid" else ()) for i in IDS]
-)
+@pytest.mark.parametrize("name", [pytest.param(i, marks=pytest.mark.slow if i in LONG else ()) for i in IDS])
 def test_every_effect_conforms(name: str) -> None:
     check_effect(effect(name))
 

@@ -176,6 +176,7 @@ def c_answers(library: Path, name: str, joints: int) -> dict[str, Any]:
     }
 
 
+@pytest.mark.slow
 @needs_compiler
 def test_c_compiles_without_a_warning_passes_its_self_test_and_says_what_the_model_says(
     model: ArmModel, tmp_path: Path

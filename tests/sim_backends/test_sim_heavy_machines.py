@@ -18,6 +18,7 @@ from sim_backends.arm import Arm, ArmDesign
 HEAVY = [excavator_front, telescopic_crane]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("arm", HEAVY)
 def test_sizes_are_those_of_such_machines_and_no_number_looks_slipped(arm) -> None:
     totals = []

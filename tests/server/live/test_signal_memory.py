@@ -22,6 +22,7 @@ def remembered(memory: SignalMemory, time: np.ndarray, values: np.ndarray, step:
         memory.add(time[part], values[part, None], np.isnan(values[part, None]))
 
 
+@pytest.mark.slow
 @settings(max_examples=40, deadline=None)
 @given(rows=st.integers(2, 3000), moments=st.integers(2, 300), step=st.integers(1, 400), seed=st.integers(0, 2**32 - 1))
 def test_the_extremes_of_a_range_are_those_of_its_rows_at_every_width(

@@ -64,6 +64,7 @@ def test_every_piece_of_work_has_a_process_of_its_own(child: Child, tmp_path: Pa
         assert (tmp_path / name).read_text() == f"note of {name}\n"
 
 
+@pytest.mark.slow
 def test_the_same_child_goes_on_however_a_piece_of_work_ended(child: Child, tmp_path: Path) -> None:
     parent = run(child, tmp_path, "one").summary["parent"]
     refused = run(child, tmp_path, "refuse")

@@ -75,6 +75,7 @@ def test_files_are_compressed_for_who_takes_it(running: Running) -> None:
         assert plain.content == packed.content
 
 
+@pytest.mark.slow
 @given(st.text(min_size=1, max_size=20), st.binary(max_size=3000))
 def test_a_file_is_the_same_however_it_is_sent(name: str, content: bytes) -> None:
     made = PageFile.of(name, content)
