@@ -29,7 +29,7 @@ _EVENTS: tuple[Any, ...] = (
 )
 
 
-class _Loader(yaml.composer.Composer, *_EVENTS, yaml.constructor.SafeConstructor, yaml.resolver.Resolver):
+class _Loader(yaml.composer.Composer, *_EVENTS, yaml.constructor.SafeConstructor, yaml.resolver.Resolver):  # type: ignore[misc]
     """The safe loader within its budget; dates and numbers to the base 60 are text, sets and binary data errors.
 
     Nodes are composed here and not by libyaml, so that they are counted before they are made.
