@@ -14,11 +14,14 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from pymodbus.framer import FramerType
+from pymodbus.pdu.device import ModbusDeviceIdentification
 from pymodbus.server import ModbusTcpServer
 from pymodbus.simulator import SimDevice
 
 BITS = 11  # of a character on the line: start, eight, parity or second stop bit, stop
 PIECES = 4  # that an answer comes in when it trickles
+#: What units say they are; pymodbus keeps one for a process.
+IDENTITY = {"VendorName": "hilfit", "ProductCode": "HF-MB4 transmitter", "MajorMinorRevision": "1.0"}
 Garble = Callable[[int], bool]  # whether the next answer of a unit is garbled
 
 
@@ -32,7 +35,10 @@ class Wire(ModbusTcpServer):
     """
 
     def __init__(self, devices: Sequence[SimDevice], garble: Garble, framer: FramerType = FramerType.SOCKET) -> None:
-        super().__init__(list(devices), address=("127.0.0.1", 0), ignore_missing_devices=True, framer=framer)
+        super().__init__(
+            list(devices), address=("127.0.0.1", 0), ignore_missing_devices=True, framer=framer,
+            identity=ModbusDeviceIdentification(info_name=IDENTITY),  # type: ignore[no-untyped-call]
+        )  # fmt: skip
         self._garble = garble
         self._serial = framer is FramerType.RTU
         self.slow = 0.0  # s that an answer takes from its first to its last byte

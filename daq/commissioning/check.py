@@ -102,19 +102,30 @@ def check_machine_buses(
     AcquisitionError
         If a bus cannot be opened, or another master leads one that is not ``listen_only``.
     """
-    from daq.commissioning.delays import bus_delays
-
     show = progress or (lambda done, total, text=None: None)
     show(0, seconds, "who is there")
     nodes, notes = _asked(machine)
     rows, statistics = _acquired(machine, seconds, show)
     found = machine_check(machine, rows, statistics, nodes, notes, depressurised=depressurised)
-    measured = {c.name: _measured(rows, index) for index, c in enumerate(machine.channels)}
-    delays = bus_delays(machine, measured, machine.rate_hz)
+    delays = delays_of_frames(machine, rows)
     if len({c.bus for c in found.channels}) > 1 and not delays:
         untold = "delays between the buses are not told: that takes a motion of 15 s or more; give one with --recording"
         return replace(found, notes=(*found.notes, untold))
-    return replace(found, delays=tuple(delays))
+    return replace(found, delays=delays)
+
+
+def delays_of_frames(machine: Machine, rows: npt.NDArray[np.void]) -> tuple[BusDelay, ...]:
+    """Delays between the buses, as far as frames (N,) of a motion tell them; cycles that were skipped are gaps."""
+    from daq.commissioning.delays import bus_delays
+
+    if not len(rows):
+        return ()
+    cycles = (rows["cycle"] - rows["cycle"][0]).astype(np.int64)
+    values = np.full((int(cycles[-1]) + 1, len(machine.channels)), np.nan)
+    good = np.isin(rows["quality"], [int(quality) for quality in MEASURED])
+    values[cycles] = np.where(good, rows["values"], np.nan)
+    by_name = {channel.name: values[:, index] for index, channel in enumerate(machine.channels)}
+    return tuple(bus_delays(machine, by_name, machine.rate_hz))
 
 
 def machine_check(
@@ -192,11 +203,6 @@ def _acquired(
     return np.concatenate(parts)[:wanted], statistics
 
 
-def _measured(rows: npt.NDArray[np.void], index: int) -> npt.NDArray[np.float64]:
-    good = np.isin(rows["quality"][:, index], [int(quality) for quality in MEASURED])
-    return np.where(good, rows["values"][:, index], np.nan)
-
-
 def _channel(machine: Machine, index: int, channel: Channel, rows: npt.NDArray[np.void]) -> ChannelCheck:
     values = machine.conversion(channel).from_si(rows["values"][:, index])
     rest = at_rest(rows["time"], values, rows["ages"][:, index], rows["quality"][:, index])
@@ -231,7 +237,7 @@ def _devices(
                     device["name"],
                     device["state"],
                     device["detail"],
-                    _identity(node),
+                    _identity(node) if node is not None else _unit_identity(device.get("objects") or {}),
                     mapping_of(machine, bus["bus"], device["name"]),
                     None if latency is None else tuple(latency),
                 )
@@ -239,9 +245,13 @@ def _devices(
     return found
 
 
-def _identity(node: FoundNode | None) -> dict[str, str]:
-    if node is None:
-        return {}
+def _unit_identity(told: Mapping[str, str | int]) -> dict[str, str]:
+    """Of a Modbus unit, by the words of its device identification."""
+    words = {"device": told.get("product") or told.get("vendor"), "firmware": told.get("revision")}
+    return {name: str(word) for name, word in (words | {"vendor": told.get("vendor")}).items() if word}
+
+
+def _identity(node: FoundNode) -> dict[str, str]:
     numbers = {"vendor": node.vendor_id, "product": node.product_code, "serial number": node.serial_number}
     words: dict[str, str | None] = {"device": node.name, "profile": node.profile, "firmware": node.firmware}
     told = {key: value for key, value in words.items() if value}

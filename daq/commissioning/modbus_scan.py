@@ -95,7 +95,8 @@ def _unit(connection: ModbusConnection, number: int, registers: range | None) ->
     if registers is not None:
         read = {table: _registers(connection, number, table, registers) for table in ("holding", "input")}
         held = {table: own for table, own in read.items() if own}
-    return FoundUnit(number, took, said, connection.identity(number), held, answer.exception == DEVICE_FAILURE)
+    identity = tuple(connection.identity(number).values())
+    return FoundUnit(number, took, said, identity, held, answer.exception == DEVICE_FAILURE)
 
 
 def _registers(connection: ModbusConnection, number: int, table: str, wanted: range) -> dict[int, int]:

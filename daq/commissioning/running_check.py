@@ -3,20 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from daq.commissioning.can_questions import FoundNode
-from daq.commissioning.check import MachineCheck, machine_check
+from daq.commissioning.check import SECONDS, MachineCheck, delays_of_frames, machine_check
 from daq.commissioning.profiles import profile_name
 from daq.cycles import AcquisitionStatistics
 from daq.machine_file import CanopenBus, Machine
 
 
 def check_running(
-    machine: Machine, rows: npt.NDArray[np.void], statistics: AcquisitionStatistics, *, depressurised: bool = False
+    machine: Machine,
+    rows: npt.NDArray[np.void],
+    statistics: AcquisitionStatistics,
+    *,
+    seconds: float = SECONDS,
+    depressurised: bool = False,
 ) -> MachineCheck:
     """Check a machine that is being acquired, by frames of it; nothing is sent, and nothing waits.
 
@@ -24,8 +30,9 @@ def check_running(
 
     Parameters
     ----------
-    rows : (N,) frames, as the ring buffer has them
+    rows : (N,) frames, as the ring buffer has them; delays between buses are told by all of them
     statistics : of the same acquisition, since its start
+    seconds : the newest ones are those in which the machine stands still
     depressurised : as in :func:`check_machine_buses`
     """
     nodes = {
@@ -36,14 +43,16 @@ def check_running(
     }
     silent = [bus for bus in machine.buses if isinstance(bus, CanopenBus) and bus.listen_only]
     notes = [f"bus '{bus.name}': is listen_only, so no device was asked who it is" for bus in silent]
-    return machine_check(machine, rows, statistics, nodes, notes, depressurised=depressurised)
+    resting = rows[-max(1, round(seconds * machine.rate_hz)) :]
+    found = machine_check(machine, resting, statistics, nodes, notes, depressurised=depressurised)
+    return replace(found, delays=delays_of_frames(machine, rows))
 
 
 def _told(device: Mapping[str, Any]) -> FoundNode | None:
     """A node from what its driver asked it; None for a device that was not asked."""
     said = device.get("objects") or {}
-    number = str(device["name"]).rpartition(" ")[2]
-    if not said or not number.isdigit():
+    kind, _, number = str(device["name"]).rpartition(" ")
+    if kind != "node" or not said or not number.isdigit():
         return None
     numbers = {name: value for name, value in said.items() if isinstance(value, int)}
     texts = {name: value for name, value in said.items() if isinstance(value, str)}

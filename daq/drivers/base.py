@@ -151,7 +151,8 @@ class DeviceStatus:
 
     The line of a device that is back says why it was away and for how long. ``latency_ms`` is how long its answers took
     since the start (CANopen: after SYNC; Modbus: after the question) and their standard deviation, where that is known.
-    ``objects`` is what it said of itself when it was asked (CANopen: ``0x1018:4`` and so on); empty where nobody asked.
+    ``objects`` is what it said of itself when it was asked (CANopen: ``0x1018:4`` and so on; Modbus: ``vendor``,
+    ``product``, ``revision``); empty where nobody asked.
     """
 
     name: str

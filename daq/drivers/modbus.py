@@ -41,10 +41,12 @@ class Poller:
         self._stopping = False
         self._requested = (-1, 0)  # cycle and its SYNC
         self._silent_after_ns = 0
+        self._names_until_ns: int | None = None
         self._thread: threading.Thread | None = None
 
-    def start(self, name: str) -> None:
-        """Start polling on :meth:`trigger`."""
+    def start(self, name: str, names_until_ns: int | None = None) -> None:
+        """Start polling on :meth:`trigger`; until then units that share a connection are asked what they are."""
+        self._names_until_ns = names_until_ns
         self._thread = threading.Thread(target=self._run, name=name, daemon=True)
         self._thread.start()
 
@@ -71,6 +73,7 @@ class Poller:
                         self.poll(unit, cycle, sync_ns)
                     except Exception as error:  # a frame that nobody thought of costs this answer, not the thread
                         self._failed(unit, f"{unit.place}: reading it broke ({type(error).__name__}: {error})")
+            self._name_units(cycle)
             if cycle == self._requested[0]:
                 self.done.set()
 
@@ -107,6 +110,22 @@ class Poller:
             any_good = any(block.reading is not None and block.reading.answer.good for block in unit.blocks)
             self._is(unit, "running" if any_good else "failed", problem)
 
+    def _name_units(self, cycle: int) -> None:
+        """Ask units that answer what they are, once: one that does not know the question costs a time-out.
+
+        While cycles go on that may cost nobody else, so only a unit with a connection of its own, or one that has
+        answered the question before, is asked then.
+        """
+        for unit in self.units:
+            if not unit.unnamed or unit.failures or unit.state != "running" or self._stopping:
+                continue
+            ends = self._context.monotonic_ns() + round(self.connection.timeout_s * NS)
+            if cycle < 0 and self._names_until_ns is not None and ends > self._names_until_ns:
+                continue
+            if cycle < 0 or len(self.units) == 1 or unit.identity:
+                unit.unnamed = False
+                unit.identity = self.connection.identity(unit.number)
+
     def _decimals(self, unit: Unit) -> bool:
         """Ask for the decimals that are not known; whether they now are."""
         for table, register in unit.unknown_decimals():
@@ -138,6 +157,7 @@ class Poller:
             unit.not_before_ns = now + round(pause * NS)
             if unit.failures >= MISSES_TOLERATED:
                 self._silent_after_ns = now + round(SILENT_SHARE * self.connection.timeout_s * NS)
+                unit.unnamed |= bool(unit.identity)  # it may be another one when it is back
             unit.forget_decimals()
             self._is(unit, "silent", problem)
 
@@ -201,10 +221,10 @@ class _ModbusDriver:
         """Connect to all side by side, and read every unit once."""
         for group in self._groups():
             self._pollers.append(Poller(ModbusConnection(self._bus, self._timeout), group, self._context))
-        for number, poller in enumerate(self._pollers):
-            poller.start(f"modbus-{self._bus.name}-{number}")
         allowed = self._context.start_s
         deadline = None if allowed is None else self._context.monotonic_ns() + round(allowed * NS)
+        for number, poller in enumerate(self._pollers):
+            poller.start(f"modbus-{self._bus.name}-{number}", deadline)
         for attempt in (-2, -1):  # a first request may meet a gateway that is just opening its line
             for poller in self._pollers:
                 if attempt == -2 or any(unit.detail for unit in poller.units):
@@ -281,7 +301,11 @@ class _ModbusDriver:
         """State of every unit, and counters since the start."""
         devices = tuple(
             DeviceStatus(
-                f"unit {u.number}", u.state, u.detail or u.slowness(self._rate_hz) or u.cause, u.latency.told()
+                f"unit {u.number}",
+                u.state,
+                u.detail or u.slowness(self._rate_hz) or u.cause,
+                u.latency.told(),
+                u.identity,
             )
             for u in self._units
         )

@@ -24,6 +24,8 @@ from daq.machine_file import ModbusRtuBus, ModbusTcpBus
 
 ILLEGAL_ADDRESS, DEVICE_FAILURE = 2, 4  # exception codes (Modbus application protocol V1.1b3, section 7)
 HOLDING, INPUT = 3, 4  # function codes
+#: Objects of the basic device identification (V1.1b3, 6.21), which every unit that tells anything has.
+IDENTITY = {0: "vendor", 1: "product", 2: "revision"}
 EXCEPTIONS = {
     1: "illegal function",
     2: "illegal register address",
@@ -144,21 +146,24 @@ class ModbusConnection:
             return Answer(failure=f"answers with {len(registers or ())} of {count} registers")
         return Answer(registers=tuple(registers))
 
-    def identity(self, unit: int) -> tuple[str, ...]:
-        """Vendor, product and revision as the unit tells them (function 43, 14); empty where it does not."""
+    def identity(self, unit: int) -> dict[str, str]:
+        """``vendor``, ``product`` and ``revision`` as the unit tells them (function 43, 14); what it does not tell is
+        left out. Never raises, and takes no longer than a time-out.
+        """
         try:
             if not self._client.connect():
-                return ()
+                return {}
             self._drop()
             time.sleep(max(0.0, self._spoke + self._silence - time.monotonic()))
             response = self._client.read_device_information(read_code=1, object_id=0, device_id=unit)
         except (ModbusException, OSError, ValueError, struct.error, IndexError, TypeError, AttributeError):
             self.close()
-            return ()
+            return {}
         finally:
             self._spoke = time.monotonic()
-        told = {} if response.isError() else getattr(response, "information", {})
-        return tuple(bytes(told[key]).decode("latin-1").strip("\0 ")[:60] for key in sorted(told))
+        told = {} if response.isError() else getattr(response, "information", None) or {}
+        words = {name: _words(told[key]) for key, name in IDENTITY.items() if key in told}
+        return {name: text for name, text in words.items() if text}
 
     def _drop(self) -> None:
         """Throw away what came and nobody asked for."""
@@ -173,6 +178,13 @@ class ModbusConnection:
         """Close the connection; the next read opens it again."""
         with contextlib.suppress(OSError):
             self._client.close()
+
+
+def _words(told: Any) -> str:
+    """Text of a device: one line that can be shown; pymodbus makes a list of an object that comes twice."""
+    content = told[0] if isinstance(told, list) and told else told
+    text = content.decode("latin-1") if isinstance(content, bytes) else ""
+    return " ".join("".join(c if c.isprintable() else " " for c in text).split())[:60]
 
 
 def _reason(error: Exception) -> str:

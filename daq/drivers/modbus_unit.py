@@ -123,6 +123,8 @@ class Unit:
                 self._decimals_at.setdefault((source.table, source.decimals_register), []).append(made)
         self.state, self.detail, self.cause = "commissioning", "", ""
         self.away = ""
+        self.identity: dict[str, str] = {}  # what it says it is
+        self.unnamed = True  # whether it is to be asked that
         self.failures = 0
         self.not_before_ns = 0
         self.requests = self.timeouts = self.exceptions = 0

@@ -20,7 +20,7 @@ class BusChecks:
         self._acquisition = acquisition
 
     def check(self, name: str, seconds: float, depressurised: bool) -> MachineCheck:
-        """The last ``seconds`` of a machine, or what there is of them.
+        """The last ``seconds`` of a machine, or what there is of them; delays between its buses by the last minute.
 
         Raises
         ------
@@ -34,9 +34,9 @@ class BusChecks:
 
         machine, feed = self._acquisition.feed(name)
         with RingReader(feed.ring_name, from_start=True) as ring:
-            rows = ring.read().rows[-max(1, round(seconds * machine.rate_hz)) :]
+            rows = ring.read().rows
         if len(rows) < LEAST_S * machine.rate_hz:
             raise UnavailableError(
                 f"machine '{name}' has been acquired for less than {LEAST_S:g} s; try again when it has"
             )
-        return check_running(machine, rows, feed.statistics(), depressurised=depressurised)
+        return check_running(machine, rows, feed.statistics(), seconds=seconds, depressurised=depressurised)

@@ -9,6 +9,7 @@ from pydantic import BaseModel
 
 if TYPE_CHECKING:
     from daq.commissioning.check import ChannelCheck, DeviceCheck, MachineCheck
+    from daq.commissioning.delays import BusDelay
 
 
 class CheckedDevice(BaseModel):
@@ -73,11 +74,43 @@ class CheckedChannel(BaseModel):
         )  # fmt: skip
 
 
+class DelayOfJoint(BaseModel):
+    """What one joint's channels on both buses say: by their ``kind`` (``position`` or ``effort``), in ms."""
+
+    joint: str
+    kind: str
+    delay_ms: float
+    std_ms: float
+
+
+class CheckedDelay(BaseModel):
+    """By how much ``bus`` is behind ``reference`` (negative: ahead of it), with standard deviation, and who says so."""
+
+    bus: str
+    reference: str
+    delay_ms: float
+    std_ms: float
+    told_by: list[DelayOfJoint]
+
+    @classmethod
+    def of(cls, delay: BusDelay) -> CheckedDelay:
+        """From the check."""
+        told_by = [
+            DelayOfJoint(joint=pair.joint, kind=pair.kind, delay_ms=1e3 * pair.seconds, std_ms=1e3 * pair.std)
+            for pair in delay.pairs
+        ]
+        return cls(
+            bus=delay.bus, reference=delay.reference, delay_ms=1e3 * delay.seconds, std_ms=1e3 * delay.std,
+            told_by=told_by,
+        )  # fmt: skip
+
+
 class BusCheck(BaseModel):
     """Every device and every channel of a machine; ``findings`` are lines about what is not as it should be.
 
     ``seconds`` of frames were looked at; ``cycles``, ``skipped`` (that never happened) and the slowest start of one are
-    counted since acquisition started.
+    counted since acquisition started. ``delays`` between the buses are told by the frames of the last minute, if a
+    joint that two of them see moved for 15 s of it; empty otherwise.
     """
 
     machine: str
@@ -89,6 +122,7 @@ class BusCheck(BaseModel):
     worst_late_ms: float
     devices: list[CheckedDevice]
     channels: list[CheckedChannel]
+    delays: list[CheckedDelay]
     findings: list[str]
     notes: list[str]
 
@@ -100,6 +134,7 @@ class BusCheck(BaseModel):
             skipped=check.skipped, worst_late_ms=check.worst_late_ms,
             devices=[CheckedDevice.of(device) for device in check.devices],
             channels=[CheckedChannel.of(channel) for channel in check.channels],
+            delays=[CheckedDelay.of(delay) for delay in check.delays],
             findings=list(check.findings), notes=list(check.notes),
         )  # fmt: skip
 

@@ -9,6 +9,8 @@ import threading
 import time
 from dataclasses import dataclass, field
 
+READ_IDENTITY = bytes((0x2B, 0x0E, 1, 0))  # all basic objects, from the first one
+
 
 @dataclass
 class FakeModbus:
@@ -22,10 +24,12 @@ class FakeModbus:
     function: int | None = None  # instead of the one that was asked for
     one_at_a_time: bool = False  # refuses a second connection
     gates: dict[int, threading.Semaphore] = field(default_factory=dict)  # of a unit: lets its answers through
+    identities: dict[int, dict[int, bytes]] = field(default_factory=dict)  # by unit; the others know no function 43
     fixed_port: int = 0
 
     def __post_init__(self) -> None:
         self.requests: list[tuple[int, int, int, int]] = []  # unit, function, address, count
+        self.asked_identity: list[int] = []  # units
         self.asked = threading.Condition()
         self.refused = 0
         self._socket = socket.create_server(("127.0.0.1", self.fixed_port))
@@ -64,7 +68,13 @@ class FakeModbus:
         try:
             while header := connection.recv(7, socket.MSG_WAITALL):
                 transaction, _, length, unit = struct.unpack(">HHHB", header)
-                function, address, count = struct.unpack(">BHH", connection.recv(length - 1, socket.MSG_WAITALL))
+                request = connection.recv(length - 1, socket.MSG_WAITALL)
+                if request == READ_IDENTITY:
+                    body = self._identity(unit)
+                    if body is not None:
+                        connection.sendall(struct.pack(">HHHB", transaction, 0, 1 + len(body), unit) + body)
+                    continue
+                function, address, count = struct.unpack(">BHH", request)
                 with self.asked:
                     self.requests.append((unit, function, address, count))
                     self.asked.notify_all()
@@ -78,6 +88,17 @@ class FakeModbus:
             return
         finally:
             connection.close()
+
+    def _identity(self, unit: int) -> bytes | None:
+        """Application protocol V1.1b3, 6.21: conformity basic, nothing more to follow, then number, length, text."""
+        self.asked_identity.append(unit)
+        if unit in self.silent:
+            return None
+        if unit not in self.identities:
+            return bytes((0x2B | 0x80, 1))  # illegal function
+        objects = self.identities[unit]
+        told = b"".join(bytes((number, len(text))) + text for number, text in objects.items())
+        return READ_IDENTITY[:3] + bytes((1, 0, 0, len(objects))) + told
 
     def _answer(self, unit: int, function: int, address: int, count: int) -> bytes | None:
         if unit in self.silent:

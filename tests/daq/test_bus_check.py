@@ -137,6 +137,9 @@ def test_the_commands_on_a_simulated_machine(tmp_path: Path) -> None:
         assert by_name["supply_pressure"] == pytest.approx(0.015, rel=0.5), "as the machine file's noise_std says"
         assert "<h2>Channels</h2>" in page.read_text() and "joint6.angle" in page.read_text()
 
+        unit = next(device for device in content["devices"] if device["device"] == "unit 4")
+        assert unit["identity"] == {"device": "HF-MB4 transmitter", "firmware": "1.0", "vendor": "hilfit"}
+
         assert identity_in_service(running.machine_path)["device"] == "HF-RE20 rotary encoder"
 
         watched = CliRunner().invoke(build(), ["bus", "monitor", file, "--seconds", "1.5", "--rate", "2"])

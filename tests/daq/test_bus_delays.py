@@ -10,6 +10,10 @@ from bench_machines import can
 
 from daq import Machine, parse_machine
 from daq.commissioning.delays import BusDelay, bus_delays
+from daq.commissioning.running_check import check_running
+from daq.cycles import AcquisitionStatistics
+from daq.frame import row_dtype
+from daq.quality import Quality
 
 RATE = 50.0
 Array = np.ndarray
@@ -106,3 +110,39 @@ def test_gaps_are_left_out_and_short_rests_of_motion_are_too_little() -> None:
     for name in values:
         values[name] = values[name][:500]
     assert bus_delays(machine, values, RATE) == []
+
+
+def frames(machine: Machine, values: dict[str, Array]) -> np.ndarray:
+    """Rows of the ring buffer with these values, all fresh."""
+    count = len(next(iter(values.values())))
+    rows = np.zeros(count, row_dtype(len(machine.channels)))
+    rows["cycle"] = 1000 + np.arange(count)
+    rows["time"] = rows["cycle"] / RATE
+    for index, channel in enumerate(machine.channels):
+        rows["values"][:, index] = values[channel.name]
+    return rows
+
+
+def test_the_check_of_a_running_machine_tells_delays_by_a_motion_before_it_stood_still() -> None:
+    machine = two_buses(late_position=True)
+    values = signals(machine, 0.013)
+    still = round(20 * RATE)
+    rng = np.random.default_rng(4)
+    for value in values.values():
+        value[-still:] = value[-still] + rng.normal(0, 1e-5, still)
+    found = check_running(machine, frames(machine, values), AcquisitionStatistics(), seconds=20.0)
+    (delay,) = found.delays
+    assert (delay.bus, delay.reference) == ("mb", "can0")
+    assert delay.seconds == pytest.approx(0.013, abs=3e-4)
+    assert found.seconds == 20.0
+    assert not any(channel.rest.moved for channel in found.channels), "the motion was before these seconds"
+
+
+def test_cycles_that_were_skipped_and_values_that_did_not_come_are_gaps() -> None:
+    machine = two_buses(late_position=True)
+    rows = frames(machine, signals(machine, 0.02))
+    rows["quality"][400:420] = Quality.MISSING
+    rows["values"][400:420] = 99.0
+    kept = np.delete(rows, slice(700, 760))  # as if they came one after another they would be a jump in time
+    (delay,) = check_running(machine, kept, AcquisitionStatistics(), seconds=20.0).delays
+    assert delay.seconds == pytest.approx(0.02, abs=3e-4)

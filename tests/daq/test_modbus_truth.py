@@ -161,6 +161,68 @@ class Clock:
         self.slept.append(seconds)
 
 
+# Who a unit is
+
+
+def objects_of(driver: ModbusTcpDriver) -> dict[str, dict[str, object]]:
+    return {device.name: dict(device.objects) for device in driver.statistics().devices}
+
+
+def test_a_unit_that_tells_its_identity_is_named_and_one_that_refuses_is_not(server: FakeModbus) -> None:
+    server.identities[1] = {0: b"ACME", 1: b"PT-40\0\0", 2: b"V2.1\n"}
+    driver = driver_of(parse_machine(modbus(server.port)))
+    try:
+        assert driver.start() == ()
+        assert objects_of(driver) == {
+            "unit 1": {"vendor": "ACME", "product": "PT-40", "revision": "V2.1"}, "unit 2": {},
+        }  # fmt: skip
+        for cycle in range(5):
+            driver.trigger(cycle)
+            driver.collect(time.monotonic_ns() + 10 * NS)
+        assert sorted(server.asked_identity) == [1, 2], "each is asked once"
+    finally:
+        driver.stop()
+
+
+def test_no_unit_is_asked_its_identity_when_the_time_for_starting_is_over(server: FakeModbus) -> None:
+    machine = parse_machine(modbus(server.port, timeout_s=5.0).replace("timeout_s", "connections: shared, timeout_s"))
+    driver = driver_of(machine, start_s=1.0)  # a time-out is longer
+    try:
+        driver.start()
+        for cycle in range(5):
+            driver.trigger(cycle)
+            driver.collect(time.monotonic_ns() + 10 * NS)
+        assert server.asked_identity == [], "others wait for the same connection"
+    finally:
+        driver.stop()
+
+
+def test_a_unit_that_comes_back_is_asked_again_what_it_is(server: FakeModbus) -> None:
+    server.identities[2] = {0: b"ACME", 1: b"PT-40"}
+    driver = driver_of(parse_machine(modbus(server.port)))
+    try:
+        assert driver.start() == ()
+        server.silent.add(2)
+        cycle, deadline = 0, time.monotonic() + PATIENCE_S
+
+        def cycles_until(wanted: object) -> None:
+            nonlocal cycle
+            while time.monotonic() < deadline:
+                driver.trigger(cycle)
+                driver.collect(time.monotonic_ns() + NS // 50)
+                cycle += 1
+                if wanted():  # type: ignore[operator]
+                    return
+            raise AssertionError("waited in vain")
+
+        cycles_until(lambda: driver._units[1].failures >= 3)
+        server.identities[2] = {0: b"ACME", 1: b"PT-60"}
+        server.silent.clear()
+        cycles_until(lambda: objects_of(driver)["unit 2"].get("product") == "PT-60")
+    finally:
+        driver.stop()
+
+
 # A unit that is slower than the cycle
 
 
@@ -403,7 +465,13 @@ def test_serial_frames_over_tcp() -> None:
     def serve() -> None:
         connection, _ = listener.accept()
         with connection:
-            while request := connection.recv(8, socket.MSG_WAITALL):
+            while start := connection.recv(2, socket.MSG_WAITALL):
+                if start[1] == 0x2B:  # who it is: an unknown function
+                    connection.recv(5, socket.MSG_WAITALL)
+                    refusal = bytes((start[0], 0xAB, 1))
+                    connection.sendall(refusal + crc(refusal))
+                    continue
+                request = start + connection.recv(6, socket.MSG_WAITALL)
                 unit, function, address, count = struct.unpack_from(">BBHH", request)
                 assert crc(request[:6]) == request[6:]
                 words = [units[unit][address + i] for i in range(count)]

@@ -9,7 +9,7 @@ from typing import Any, Literal, NotRequired, TypedDict, Unpack
 from hilfit_client.transport import Transport
 
 #: SHA-256 of the description that this was made from.
-SOURCE_SHA256 = "3d7842a8063216b39e5a4ac19fb542d14188939c05c09cde66ad2d2d264b3627"
+SOURCE_SHA256 = "323cba2b1938586376e293a6af0cfd4468518f04e1f75acfbe1a9c8c1129961b"
 
 
 class AcquisitionWish(TypedDict):
@@ -66,6 +66,7 @@ class BusCheck(TypedDict):
 
     channels: list[CheckedChannel]
     cycles: int
+    delays: list[CheckedDelay]
     devices: list[CheckedDevice]
     findings: list[str]
     machine: str
@@ -219,6 +220,16 @@ class CheckedChannel(TypedDict):
     value: float | None
 
 
+class CheckedDelay(TypedDict):
+    """By how much `bus` is behind `reference` (negative: ahead of it), with standard deviation, and who says so."""
+
+    bus: str
+    delay_ms: float
+    reference: str
+    std_ms: float
+    told_by: list[DelayOfJoint]
+
+
 class CheckedDevice(TypedDict):
     """A device: its state with a line that says more, what it says of itself, and where its values are."""
 
@@ -272,6 +283,15 @@ class Decision(TypedDict):
     """Why."""
 
     note: NotRequired[str]
+
+
+class DelayOfJoint(TypedDict):
+    """What one joint's channels on both buses say: by their `kind` (`position` or `effort`), in ms."""
+
+    delay_ms: float
+    joint: str
+    kind: str
+    std_ms: float
 
 
 class EntryList(TypedDict):

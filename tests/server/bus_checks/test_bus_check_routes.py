@@ -13,10 +13,13 @@ from acquired_machines import MACHINES, acquire
 from service_fakes import Fakes, Running, running_service
 
 from daq import Machine
+from daq.commissioning.check import MachineCheck
+from daq.commissioning.delays import BusDelay, PairDelay
 from daq.cycles import AcquisitionStatistics
 from daq.frame import Frame, row_dtype, row_from_frame
 from daq.quality import Quality
 from daq.ring import RingWriter, ring_buffer
+from server.bus_checks.bus_check_schemas import BusCheck
 from server.machines.machine_resource import LAUNCH
 
 pytestmark = pytest.mark.slow
@@ -92,6 +95,7 @@ def test_devices_say_who_they_are_and_how_soon_they_answer(running: Running) -> 
     assert (silent["latency_ms"], silent["identity"]) == (None, {})
     assert "can node 2: no heartbeat" in found["findings"]
     assert (found["cycles"], found["skipped"], found["worst_late_ms"]) == (1000, 2, 3.5)
+    assert found["delays"] == [], "there is one bus"
 
 
 def test_channels_at_rest(running: Running) -> None:
@@ -122,3 +126,14 @@ def test_a_machine_without_enough_frames_cannot_be_checked(tmp_path: Path) -> No
         running.client.put(f"{MACHINES}/lever/acquisition", json={"enabled": False})
         off = running.client.get(CHECK)
         assert off.status_code == 409 and "is not being acquired" in off.json()["detail"]
+
+
+def test_delays_are_given_in_milliseconds_with_what_each_joint_says() -> None:
+    pair = PairDelay("boom", ("boom.head", "boom.rod"), "boom.angle", "effort", 0.0129, 0.0015, 0.95)
+    delay = BusDelay("modbus", "can", 0.0123, 0.0012, (pair,))
+    found = MachineCheck("crane", "2026-03-01 08:00 UTC", 20.0, 50.0, 5000, 0, 3.2, (), (), (delay,), ())
+    (told,) = BusCheck.of(found).delays
+    assert (told.bus, told.reference) == ("modbus", "can")
+    assert (told.delay_ms, told.std_ms) == pytest.approx((12.3, 1.2))
+    (by,) = told.told_by
+    assert (by.joint, by.kind, by.delay_ms, by.std_ms) == ("boom", "effort", pytest.approx(12.9), pytest.approx(1.5))

@@ -9,7 +9,7 @@ const entries = Object.entries(en);
 
 /** What is the same in German: names, units, loan words. */
 const SAME = new Set(
-  "Live|Signal|PGN {pgn}|Alarm|Pause|Problem|Parameter|{seconds} min|▶ Live|{mass} kg|Version|Version {one}|Code|{value} mm|Sensor|{size} kB|{size} MB|{size} GB|in {zone}|{title} ({place}{sizes})".split(
+  "Live|Bus|Signal|PGN {pgn}|Alarm|Pause|Problem|Parameter|{seconds} min|▶ Live|{mass} kg|Version|Version {one}|Code|{value} mm|Sensor|{size} kB|{size} MB|{size} GB|in {zone}|{title} ({place}{sizes})".split(
     "|",
   ),
 );

@@ -61,6 +61,7 @@ const check = (given: Partial<Check> = {}): Check => ({
     },
   ],
   channels: [channel("boom.head"), channel("boom.angle", { moved: true, drift: null, drift_std: null, share: 0.5 })],
+  delays: [],
   findings: ["modbus unit 4: does not answer"],
   notes: [],
   ...given,
@@ -94,6 +95,39 @@ describe("the bus check", () => {
     await screen.findByText("Nothing to look at.");
     fireEvent.click(screen.getByRole("checkbox"));
     await screen.findByText("boom.head: shows 3.2 bar without pressure");
+  });
+
+  it("shows by how much buses are behind each other, and which joints say so", async () => {
+    const fake = new FakeService("viewer");
+    fake.resources[PATH] = check({
+      channels: [channel("boom.angle"), channel("boom.head", { bus: "modbus", device: "unit 4" })],
+      delays: [
+        {
+          bus: "modbus",
+          reference: "can",
+          delay_ms: 12.34,
+          std_ms: 1.2,
+          told_by: [
+            { joint: "boom", kind: "effort", delay_ms: 12.9, std_ms: 1.5 },
+            { joint: "stick", kind: "position", delay_ms: -0.5, std_ms: 2 },
+          ],
+        },
+      ],
+    });
+    fake.show(<BusCheckView />);
+    const table = (await screen.findAllByRole("table")).at(-1) as HTMLElement;
+    const [, row] = within(table).getAllByRole("row");
+    for (const word of ["modbus", "can", "12.3 ± 1.2", "boom (effort) 12.9 ± 1.5; stick (position) −0.5 ± 2.0"])
+      expect(row?.textContent).toContain(word);
+  });
+
+  it("says what it takes to tell delays, where there are two buses", async () => {
+    const fake = new FakeService("viewer");
+    fake.resources[PATH] = check({
+      channels: [channel("boom.angle"), channel("boom.head", { bus: "modbus", device: "unit 4" })],
+    });
+    fake.show(<BusCheckView />);
+    await screen.findByText(/motion of 15 s or more/);
   });
 
   it("has words where a device says nothing and a channel has no value", () => {

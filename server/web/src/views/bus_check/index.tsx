@@ -13,6 +13,7 @@ import { t } from "../../texts";
 type Check = components["schemas"]["BusCheck"];
 type Device = components["schemas"]["CheckedDevice"];
 type Channel = components["schemas"]["CheckedChannel"];
+type Delay = components["schemas"]["CheckedDelay"];
 
 /** Share of the cycles below which a channel does not come as it should. */
 const LEAST_SHARE = 0.99;
@@ -109,6 +110,11 @@ function Found({ check, depressurised }: { check: Check; depressurised: boolean 
       <Panel title={t("busCheck.channels")}>
         <Channels channels={check.channels} />
       </Panel>
+      {new Set(check.channels.map(({ bus }) => bus)).size > 1 && (
+        <Panel title={t("busCheck.delays")}>
+          {check.delays.length === 0 ? <p class="hint">{t("busCheck.noDelays")}</p> : <Delays delays={check.delays} />}
+        </Panel>
+      )}
       <p class="signed" aria-hidden="true">
         <span>{t("busCheck.checkedBy")}</span>
         <span>{t("busCheck.date")}</span>
@@ -150,6 +156,32 @@ function Channels({ channels }: { channels: Channel[] }) {
       }))}
     />
   );
+}
+
+function Delays({ delays }: { delays: Delay[] }) {
+  return (
+    <Table
+      caption={t("busCheck.delays")}
+      columns={[
+        { name: "bus", title: t("busCheck.bus") },
+        { name: "reference", title: t("busCheck.behind") },
+        { name: "delay", title: t("busCheck.by"), align: "right" },
+        { name: "pairs", title: t("busCheck.toldBy") },
+      ]}
+      rows={delays.map((delay) => ({
+        key: `${delay.bus} ${delay.reference}`,
+        bus: delay.bus,
+        reference: delay.reference,
+        delay: withStd(delay.delay_ms, delay.std_ms),
+        pairs: delay.told_by.map(toldBy).join("; "),
+      }))}
+    />
+  );
+}
+
+function toldBy({ joint, kind, delay_ms, std_ms }: Delay["told_by"][number]): string {
+  const delay = withStd(delay_ms, std_ms);
+  return kind === "position" ? t("busCheck.position", { joint, delay }) : t("busCheck.effort", { joint, delay });
 }
 
 function stateOf({ state }: Device): string {
