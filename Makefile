@@ -15,13 +15,16 @@ space := $(subst ,, )
 # install NAME MORE: what locks/NAME.txt lists, then this project and others; nothing is downloaded without a hash.
 install = $(if $(LOCK),$(PIP) --require-hashes -r $(LOCK)/$(1).txt && $(PIP) --no-deps --no-build-isolation -e . $(2),\
   $(PIP) -e ".[$(subst $(space),$(comma),$(EXTRAS_$(1)))]" $(2))
+# Of each target that is fuzzed; FUZZ names some of them, all without it.
+FUZZ_SECONDS ?= 60
+FUZZ ?=
 # Tests at once.
 JOBS ?= 2
 PYTEST := $(BIN)/pytest --dist loadfile --no-loadscope-reorder
 # Tests start hundreds of Python processes; none should compile again what another has compiled.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: help demo test test-quick test-socketcan check client bench docs picture paper page lock changelog clean
+.PHONY: help demo test test-quick test-socketcan fuzz check client bench docs picture paper page lock changelog clean
 
 help: ## this list
 	@sed -n 's/^\([a-z-]*\):[^#]*## \(.*\)/make \1|\2/p' Makefile | while IFS='|' read -r name text; do \
@@ -38,6 +41,9 @@ test-quick: $(VENV)/.dev ## the tests that are not marked slow; says at the end 
 
 test-socketcan: $(VENV)/.dev ## the drivers on AF_CAN, in user-mode Linux with a virtual bus; two minutes at most
 	$(BIN)/python tests/daq/user_mode_linux.py
+
+fuzz: $(VENV)/.dev ## coverage-guided fuzzing of the parsers, FUZZ_SECONDS (60) for each; skipped without the extra fuzz
+	$(BIN)/python tests/daq/fuzz_parsers.py --seconds $(FUZZ_SECONDS) $(FUZZ)
 
 check: $(VENV)/.dev ## ruff, mypy --strict, import-linter
 	$(BIN)/ruff check .

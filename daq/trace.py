@@ -10,11 +10,10 @@ from __future__ import annotations
 import contextlib
 import queue
 import re
-import struct
 import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import can
 from can.io.logger import SizedRotatingLogger
@@ -100,11 +99,6 @@ def trace_files(path: Path) -> list[Path]:
     return [*(other for _, other in sorted(numbered)), *([path] if path.is_file() else [])]
 
 
-def _begins(path: Path, mark: bytes) -> bool:
-    with path.open("rb") as file:
-        return file.read(len(mark)) == mark
-
-
 def read_trace(path: Path) -> Iterator[can.Message]:
     """All frames of a bus's files.
 
@@ -114,12 +108,24 @@ def read_trace(path: Path) -> Iterator[can.Message]:
         If one is no trace.
     """
     for file in trace_files(path):
-        options = {"relative_timestamp": False} if file.suffix.lower() == ".asc" else {}
         try:
-            if file.suffix.lower() == ".blf" and not _begins(file, _BLF):
-                raise ValueError("no BLF file")  # its reader would leave it open
-            with can.LogReader(file, **options) as reader:
+            # Opened here: a reader that does not like how a file begins would leave it open.
+            with file.open("rb" if file.suffix.lower() == ".blf" else "r") as opened, _reader(file, opened) as reader:
                 yield from reader
-        except (OSError, ValueError, KeyError, IndexError, TypeError, ImportError, struct.error) as error:
-            line = str(error).split("\n")[0]
+        except Exception as error:  # python-can's readers let out whatever becomes of a file that contradicts itself
+            line = str(error).split("\n")[0] or type(error).__name__
             raise InputError(f"{file}: is no trace that can be read ({line}); give .blf, .asc or .log") from None
+
+
+def _reader(file: Path, opened: IO[Any]) -> Any:
+    suffix = file.suffix.lower()
+    if suffix == ".asc":
+        return can.ASCReader(opened, relative_timestamp=False)
+    if suffix == ".log":
+        return can.CanutilsLogReader(opened)
+    if suffix == ".blf":
+        if opened.read(len(_BLF)) != _BLF:
+            raise ValueError("no BLF file")
+        opened.seek(0)
+        return can.BLFReader(opened)
+    raise ValueError(f"{suffix or 'no suffix'} is unknown")
