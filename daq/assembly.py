@@ -46,15 +46,27 @@ class Assembler:
         self._period = 1.0 / rate_hz
         self._lockstep = lockstep
         self._frozen = frozen
+        self._bounded = bool(np.isfinite(table.low).any() or np.isfinite(table.high).any())
+        self._covered = sum(len(names) for names in drivers) == count  # else some channel comes from nobody
+        self._in_order = len(drivers) == 1 and tuple(drivers[0]) == table.names
         self._all = np.arange(count)
         self._unknown = np.full(count, np.nan)
         self._last = np.full(count, np.nan)
         self._last_age = np.full(count, np.nan)  # at the cycle in which it came
         self._last_cycle = np.zeros(count, dtype=np.int64)
-        self.counts = np.zeros((len(Quality), count), dtype=np.int64)  # frames of each quality, per channel
+        self._newest: tuple[npt.NDArray[np.float64], int] | None = None  # values and cycle, if it was a plain one
+        self._counts = np.zeros((len(Quality), count), dtype=np.int64)
+        self._plain_frames = 0  # that are not in there yet
+        # Of plain frames, which share them:
+        self._fresh, self._no_age = np.zeros(count, dtype=np.uint8), np.zeros(count)
+        self._fresh.flags.writeable = self._no_age.flags.writeable = False
 
     def frame(self, tick: Tick, sync_ns: int, utc_ns: int, samples: Sequence[Samples]) -> Frame:
         """The frame of this tick; ``samples`` of every driver, in the order given at the start."""
+        if self._covered and all(part.plain for part in samples):
+            plain = self._plain(tick, sync_ns, utc_ns, samples)
+            if plain is not None:
+                return plain
         table = self._table
         count = len(table.names)
         raw = self._unknown.copy()
@@ -88,8 +100,49 @@ class Assembler:
         if self._frozen is not None:
             quality[self._frozen.frozen(values, quality)] = Quality.FROZEN
         self._hold(tick.cycle, new, values, ages, quality, interval)
-        self.counts[quality, self._all] += 1
+        self._counts[quality, self._all] += 1
         return Frame(tick.cycle, sync_ns, utc_ns, tick.time, values, ages, quality)
+
+    @property
+    def counts(self) -> npt.NDArray[np.int64]:
+        """Frames of each quality so far, per channel, (qualities, n)."""
+        self._counts[Quality.FRESH] += self._plain_frames
+        self._plain_frames = 0
+        return self._counts
+
+    def _plain(self, tick: Tick, sync_ns: int, utc_ns: int, samples: Sequence[Samples]) -> Frame | None:
+        """What :meth:`frame` makes of samples that are all plain; None if some value is no measurement after all."""
+        table = self._table
+        if self._in_order:
+            raw = samples[0].raw
+        else:
+            raw = self._unknown.copy()
+            for order, part in zip(self._order, samples, strict=True):
+                raw[order] = part.raw
+        for channel, sentinel in table.sentinels:
+            if raw[channel] == sentinel:
+                return None
+        if table.fields or table.turns:
+            raw = raw.copy()
+            table.unwrapped(raw)
+        values = table.gain * raw + table.bias
+        if not np.isfinite(values).all():
+            return None
+        quality = self._fresh
+        if self._bounded:
+            beyond = (values <= table.low) | (values >= table.high)
+            if beyond.any():
+                quality = np.where(beyond, np.uint8(Quality.OUT_OF_RANGE), quality)
+        if self._frozen is not None:
+            frozen = self._frozen.frozen(values, quality)
+            if frozen.any():
+                quality = np.where(frozen, np.uint8(Quality.FROZEN), quality)
+        self._newest = (values, tick.cycle)
+        if quality is self._fresh:
+            self._plain_frames += 1
+        else:
+            self._counts[quality, self._all] += 1
+        return Frame(tick.cycle, sync_ns, utc_ns, tick.time, values, self._no_age, quality)
 
     def _hold(
         self,
@@ -101,6 +154,9 @@ class Assembler:
         interval: npt.NDArray[np.float64],
     ) -> None:
         """Fill what did not come with the last value, as held or stale, while it is recent; in place."""
+        if self._newest is not None:
+            self._last[:], self._last_cycle[:] = self._newest
+            self._last_age[:], self._newest = 0.0, None
         old = ~new
         if not old.any():
             self._last[:], self._last_age[:], self._last_cycle[:] = values, ages, cycle

@@ -16,7 +16,6 @@ from daq.channels import ChannelTable
 from daq.clock import Clock
 from daq.drivers.base import DeviceStatus, Driver, DriverStatistics
 from daq.events import EventLog
-from daq.frame import row_from_frame
 from daq.frozen import FrozenDetector
 from daq.machine_file import Machine
 from daq.quality import Quality
@@ -25,6 +24,7 @@ from daq.ring import RingWriter
 INFO_SECONDS = 0.5
 #: Upper bounds of the histogram of lateness, in ms.
 LATENESS_MS = (0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0)
+_QUALITIES = [quality.name.lower() for quality in Quality]
 UTC_JUMP_NS = 50_000_000  # of the computer's clock against the monotonic one; what is smaller is its being steered
 
 
@@ -108,7 +108,7 @@ class Cycles:
         for driver in self.drivers:
             driver.trigger(tick.cycle)
         samples = [driver.collect(tick.collect_until_ns) for driver in self.drivers]
-        ring.write(row_from_frame(self.assembler.frame(tick, sync_ns, utc_ns, samples)))
+        ring.write_frame(self.assembler.frame(tick, sync_ns, utc_ns, samples))
         self.cycles += 1
         self.skipped += tick.skipped
         self.late += tick.late_ns >= self._period_ns * (1.0 if self.lockstep else 0.1)
@@ -135,10 +135,10 @@ class Cycles:
 
     def statistics(self, state: str, *, fifo: bool, warnings: Sequence[str]) -> AcquisitionStatistics:
         """State of everything, for whoever asks."""
-        counts = self.assembler.counts
+        counts = self.assembler.counts.T.tolist()
         quality = {
-            name: {q.name.lower(): int(counts[q, i]) for q in Quality if counts[q, i]}
-            for i, name in enumerate(self.table.names)
+            name: {word: count for word, count in zip(_QUALITIES, own, strict=True) if count}
+            for name, own in zip(self.table.names, counts, strict=True)
         }
         return AcquisitionStatistics(
             state=state,

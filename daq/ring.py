@@ -22,12 +22,15 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from multiprocessing import resource_tracker, shared_memory
 from types import TracebackType
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 import numpy.typing as npt
 
 from daq.errors import AcquisitionError
+
+if TYPE_CHECKING:
+    from daq.frame import Frame
 
 MAGIC = b"hilfit/ring/1"
 INFO_BYTES = 65536
@@ -153,7 +156,7 @@ class _Ring:
 
     def close(self) -> None:
         """Let go of the memory; it stays until its maker unlinks it."""
-        for name in ("_header", "_written", "_slot", "_before", "_after", "_row"):
+        for name in ("_header", "_written", "_slot", "_before", "_after", "_row", "_columns"):
             self.__dict__.pop(name, None)
         self._memory.close()
 
@@ -172,6 +175,7 @@ class RingWriter(_Ring):
     def __init__(self, name: str) -> None:
         super().__init__(_attach(name))
         self._next = self.written
+        self._columns = {name: self._row[name] for name in self.dtype.names or ()}
         self._header["writer_pid"] = os.getpid()
         self._header["closed"] = 0
 
@@ -181,6 +185,19 @@ class RingWriter(_Ring):
         slot = self._next % self._slots
         self._before[slot] = sequence
         self._row[slot] = row[0]
+        self._after[slot] = sequence
+        self._written[0] = sequence
+        self._next = sequence
+
+    def write_frame(self, frame: Frame) -> None:
+        """Append a frame, without making a row of it first; the ring's dtype is :func:`daq.frame.row_dtype`."""
+        sequence = self._next + 1
+        slot = self._next % self._slots
+        column = self._columns
+        self._before[slot] = sequence
+        column["cycle"][slot], column["time"][slot] = frame.cycle, frame.time
+        column["monotonic_ns"][slot], column["utc_ns"][slot] = frame.monotonic_ns, frame.utc_ns
+        column["values"][slot], column["ages"][slot], column["quality"][slot] = frame.values, frame.ages, frame.quality
         self._after[slot] = sequence
         self._written[0] = sequence
         self._next = sequence

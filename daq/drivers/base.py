@@ -83,6 +83,8 @@ class Samples:
     after_sync_s : (n,) wall seconds from the SYNC that the value belongs to until it was sampled; 0 for what is sampled
         at SYNC
     interval : (n,) cycles between two answers of a device that has a rate of its own; 1 where every cycle brings one
+    plain : whether all of it is fresh, finite and sampled at this cycle's SYNC, as nearly always; then the other arrays
+        hold zeros, and need not be looked at
     """
 
     raw: npt.NDArray[np.float64]
@@ -90,6 +92,7 @@ class Samples:
     cycles_ago: npt.NDArray[np.int64]
     after_sync_s: npt.NDArray[np.float64]
     interval: npt.NDArray[np.float64] | None = None
+    plain: bool = False
 
 
 class Answers:

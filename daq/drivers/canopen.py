@@ -19,6 +19,7 @@ from daq.drivers.canopen_identity import ask
 from daq.drivers.canopen_link import CanLink
 from daq.drivers.canopen_listening import ListeningDriver
 from daq.drivers.canopen_node import MISSES_TOLERATED, SURPLUS_TOLERATED, UNANSWERED, Cycle, Node, make_nodes
+from daq.drivers.canopen_sweep import Sweep
 from daq.drivers.canopen_watch import NodeWatch
 from daq.drivers.keeper import Keeper
 from daq.errors import AcquisitionError, BusError
@@ -53,9 +54,12 @@ class CanopenDriver:
         self._names = tuple(channel.name for channel in channels)
         self._cycle = Cycle()
         self._nodes = make_nodes(bus, channels, self._cycle)
+        self._all_ids = frozenset().union(*(node.cob_ids for node in self._nodes.values()))
         self._counts = dict.fromkeys(COUNTS, 0)
         self._health = BusHealth(told(bus.name, context.events))
         self._watch = NodeWatch(bus.name, context, self._counts)
+        late_ns = math.inf if context.patience_s > 0 else 0.5 * context.period_s * NS
+        self._sweep = Sweep(tuple(self._nodes.values()), self._watch, len(self._names), late_ns)
         self._link: CanLink | None = None
         self._failure = ""  # why the bus could not be opened
         self._order = threading.Lock()  # SYNC and NMT one after the other: which SYNCs a node answers has to be known
@@ -327,10 +331,9 @@ class CanopenDriver:
         if link is None or link.failure is not None:
             self._cycle.begin(cycle, self._context.monotonic_ns(), set())
             return
-        expected: set[int] = set()
-        for node in self._nodes.values():
-            if node.state == "running" and node.operational and node.misses < MISSES_TOLERATED:
-                expected |= node.cob_ids
+        nodes = self._nodes.values()
+        there = [n for n in nodes if n.state == "running" and n.operational and n.misses < MISSES_TOLERATED]
+        expected = set(self._all_ids) if len(there) == len(nodes) else set().union(*(node.cob_ids for node in there))
         self._send_sync(link, cycle, expected)
         self._counts["sync"] += 1
 
@@ -343,13 +346,15 @@ class CanopenDriver:
             return nothing(len(self._names), Quality.BUS_ERROR)
         remaining = (until_ns - self._context.monotonic_ns()) / NS
         lost = remaining > 0 and not self._cycle.done.wait(remaining) and self._context.patience_s > 0
-        answers = Answers(len(self._names))
         if lost:  # waited for far longer than anything takes; a machine that does not stand still is told by counting
             for tpdo in (
                 tpdo for node in self._nodes.values() if node.misses < MISSES_TOLERATED for tpdo in node.tpdos
             ):
                 tpdo.give_up()
         now = self._context.monotonic_ns()
+        if (whole := self._sweep.samples(self._cycle.number, now)) is not None:
+            return whole
+        answers = Answers(len(self._names))
         for node in self._nodes.values():
             if self._watch.look(node, now):
                 self._keepers[node.config.node].soon()

@@ -24,8 +24,9 @@ class PdoDecoder:
     """Unpacks numbers of these data types, one behind the other, little endian."""
 
     def __init__(self, data_types: Sequence[str]) -> None:
+        self.data_types = tuple(data_types)
         self._struct = struct.Struct("<" + "".join(wire.struct_code(kind) for kind in data_types))
-        self._wide = tuple(data_types) if any(kind.endswith("24") for kind in data_types) else ()
+        self._wide = self.data_types if any(kind.endswith("24") for kind in data_types) else ()
 
     def unpack(self, data: bytes) -> tuple[float, ...]:
         """The numbers in as many bytes as they take."""

@@ -13,7 +13,7 @@ import struct
 import threading
 from collections import Counter, deque
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from daq.buses import object_of
 from daq.drivers.base import Spread
@@ -63,8 +63,7 @@ class Cycle:
                     self.done.set()
 
 
-@dataclass(frozen=True)
-class Arrival:
+class Arrival(NamedTuple):
     """A TPDO's data, when it was on the bus, and the SYNC that it is credited to."""
 
     data: bytes

@@ -95,13 +95,14 @@ class NodeWatch:
         text = f"{node.place}: emergency {code}; see its manual"
         self._context.events.note(self._name(node), "emergency", text, new)
 
-    def _limit_ns(self, node: Node) -> float:
+    def limit_ns(self, node: Node) -> float:
+        """How long a node may give no sign of life."""
         heartbeat_s = WATCHDOG_PERIODS * max(node.config.heartbeat_ms * 1e-3, self._context.period_s)
         limit = self._limits[node.config.node] = max(heartbeat_s, self._context.patience_s) * NS
         return limit
 
     def _signs_of_life(self, node: Node, now: int) -> bool:
-        limit = self._limits.get(node.config.node) or self._limit_ns(node)
+        limit = self._limits.get(node.config.node) or self.limit_ns(node)
         if node.state == "running" and now - node.heartbeat_ns <= limit and not (node.misses or node.heartbeat_lost):
             return False  # as nearly always: what follows would find nothing
         alive = max(node.heartbeat_ns, node.last_tpdo_ns())

@@ -17,6 +17,7 @@ from daq.channels import channel_table, channels_by_bus
 from daq.clock import NS, Clock, LockstepClock, RealClock, Tick, clock_for
 from daq.drivers.base import Samples, nothing
 from daq.frame import Frame, frame_from_row, row_dtype, row_from_frame
+from daq.frozen import FrozenDetector
 
 MODBUS = parse_machine(modbus(502))
 
@@ -271,3 +272,24 @@ def test_the_fake_clock_jumps() -> None:
     before = clock.monotonic_ns()
     clock.advance(1.5)
     assert clock.monotonic_ns() - before == 1.5 * NS == clock.utc_ns() - before
+
+
+@given(st.data())
+def test_frames_of_plain_samples_are_those_of_samples_that_are_looked_at_one_by_one(data: st.DataObject) -> None:
+    """What a driver calls plain takes a shorter way; frames, holding and counts must not tell."""
+    text = modbus(502).replace("joint: j1, unit: bar", "joint: j1, unit: bar, range: [0, 100]", 1)
+    machine = parse_machine(text)
+    table = channel_table(machine)
+    short, long = (Assembler(table, [table.names], machine.rate_hz, frozen=FrozenDetector(machine)) for _ in range(2))
+    value = st.sampled_from([0.1, 0.2, 0.3, 50.0, 99.0, 150.0])
+    for cycle in range(data.draw(st.integers(1, 80))):
+        if data.draw(st.integers(0, 5)):
+            given_ = samples(*data.draw(st.tuples(value, value, value)))
+            frames = [short.frame(tick(cycle), 1, 2, [replace(given_, plain=True)])]
+        else:
+            given_ = nothing(3)
+            frames = [short.frame(tick(cycle), 1, 2, [given_])]
+        frames.append(long.frame(tick(cycle), 1, 2, [given_]))
+        one, other = (row_from_frame(frame) for frame in frames)
+        assert one.tobytes() == other.tobytes()
+    np.testing.assert_array_equal(short.counts, long.counts)

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, rule
 
 from daq.errors import AcquisitionError
-from daq.frame import row_dtype
+from daq.frame import Frame, row_dtype, row_from_frame
 from daq.ring import RingReader, RingWriter, ring_buffer, ring_name
 
 DTYPE = row_dtype(3)
@@ -192,3 +192,12 @@ def test_a_reader_that_ends_does_not_take_the_memory_away(ring: str) -> None:
 
 def test_names_of_rings() -> None:
     assert ring_name("folding arm/2") == "hilfit-folding-arm-2"
+
+
+def test_a_frame_and_its_row_are_written_alike(ring: str) -> None:
+    one = Frame(7, 11, 12, 0.14, np.array([1.0, np.nan, -2.5]), np.array([0.0, 0.1, np.nan]), np.uint8([0, 2, 9]))
+    with RingWriter(ring) as writer, RingReader(ring) as reader:
+        writer.write(row_from_frame(one))
+        writer.write_frame(one)
+        first, second = reader.read().rows
+    assert first.tobytes() == second.tobytes()
