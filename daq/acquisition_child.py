@@ -21,7 +21,7 @@ from daq.channels import channel_table, channels_by_bus
 from daq.clock import Clock, SyncClock, clock_for
 from daq.cycles import Cycles, run_cycles
 from daq.drivers.base import Driver, DriverContext, Problem, make_driver
-from daq.drivers.canopen_listening import ListeningDriver
+from daq.drivers.canopen.listening import ListeningDriver
 from daq.errors import AcquisitionError, HilfitError
 from daq.events import EventLog
 from daq.found_setups import FoundSetups

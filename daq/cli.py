@@ -138,7 +138,7 @@ def _let_pass(acquisition: AcquisitionProcess, cycles: float) -> None:
 
 
 def _restored(machine: Machine, data_directory: Path) -> list[dict[str, Any]]:
-    from daq.drivers.canopen_restore import restore_nodes
+    from daq.drivers.canopen.restore import restore_nodes
 
     return [asdict(result) for result in restore_nodes(machine, data_directory)]
 

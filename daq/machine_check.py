@@ -131,7 +131,7 @@ def _of_the_files(machine: Machine, tree: yaml.Node | None) -> list[Finding]:
                         line = line_of(tree, ["channels", index, "source"])
                         findings.append(Finding(level, line, f"channels[{index}].source", text))
             elif isinstance(bus, CanopenBus) and bus.listen_only:
-                from daq.drivers.canopen_listening import pdo_members
+                from daq.drivers.canopen.listening import pdo_members
 
                 pdo_members(bus, channels)
         except MachineFileError as error:

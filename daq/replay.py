@@ -20,10 +20,10 @@ from daq.assembly import Assembler
 from daq.channels import channel_table, channels_by_bus
 from daq.clock import NS, SyncClock, Tick
 from daq.drivers.base import Driver, DriverContext, make_driver
-from daq.drivers.can_port import CanAccess, CanConfig, CanPort
-from daq.drivers.canopen_eds import Place
-from daq.drivers.canopen_listening import ListeningDriver, Member
-from daq.drivers.canopen_mapping import map_node
+from daq.drivers.can.port import CanAccess, CanConfig, CanPort
+from daq.drivers.canopen.eds import Place
+from daq.drivers.canopen.listening import ListeningDriver, Member
+from daq.drivers.canopen.mapping import map_node
 from daq.errors import InputError
 from daq.events import EventLog
 from daq.frame import Frame

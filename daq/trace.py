@@ -18,7 +18,7 @@ from typing import IO, Any
 import can
 from can.io.logger import SizedRotatingLogger
 
-from daq.drivers.can_port import CanAccess
+from daq.drivers.can.port import CanAccess
 from daq.errors import InputError
 from daq.events import EventLog
 

@@ -20,8 +20,8 @@ from daq.can_database import pgn_of
 from daq.commissioning.can_questions import FoundNode, answering
 from daq.commissioning.can_questions import asked as asked_node
 from daq.drivers.base import DriverContext
-from daq.drivers.can_health import BusHealth, advice
-from daq.drivers.canopen_link import CanLink
+from daq.drivers.can.health import BusHealth, advice
+from daq.drivers.canopen.link import CanLink
 from daq.machine_file import CanopenBus, CanSignalsBus
 
 NS = 1_000_000_000

@@ -6,7 +6,7 @@ import math
 
 from daq.commissioning.can_questions import FoundNode
 from daq.commissioning.profiles import measured
-from daq.drivers.canopen_mapping import map_node
+from daq.drivers.canopen.mapping import map_node
 from daq.errors import MachineFileError
 from daq.machine_file import CanopenBus, CanSource, Channel, Machine, ModbusSource
 from daq.units import conversion

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from daq.drivers.modbus_client import DEVICE_FAILURE, EXCEPTIONS, GATEWAY_EXCEPTIONS, ModbusConnection
+from daq.drivers.modbus.client import DEVICE_FAILURE, EXCEPTIONS, GATEWAY_EXCEPTIONS, ModbusConnection
 from daq.machine_file import ModbusRtuBus, ModbusTcpBus
 
 TIMEOUT_S = 0.3

@@ -1,4 +1,8 @@
-"""Bus drivers: what one is (:mod:`~daq.drivers.base`), CANopen, Modbus, and the check that every driver has to pass."""
+"""Bus drivers, a folder for each family of buses (``can``, ``canopen``, ``modbus``).
+
+What one is says :mod:`~daq.drivers.base`, :mod:`~daq.drivers.conformance` what each has to pass; a device is kept by a
+:mod:`~daq.drivers.keeper`, and :mod:`~daq.drivers.decimals` are those that devices tell.
+"""
 
 from daq.drivers.base import (
     DeviceStatus,

@@ -26,7 +26,7 @@ from daq.quality import Quality
 from daq.seams import DRIVERS
 
 if TYPE_CHECKING:
-    from daq.drivers.can_port import CanAccess
+    from daq.drivers.can.port import CanAccess
 
 
 @dataclass(frozen=True)

@@ -15,8 +15,8 @@ from canopen_test_node import FakeNode
 
 from daq import Machine, Quality, parse_machine
 from daq.drivers import DriverContext, Samples
-from daq.drivers.canopen import CanopenDriver
-from daq.drivers.receive_queue import lengthen
+from daq.drivers.can.receive_queue import lengthen
+from daq.drivers.canopen.driver import CanopenDriver
 
 PERIOD = 0.02
 #: A cycle waits this long for what is due. A busy computer may keep a node's thread from running for longer, so what

@@ -12,7 +12,7 @@ from modbus_test_server import FakeModbus, bench_registers
 @pytest.fixture(autouse=True)
 def _patient_first_syncs(monkeypatch: pytest.MonkeyPatch) -> None:
     """The first SYNCs are waited for longer than a busy computer keeps a node's thread from running."""
-    monkeypatch.setattr("daq.drivers.canopen.ANSWER_S", 3.0)
+    monkeypatch.setattr("daq.drivers.canopen.driver.ANSWER_S", 3.0)
 
 
 @pytest.fixture

@@ -55,9 +55,7 @@ def run(name: str, seconds: int) -> bool:
         try:
             code = subprocess.run(command, stdout=output, stderr=output, timeout=seconds + SLACK_S).returncode
         except subprocess.TimeoutExpired:
-            print(
-                f"{name}: did not end within {SLACK_S:g} s after its time: an input that takes for ever, or a busy computer"
-            )
+            print(f"{name}: did not end in {SLACK_S:g} s more: an input that never ends, or a busy computer")
             code = -1
     lines = log.read_text(errors="replace").splitlines()
     said = [line for line in lines if line.startswith(("Done ", " === Uncaught"))]

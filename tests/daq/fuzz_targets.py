@@ -30,14 +30,14 @@ from signals_test_bench import DBC
 
 from daq import parse_machine
 from daq.can_database import decoded, read_database
-from daq.drivers import canopen_link
 from daq.drivers.base import DriverContext
-from daq.drivers.can_health import BusHealth
-from daq.drivers.canopen_eds import pdo_places
-from daq.drivers.canopen_link import CanLink
-from daq.drivers.canopen_mapping import Mapping
-from daq.drivers.canopen_node import Cycle, Node
-from daq.drivers.modbus_client import ModbusConnection
+from daq.drivers.can.health import BusHealth
+from daq.drivers.canopen import link as canopen_link
+from daq.drivers.canopen.eds import pdo_places
+from daq.drivers.canopen.link import CanLink
+from daq.drivers.canopen.mapping import Mapping
+from daq.drivers.canopen.node import Cycle, Node
+from daq.drivers.modbus.client import ModbusConnection
 from daq.errors import AcquisitionError, HilfitError
 from daq.journal import Journal, journal_path, recover
 from daq.machine_file import CanNode, CanopenBus, ModbusTcpBus

@@ -9,7 +9,7 @@ import can
 
 from daq.drivers import DriverContext, Samples
 from daq.drivers.base import Driver
-from daq.drivers.can_port import CanAccess, CanConfig, CanPort
+from daq.drivers.can.port import CanAccess, CanConfig, CanPort
 
 NS = 1_000_000_000
 PERIOD = 0.02

@@ -14,7 +14,7 @@ from canopen_test_node import PRE_OPERATIONAL
 
 from daq import Machine, MachineFileError, Quality, parse_machine
 from daq.drivers.base import Problem
-from daq.drivers.canopen_mapping import map_node
+from daq.drivers.canopen.mapping import map_node
 
 
 def nmt(messages: list[python_can.Message], node: int) -> list[int]:
@@ -107,7 +107,7 @@ def test_a_refused_object_is_named(bench: Bench) -> None:
 
 
 def test_a_short_pdo_is_found_at_the_start(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("daq.drivers.canopen.ANSWER_S", 0.1)  # nothing is to come
+    monkeypatch.setattr("daq.drivers.canopen.driver.ANSWER_S", 0.1)  # nothing is to come
     bench.pressure.truncate = 4
     (problem,) = bench.driver.start()
     assert "node 6" in problem and "TPDO1 has 4 bytes instead of 8" in problem

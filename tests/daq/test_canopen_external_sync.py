@@ -25,8 +25,8 @@ from daq import MachineFileError, Quality, load_machine, parse_machine
 from daq.acquisition import AcquisitionProcess
 from daq.clock import NS, SyncClock
 from daq.drivers import make_driver
-from daq.drivers.canopen_eds import pdo_places
-from daq.drivers.canopen_listening import ListeningDriver
+from daq.drivers.canopen.eds import pdo_places
+from daq.drivers.canopen.listening import ListeningDriver
 from daq.machine_check import check_machine
 from daq.ring import RingReader
 

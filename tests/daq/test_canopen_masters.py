@@ -16,7 +16,7 @@ from canopen_test_bench import ANGLE, HEAD, ROD, Bench, fresh
 
 from daq import BusError, MachineFileError, Quality, parse_machine
 from daq.drivers import DriverContext, make_driver
-from daq.drivers.canopen_listening import ListeningDriver
+from daq.drivers.canopen.listening import ListeningDriver
 from daq.drivers.conformance import check_driver
 
 NS = 1_000_000_000

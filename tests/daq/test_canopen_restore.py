@@ -15,8 +15,8 @@ from typer.testing import CliRunner
 
 from daq import cli, parse_machine
 from daq.drivers import DriverContext
-from daq.drivers.canopen import CanopenDriver
-from daq.drivers.canopen_restore import Restored, restore_nodes
+from daq.drivers.canopen.driver import CanopenDriver
+from daq.drivers.canopen.restore import Restored, restore_nodes
 from daq.errors import BusError
 from daq.found_setups import FoundSetup, FoundSetups
 

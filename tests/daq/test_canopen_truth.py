@@ -18,13 +18,13 @@ from hypothesis import strategies as st
 
 from daq import Quality
 from daq.drivers import Samples
-from daq.drivers.arrival import ArrivalTimes
 from daq.drivers.base import DriverContext
-from daq.drivers.can_health import BusHealth
-from daq.drivers.canopen import COUNTS
-from daq.drivers.canopen_mapping import Mapping
-from daq.drivers.canopen_node import Cycle, Node, Tpdo
-from daq.drivers.canopen_watch import NodeWatch
+from daq.drivers.can.arrival import ArrivalTimes
+from daq.drivers.can.health import BusHealth
+from daq.drivers.canopen.driver import COUNTS
+from daq.drivers.canopen.mapping import Mapping
+from daq.drivers.canopen.node import Cycle, Node, Tpdo
+from daq.drivers.canopen.watch import NodeWatch
 from daq.drivers.keeper import Keeper
 from daq.events import EventLog
 from daq.machine_file import CanNode

@@ -23,8 +23,8 @@ from daq.channels import channel_table
 from daq.clock import Tick
 from daq.drivers import DriverContext, Samples
 from daq.drivers.base import nothing
-from daq.drivers.canopen import canopen_driver
-from daq.drivers.modbus import ModbusTcpDriver
+from daq.drivers.canopen.driver import canopen_driver
+from daq.drivers.modbus.driver import ModbusTcpDriver
 from sim_backends.canopen_device import SimulatedNode
 from sim_backends.wiring import wire
 

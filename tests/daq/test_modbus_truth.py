@@ -17,9 +17,9 @@ from modbus_test_server import FakeModbus, bench_registers, float_registers
 from daq import Machine, MachineFileError, Quality, parse_machine
 from daq.drivers import DriverContext
 from daq.drivers.base import Problem
-from daq.drivers.modbus import ModbusTcpDriver, Poller
-from daq.drivers.modbus_client import Answer, ModbusConnection
-from daq.drivers.modbus_unit import Unit, blocks
+from daq.drivers.modbus.client import Answer, ModbusConnection
+from daq.drivers.modbus.driver import ModbusTcpDriver, Poller
+from daq.drivers.modbus.unit import Unit, blocks
 from daq.machine_file import ModbusRtuBus, ModbusTcpBus
 from daq.wire import from_registers
 
@@ -141,7 +141,7 @@ def test_the_silent_interval_is_kept(line: FakeSerialModbus, monkeypatch: pytest
         value(connection)
         assert connection._silence == pytest.approx(max(3.5 * 11 / 115200, 0.00175))
         slept: list[float] = []
-        monkeypatch.setattr("daq.drivers.modbus_client.time", Clock(connection._spoke + 0.0005, slept))
+        monkeypatch.setattr("daq.drivers.modbus.client.time", Clock(connection._spoke + 0.0005, slept))
         value(connection)
         assert slept[0] == pytest.approx(0.00125)
     finally:

@@ -55,7 +55,7 @@ from test_canopen_truth import (
 from daq import Quality, load_machine, parse_machine
 from daq.drivers import DriverContext, Samples, make_driver
 from daq.drivers.base import Driver
-from daq.drivers.canopen_listening import ListeningDriver
+from daq.drivers.canopen.listening import ListeningDriver
 
 BUS = "vcan0"
 NO_BUS = f"no {BUS} on this computer; make test-socketcan brings its own"

@@ -12,7 +12,7 @@ from pymodbus.constants import ExcCodes
 from pymodbus.framer import FramerType
 from pymodbus.simulator import DataType, SimData, SimDevice
 
-from daq.drivers.modbus_client import ModbusConnection
+from daq.drivers.modbus.client import ModbusConnection
 from daq.machine_file import ModbusRtuBus
 from sim_backends.modbus_wires import SerialLine, Wire
 

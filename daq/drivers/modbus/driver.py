@@ -14,8 +14,8 @@ from collections.abc import Sequence
 
 from daq import wire
 from daq.drivers.base import Answers, DeviceStatus, DriverContext, DriverStatistics, Problem, Samples
-from daq.drivers.modbus_client import DEVICE_FAILURE, Answer, ModbusConnection
-from daq.drivers.modbus_unit import Block, Reading, Unit, gap_is_to_blame
+from daq.drivers.modbus.client import DEVICE_FAILURE, Answer, ModbusConnection
+from daq.drivers.modbus.unit import Block, Reading, Unit, gap_is_to_blame
 from daq.machine_file import Channel, ModbusRtuBus, ModbusSource, ModbusTcpBus
 from daq.quality import Quality
 

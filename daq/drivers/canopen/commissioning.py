@@ -13,8 +13,8 @@ from collections.abc import Callable, Iterable, Sequence
 from typing import Protocol
 
 from daq import wire
-from daq.drivers.canopen_link import NoAnswerError, SdoRefusedError
-from daq.drivers.canopen_mapping import TPDO_COUNT, Mapping
+from daq.drivers.canopen.link import NoAnswerError, SdoRefusedError
+from daq.drivers.canopen.mapping import TPDO_COUNT, Mapping
 from daq.errors import CommissioningError
 from daq.found_setups import Objects
 from daq.machine_file import CanNode

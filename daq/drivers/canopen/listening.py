@@ -2,8 +2,8 @@
 
 Nodes need neither answer our SYNC nor send a heartbeat, and their mapping is what the machine file (``cob_id`` and
 ``byte`` of a source) or the node's EDS or DCF says it is. The cycle is paced by our clock, each value with its age
-(:mod:`daq.drivers.listening`), or, with ``sync: external``, by the other master's SYNC. Then a PDO that is sampled at
-SYNC belongs to the SYNC before it: half a period after that it is late.
+(:mod:`daq.drivers.can.listening`), or, with ``sync: external``, by the other master's SYNC. Then a PDO that is sampled
+at SYNC belongs to the SYNC before it: half a period after that it is late.
 """
 
 from __future__ import annotations
@@ -17,10 +17,10 @@ from dataclasses import dataclass
 
 from daq import wire
 from daq.drivers.base import DriverContext, Problem, Samples
-from daq.drivers.can_port import CanPort
-from daq.drivers.canopen_eds import Place, pdo_places
-from daq.drivers.canopen_link import SYNC_ID, CanLink, Handler
-from daq.drivers.listening import FIRST_S, NS, Inbox, Listener, Stream
+from daq.drivers.can.listening import FIRST_S, NS, Inbox, Listener, Stream
+from daq.drivers.can.port import CanPort
+from daq.drivers.canopen.eds import Place, pdo_places
+from daq.drivers.canopen.link import SYNC_ID, CanLink, Handler
 from daq.errors import MachineFileError
 from daq.machine_file import CanopenBus, CanSource, Channel
 from daq.quality import Quality

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from daq.drivers.base import DriverContext
-from daq.drivers.can_health import BusHealth
-from daq.drivers.canopen_commissioning import LEFT, PRE_OPERATIONAL, SdoAccess, identity_of, write_objects
-from daq.drivers.canopen_link import CanLink
+from daq.drivers.can.health import BusHealth
+from daq.drivers.canopen.commissioning import LEFT, PRE_OPERATIONAL, SdoAccess, identity_of, write_objects
+from daq.drivers.canopen.link import CanLink
 from daq.errors import BusError, CommissioningError
 from daq.found_setups import FoundSetup, FoundSetups
 from daq.machine_file import CanopenBus, CanSource, Machine

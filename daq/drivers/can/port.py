@@ -17,10 +17,10 @@ from typing import Any, ClassVar, Protocol
 
 import can
 
-from daq.drivers.arrival import ArrivalTimes
 from daq.drivers.base import DriverContext
-from daq.drivers.can_health import BusHealth
-from daq.drivers.receive_queue import lengthen, lost_frames
+from daq.drivers.can.arrival import ArrivalTimes
+from daq.drivers.can.health import BusHealth
+from daq.drivers.can.receive_queue import lengthen, lost_frames
 from daq.errors import BusError
 
 NS = 1_000_000_000

@@ -9,7 +9,7 @@ from collections import Counter
 from collections.abc import Iterable, MutableMapping
 
 from daq.drivers.base import DriverContext
-from daq.drivers.canopen_node import (
+from daq.drivers.canopen.node import (
     LATE_TOLERATED,
     MISSES_LOST,
     MISSES_TOLERATED,

@@ -16,8 +16,8 @@ from dataclasses import replace
 import numpy as np
 
 from daq.drivers.base import DeviceStatus, DriverContext, DriverStatistics, Problem, Samples, nothing
-from daq.drivers.can_health import BusHealth, advice, told
-from daq.drivers.can_port import CanConfig, CanPort
+from daq.drivers.can.health import BusHealth, advice, told
+from daq.drivers.can.port import CanConfig, CanPort
 from daq.drivers.keeper import Keeper
 from daq.errors import AcquisitionError
 from daq.quality import Quality

@@ -1,4 +1,4 @@
-"""Plain CAN and J1939: frames decoded by DBC files, 11 and 29 bit, listened to only (:mod:`daq.drivers.listening`).
+"""Plain CAN and J1939: frames decoded by DBC files, 11 and 29 bit, listened to only (:mod:`daq.drivers.can.listening`).
 
 A message of J1939 is known by its PGN and, where the source says so, by its sender; of one that two devices send, and
 no source address says which is meant, nothing is taken. A multiplexed message is several: each part has its own age.
@@ -14,9 +14,9 @@ import numpy as np
 
 from daq.can_database import Listed, Wanted, decoded, listed_messages, not_available, pgn_of
 from daq.drivers.base import DriverContext, Samples
-from daq.drivers.can_health import BusHealth
-from daq.drivers.can_port import CanPort
-from daq.drivers.listening import INBOX, NS, Inbox, Listener, Stream
+from daq.drivers.can.health import BusHealth
+from daq.drivers.can.listening import INBOX, NS, Inbox, Listener, Stream
+from daq.drivers.can.port import CanPort
 from daq.errors import MachineFileError
 from daq.machine_file import CanSignalsBus, Channel
 from daq.quality import Quality

@@ -13,14 +13,14 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from daq.drivers.base import Answers, DeviceStatus, Driver, DriverContext, DriverStatistics, Problem, Samples, nothing
-from daq.drivers.can_health import BusHealth, advice, told
-from daq.drivers.canopen_commissioning import LEFT, OPERATIONAL, PRE_OPERATIONAL, commission
-from daq.drivers.canopen_identity import ask
-from daq.drivers.canopen_link import CanLink
-from daq.drivers.canopen_listening import ListeningDriver
-from daq.drivers.canopen_node import MISSES_TOLERATED, SURPLUS_TOLERATED, UNANSWERED, Cycle, Node, make_nodes
-from daq.drivers.canopen_sweep import Sweep
-from daq.drivers.canopen_watch import NodeWatch
+from daq.drivers.can.health import BusHealth, advice, told
+from daq.drivers.canopen.commissioning import LEFT, OPERATIONAL, PRE_OPERATIONAL, commission
+from daq.drivers.canopen.identity import ask
+from daq.drivers.canopen.link import CanLink
+from daq.drivers.canopen.listening import ListeningDriver
+from daq.drivers.canopen.node import MISSES_TOLERATED, SURPLUS_TOLERATED, UNANSWERED, Cycle, Node, make_nodes
+from daq.drivers.canopen.sweep import Sweep
+from daq.drivers.canopen.watch import NodeWatch
 from daq.drivers.keeper import Keeper
 from daq.errors import AcquisitionError, BusError
 from daq.found_setups import FoundSetup

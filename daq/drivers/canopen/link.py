@@ -2,7 +2,7 @@
 
 SDO transfers wait for answers that the receive thread brings, so they run in other threads. CANopen has 11-bit
 identifiers: a frame with 29 bits whose low bits are those of a TPDO is another protocol's, and a remote frame carries
-no data; both are counted and go no further (:mod:`daq.drivers.can_port`).
+no data; both are counted and go no further (:mod:`daq.drivers.can.port`).
 """
 
 from __future__ import annotations
@@ -17,8 +17,8 @@ import canopen
 from canopen.sdo import SdoAbortedError, SdoClient, SdoCommunicationError
 
 from daq.drivers.base import DriverContext
-from daq.drivers.can_health import BusHealth
-from daq.drivers.can_port import CanPort, first_line
+from daq.drivers.can.health import BusHealth
+from daq.drivers.can.port import CanPort, first_line
 from daq.errors import BusError, CommissioningError
 from daq.machine_file import CanopenBus
 

@@ -12,9 +12,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from daq.drivers.base import Samples
-from daq.drivers.canopen_mapping import PdoDecoder
-from daq.drivers.canopen_node import Arrival, Node
-from daq.drivers.canopen_watch import NodeWatch
+from daq.drivers.canopen.mapping import PdoDecoder
+from daq.drivers.canopen.node import Arrival, Node
+from daq.drivers.canopen.watch import NodeWatch
 
 
 class Sweep:

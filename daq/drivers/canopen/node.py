@@ -17,8 +17,8 @@ from typing import NamedTuple
 
 from daq.buses import object_of
 from daq.drivers.base import Spread
-from daq.drivers.canopen_commissioning import SdoAccess
-from daq.drivers.canopen_mapping import Mapping, map_node
+from daq.drivers.canopen.commissioning import SdoAccess
+from daq.drivers.canopen.mapping import Mapping, map_node
 from daq.drivers.decimals import Decimals
 from daq.errors import CommissioningError
 from daq.machine_file import CanNode, CanopenBus, CanSource, Channel

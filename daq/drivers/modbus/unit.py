@@ -10,7 +10,7 @@ from statistics import median
 from daq import wire
 from daq.drivers.base import Spread
 from daq.drivers.decimals import Decimals
-from daq.drivers.modbus_client import EXCEPTIONS, ILLEGAL_ADDRESS, Answer
+from daq.drivers.modbus.client import EXCEPTIONS, ILLEGAL_ADDRESS, Answer
 from daq.machine_file import Channel, ModbusSource
 
 BLOCK_REGISTERS = 125  # the most that one read may ask for (Modbus application protocol V1.1b3, 6.3)
