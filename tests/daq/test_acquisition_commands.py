@@ -83,7 +83,7 @@ def test_machine_schema() -> None:
     assert json.loads(out)["properties"]["schema"]["const"] == "hilfit/machine/1"
 
 
-def test_export(recording: Path, tmp_path: Path) -> None:
+def test_the_export_command_writes_the_same_columns_as_csv(recording: Path, tmp_path: Path) -> None:
     out_file = tmp_path / "r.csv"
     code, out, _ = run("export", recording, "-o", out_file, "--json")
     assert code == 0
@@ -131,7 +131,7 @@ def bench(tmp_path: Path) -> Iterator[tuple[Path, FakeModbus]]:
 
 
 @pytest.mark.slow
-def test_record(bench: tuple[Path, FakeModbus], tmp_path: Path) -> None:
+def test_the_record_command_writes_as_many_rows_as_asked_for(bench: tuple[Path, FakeModbus], tmp_path: Path) -> None:
     output = tmp_path / "r.csv"
     order = ("record", bench[0], "--role", "operation", "--wait", 0.6, "--seconds", 0.4, "-o", output)
     code, out, err = run(*order, "--json")

@@ -79,7 +79,7 @@ def test_positions_of_one_joint_tell_the_delay_to_a_tenth_of_a_millisecond(delay
 
 
 @pytest.mark.parametrize("delay", [0.0, 0.03])
-def test_efforts_tell_it_within_their_deviation(delay: float) -> None:
+def test_efforts_tell_the_delay_within_its_deviation(delay: float) -> None:
     machine = two_buses(late_position=False)
     errors = [one(machine, signals(machine, delay, seed)) for seed in range(3)]
     for found in errors:

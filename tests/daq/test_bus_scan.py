@@ -164,12 +164,12 @@ def test_a_unit_that_is_broken_is_told_apart(server: FakeModbus) -> None:
 
 
 @pytest.mark.parametrize(("text", "numbers"), [("1-3", [1, 2, 3]), ("7", [7]), ("4,1-2", [1, 2, 4])])
-def test_ranges(text: str, numbers: list[int]) -> None:
+def test_a_range_of_units_is_read_as_numbers(text: str, numbers: list[int]) -> None:
     assert span(text, "units", 0, 255) == numbers
 
 
 @pytest.mark.parametrize("text", ["", "x", "1-", "0-300", "3-1"])
-def test_ranges_that_are_none(text: str) -> None:
+def test_a_wrong_range_of_units_is_refused(text: str) -> None:
     with pytest.raises(ValueError, match="units"):
         span(text, "units", 0, 255)
 

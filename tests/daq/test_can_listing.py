@@ -46,7 +46,7 @@ def test_multiplexers_and_what_they_select(tmp_path: Path) -> None:
     ]
 
 
-def test_who_uses_which(tmp_path: Path) -> None:
+def test_each_signal_names_the_channels_that_use_it(tmp_path: Path) -> None:
     bus = listing(tmp_path)
     assert {signal.signal: signal.channels for signal in bus.signals if signal.channels} == {
         "Angle": ("j1.angle",), "HeadPressure": ("j1.head",), "RodPressure": ("j1.rod",), "Supply": ("supply",),
@@ -73,7 +73,7 @@ def test_sources_lead_back_to_their_signal(tmp_path: Path) -> None:
     assert checked == 8
 
 
-def test_what_is_wrong_is_said_in_its_place(tmp_path: Path) -> None:
+def test_an_unknown_signal_or_an_absent_file_is_a_problem_and_the_others_are_listed(tmp_path: Path) -> None:
     bus = listing(tmp_path, signals().replace("signal: Tank", "signal: Tonk"))
     (line,) = bus.problems
     assert line.startswith("tank: there is no signal 'Tonk'") and len(bus.signals) == 9
@@ -97,6 +97,6 @@ def test_signals_that_no_source_can_tell_apart(tmp_path: Path) -> None:
     assert len(problems) == len(machine.channels)
 
 
-def test_those_in_use_are_listed_first(tmp_path: Path) -> None:
+def test_signals_that_channels_use_are_listed_first(tmp_path: Path) -> None:
     used = [bool(signal.channels) for signal in listing(tmp_path).signals]
     assert used == sorted(used, reverse=True)

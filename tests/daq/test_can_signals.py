@@ -118,7 +118,7 @@ def test_a_value_is_delivered_once_with_its_age(bench: HandFed) -> None:
     assert bench.cycle().quality[ANGLE] == Quality.MISSING
 
 
-def test_the_newest_of_several_counts(bench: HandFed) -> None:
+def test_of_several_frames_in_a_cycle_the_newest_counts(bench: HandFed) -> None:
     for angle in (1.0, 2.0, 3.0):
         boom(bench, Angle=angle)
         bench.advance(0.005)
@@ -170,7 +170,7 @@ def test_what_j1939_says_is_no_measurement_is_none(bench: HandFed) -> None:
 
 
 @pytest.mark.parametrize(("bits", "last"), [(2, 1), (4, 13), (8, 0xFA), (16, 0xFAFF), (32, 0xFAFF_FFFF)])
-def test_the_last_valid_value_of_a_width(bits: int, last: int) -> None:
+def test_j1939_values_above_the_last_valid_one_are_not_available(bits: int, last: int) -> None:
     """SAE J1939-71, tables 1 and 2."""
     signal = cantools.database.can.Signal("x", 0, bits)
     assert not not_available(signal, last)
@@ -284,7 +284,7 @@ def test_a_signal_of_two_messages_needs_its_message(tmp_path: Path) -> None:
         (b"BO_ 1", "is no DBC file"),
     ],
 )
-def test_a_file_that_is_none(tmp_path: Path, content: bytes | None, words: str) -> None:
+def test_an_absent_or_unreadable_dbc_file_is_one_finding(tmp_path: Path, content: bytes | None, words: str) -> None:
     path = written(tmp_path)
     (tmp_path / "mobile.dbc").unlink()
     if content is not None:

@@ -107,7 +107,7 @@ def angle(bench: HandFed, value: int) -> None:
     bench.frame(0x185, struct.pack("<I", value))
 
 
-def test_places_are_those_of_the_files(tmp_path: Path) -> None:
+def test_places_of_objects_in_pdos_are_those_of_eds_and_dcf(tmp_path: Path) -> None:
     written(tmp_path)
     places = pdo_places(str(tmp_path / "pressure.dcf"), 6, "can0")
     found = {key: (p.cob_id, p.bit, p.bits, p.synchronous, p.event_ms) for key, p in places.items()}
@@ -197,7 +197,7 @@ def test_a_file_that_never_ends_is_not_read(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("content", [b"", b"[DeviceInfo]\n[1800]\n", b"[DeviceInfo]\n[MandatoryObjects]\nx"])
-def test_an_eds_that_is_none(tmp_path: Path, content: bytes) -> None:
+def test_an_eds_file_with_other_content_is_one_finding(tmp_path: Path, content: bytes) -> None:
     path = written(tmp_path)
     (tmp_path / "encoder.eds").write_bytes(content)
     (finding,) = check_machine(path).errors

@@ -41,7 +41,7 @@ def own_setup(bench: Bench) -> tuple[Objects, Objects]:
     return dict(bench.angle.objects), dict(bench.pressure.objects)
 
 
-def test_everything_is_put_back(bench: Bench, tmp_path: Path) -> None:
+def test_restore_writes_back_every_object_that_commissioning_changed(bench: Bench, tmp_path: Path) -> None:
     found = keeping(bench, tmp_path)
     before = own_setup(bench)
     assert bench.driver.start() == ()
@@ -55,7 +55,7 @@ def test_everything_is_put_back(bench: Bench, tmp_path: Path) -> None:
     assert restore_nodes(bench.machine, tmp_path) == []
 
 
-def test_what_fits_is_not_written(bench: Bench, tmp_path: Path) -> None:
+def test_a_node_whose_setup_fits_already_is_not_written_to(bench: Bench, tmp_path: Path) -> None:
     bench.driver.start()
     bench.until(fresh)
     bench.driver.stop()
@@ -113,7 +113,7 @@ def test_where_it_cannot_be_kept_nothing_is_written(bench: Bench, tmp_path: Path
     assert bench.angle.log == bench.pressure.log == []
 
 
-def test_another_device_is_left_alone(bench: Bench, tmp_path: Path) -> None:
+def test_restore_leaves_an_exchanged_device_alone(bench: Bench, tmp_path: Path) -> None:
     keeping(bench, tmp_path)
     bench.driver.start()
     bench.driver.stop()
@@ -172,7 +172,7 @@ def test_revision_serial_number_and_firmware_are_checked_when_given(
     assert bench.angle.log == []
 
 
-def test_the_command(bench: Bench, tmp_path: Path) -> None:
+def test_the_restore_command_puts_nodes_back(bench: Bench, tmp_path: Path) -> None:
     app = typer.Typer()
     cli.register(app)
     keeping(bench, tmp_path)

@@ -58,7 +58,7 @@ def test_an_encoder_goes_through_its_wrap_the_short_way_round_from_its_zero(raw:
 
 
 @given(raw=st.integers(0, 3999), turns=st.integers(-3, 3))
-def test_whole_turns_make_no_difference(raw: int, turns: int) -> None:
+def test_an_encoder_whole_turns_further_has_the_same_angle(raw: int, turns: int) -> None:
     machine = machine_with(WRAP)
     assert angle(machine, raw + 4000 * turns)[0] == pytest.approx(angle(machine, raw)[0], abs=1e-9)
 
@@ -73,7 +73,7 @@ def test_whole_turns_make_no_difference(raw: int, turns: int) -> None:
         ("int16", "0x7FFF", -32768, 0),  # only the bit outside is set
     ],
 )
-def test_bits_of_a_word(data_type: str, mask: str, raw: int, expected: int) -> None:
+def test_a_mask_takes_its_bits_of_a_word_with_their_sign(data_type: str, mask: str, raw: int, expected: int) -> None:
     assert angle(machine_with(f"object: 0x6004, data_type: {data_type}, mask: {mask}"), raw)[0] == expected
 
 
@@ -99,7 +99,7 @@ def test_a_sentinel_is_what_was_sent_not_what_its_bits_hold() -> None:
         ("data_type: uint16, scale: 0.001, modulo: 1000", "begins anew at -0.5 and 0.5, and j1 moves from -1 to 1"),
     ],
 )
-def test_what_cannot_be_is_one_line(source: str, line: str) -> None:
+def test_impossible_encodings_are_refused_in_one_line(source: str, line: str) -> None:
     with pytest.raises(MachineFileError, match=line) as caught:
         machine_with(f"object: 0x6004, {source}")
     assert "\n" not in str(caught.value)
@@ -194,7 +194,7 @@ def test_a_canopen_node_is_asked_for_its_decimals_at_commissioning() -> None:
         bench.close()
 
 
-def test_a_node_without_them_is_refused() -> None:
+def test_a_node_without_its_decimals_object_is_refused() -> None:
     bench = Bench()
     try:
         source = "object: 0x6004, data_type: uint32"

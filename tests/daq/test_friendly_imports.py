@@ -76,7 +76,7 @@ def test_separators_encodings_and_decimal_signs(tmp_path: Path, separator: str, 
     same(put(tmp_path / "r.csv", text_of(SOUND, separator, decimal), encoding))
 
 
-def test_what_spreadsheets_add(tmp_path: Path) -> None:
+def test_csv_files_with_what_spreadsheets_add_are_read_alike(tmp_path: Path) -> None:
     same(put(tmp_path / "sep.csv", "sep=;\n" + text_of(SOUND, ";", ",")))
     same(put(tmp_path / "end.csv", text_of(SOUND, ";", ",", end=";")))
     same(put(tmp_path / "crlf.csv", text_of(SOUND, ";", ",").replace("\n", "\r\n")))
@@ -177,7 +177,7 @@ DOUBTFUL: dict[str, tuple[Callable[[], str], tuple[str, ...]]] = {
 
 
 @pytest.mark.parametrize("kind", list(DOUBTFUL))
-def test_doubt_is_refused_with_the_way_out(tmp_path: Path, kind: str) -> None:
+def test_an_ambiguous_csv_file_is_refused_and_the_line_says_what_to_do(tmp_path: Path, kind: str) -> None:
     make, words = DOUBTFUL[kind]
     refused(put(tmp_path / "r.csv", make()), *words)
 
@@ -203,7 +203,7 @@ def test_a_decimal_comma_is_never_taken_for_thousands(
     assert table.column("a").to_pylist() == numbers
 
 
-def test_a_map_says_what_names_do_not(tmp_path: Path) -> None:
+def test_a_column_map_names_scales_and_converts_columns(tmp_path: Path) -> None:
     columns = {
         "t_ms": 1e3 * SOUND["time"],
         "q1 (rad)": np.deg2rad(SOUND["j1.angle"]),

@@ -56,7 +56,7 @@ def test_sound_sensors_are_never_called_frozen(seed: int) -> None:
 
 @given(seed=st.integers(0, 2**32 - 1), coarse=st.sampled_from([3e3, 6e3, 12e3]))
 @settings(max_examples=10, deadline=None)
-def test_coarse_sensors_are_not_either(seed: int, coarse: float) -> None:
+def test_coarse_sensors_are_never_called_frozen(seed: int, coarse: float) -> None:
     """Steps as large as the noise and four times as large: many values repeat themselves."""
     values = pressures(2000, seed)
     values[:, 1:] = np.round(values[:, 1:] / coarse) * coarse

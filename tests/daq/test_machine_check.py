@@ -188,7 +188,7 @@ def test_all_errors_and_warnings_are_said_at_once(tmp_path: Path) -> None:
     assert all(finding.line for finding in result.findings)
 
 
-def test_what_one_broken_part_hides_is_said_too(tmp_path: Path) -> None:
+def test_an_invalid_joint_does_not_hide_findings_of_the_others(tmp_path: Path) -> None:
     content = three(joints__0__cylinder__bore=-0.12)
     content["channels"] = [c for c in content["channels"] if c["name"] != "j1.rod_pressure"]
     said = "\n".join(finding.under("arm") for finding in checked(tmp_path, content).findings)
@@ -269,7 +269,7 @@ def test_the_command_prints_findings_as_json_on_failure_too(tmp_path: Path) -> N
     assert done.exit_code == 2 and "hilfit: " in done.stderr and "warning: gravity" in done.stdout
 
 
-def test_pictures_that_cannot_be(tmp_path: Path) -> None:
+def test_a_picture_of_no_linkage_or_another_kind_is_refused(tmp_path: Path) -> None:
     checked(tmp_path, three())
     done = run("machine", "check", str(tmp_path / "arm.yaml"), "--draw", str(tmp_path / "x.png"))
     assert done.exit_code == 2 and "end the name with .svg" in done.stderr

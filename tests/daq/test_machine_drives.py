@@ -70,7 +70,7 @@ def test_a_file_without_drives_has_the_ratio_one() -> None:
     assert machine.joints[0].drive is None
 
 
-def test_drives_that_cannot_be() -> None:
+def test_impossible_drives_are_refused() -> None:
     refuse(changed(WRIST, drive={"ratio": 0.0}), "drive", "ratio must not be 0")
     refuse(changed(WRIST, drive={"coupled": [{"joint": "bend", "ratio": 0.0}]}), "coupled[0].ratio must not be 0")
     refuse(changed(WRIST, drive={"coupled": [{"joint": "bent", "ratio": 1.0}]}), "joints.turn", "did you mean 'bend'?")

@@ -51,7 +51,7 @@ def test_a_valid_file_describes_the_machine() -> None:
 
 
 @pytest.mark.parametrize("text", [plain(), can("bus"), modbus(502)])
-def test_round_trip(text: str) -> None:
+def test_a_machine_written_as_yaml_and_read_is_the_same(text: str) -> None:
     machine = parse_machine(text)
     assert parse_machine(machine_to_yaml(machine)) == machine
 
@@ -149,11 +149,11 @@ def test_linkages_that_cannot_close() -> None:
     refuse(plain().replace("type: rack", "type: rope"), "linkage", "rope")
 
 
-def test_a_stroke_beyond_its_limits() -> None:
+def test_joint_limits_that_exceed_the_stroke_are_refused() -> None:
     refuse(plain().replace("stroke: 0.3", "stroke: 0.15"), "joints[0]", "stroke 0.15 m is exceeded", "0.22")
 
 
-def test_dimensions_that_cannot_be() -> None:
+def test_impossible_dimensions_are_refused() -> None:
     refuse(plain().replace("rod: 0.04", "rod: 0.09"), "thinner than the bore")
     refuse(plain().replace("bore: 0.08", "bore: -0.08"), "bore", "greater than 0")
     refuse(plain().replace("bore: 0.08", "bore: .nan"), "bore")
@@ -215,7 +215,7 @@ def test_three_pins_form_a_triangle(q: float, a: float, b: float, offset: float)
     assert linkage.piston_position(q) == pytest.approx(np.linalg.norm(pin) - 0.2, abs=1e-7)
 
 
-def test_other_linkages() -> None:
+def test_rack_direct_and_polynomial_linkages_give_the_piston_position() -> None:
     q = np.linspace(-1, 1, 5)
     np.testing.assert_allclose(Rack(type="rack", radius=0.1, zero=-0.5).piston_position(q), 0.1 * (q + 0.5))
     np.testing.assert_allclose(Direct(type="direct").piston_position(q), q)
@@ -236,7 +236,7 @@ def test_other_linkages() -> None:
         ("kN", "N", 1.5, 1500.0),
     ],
 )
-def test_units(unit: str, si: str, value: float, expected: float) -> None:
+def test_units_are_converted_to_si_and_back(unit: str, si: str, value: float, expected: float) -> None:
     there = conversion(unit, si)
     assert there.to_si(value) == pytest.approx(expected, rel=1e-9)
     assert there.from_si(expected) == pytest.approx(value, rel=1e-9)

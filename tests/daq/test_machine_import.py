@@ -82,7 +82,7 @@ def agrees(chain: Chain, pose: Any, tolerance: float = 1e-7) -> Machine:
     return machine
 
 
-def test_the_tx40() -> None:
+def test_the_urdf_file_of_the_tx40_gives_its_kinematics() -> None:
     if not TX40.exists():
         pytest.skip("shared/data is not beside the repository")
     root = ET.parse(TX40).getroot()

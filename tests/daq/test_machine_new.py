@@ -164,7 +164,7 @@ def test_bad_usage_is_one_line_and_writes_nothing(arguments: tuple[str, ...], li
     assert not output.exists()
 
 
-def test_what_is_there_is_kept(tmp_path: Path) -> None:
+def test_machine_new_does_not_overwrite_a_file(tmp_path: Path) -> None:
     output = tmp_path / "machine.yaml"
     output.write_text("mine")
     assert run("--scan", scan_file(tmp_path), "--yes", "-o", output)[0] == 2

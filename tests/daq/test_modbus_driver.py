@@ -99,7 +99,7 @@ def test_what_is_no_number_is_an_error_of_the_channel(server: FakeModbus, run: R
     assert run.until(lambda s: s.quality[ANGLE] == Quality.FRESH).quality[HEAD] == Quality.INVALID
 
 
-def test_exception_codes(server: FakeModbus, run: Run) -> None:
+def test_device_failure_is_emergency_and_other_exceptions_are_missing(server: FakeModbus, run: Run) -> None:
     run.driver.start()
     server.exceptions[1] = 4  # device failure
     samples = run.until(lambda s: s.quality[HEAD] == Quality.EMERGENCY)

@@ -109,7 +109,7 @@ def test_a_late_answer_is_never_taken_for_the_next_one(line: FakeSerialModbus, c
         connection.close()
 
 
-def test_two_late_answers_are_not_taken_either(line: FakeSerialModbus) -> None:
+def test_two_late_answers_are_never_taken_for_the_next_ones(line: FakeSerialModbus) -> None:
     connection = serial(line)
     try:
         assert answered(connection, 6) == line.units[1][2]

@@ -166,7 +166,7 @@ def test_a_damaged_batch_costs_itself(
     np.testing.assert_array_equal(whole - whole[:, :1], np.tile(np.arange(10), (len(whole), 1)))
 
 
-def test_the_schema_is_there_twice(tmp_path: Path) -> None:
+def test_a_journal_whose_first_schema_is_damaged_is_recovered_by_the_second(tmp_path: Path) -> None:
     journal = written(tmp_path)
     data = bytearray(journal.read_bytes())
     data[100] ^= 0xFF  # inside the first one

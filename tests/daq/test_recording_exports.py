@@ -49,7 +49,7 @@ def exported(recording: Path, suffix: str) -> Path:
     return target
 
 
-def test_mdf4(recording: Path) -> None:
+def test_an_mdf4_export_has_all_channels_times_and_units(recording: Path) -> None:
     original = read_table(recording)
     with MDF(exported(recording, ".mf4")) as file:
         for name, values in original.columns.items():
@@ -67,7 +67,7 @@ def test_the_start_of_a_recording_that_does_not_know_it(tmp_path: Path) -> None:
         assert file.start_time == datetime(1970, 1, 1, tzinfo=UTC)
 
 
-def test_mcap(recording: Path) -> None:
+def test_an_mcap_export_has_all_rows_and_columns(recording: Path) -> None:
     original = read_table(recording)
     with exported(recording, ".mcap").open("rb") as file:
         rows = [json.loads(message.data) for _, _, message in make_reader(file).iter_messages()]
@@ -77,7 +77,7 @@ def test_mcap(recording: Path) -> None:
         np.testing.assert_array_equal(found, values)
 
 
-def test_mat(recording: Path) -> None:
+def test_a_mat_export_has_all_columns_and_units(recording: Path) -> None:
     original = read_table(recording)
     content = loadmat(exported(recording, ".mat"), squeeze_me=True)
     assert list(content["hilfit_columns"]) == list(original.columns)

@@ -285,7 +285,7 @@ def test_metadata_that_does_not_fit_is_refused(tmp_path: Path) -> None:
     assert len(read_recording(save(path, motion(), {**ours, "hilfit.role": "train"}), MACHINE, "validate")) == ROWS
 
 
-def test_the_counter_has_to_count(tmp_path: Path) -> None:
+def test_a_cycle_counter_that_goes_back_is_refused(tmp_path: Path) -> None:
     columns = motion()
     columns["cycle"] = np.arange(ROWS)
     columns["cycle"][250:] -= 100

@@ -57,7 +57,7 @@ def test_nothing_above_the_new_band_folds_in(rate: float, share: float, seed: in
     assert np.max(np.abs(out)) < LOST
 
 
-def test_a_constant_stays_what_it_is() -> None:
+def test_resampling_leaves_a_constant_unchanged() -> None:
     t = np.arange(2000) / 200.0
     assert np.allclose(brought(t, np.full(2000, 21e6))[1], 21e6, rtol=1e-13)
 

@@ -130,7 +130,7 @@ def test_numbers_without_a_value_become_nan_whatever_their_type(both: tuple[Path
         assert np.array_equal(first.columns[name], second.columns[name], equal_nan=True)
 
 
-def test_what_is_refused_short_is_refused_long(both: tuple[Path, pytest.MonkeyPatch]) -> None:
+def test_a_long_recording_is_refused_for_the_same_reasons_as_a_short_one(both: tuple[Path, pytest.MonkeyPatch]) -> None:
     path, monkeypatch = both
     monkeypatch.setattr(recording_files, "LONG_VALUES", 1000)
     pq.write_table(pa.table({**recorded(2000), "oil": pa.array(["warm"] * 2000)}), path)

@@ -126,7 +126,9 @@ def test_the_command_writes_a_recording(tmp_path: Path, capsys: pytest.CaptureFi
         ("x.txt", b"hello\n", "is no trace that can be read"),
     ],
 )
-def test_what_is_no_trace(tmp_path: Path, name: str, content: bytes | None, words: str) -> None:
+def test_a_file_that_is_no_trace_is_refused_in_one_line(
+    tmp_path: Path, name: str, content: bytes | None, words: str
+) -> None:
     machine = load_machine(written(tmp_path))
     if content is not None:
         (tmp_path / name).write_bytes(content)

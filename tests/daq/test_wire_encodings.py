@@ -15,7 +15,7 @@ INTEGERS = {"int8": (-128, 127), "uint8": (0, 255), "int16": (-32768, 32767), "u
 INTEGERS |= {"int32": (-(2**31), 2**31 - 1), "uint32": (0, 2**32 - 1)}
 
 
-def test_bytes_by_hand() -> None:
+def test_numbers_are_encoded_as_bytes_written_out_by_hand() -> None:
     assert wire.encode("uint32", 0x01020304) == b"\x04\x03\x02\x01"  # CiA 301: least significant byte first
     assert wire.encode("int16", -2) == b"\xfe\xff"
     assert wire.encode("float32", 1.0) == b"\x00\x00\x80\x3f"

@@ -22,6 +22,7 @@ from daq.quality import Quality
 NS = 1_000_000_000
 BACK_OFF_S = (0.0, 0.0, 0.25, 0.5, 1.0)  # after so many failures in a row
 MISSES_TOLERATED = 3
+NAME_S = 0.2  # that asking a unit what it is may cost in service
 #: Of the time of a line that several units share, silent ones may have a tenth: after each that was asked comes a pause
 #: of nine time-outs.
 SILENT_SHARE = 9
@@ -113,16 +114,17 @@ class Poller:
     def _name_units(self, cycle: int) -> None:
         """Ask units that answer what they are, once: one that does not know the question costs a time-out.
 
-        While cycles go on that may cost nobody else, so only a unit with a connection of its own, or one that has
-        answered the question before, is asked then.
+        While cycles go on that may cost nobody else, and not much: only a unit with a connection of its own and a short
+        time-out, or one that has answered the question before, is asked then.
         """
+        cheap = len(self.units) == 1 and self.connection.timeout_s <= NAME_S
         for unit in self.units:
             if not unit.unnamed or unit.failures or unit.state != "running" or self._stopping:
                 continue
             ends = self._context.monotonic_ns() + round(self.connection.timeout_s * NS)
             if cycle < 0 and self._names_until_ns is not None and ends > self._names_until_ns:
                 continue
-            if cycle < 0 or len(self.units) == 1 or unit.identity:
+            if cycle < 0 or cheap or unit.identity:
                 unit.unnamed = False
                 unit.identity = self.connection.identity(unit.number)
 
