@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from bench_machines import can, modbus, plain
 from fake_clock import FakeClock
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from daq import Machine, MachineFileError, Quality, parse_machine
@@ -275,6 +275,7 @@ def test_the_fake_clock_jumps() -> None:
 
 
 @given(st.data())
+@settings(max_examples=15, deadline=None)
 def test_frames_of_plain_samples_are_those_of_samples_that_are_looked_at_one_by_one(data: st.DataObject) -> None:
     """What a driver calls plain takes a shorter way; frames, holding and counts must not tell."""
     text = modbus(502).replace("joint: j1, unit: bar", "joint: j1, unit: bar, range: [0, 100]", 1)
