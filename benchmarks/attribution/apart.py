@@ -118,9 +118,12 @@ def _waveform(model: Model, stems: list[str], there: Tables, bare: Tables) -> tu
         assert cylinder is not None
         rows = []
         for index in model.fitted:
-            stem = stems[design.segments[index].recording]
+            segment = design.segments[index]
+            stem = stems[segment.recording]
             head, rod = (there[stem][f"{joint.name}.{c}"] - bare[stem][f"{joint.name}.{c}"] for c in _CHAMBERS)
             force = design.bank.trimmed(head * cylinder.head_area - rod * cylinder.rod_area)
+            at = design.bank.trimmed(there[stem]["time"])
+            force = force[(at > segment.t[0] - _CLOSE) & (at < segment.t[-1] + _CLOSE)]  # a part may have been left out
             kept = model.noise.kept(number, design.blocks[number][index].keep)
             rows.append(model.noise.whiten(number, design.bank.reduce(force))[kept])
         white = np.concatenate(rows)
@@ -130,3 +133,4 @@ def _waveform(model: Model, stems: list[str], there: Tables, bare: Tables) -> tu
 
 
 _CHAMBERS = ("head_pressure", "rod_pressure")
+_CLOSE = 1e-6  # s
