@@ -43,11 +43,20 @@ class Poller:
         self._requested = (-1, 0)  # cycle and its SYNC
         self._silent_after_ns = 0
         self._names_until_ns: int | None = None
+        self._question_s = connection.timeout_s
         self._thread: threading.Thread | None = None
 
-    def start(self, name: str, names_until_ns: int | None = None) -> None:
-        """Start polling on :meth:`trigger`; until then units that share a connection are asked what they are."""
+    def start(self, name: str, names_until_ns: int | None = None, question_s: float | None = None) -> None:
+        """Start polling on :meth:`trigger`; until then units that share a connection are asked what they are.
+
+        Parameters
+        ----------
+        name : of the thread
+        names_until_ns : monotonic time after which none of them is asked; None: no limit
+        question_s : what asking a unit costs that does not know the question; the connection's time-out if None
+        """
         self._names_until_ns = names_until_ns
+        self._question_s = self.connection.timeout_s if question_s is None else question_s
         self._thread = threading.Thread(target=self._run, name=name, daemon=True)
         self._thread.start()
 
@@ -117,11 +126,11 @@ class Poller:
         While cycles go on that may cost nobody else, and not much: only a unit with a connection of its own and a short
         time-out, or one that has answered the question before, is asked then.
         """
-        cheap = len(self.units) == 1 and self.connection.timeout_s <= NAME_S
+        cheap = len(self.units) == 1 and self._question_s <= NAME_S
         for unit in self.units:
             if not unit.unnamed or unit.failures or unit.state != "running" or self._stopping:
                 continue
-            ends = self._context.monotonic_ns() + round(self.connection.timeout_s * NS)
+            ends = self._context.monotonic_ns() + round(self._question_s * NS)
             if cycle < 0 and self._names_until_ns is not None and ends > self._names_until_ns:
                 continue
             if cycle < 0 or cheap or unit.identity:
@@ -226,7 +235,7 @@ class _ModbusDriver:
         allowed = self._context.start_s
         deadline = None if allowed is None else self._context.monotonic_ns() + round(allowed * NS)
         for number, poller in enumerate(self._pollers):
-            poller.start(f"modbus-{self._bus.name}-{number}", deadline)
+            poller.start(f"modbus-{self._bus.name}-{number}", deadline, self._bus.timeout_s)
         for attempt in (-2, -1):  # a first request may meet a gateway that is just opening its line
             for poller in self._pollers:
                 if attempt == -2 or any(unit.detail for unit in poller.units):
