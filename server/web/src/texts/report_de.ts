@@ -1,4 +1,5 @@
 /** German for the fixed texts of a report, which the service writes in English: effects, where to look, experiments. */
+import type { Sentence } from "./sentences";
 
 /** Effects, by what the report calls them. */
 const EFFECTS: Record<string, string> = {
@@ -214,7 +215,7 @@ const SIGNALS: Record<string, string> = {
 };
 
 /** Why a cause was not accepted, and motions, with names and numbers in them: `(...)` stands for `$1`, `$2`, ... */
-const SENTENCES: [RegExp, string][] = [
+export const REPORT_SENTENCES: Sentence[] = [
   [/^gains (.+) of chi-square for (\d+) parameters?$/, "verbessert Chi-Quadrat um $1 mit $2 Parametern"],
   [
     /^(.+): a small structure in (.+) is left \(chi-square (.+)\); the added effect does not describe it completely$/,
@@ -304,22 +305,4 @@ const SENTENCES: [RegExp, string][] = [
   [/^(?:or )?(.+); or (.+)$/, "$1; oder $2"],
 ];
 
-const FIXED: Record<string, string> = { ...EFFECTS, ...LOOK_AT, ...EXPERIMENTS, ...SIGNALS };
-
-/** German of a text of a report; what is none of the fixed ones stays as the service wrote it. */
-export function reportText(text: string): string {
-  const fixed = FIXED[text];
-  if (fixed !== undefined) return fixed;
-  for (const [pattern, german] of SENTENCES) {
-    const found = pattern.exec(text);
-    if (found !== null) return german.replace(/\$(\d)/g, (_all, at: string) => part(found[Number(at)] ?? ""));
-  }
-  return text;
-}
-
-/** What stands in a sentence: numbers with the German decimal sign; another fixed text. */
-function part(text: string): string {
-  return (
-    FIXED[text] ?? FIXED[text.replace(/_/g, " ")] ?? text.replace(/(?<![\w.])([+-]?\d+)\.(\d+)(?![\w.])/g, "$1,$2")
-  );
-}
+export const REPORT_FIXED: Record<string, string> = { ...EFFECTS, ...LOOK_AT, ...EXPERIMENTS, ...SIGNALS };

@@ -5,6 +5,7 @@ import { CommandNotice, useCommand } from "../../command";
 import { useSession } from "../../session";
 import { Button, Field, type InputEvent, type SelectEvent } from "../../ui/controls";
 import { t } from "../../texts";
+import { said } from "../../texts/report";
 
 type Alarm = components["schemas"]["AlarmResource"];
 
@@ -29,7 +30,7 @@ export function AlarmActions({ alarm, shelved }: { alarm: Alarm; shelved: boolea
             kind="primary"
             busy={command.busy}
             disabled={away}
-            label={t("alarms.acknowledge", { text: alarm.text })}
+            label={t("alarms.acknowledge", { text: said(alarm.text) })}
             onClick={() => void command.run({ method: "POST", path: `${path}/acknowledge` })}
           >
             {t("alarms.acknowledge2")}
@@ -39,7 +40,7 @@ export function AlarmActions({ alarm, shelved }: { alarm: Alarm; shelved: boolea
           <Button
             busy={command.busy}
             disabled={away}
-            label={t("alarms.letHeardAgain", { text: alarm.text })}
+            label={t("alarms.letHeardAgain", { text: said(alarm.text) })}
             onClick={() => void command.run({ method: "POST", path: `${path}/unshelve` })}
           >
             {t("alarms.letHeardAgain2")}
@@ -48,7 +49,7 @@ export function AlarmActions({ alarm, shelved }: { alarm: Alarm; shelved: boolea
           alarm.state === "active" && (
             <Button
               disabled={command.busy || away}
-              label={t("alarms.keepQuiet", { text: alarm.text })}
+              label={t("alarms.keepQuiet", { text: said(alarm.text) })}
               onClick={() => setAsking(!asking)}
             >
               {t("alarms.keepQuiet2")}

@@ -9,6 +9,7 @@ import { time } from "../../ui/format";
 import { Empty, Panel } from "../../ui/layout";
 import { AlarmActions } from "./actions";
 import { t } from "../../texts";
+import { said } from "../../texts/report";
 
 type Alarm = components["schemas"]["AlarmResource"];
 type List = components["schemas"]["AlarmList"];
@@ -87,7 +88,7 @@ function AlarmItem({ alarm }: { alarm: Alarm }) {
           </Mark>
         </p>
         <p>
-          <strong>{alarm.machine ?? t("alarms.service")}:</strong> {alarm.text}
+          <strong>{alarm.machine ?? t("alarms.service")}:</strong> {said(alarm.text)}
         </p>
         <p class="hint">
           {t("alarms.since", {

@@ -11,6 +11,7 @@ import { DASH, duration, time } from "../../ui/format";
 import { Confirm, Empty, Panel, Table } from "../../ui/layout";
 import { jobWords } from "../../words";
 import { t } from "../../texts";
+import { said } from "../../texts/report";
 
 type Job = components["schemas"]["JobResource"];
 type List = components["schemas"]["JobList"];
@@ -68,10 +69,10 @@ function JobsPage() {
               ),
               state: <Mark kind={jobWords(job.state)[0]}>{jobWords(job.state)[1]}</Mark>,
               progress: over(job) ? (
-                (job.error ?? job.text)
+                said(job.error ?? job.text)
               ) : (
                 <>
-                  <Progress fraction={job.fraction} text={job.text} />
+                  <Progress fraction={job.fraction} text={said(job.text)} />
                   <Remaining job={job} />
                 </>
               ),
@@ -129,9 +130,9 @@ export function JobPanel({ job }: { job: Job }) {
   const took = seconds(job.started, job.ended);
   return (
     <Panel title={KINDS[job.kind] ?? job.kind} actions={<Mark kind={kind}>{words}</Mark>}>
-      {!over(job) && <Progress fraction={job.fraction} text={job.text} />}
+      {!over(job) && <Progress fraction={job.fraction} text={said(job.text)} />}
       {!over(job) && <Remaining job={job} />}
-      {job.state === "failed" && <Notice kind="bad">{job.error ?? job.text}</Notice>}
+      {job.state === "failed" && <Notice kind="bad">{said(job.error ?? job.text)}</Notice>}
       {job.state === "cancelled" && <Notice kind="info">{t("jobs.wasCancelledNothingWas")}</Notice>}
       <ol class="steps">
         {job.stages.map((stage, index) => {

@@ -2,6 +2,7 @@
 import type { components } from "../../net/api.gen";
 import type { ChartMark } from "../../charts/overlays";
 import { useResource } from "../../resource";
+import { said } from "../../texts/report";
 
 type Alarm = components["schemas"]["AlarmResource"];
 type Recording = components["schemas"]["RecordingResource"];
@@ -17,7 +18,7 @@ export function marksOf(machine: string, alarms: Alarm[], recordings: Recording[
       kind: "alarm",
       from: seconds(alarm.raised),
       to: alarm.cleared === null ? ON : seconds(alarm.cleared),
-      text: alarm.text,
+      text: said(alarm.text),
     }));
   for (const one of recordings)
     if (one.origin === "recorded")
