@@ -36,6 +36,10 @@ class Signals(Protocol):
         """The model with its last term moved into the signals as far as that term can be."""
         ...
 
+    def delay_gain(self, model: Model, trial: Model) -> float:
+        """Chi-square that moving the effort gains, once the last term of ``trial`` is a delay that was moved."""
+        ...
+
     def refit(self, terms: Sequence[Term]) -> Model:
         """A fresh fit with these terms, on signals corrected as they say."""
         ...

@@ -248,7 +248,7 @@ class Search:
     def _moved(self, late: Rated, model: Model) -> Rated:
         """A delay with what moving the effort gains: its column is its beginning only."""
         trial = self.gate.with_term(model, late.term)
-        more = 0.5 * (model.fit.chi_square - trial.fit.chi_square - late.score.gain)
+        more = 0.5 * (self.signals.delay_gain(model, trial) - late.score.gain)
         return late if more <= 0 else replace(late, log_odds=late.log_odds + more, exact=late.exact + more)
 
     def _follower(self, first: Rated, joint: int) -> Rated | None:

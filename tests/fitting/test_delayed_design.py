@@ -8,14 +8,16 @@ import numpy as np
 import pytest
 from synthetic_arm import make_recordings, planar_machine, truth
 
-from fitting.effects import effects
+from fitting.effects import effect, effects
+from fitting.loop.residual_loop import SessionSignals
 from fitting.loop.session import Options, Prepared, Session
 from fitting.regression.design import Design
 from fitting.regression.noise import noise_model
 from fitting.residual.scoring import Candidates, catalogue_terms, law_terms
-from fitting.residual.terms import fit_model
+from fitting.residual.terms import Term, fit_model
 from fitting.signals.corrections import Corrections
 
+LATENCY = Term(effect("sensor_latency"), 1)
 ROLES = (("unloaded", 1), ("train", 2), ("repeat", 2), ("validate", 3))
 
 
@@ -101,3 +103,32 @@ def test_columns_follow_a_moved_effort() -> None:
             assert followed[number].gain == pytest.approx(score.gain, rel=1e-6, abs=1e-6), terms[number].label
             compared += 1
     assert compared > 50
+
+
+def chi_square(signals: SessionSignals, late: float) -> float:
+    """Of the base model on signals whose second effort is moved by ``late``, s."""
+    moved = signals.prepared([replace(LATENCY, rebuilt=(late,))])
+    return fit_model(moved.design, moved.noise, moved.fitted, (), signals.prior).fit.chi_square
+
+
+def test_a_delay_gains_what_it_explains_and_not_what_smoothing_does() -> None:
+    """Late by one sample nothing is interpolated: that gain is the truth. What is in time gains nothing."""
+    machine = planar_machine(2)
+    recordings = make_recordings(machine, truth(2), ROLES)
+    in_time = SessionSignals(Session(machine, recordings, Options(bandwidth_hz=3.0)), Corrections(machine))
+    late = []
+    for recording in recordings:
+        values = dict(recording.values)
+        for name in ("joint2.head", "joint2.rod"):
+            values[name] = np.concatenate([values[name][:1], values[name][:-1]])
+        late.append(replace(recording, values=values))
+    behind = SessionSignals(Session(machine, late, Options(bandwidth_hz=3.0)), Corrections(machine))
+    sample = 1.0 / machine.rate_hz
+    model = behind.refit(())
+    true = model.fit.chi_square - chi_square(behind, sample)
+    gain = behind.delay_gain(model, behind.refit([replace(LATENCY, rebuilt=(sample,))]))
+    assert true > 100 and gain == pytest.approx(true, rel=0.1)
+    model = in_time.refit(())
+    lost = chi_square(in_time, 0.5 * sample) - model.fit.chi_square
+    gain = in_time.delay_gain(model, in_time.refit([replace(LATENCY, rebuilt=(0.5 * sample,))]))
+    assert abs(gain) < 0.1 * max(abs(lost), 100.0)
