@@ -1,0 +1,101 @@
+"""What laws of an unknown effect are worth: any smooth curve of a signal, or one of a few simple formulas."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from fitting.residual.laws import Law
+from fitting.residual.scoring import Candidates, Score
+from fitting.residual.simple_formulas import simple_curves
+from fitting.selection import priors
+from fitting.selection.evidence import curve_evidence, curve_roots, formula_gains, log_mean, log_sum, named_evidence
+from fitting.selection.rated import Rated
+from fitting.selection.sizes import Sizes
+from fitting.selection.trust import Trust
+
+FloatArray = npt.NDArray[np.float64]
+
+
+class RatedLaws:
+    """Rates the laws of one signal.
+
+    Parameters
+    ----------
+    candidates : with their columns
+    sizes, trust : how large laws can be, and which share of their gain is believed
+    """
+
+    def __init__(self, candidates: Candidates, sizes: Sizes, trust: Trust) -> None:
+        self._candidates, self._sizes, self._trust = candidates, sizes, trust
+
+    def of_joint(
+        self, joint: int, numbers: Sequence[int], scores: Mapping[int, Score], prior: float, covered: set[int]
+    ) -> list[Rated]:
+        """Laws of a joint, with the log prior odds of each; ``covered`` are no simple formula by themselves."""
+        result: list[Rated] = []
+        for width in sorted({self._candidates.width(n) for n in numbers}):
+            alike = [n for n in numbers if self._candidates.width(n) == width]
+            result += self._of_width(joint, alike, scores, prior, covered)
+        return result
+
+    def _of_width(
+        self, joint: int, numbers: Sequence[int], scores: Mapping[int, Score], prior: float, covered: set[int]
+    ) -> list[Rated]:
+        for simple in (True, False):
+            fresh = [
+                n for n in numbers if (n not in covered) == simple and self._trust.known("law", n, scores[n]) is None
+            ]
+            if fresh:
+                for n, value in zip(fresh, self._law_evidence(joint, fresh, scores, simple).tolist(), strict=True):
+                    self._trust.keep("law", n, scores[n], value)
+        result = []
+        for n in numbers:
+            bayes, leftover = self._trust.known("law", n, scores[n])
+            result.append(Rated(scores[n], prior + bayes, bayes, prior + bayes, leftover, leftover))
+        return result
+
+    def _law_evidence(
+        self, joint: int, numbers: Sequence[int], scores: Mapping[int, Score], simple: bool
+    ) -> FloatArray:
+        """Log evidence (T, 2) of laws of one width, alone and as what found effects leave.
+
+        A law is any smooth curve, or, where it may be ``simple``, with :data:`priors.SIMPLE` a simple formula.
+        """
+        grams = np.array([self._trust.of(n) * scores[n].information for n in numbers])
+        products = np.einsum("tij,tj->ti", grams, np.array([scores[n].values for n in numbers]))
+        roots = curve_roots(len(products[0]), priors.LENGTHS)
+        left = self._sizes.left(joint, law=True)
+        limits = np.array([self._sizes.limit(scores[n]) for n in numbers])
+        sizes = priors.amplitudes(float(limits.max()))
+        bayes = log_mean(curve_evidence(grams, products, roots, sizes), axis=1)
+        allowed = sizes[None, :] <= np.maximum(limits, priors.SMALLEST)[:, None] * priors.RATIO
+        leftover = np.zeros((len(numbers), len(left)))
+        if left.max() > 0:
+            leftover = log_mean(curve_evidence(grams, products, roots, left), axis=1)
+        if simple:
+            short = [simple_curves(_law(scores[n]).knots) for n in numbers]
+            gains, live = formula_gains(grams, products, np.array([curves for curves, _ in short]))
+            listed = short[0][1]  # of every formula of the short list, its share
+            bayes = _either(bayes, _formulas(gains, live, sizes, listed))
+            leftover = _either(leftover, _formulas(gains, live, left, listed)) if left.max() > 0 else leftover
+        bayes = log_sum(bayes, weights=allowed / allowed.sum(axis=1, keepdims=True))
+        return np.stack([bayes, log_sum(leftover, weights=priors.LEFTOVER_WEIGHTS)], axis=1)
+
+
+def _law(score: Score) -> Law:
+    assert isinstance(score.term.content, Law)
+    return score.term.content
+
+
+def _formulas(gains: FloatArray, live: FloatArray, amplitudes: FloatArray, shares: FloatArray) -> FloatArray:
+    """Log evidence (T, A) of a law that is one of a list of formulas (F,): gains and live (T, F), shares (F,)."""
+    found = named_evidence(gains.ravel(), live.ravel().astype(float), amplitudes)
+    return log_sum(found.reshape(*gains.shape, -1), axis=1, weights=shares[:, None])
+
+
+def _either(curve: FloatArray, formula: FloatArray) -> FloatArray:
+    """Log evidence (T, A) of laws that are any smooth curve, or with the chance ``priors.SIMPLE`` a simple formula."""
+    return log_sum(np.stack([curve, formula], axis=-1), weights=np.array([1 - priors.SIMPLE, priors.SIMPLE]))

@@ -1,0 +1,273 @@
+"""What names are worth: formulas, exactly nature's or with a curve of their own signal beside them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+import numpy.typing as npt
+from scipy.linalg import block_diag
+
+from fitting.effects.base import Effect, Parity
+from fitting.residual.scoring import Candidates, Score
+from fitting.residual.surfaces import Surface
+from fitting.residual.terms import Model, Term
+from fitting.selection import priors
+from fitting.selection.evidence import (
+    curve_evidence,
+    curve_roots,
+    joint_evidence,
+    log_mean,
+    log_sum,
+    named_evidence,
+    whitened_parts,
+)
+from fitting.selection.gains import averaged, orders, plausible
+from fitting.selection.rated import Family, Rated
+from fitting.selection.sizes import Sizes
+from fitting.selection.trust import Trust
+
+FloatArray = npt.NDArray[np.float64]
+
+#: Share of a curve that the base has to leave for it to tell of anything.
+FAINT = 0.01
+#: Standard deviations of what is expected of a curve beside a name that one may be large.
+MOST_BESIDE = 2.0
+#: Fewer columns are no curve.
+LEAST_CURVE = 4
+#: Shapes of a name that are compared with a bent formula, and the least gain for which that can matter.
+MOST_SHAPES, SMALLEST_GAIN = 4, 12.0
+
+
+class RatedNames:
+    """Rates effects, and twists, which are rated as names are.
+
+    Parameters
+    ----------
+    candidates : with their columns
+    model : what is there
+    sizes, trust : how large effects can be, and which share of their gain is believed
+    laws : numbers of the laws of one signal, by joint, signal, neighbour, sign and load
+    overtones : number of a name to the number of its overtone
+    """
+
+    def __init__(
+        self,
+        candidates: Candidates,
+        model: Model,
+        sizes: Sizes,
+        trust: Trust,
+        laws: Mapping[tuple[object, ...], int],
+        overtones: Mapping[int, int],
+    ) -> None:
+        self._candidates, self._model, self._sizes, self._trust = candidates, model, sizes, trust
+        self._laws, self._mixed = laws, overtones
+
+    def of_families(
+        self, families: Mapping[Family, Sequence[int]], scores: Mapping[int, Score], each: float, law_each: float
+    ) -> list[Rated]:
+        """One explanation per family, with its best shape; ``each`` and ``law_each`` are log priors."""
+        exact = self._plain({n: score for n, score in scores.items() if _is_named(score)})
+        bent = exact | self._bent(families, scores)
+        return [
+            self._named(own, scores, law_each if f[0] == "law" else each, exact, bent) for f, own in families.items()
+        ]
+
+    def alone(self, number: int, scores: Mapping[int, Score], name: Family) -> Rated:
+        """One shape of a name by itself."""
+        exact = self._plain({number: scores[number]})
+        bent = exact | self._bent({name: [number]}, scores)
+        return self._named([number], scores, 0.0, exact, bent)
+
+    def _bent(self, names: Mapping[Family, Sequence[int]], scores: Mapping[int, Score]) -> dict[int, float]:
+        """Log evidence, by number, of names whose formula may be off by a smooth curve of their own signal."""
+        joints: dict[int, list[int]] = {}
+        for own in names.values():
+            term = scores[own[0]].term
+            if not isinstance(term.content, Effect) or term.everywhere or term.joint is None:
+                continue
+            best = sorted(own, key=lambda n: -scores[n].gain)[:MOST_SHAPES]
+            joints.setdefault(term.joint, []).extend(best)
+        result: dict[int, float] = {}
+        by_order = self._plain({n: scores[n] for own in joints.values() for n in own})
+        for joint, numbers in joints.items():
+            most = max(scores[n].gain for n in numbers)
+            near = [n for n in numbers if scores[n].gain > max(0.5 * most, SMALLEST_GAIN)]
+            beside = {n: [m for m in self._beside(n, scores[n].term) if m in scores] for n in near}
+            own_laws = {n: [m for m in own if scores[m].surviving > FAINT] for n, own in beside.items()}
+            near = [n for n in near if own_laws[n]]
+            known = {n: self._trust.known("bent", n, scores[n]) for n in near}
+            result |= {n: value for n, value in known.items() if value is not None}
+            near = [n for n in near if known[n] is None]
+            if not near:
+                continue
+            used = sorted({*near, *(m for n in near for m in own_laws[n])})
+            S, g = self._candidates.products(self._model, joint, used)
+            starts = np.cumsum([0, *(self._candidates.width(n) for n in used)])
+            where = {n: np.arange(starts[k], starts[k + 1]) for k, n in enumerate(used)}
+            for n in near:
+                curves = [where[m] for m in own_laws[n]]
+                share, found = self._trust.of(n), []
+                for first in _first_terms(scores[n], where[n]):
+                    into = np.concatenate([first, *curves])
+                    widths = [len(first), *(len(p) for p in curves)]
+                    found.append(self._with_curves(scores[n], share * S[np.ix_(into, into)], share * g[into], widths))
+                if is_series(scores[n].term):
+                    found = [float(log_mean(found)), self._smooth(own_laws[n], scores)]
+                value = max(float(log_mean(found)), by_order[n]) if np.isfinite(found).any() else by_order[n]
+                result[n] = self._trust.keep("bent", n, scores[n], value)
+        return result
+
+    def _smooth(self, laws: Sequence[int], scores: Mapping[int, Score]) -> float:
+        """Log evidence of what a series stands for: a curve of its signal that is smooth all along."""
+        found = []
+        for law in laws:
+            score = scores[law]
+            gram = self._trust.of(law) * score.information[None]
+            roots = curve_roots(gram.shape[1], priors.LENGTHS)[priors.SMOOTH :]
+            sizes = priors.amplitudes(self._sizes.limit(score))
+            found.append(log_mean(curve_evidence(gram, gram @ np.asarray(score.values), roots, sizes)[0].ravel()))
+        return float(log_mean(found))
+
+    def _beside(self, number: int, term: Term) -> list[int]:
+        """Numbers of what nature's formula may hold beside a name's own: curves of its signal, and its overtone."""
+        return self.own_laws(term) + ([self._mixed[number]] if number in self._mixed else [])
+
+    def _as_leftover(self, score: Score, share: float, law: bool) -> float:
+        """Log evidence of a name as what found effects leave; of what acts everywhere joint by joint."""
+        if not score.term.everywhere:
+            parts = {score.term.joint or 0: 1.0}
+        else:
+            parts = {joint: max(part, 0.0) for joint, part in enumerate(score.places)}
+        total = 0.0
+        for joint, part in parts.items():
+            left = self._sizes.left(joint, law)
+            if left.max() > 0:
+                gain, live = np.array([part * score.gain * share]), np.array([float(score.live)])
+                found = named_evidence(gain, live, left)[0]
+                total += max(0.0, float(log_sum(found, weights=priors.LEFTOVER_WEIGHTS)))
+        return total
+
+    def _plain(self, scores: Mapping[int, Score]) -> dict[int, float]:
+        """Log evidence of names by number, if their formulas are exactly nature's."""
+        numbers = [n for n in scores if self._trust.known("plain", n, scores[n]) is None]
+        own = [scores[n] for n in numbers]
+        limits = np.array([self._sizes.limit(s) for s in own])
+        trust = np.array([self._trust.of(n) for n in numbers])
+        series = [orders(s) for s in own]
+        found = []
+        for order in range(max((len(o) for o in series), default=0)):
+            gain = np.array([o[min(order, len(o) - 1)][0] for o in series]) * trust
+            live = np.array([float(o[min(order, len(o) - 1)][1]) for o in series])
+            found.append(averaged(gain, live, limits))
+        counts = np.array([len(o) for o in series])
+        weights = np.arange(len(found))[:, None] < counts[None, :]
+        total = log_sum(np.array(found), axis=0, weights=weights / counts) if found else np.zeros(0)
+        for n, value in zip(numbers, total.tolist(), strict=True):
+            self._trust.keep("plain", n, scores[n], value)
+        return {n: self._trust.known("plain", n, scores[n]) for n in scores}
+
+    def _named(
+        self,
+        numbers: Sequence[int],
+        scores: Mapping[int, Score],
+        prior: float,
+        exact: Mapping[int, float],
+        bent: Mapping[int, float],
+    ) -> Rated:
+        believable = np.array([self._plausible(n, scores[n]) for n in numbers])
+        total = np.array([bent[n] for n in numbers]) + believable
+        number = numbers[int(np.argmax(total))]
+        best = scores[number]
+        bayes, plain = float(log_mean(total)), float(log_mean(np.array([exact[n] for n in numbers]) + believable))
+        left = self._trust.known("left", number, best)
+        if left is None:
+            share = self._trust.of(number)
+            found = tuple(self._as_leftover(best, share, laws) for laws in (True, False))
+            left = self._trust.keep("left", number, best, found)
+        leftover, refuted = left
+        return Rated(best, prior + bayes, bayes, prior + plain, leftover, refuted)
+
+    def _plausible(self, number: int, score: Score) -> float:
+        known = self._trust.known("plausible", number, score)
+        return float(self._trust.keep("plausible", number, score, plausible(score)) if known is None else known)
+
+    def _with_curves(self, score: Score, S: FloatArray, g: FloatArray, widths: Sequence[int]) -> float:
+        """Log evidence of a name, with curves of its signal beside it; columns are the name's, then each curve's.
+
+        Of a series, ``S`` and ``g`` may hold its first terms only.
+        """
+        effect = score.term.content
+        assert isinstance(effect, Effect)
+        own = whitened_parts(S[: widths[0], : widths[0]])
+        k = own.shape[1]
+        if k == 0:
+            return -np.inf
+        sizes = priors.amplitudes(self._sizes.limit(score))
+        shown = float(np.sqrt(max(score.gain, priors.SMALLEST**2)))
+        near = sizes[np.abs(np.log(sizes / shown)) < 1.5 * np.log(priors.RATIO)]
+        near = near if len(near) else sizes[-1:]
+        weights = np.log(priors.weights(effect.series))
+        pairs = [(a, e) for a in near for e in priors.EPSILONS]
+        found = []
+        for length in range(len(priors.LENGTHS)):
+            parts, start = [], widths[0]
+            for width in widths[1:]:
+                block = S[start : start + width, start : start + width]
+                root = curve_roots(width, priors.LENGTHS)[length] if width >= LEAST_CURVE else whitened_parts(block)
+                seen = float(np.trace(root.T @ block @ root)) * (len(widths) - 1)
+                parts.append(root / np.sqrt(max(seen, 1e-300)))
+                start += width
+            T = block_diag(own, *parts)
+            gram, products = T.T @ S @ T, T.T @ g
+            scales = np.array([np.r_[np.full(k, a / np.sqrt(k)), np.full(len(gram) - k, e * shown)] for a, e in pairs])
+            values, beside = joint_evidence(gram, products, scales, k)
+            values = values + np.tile(weights, len(near))
+            # A name is what explains most of it: a curve beside it may not be many times what is expected of one.
+            values[beside > MOST_BESIDE * np.tile(priors.EPSILONS, len(near)) * shown] = -np.inf
+            found.append(log_sum(values) - np.log(len(sizes)))
+        return float(log_mean(found)) if np.isfinite(found).any() else -np.inf
+
+    def own_terms(self, term: Term) -> list[Term]:
+        """The laws of :meth:`own_laws`."""
+        return [self._candidates.terms[n] for n in self.own_laws(term)]
+
+    def own_laws(self, term: Term) -> list[int]:
+        """Numbers of the laws of its signal that an effect's formula may be off by: of its parity, one of each sign."""
+        effect = term.content
+        if not isinstance(effect, Effect):
+            return []
+        name, other = _signal(term)
+        odd, even = effect.parity is Parity.ODD, effect.parity is Parity.EVEN
+        result = []
+        for signed in (False, True):
+            if (odd and not signed) or (even and signed):
+                continue
+            both = [self._laws.get((term.joint, name, other, signed, loaded)) for loaded in (False, True)]
+            present = [n for n in both if n is not None]
+            if present:  # what acts at the joint is gone without a load
+                result.append(present[-1] if effect.level == "joint" else present[0])
+        return result
+
+
+def is_series(term: Term) -> bool:
+    """Whether a term is a short series of one joint that stands for any smooth law of its signal."""
+    return isinstance(term.content, Effect) and term.content.series and not term.everywhere
+
+
+def _is_named(score: Score) -> bool:
+    return score.term.id != "law" or isinstance(score.term.content, Surface)
+
+
+def _first_terms(score: Score, columns: npt.NDArray[np.int64]) -> list[npt.NDArray[np.int64]]:
+    """Columns of a series' first terms, one order after the other; else all of them at once."""
+    return [columns[:order] for order in range(1, len(columns) + 1)] if is_series(score.term) else [columns]
+
+
+def _signal(term: Term) -> tuple[str, int | None]:
+    """The signal of an effect as laws name it, and the neighbour that has it."""
+    assert isinstance(term.content, Effect)
+    name = term.content.signal(term.shape)
+    if name.startswith("other."):
+        return name[6:], int(term.shape["other"])
+    return "piston_position" if name == "joint_position" else name, None

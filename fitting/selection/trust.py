@@ -1,0 +1,107 @@
+"""Which share of each gain is believed, and what was computed with it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from fitting.effects.base import Effect
+from fitting.residual.scoring import Candidates, Score
+from fitting.residual.terms import Model
+from fitting.selection import priors
+from fitting.selection.evidence import whitened_parts
+from fitting.selection.gains import biased_gain, known_bias, shares
+
+FloatArray = npt.NDArray[np.float64]
+
+
+class Trust:
+    """Share of the gain of each candidate, by number, that is believed; and what was computed with that share.
+
+    Parameters
+    ----------
+    candidates : with their columns
+    model : what is there
+    laws : joint to the numbers of its laws of one signal
+    """
+
+    def __init__(self, candidates: Candidates, model: Model, laws: Mapping[int, Sequence[int]]) -> None:
+        self._candidates, self._model, self._laws = candidates, model, laws
+        self._shares: dict[int, float] = {}
+        self._memo: dict[tuple[str, int], tuple[Score, float, Any]] = {}
+
+    def of(self, number: int) -> float:
+        """The share of one candidate."""
+        return self._shares.get(number, 1.0)
+
+    def weigh(self, names: Iterable[Sequence[int]], laws: Iterable[Sequence[int]], scores: Mapping[int, Score]) -> None:
+        """Work the shares out anew, of names and of the laws of each joint."""
+        names = tuple(names)
+        self._shares = {}
+        for own in (*names, *laws):
+            self._shares |= shares(own, scores)
+        self._share_bias(names, scores)
+
+    def known(self, kind: str, number: int, score: Score) -> Any:
+        """What was computed for this score with the trust that it has now; None otherwise.
+
+        Replicas change the scores of contenders only, and all others are asked again with them.
+        """
+        known = self._memo.get((kind, number))
+        same = known is not None and known[0] is score and known[1] == self.of(number)
+        return known[2] if same and known is not None else None
+
+    def keep(self, kind: str, number: int, score: Score, value: Any) -> Any:
+        """Keep a value for as long as score and share are these, and give it back."""
+        self._memo[kind, number] = score, self.of(number), value
+        return value
+
+    def _share_bias(self, names: Sequence[Sequence[int]], scores: Mapping[int, Score]) -> None:
+        """What noise in the regressors makes of a name it makes of the laws of its joint, as far as they are alike.
+
+        Replicas are few, and their scatter, times a large gain, would decide between two that tell the same. So a
+        law's own replicas count for that part of it only which the most similar name does not share.
+        """
+        joints: dict[int, list[int]] = {}
+        for own in names:
+            drawn = [n for n in own if known_bias(scores[n]) and isinstance(scores[n].term.content, Effect)]
+            if drawn and not scores[drawn[0]].term.everywhere:
+                best = max(drawn, key=lambda n: scores[n].gain)
+                joints.setdefault(scores[best].term.joint or 0, []).append(best)
+        for joint, drawn in joints.items():
+            near = [n for n in self._laws.get(joint, ()) if n in scores]
+            near = [n for n in near if scores[n].gain > priors.SMALLEST**2]
+            drawn = [n for n in drawn if scores[n].gain > priors.SMALLEST**2]
+            if not near or not drawn:
+                continue
+            alike = self._overlap(drawn, near, scores, joint)
+            trust = np.array([scores[n].gain * self._shares[n] / biased_gain(scores[n]) for n in drawn])
+            for law, most, share in zip(near, np.argmax(alike, axis=0), np.max(alike, axis=0), strict=True):
+                self._shares[law] = float(share * trust[most] + (1.0 - share) * self._shares.get(law, 1.0))
+
+    def _overlap(
+        self, names: Sequence[int], laws: Sequence[int], scores: Mapping[int, Score], joint: int
+    ) -> FloatArray:
+        """How alike names and laws are (N, L): the share of either's contribution that the other could make."""
+        cross = self._candidates.cross_products(self._model, joint, names, laws)
+        first = np.cumsum([0, *(self._candidates.width(n) for n in names)])
+        then = np.cumsum([0, *(self._candidates.width(n) for n in laws)])
+        roots = {n: whitened_parts(scores[n].information) for n in (*names, *laws)}
+        found = np.empty((len(names), len(laws)))
+        for row, name in enumerate(names):
+            for column, law in enumerate(laws):
+                between = cross[first[row] : first[row + 1], then[column] : then[column + 1]]
+                found[row, column] = _explained(scores[name], between.T, roots[law]) * _explained(
+                    scores[law], between, roots[name]
+                )
+        return found
+
+
+def _explained(own: Score, cross: FloatArray, root: FloatArray) -> float:
+    """Share of what a candidate contributes that others could: their products with its columns (m, k), their root."""
+    values = np.asarray(own.values)
+    whole = float(values @ own.information @ values)
+    return min(1.0, float(np.sum((root.T @ (cross @ values)) ** 2)) / max(whole, 1e-300))
