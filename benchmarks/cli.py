@@ -44,6 +44,7 @@ BENCHMARKS = {
     "channels": "How many machines of 40 channels at 50 Hz one computer carries, and what each costs.",
     "paper": "The claims that hilfit began with, made again in kind: 78 to 18, cylinders, errors, two stages or one.",
     "page": "The page on a slow tablet: first view, frames dropped at 50 Hz; pictures of every view (--pictures).",
+    "throughput": "Identifications per hour with several workers on PostgreSQL, and how well they share the work.",
     "storm": "kill -9 of servers, workers, stages and acquisitions: nothing lost, nothing twice.",
 }
 
@@ -56,7 +57,7 @@ def register(app: typer.Typer) -> None:
     bench.callback()(_list)
     commands: tuple[Callable[..., None], ...] = (
         attribution, resolve, samples, demo, stages, speed, long, regressor, excitation, measured, mistakes, model,
-        uses, service, faults, soak, channels, paper, page, storm,
+        uses, service, faults, soak, channels, paper, page, throughput, storm,
     )  # fmt: skip
     for name, command in zip(BENCHMARKS, commands, strict=True):
         bench.command(name, help=BENCHMARKS[name])(reported(command))
@@ -479,6 +480,20 @@ def storm(
     _finish(
         "storm", run(seconds, kind, seed, _shown(json), kills=round(seconds * 100 / 60), longest=10 * seconds), json
     )
+
+
+def throughput(
+    workers: Annotated[str, typer.Option(help="Numbers of worker processes, with commas.")] = "1,2,4",
+    jobs: Annotated[int, typer.Option(help="Identifications per worker.", min=1, max=50)] = 4,
+    json: Annotated[bool, typer.Option("--json", help="Print the checks as JSON.")] = False,
+) -> None:
+    """Identifications per hour with several workers on PostgreSQL, and how well they share the work."""
+    from benchmarks.throughput import run
+
+    counts = [int(part) for part in workers.split(",") if part.strip().isdigit()]
+    if not counts or min(counts) < 1 or len(counts) != len(workers.split(",")):
+        raise InputError(f"--workers {workers}: write numbers from 1 on, as in 1,2,4")
+    _finish("throughput", run(counts, jobs, _shown(json)), json)
 
 
 def _shown(json: bool) -> Callable[[str], None]:
