@@ -38,7 +38,7 @@ BENCHMARKS = {
     "mistakes": "People's mistakes on random machines: what the checks call them, and whom they accuse.",
     "model": "Exports against the model, C beside Pinocchio, and what the 95 % band is worth.",
     "uses": "Feedforward, simulation, overload, payload and energy, with closed loops on the simulated machine.",
-    "service": "Tablets and readers at the service while numerical work runs: latency, cycles lost.",
+    "service": "Tablets, readers and uploads at the service while numerical work runs: latency, cycles lost.",
     "faults": "Every fault at random moments: what is lost, what is wrong, how soon it is over.",
     "soak": "Hours of faults one after another: nothing lost, memory flat.",
     "channels": "How many machines of 40 channels at 50 Hz one computer carries, and what each costs.",
@@ -428,13 +428,14 @@ def mistakes(
 def service(
     tablets: Annotated[int, typer.Option(help="Clients of the live stream.", min=1, max=200)] = 20,
     rate: Annotated[float, typer.Option(help="Requests per second.", min=1, max=2000)] = 200.0,
+    uploads: Annotated[int, typer.Option(help="Clients that upload recordings all the time.", min=0, max=100)] = 10,
     seconds: Annotated[float, typer.Option(help="Seconds of load.", min=2, max=60)] = 30.0,
     json: Annotated[bool, typer.Option("--json", help="Print the checks as JSON.")] = False,
 ) -> None:
-    """Tablets and readers at the service while numerical work runs: latency, cycles lost."""
+    """Tablets, readers and uploads at the service while numerical work runs: latency, cycles lost."""
     from benchmarks.service import run
 
-    _finish("service", run(tablets, rate, seconds, _shown(json)), json)
+    _finish("service", run(tablets, rate, uploads, seconds, _shown(json)), json)
 
 
 def page(
@@ -483,7 +484,9 @@ def storm(
 
 
 def throughput(
-    workers: Annotated[str, typer.Option(help="Numbers of worker processes, with commas.")] = "1,2,4",
+    workers: Annotated[
+        str, typer.Option(help="Numbers of processes that work, the server among them, with commas.")
+    ] = "1,2,4",
     jobs: Annotated[int, typer.Option(help="Identifications per worker.", min=1, max=50)] = 4,
     json: Annotated[bool, typer.Option("--json", help="Print the checks as JSON.")] = False,
 ) -> None:

@@ -1,4 +1,4 @@
-"""Tablets on the live stream and readers of the REST interface while fits run: latency, and lost cycles.
+"""Tablets on the live stream, readers and uploads at the REST interface while fits run: latency, and lost cycles.
 
 A real server on a free port of this computer with its simulated machine; clients in this process, over sockets. The
 fits are identifications of uploaded recordings, one after another as long as the load lasts.
@@ -36,6 +36,8 @@ START_S = 60.0
 #: Recordings that are fitted (role, name), their length in s of machine time, and s of load per identification that is
 #: ordered: each takes longer than that.
 FITTED, FITTED_S, PER_FIT_S = (("train", "train-1"), ("validate", "validate")), 60.0, 4.0
+#: What a service that has enough to do answers an upload, and s until it is sent again.
+BUSY, BUSY_S = (429, 503), 1.0
 
 
 @dataclass
@@ -45,6 +47,7 @@ class Seen:
     seconds: list[float] = field(default_factory=list)
     late: list[float] = field(default_factory=list)
     statuses: dict[int, int] = field(default_factory=dict)
+    uploads: dict[int, int] = field(default_factory=dict)
     samples: int = 0
     holes: int = 0
     dropped: int = 0
@@ -92,6 +95,21 @@ async def _reads(port: int, rate: float, until: float, first: int, seen: Seen) -
         writer.close()
 
 
+async def _uploads(port: int, place: str, content: bytes, until: float, seen: Seen) -> None:
+    """One recording after another; where the service is busy and says so, again when it says."""
+    number = 0
+    while time.monotonic() < until:
+        reader, writer = await asyncio.open_connection("127.0.0.1", port)
+        try:
+            status, _ = await _read(reader, writer, _request("POST", f"{place}-{number}.parquet", content))
+        finally:
+            writer.close()
+        seen.uploads[status] = seen.uploads.get(status, 0) + 1
+        number += 1
+        if status in BUSY:
+            await asyncio.sleep(min(BUSY_S, max(0.0, until - time.monotonic())))
+
+
 async def _own_delay(until: float, seen: Seen) -> None:
     """How late the clients' own event loop is: it waits for nobody's answer."""
     while (due := time.monotonic() + 0.02) < until:
@@ -134,7 +152,9 @@ async def _order_fits(port: int, machine: str, case: Path, count: int) -> None:
         await ask(port, "POST", "/identifications", order)
 
 
-async def _run(port: int, case: Path, tablets: int, rate: float, seconds: float, say: Callable[[str], None]) -> Outcome:
+async def _run(
+    port: int, case: Path, tablets: int, rate: float, uploads: int, seconds: float, say: Callable[[str], None]
+) -> Outcome:
     machine = (await ask(port, "GET", "/machines"))["items"][0]["name"]
     for _ in range(int(START_S)):
         if (await ask(port, "GET", "/status"))["acquisition"].get(machine, {}).get("counts", {}).get("cycles"):
@@ -144,13 +164,19 @@ async def _run(port: int, case: Path, tablets: int, rate: float, seconds: float,
         await ask(port, "GET", path)
     fits = 1 + int(seconds / PER_FIT_S)
     await _order_fits(port, machine, case, fits)
-    say(f"{tablets} tablets, {rate:g} requests/s, {seconds:g} s, identifications one after another")
+    say(f"{tablets} tablets, {rate:g} requests/s, {uploads} uploads, {seconds:g} s, identifications one after another")
     before = (await ask(port, "GET", "/status"))["acquisition"][machine]["counts"]
     seen, until = Seen(), time.monotonic() + seconds
     readers = [_reads(port, rate / 10, until, number, seen) for number in range(10)]
     streams = [_tablet(port, machine, until, seen) for _ in range(tablets)]
+    content = (case / "train-1.parquet").read_bytes()
+    place = f"/recordings/upload?machine={machine}&role=train&name=up"
+    senders = [
+        asyncio.create_task(_uploads(port, f"{place}-{number}", content, until, seen)) for number in range(uploads)
+    ]
     await asyncio.gather(*readers, *streams, _own_delay(until, seen))
     status = await ask(port, "GET", "/status")
+    await asyncio.gather(*senders)  # the last ones are answered when the load is over
     after = status["acquisition"][machine]["counts"]
     done, running = (status["jobs"].get(state, 0) for state in ("done", "running"))
     p50, p99 = np.quantile(seen.seconds, [0.5, 0.99]) * 1e3
@@ -158,12 +184,16 @@ async def _run(port: int, case: Path, tablets: int, rate: float, seconds: float,
     lost = after["skipped"] - before["skipped"]
     failed = sum(number for code, number in seen.statuses.items() if code != 200)
     cycles = after["cycles"] - before["cycles"]
+    taken, later = seen.uploads.get(201, 0), sum(seen.uploads.get(code, 0) for code in BUSY)
+    strange = sum(number for code, number in seen.uploads.items() if code not in (201, *BUSY))
     return Outcome(
         (
             Check("p50 of reading", p50, f"{p50:.1f} ms"),
             Check("p99 of reading", p99, f"{p99:.1f} ms of {len(seen.seconds)}", "at most", 100.0, "100 ms"),
             Check("p99 of the clients' own delay", late, f"{late:.1f} ms, contained in the above"),
             Check("answers other than 200", failed, f"{failed}", "at most", 0, "0"),
+            Check("uploads accepted", taken, f"{taken}; told to come again later: {later}"),
+            Check("uploads answered otherwise", strange, f"{strange}", "at most", 0, "0"),
             Check("cycles lost", lost, f"{lost} of {cycles}", "at most", 0, "0"),
             Check("cycles late or slipped", after["late"] + after["slipped"] - before["late"] - before["slipped"],
                   f"{after['late'] + after['slipped'] - before['late'] - before['slipped']} of {cycles}"),
@@ -176,13 +206,14 @@ async def _run(port: int, case: Path, tablets: int, rate: float, seconds: float,
     )  # fmt: skip
 
 
-def run(tablets: int, rate: float, seconds: float, say: Callable[[str], None]) -> Outcome:
+def run(tablets: int, rate: float, uploads: int, seconds: float, say: Callable[[str], None]) -> Outcome:
     """Start a server, load it, and say what was seen.
 
     Parameters
     ----------
     tablets : clients of the live stream
     rate : requests per second of all readers together
+    uploads : clients that upload one recording after another
     seconds : of load
     """
     with tempfile.TemporaryDirectory(prefix="hilfit-bench-") as directory:
@@ -197,7 +228,7 @@ def run(tablets: int, rate: float, seconds: float, say: Callable[[str], None]) -
                 port = int(json.loads(server.stdout.readline())["url"].rpartition(":")[2])
                 asyncio.run(_first_frame(port))
                 start = before_the_first_frame(server.pid)
-                outcome = asyncio.run(_run(port, case, tablets, rate, seconds, say))
+                outcome = asyncio.run(_run(port, case, tablets, rate, uploads, seconds, say))
                 return replace(outcome, checks=(start, *outcome.checks))
             finally:
                 server.terminate()

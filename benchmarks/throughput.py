@@ -1,7 +1,8 @@
 """Identifications per hour with one, two and more worker processes on PostgreSQL, and how well they share the work.
 
-A real server, real workers and a PostgreSQL of their own on this computer; the identifications are of uploaded
-recordings of one case, so all are the same work. Efficiency is jobs per hour beside as many times what one worker does.
+A real server, real workers and a PostgreSQL of their own on this computer. The server works as well, so one worker is
+the server alone. The identifications are of uploaded recordings of one case, so all are the same work. Efficiency is
+jobs per hour beside as many times what one does.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import httpx2
 
@@ -41,7 +42,7 @@ def run(workers: Sequence[int], jobs: int, say: Say) -> Outcome:
 
     Parameters
     ----------
-    workers : numbers of worker processes
+    workers : numbers of processes that work, the server among them
     jobs : identifications per worker
 
     Raises
@@ -54,7 +55,8 @@ def run(workers: Sequence[int], jobs: int, say: Say) -> Outcome:
         directory = Path(name)
         make_case(directory / "case", default_machine(), 1, seconds=CASE_S)
         for count in workers:
-            seconds = _measured(directory, server.new_database(), count, jobs * count)
+            with (directory / f"log-{count}").open("w") as log:
+                seconds = _measured(directory, server.new_database(), count, jobs * count, log)
             rates[count] = 3600.0 * jobs * count / seconds
             say(f"{count} workers: {jobs * count} identifications in {seconds:.1f} s")
     return Outcome(tuple(_checks(rates)), (f"{os.cpu_count()} cores; load before the end {os.getloadavg()[0]:.1f}",))
@@ -71,17 +73,17 @@ def _checks(rates: dict[int, float]) -> Iterator[Check]:
             yield asked if count <= (os.cpu_count() or 1) else plain
 
 
-def _measured(directory: Path, url: str, workers: int, jobs: int) -> float:
+def _measured(directory: Path, url: str, workers: int, jobs: int, log: IO[str]) -> float:
     """Seconds from the order of all jobs to the end of the last one; one before them has warmed everything up."""
     data = directory / f"data-{workers}"
     environment = os.environ | {"HILFIT_DATABASE_URL": url, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
     server = ["serve", "--port", "0", "--data-dir", str(data), "--json"]
-    names = [f"worker-{number}" for number in range(workers)]
+    names = [f"worker-{number}" for number in range(1, workers)]
     commands = [["worker", "--data-dir", str(data), "--name", name, "--json"] for name in names]
     with (
-        _process(server, environment) as said,
+        _process(server, environment, log) as said,
         httpx2.Client(base_url=json.loads(said)["url"] + API, timeout=60) as client,
-        _all(commands, environment),
+        _all(commands, environment, log),
     ):
         order = _order(client, directory / "case")
         _wait(client, [_ordered(client, order, f"first {number}") for number in range(workers)])
@@ -128,9 +130,10 @@ def _wait(client: httpx2.Client, places: Sequence[str]) -> None:
 
 
 @contextmanager
-def _process(arguments: Sequence[str], environment: dict[str, str]) -> Iterator[str]:
+def _process(arguments: Sequence[str], environment: dict[str, str], log: IO[str]) -> Iterator[str]:
     """A command of hilfit; its first line of output, once it is up. Ended by SIGTERM."""
-    with subprocess.Popen([*_COMMAND, *arguments], stdout=subprocess.PIPE, env=environment, text=True) as process:
+    command = [*_COMMAND, *arguments]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=log, env=environment, text=True) as process:
         try:
             assert process.stdout is not None
             line = process.stdout.readline()
@@ -143,10 +146,10 @@ def _process(arguments: Sequence[str], environment: dict[str, str]) -> Iterator[
 
 
 @contextmanager
-def _all(commands: Sequence[Sequence[str]], environment: dict[str, str]) -> Iterator[None]:
+def _all(commands: Sequence[Sequence[str]], environment: dict[str, str], log: IO[str]) -> Iterator[None]:
     """Several commands side by side."""
     if not commands:
         yield
         return
-    with _process(commands[0], environment), _all(commands[1:], environment):
+    with _process(commands[0], environment, log), _all(commands[1:], environment, log):
         yield
