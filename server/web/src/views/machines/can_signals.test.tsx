@@ -128,9 +128,9 @@ describe("CAN signals", () => {
   it("shows what files describe, and which channel uses what", async () => {
     service("viewer").show(<MachinesView />);
     const [, angle, oil, tank] = await table();
-    for (const words of ["Angle", "Boom", "0x123", "7, 16 bit, big-endian", "0.01 · raw + 0 deg", "boom.angle"])
+    for (const words of ["Angle", "Boom", "0x123", "7, 16 bit, big-endian", "0.01 · raw deg", "boom.angle"])
       expect(angle?.textContent).toContain(words);
-    for (const words of ["0x18FEEEFE, PGN 0xFEEE", "little-endian", "0.03125 · raw + −273 degC"])
+    for (const words of ["0x18FEEEFE, PGN 0xFEEE", "little-endian", "0.03125 · raw − 273 degC"])
       expect(oil?.textContent).toContain(words);
     for (const words of ["where Page = 1", "message 'Boom' has 20 bytes"]) expect(tank?.textContent).toContain(words);
     expect(screen.getAllByRole("heading", { name: /CAN signals/ }).length).toBe(1); // of two buses

@@ -155,7 +155,9 @@ function placeOf(signal: Signal): string {
 const exact = (value: number | null): string => (value === null ? DASH : spelt(String(value)));
 
 function valueOf(signal: Signal): string {
-  const formula = t("canSignals.formula", { factor: exact(signal.factor), offset: exact(signal.offset) });
+  const size = signal.offset === null ? null : Math.abs(signal.offset);
+  const offset = size === 0 ? "" : `${(signal.offset ?? 0) < 0 ? "−" : "+"} ${exact(size)}`;
+  const formula = t("canSignals.formula", { factor: exact(signal.factor), offset }).trimEnd();
   return signal.unit === "" ? formula : `${formula} ${signal.unit}`;
 }
 

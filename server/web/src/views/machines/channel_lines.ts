@@ -8,6 +8,23 @@ export interface NewChannel {
   source: Record<string, string | number>;
 }
 
+/** What a signal of a unit measures, most often: a first choice for whoever makes a channel of it. */
+const MEASURES: [RegExp, string][] = [
+  [/^(deg|°|rad)$/, "joint_position"],
+  [/^(deg|°|rad)\/s$/, "joint_velocity"],
+  [/^(m?bar|[hkM]?Pa|psi)$/, "head_pressure"],
+  [/^[cm]?m$/, "piston_position"],
+  [/^k?N ?m$/, "joint_effort"],
+  [/^k?N$/, "cylinder_force"],
+  [/^(°|deg ?)?C$/i, "oil_temperature"],
+];
+
+/** The quantity that is offered first for a unit, of those that a channel can have. */
+export function likelyQuantity(unit: string, offered: string[]): string {
+  const found = MEASURES.find(([pattern, quantity]) => pattern.test(unit.trim()) && offered.includes(quantity));
+  return found?.[1] ?? offered[0] ?? "";
+}
+
 /** Words that YAML takes for something else than text. */
 const NOT_TEXT = /^(y|n|yes|no|on|off|true|false|null)$/i;
 

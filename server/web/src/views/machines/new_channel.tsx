@@ -2,7 +2,7 @@
 import { useState } from "preact/hooks";
 import type { components } from "../../net/api.gen";
 import { Button, Field, Notice, type SelectEvent } from "../../ui/controls";
-import { channelLine, channelName } from "./channel_lines";
+import { channelLine, channelName, likelyQuantity } from "./channel_lines";
 import { t } from "../../texts";
 
 type Signal = components["schemas"]["CanSignal"];
@@ -19,7 +19,12 @@ interface NewChannelProps {
 
 export function NewChannel({ signal, quantities, joints, onInsert, onClose }: NewChannelProps) {
   const [name, setName] = useState(() => channelName(signal.message, signal.signal));
-  const [quantity, setQuantity] = useState(quantities[0]?.name ?? "");
+  const [quantity, setQuantity] = useState(() =>
+    likelyQuantity(
+      signal.unit,
+      quantities.map((one) => one.name),
+    ),
+  );
   const [joint, setJoint] = useState(joints[0] ?? "");
   const [unit, setUnit] = useState(signal.unit);
   const [said, say] = useState<{ at: number | null } | null>(null);
