@@ -86,6 +86,8 @@ _TURNING = {
     "N/m": "N m/rad",
     "N/m^2": "N m/rad^2",
     "N/m^3": "N m/rad^3",
+    "N/m^4": "N m/rad^4",
+    "N/m^5": "N m/rad^5",
     "N/rad": "N m/rad",
     "N s/m": "N m s/rad",
     "N s^2/m^2": "N m s^2/rad^2",
@@ -99,6 +101,8 @@ _SLIDING = {
     "N m/rad": "N/m",
     "N m/rad^2": "N/m^2",
     "N m/rad^3": "N/m^3",
+    "N m/rad^4": "N/m^4",
+    "N m/rad^5": "N/m^5",
     "kg m^2": "kg",
     "rad/(N m)": "m/N",
 }

@@ -307,6 +307,13 @@ def chance(probability: object) -> str:
     return f" ({as_chance(probability)})" if isinstance(probability, float) else ""
 
 
+def doubtful(entry: Mapping[str, Any]) -> bool:
+    """Whether what is in no catalogue is more probable than an effect of the report and its rivals together."""
+    rivals = [r.get("probability") for r in entry.get("indistinguishable_from") or [] if isinstance(r, Mapping)]
+    own = entry.get("probability")
+    return isinstance(own, float) and own + sum(p for p in rivals if isinstance(p, float)) < 0.5
+
+
 def explanation(hypothesis: Mapping[str, Any], titles: Mapping[str, str]) -> str:
     """A hypothesis in words: its effects and laws with their places, or that nothing is missing."""
     parts = [at({**entry, "title": titles.get(str(entry["id"]))}) for entry in hypothesis.get("effects") or []]
@@ -356,13 +363,18 @@ def _found(report: Mapping[str, Any], titles: Mapping[str, str]) -> list[str]:
     if not effects and not laws:
         return []
     gain = improvement(report, [entry.get("joint") for entry in (*effects, *laws)])
-    certain = [e for e in effects if not e.get("indistinguishable_from")]
-    sentences: list[str] = []
+    certain = [e for e in effects if not e.get("indistinguishable_from") and not doubtful(e)]
+    sentences = [
+        f"{lower(title({**e, 'title': e.get('title') or titles.get(str(e['id']))}))} takes a part of what is missing "
+        f"{place(e.get('joint'))}, but something that is in no catalogue is more probable"
+        for e in effects
+        if doubtful(e)
+    ]
     if certain:
         named = [at(e) + (f" ({sizes(e.get('parameters'))})" if sizes(e.get("parameters")) else "") for e in certain]
         sentences.append(f"the model lacked {listed(named)}")
     for entry in effects:
-        if entry.get("indistinguishable_from"):
+        if entry.get("indistinguishable_from") and not doubtful(entry):
             names = [lower(title(entry)), *alternatives(entry, titles)]
             chances = [
                 e.get("probability") for e in (entry, *entry["indistinguishable_from"]) if isinstance(e, Mapping)
@@ -386,7 +398,7 @@ def _found(report: Mapping[str, Any], titles: Mapping[str, str]) -> list[str]:
     if gain:
         added = [*effects] + [law for law in laws if law.get("added", True)]
         with_it = "it added" if len(added) == 1 else "them added"
-        if any(e.get("indistinguishable_from") for e in effects):
+        if any(e.get("indistinguishable_from") and not doubtful(e) for e in effects):
             with_it = "the first of them added" if len(effects) == 1 else "the first of each added"
         elif laws and not effects:
             with_it = "the measured law added as such" if len(laws) == 1 else "the measured laws added as such"

@@ -40,6 +40,12 @@ class Accepted:
     probability: float = 1.0
     rival_probabilities: tuple[float, ...] = ()
 
+    @property
+    def doubtful(self) -> bool:
+        """Whether what is in no catalogue is more probable than this name and its rivals together."""
+        named = not isinstance(self.score.term.content, Law)
+        return named and self.probability + sum(self.rival_probabilities) < 0.5
+
 
 @dataclass(frozen=True)
 class Unconfirmed:
@@ -109,6 +115,6 @@ class Attribution:
         """Verdict of the report."""
         if not self.accepted:
             return "unexplained" if self.unconfirmed else "effect_added" if self.lines else "nothing_missing"
-        if any(isinstance(a.score.term.content, Law) for a in self.accepted):
+        if any(isinstance(a.score.term.content, Law) or a.doubtful for a in self.accepted):
             return "unexplained"
         return "ambiguous" if any(a.rivals for a in self.accepted) else "effect_added"

@@ -56,12 +56,6 @@ class Slot:
         listed = tuple((r, float(p)) for r, p in zip(rated, shares, strict=True) if p > 1e-3)
         return cls(item, listed, probability, float(np.exp(-total)))
 
-    @property
-    def outweighed(self) -> bool:
-        """Whether a name stands here although laws are more probable than all names: none of them held elsewhere."""
-        laws = sum(p for rated, p in self.alternatives if isinstance(rated.term.content, Law))
-        return isinstance(self.item.score.term.content, Effect) and laws > 0.5
-
     def rivals(self, wanted: float) -> list[tuple[Rated, float]]:
         """The other names that it takes to reach the wanted probability, at most two.
 

@@ -113,7 +113,6 @@ class Search:
         self.scores: dict[int, Score] | None = None
         self.drawn: set[tuple[object, ...]] = set()
         self.slots: list[Slot] = []
-        self.outweighed: list[Slot] = []
         self.open: list[Rated] = []
 
     def step(self) -> bool:
@@ -348,23 +347,8 @@ class Search:
                     break
                 self.slots.append(slot)
             if len(self.slots) == len(self.accepted) - self.known:
-                break
-        else:
-            self._weigh_finally()
-        self._without_outweighed()
-
-    def _weigh_finally(self) -> None:
+                return
         self.slots = [self._slot(n, final=True) for n in range(self.known, len(self.accepted))]
-
-    def _without_outweighed(self) -> None:
-        """Drop names beside which a law that did not hold elsewhere is more probable; that law is reported instead."""
-        while (number := next((n for n, slot in enumerate(self.slots) if slot.outweighed), None)) is not None:
-            self.outweighed.append(self.slots[number])
-            score = self.accepted.pop(self.known + number).score
-            words = "something that is in no catalogue is more probable"
-            self.table[score.term.family] = Candidate(*score.term.family, score.score, "rejected", words)
-            self.model = self.signals.refit([item.score.term for item in self.accepted])
-            self._weigh_finally()
 
     def _without_needless_lines(self) -> None:
         """Drop spectral lines that an effect found later explains: what is left of them is worth nothing."""
@@ -450,17 +434,15 @@ class Search:
             self.limits,
             (),
             self._open_questions(),
-            hypotheses=hypotheses([*self.slots, *self.outweighed], self.open),
+            hypotheses=hypotheses(self.slots, self.open),
         )
 
     def _open_questions(self) -> tuple[Unconfirmed, ...]:
         """Unconfirmed laws of joints where nothing else was found, and something certainly is.
 
-        It holds on blocks that were left out of the fit, or two runs of one motion leave the same, or it is more
-        probable than any name.
+        It holds on blocks that were left out of the fit, or two runs of one motion leave the same.
         """
         found = {item.score.term.joint for item in self.accepted}
-        probable = {slot.item.score.term.joint for slot in self.outweighed}
         best: dict[int | None, Unconfirmed] = {}
         for item in self.unconfirmed:
             joint = item.score.term.joint
@@ -468,7 +450,7 @@ class Search:
                 continue
             left = self.signals.misfit(self.model, joint)
             shared = left.z > SHARED_Z and left.excess > NEAR * item.score.gain
-            if (shared or item.held_out.z >= LEAST_Z_ALONE or joint in probable) and (
+            if (shared or item.held_out.z >= LEAST_Z_ALONE) and (
                 joint not in best or item.score.gain > best[joint].score.gain
             ):
                 best[joint] = item

@@ -237,3 +237,10 @@ def test_the_program_identifies_again_with_every_motion_and_reports_once(monkeyp
         "separates": [LOAD.id],
         "chance": 0.4,
     }
+
+
+def test_a_name_that_is_less_probable_than_a_law_leaves_the_joint_unexplained():
+    likely, unlikely = accepted(LOAD, 0.53, (PRESSURE, 0.44)), accepted(LOAD, 0.2, (PRESSURE, 0.1))
+    assert attribution(likely, ()).verdict == "ambiguous"
+    assert attribution(unlikely, ()).verdict == "unexplained"
+    assert unlikely.doubtful and not likely.doubtful

@@ -8,13 +8,12 @@ import numpy as np
 import pytest
 from synthetic_arm import USUAL, Motion, force, make_motion, make_recordings, planar_machine, truth
 
-from fitting.effects import effect, effects
+from fitting.effects import effects
 from fitting.loop.residual_loop import SessionSignals, run_attribution
 from fitting.loop.session import Options, Session
 from fitting.residual.cross_validation import HeldOut
-from fitting.residual.findings import Accepted, Attribution, Unconfirmed
+from fitting.residual.findings import Attribution, Unconfirmed
 from fitting.residual.scoring import catalogue_terms, law_terms, score_terms
-from fitting.residual.terms import Term
 from fitting.selection.evidence import least_gain
 from fitting.selection.search import Search
 from fitting.signals.corrections import Corrections
@@ -57,36 +56,6 @@ def test_a_bore_that_is_worn_where_the_piston_works_most_has_friction_that_depen
     (item,) = found.accepted
     assert item.score.term.family == ("position_dependent_friction", 1)
     assert item.probability > 0.9
-
-
-@pytest.mark.slow
-def test_a_name_that_a_law_outweighs_is_not_added_where_that_law_did_not_hold_elsewhere() -> None:
-    """The joint stays unexplained, and the explanations say that it is the law rather than the name."""
-
-    def dents(motion: Motion) -> np.ndarray:
-        depths = [np.cosh((place(motion) - at) / 0.05) ** -2.0 for at in (0.2, 0.35, 0.8)]
-        return np.asarray(-120.0 * sum(depths) * np.sign(motion.v[:, 1]))
-
-    session = session_with(dents)
-    signals = SessionSignals(session, Corrections(session.machine))
-    base = signals.refit(())
-    search = Search(base, effects(), (), signals, 0, ())
-    laws = [s for s in score_terms(base, *law_terms(base)) if s.term.joint == 1 and not s.term.everywhere]
-    name = Term(effect("position_dependent_friction"), 1)
-    (score,) = score_terms(base, [name], [1])
-    nothing = HeldOut(0.0, 0.0, 1)
-    search.lawless.add(1)
-    search.unconfirmed.append(Unconfirmed(max(laws, key=lambda s: s.gain), nothing, -1.0))
-    search.accepted.append(Accepted(score, (), nothing, None))
-    search.model = signals.refit([name])
-    search.settle()
-    found = search.result()
-    assert not found.accepted and not found.model.terms
-    assert [item.score.term.joint for item in found.unconfirmed] == [1]
-    assert found.verdict == "unexplained"
-    assert any(c.status == "rejected" and "in no catalogue" in c.reason for c in found.candidates)
-    (best, *_) = found.hypotheses
-    assert [term.id for term in best.terms] == ["law"] and best.probability > 0.5
 
 
 @pytest.mark.slow

@@ -1121,6 +1121,8 @@ export const de: Record<Key, string> = {
   "results.sentence.noise": ": Auf der Validierungsbewegung ist der Fehler das {times}-Fache dieses Rauschens",
   "results.sentence.mistake": "Ein Fehler in Dateien oder Verdrahtung ist wahrscheinlicher als ein Effekt.",
   "results.sentence.effect": "{title} ({place}{sizes})",
+  "results.sentence.doubtful":
+    "{title} erklärt einen Teil dessen, was fehlt ({place}), aber etwas, das in keinem Katalog steht, ist wahrscheinlicher.",
   "results.sentence.lacked": "Dem Modell fehlte: {effects}.",
   "results.sentence.cannotTell":
     "Etwas fehlt ({place}), und diese Aufzeichnungen können nicht entscheiden, was davon es ist: {names}.",

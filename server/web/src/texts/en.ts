@@ -1083,6 +1083,8 @@ export const en = {
   "results.sentence.noise": ": on the validation motion the error is {times} times that noise",
   "results.sentence.mistake": "A mistake is more likely than any effect.",
   "results.sentence.effect": "{title} ({place}{sizes})",
+  "results.sentence.doubtful":
+    "{title} takes a part of what is missing ({place}), but something that is in no catalogue is more probable.",
   "results.sentence.lacked": "The model lacked {effects}.",
   "results.sentence.cannotTell":
     "Something is missing ({place}), and these recordings cannot tell which of these it is: {names}.",

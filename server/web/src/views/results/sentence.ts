@@ -20,8 +20,8 @@ export function sentence(report: Report): string {
     const noise = times === null ? "" : t("results.sentence.noise", { times: number(times, 3) });
     return t("results.sentence.nothing", { noise });
   }
-  const sets = effects.filter(ambiguous);
-  const found = [...certain(report), ...sets.map((one) => either(one, report)), ...laws(report)];
+  const sets = effects.filter((one) => ambiguous(one) && !doubtful(one));
+  const found = [...doubts(report), ...certain(report), ...sets.map((one) => either(one, report)), ...laws(report)];
   const gained = improvement(report);
   if (gained !== "" && found.length > 0) found.push(gained);
   if (verdict === "check_input") return [t("results.sentence.mistake"), ...found].join(" ");
@@ -31,9 +31,23 @@ export function sentence(report: Report): string {
 
 const ambiguous = (effect: Effect): boolean => effect.indistinguishable_from.length > 0;
 
+/** Whether what is in no catalogue is more probable than an effect and its rivals together. */
+function doubtful(effect: Effect): boolean {
+  const rivals = effect.indistinguishable_from.map((one) =>
+    typeof one === "string" ? 0 : ((one as { probability?: number | null }).probability ?? 0),
+  );
+  return effect.probability != null && rivals.reduce((sum, share) => sum + share, effect.probability) < 0.5;
+}
+
+function doubts(report: Report): string[] {
+  return report.loop.effects
+    .filter(doubtful)
+    .map((effect) => t("results.sentence.doubtful", { title: title(effect, report), place: place(effect.joint) }));
+}
+
 function certain(report: Report): string[] {
   const named = report.loop.effects
-    .filter((effect) => !ambiguous(effect))
+    .filter((effect) => !ambiguous(effect) && !doubtful(effect))
     .map((effect) =>
       t("results.sentence.effect", { title: title(effect, report), place: place(effect.joint), sizes: sizes(effect) }),
     );
