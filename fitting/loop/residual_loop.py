@@ -83,10 +83,10 @@ class SessionSignals:
 
     def refit(self, terms: Sequence[Term]) -> Model:
         """Both stages refitted jointly with these terms."""
-        prepared = self.prepared(terms)
-        return fit_model(
-            prepared.design, prepared.noise, prepared.fitted, terms, self._session.prior, passes=3 if terms else 1
-        )
+        return self._fitted(self.prepared(terms), terms)
+
+    def _fitted(self, prepared: Prepared, terms: Sequence[Term]) -> Model:
+        return fit_model(prepared.design, prepared.noise, prepared.fitted, terms, self.prior, passes=3 if terms else 1)
 
     def nulls(self, model: Model, terms: Sequence[Term], draws: int, first: int = 0) -> list[Null | None]:
         """Values of terms on replicas of the recordings in which ``model`` is the whole truth.
@@ -162,9 +162,7 @@ class SessionSignals:
         found = []
         for late in (sum(term.rebuilt), -sum(term.rebuilt)):
             moved = self.prepared((*model.terms, replace(term, rebuilt=(late,))))
-            passes = 3 if model.terms else 1
-            fitted = fit_model(moved.design, moved.noise, moved.fitted, model.terms, self.prior, passes=passes)
-            found.append(fitted.fit.chi_square)
+            found.append(self._fitted(moved, model.terms).fit.chi_square)
         self._prepared = kept
         return (found[1] - found[0]) / 4.0
 
