@@ -122,14 +122,16 @@ def made_up(twists: Sequence[float] | None) -> ArmModel:
         Ranges((0.0, joint.cylinder.stroke if joint.cylinder else 1.0), 0.3, 5e4, (0.0, 60.0))
         for joint in machine.joints
     )
-    theta = np.concatenate([drive, base.from_standard(np.concatenate(links)), [1200.0, -9000.0, 15000.0]])
+    worn = effect("position_dependent_friction")
+    wear = 1200.0 * (-1.0 / 0.15) ** np.arange(len(worn.parameters))
+    theta = np.concatenate([drive, base.from_standard(np.concatenate(links)), wear])
     return ArmModel(
         machine=machine,
         steps=(),
         base=base,
         bandwidth_hz=3.0,
         noise=(PositionNoise(1e-5, 1e-4, 1e-3),) * n,
-        terms=(Term(effect("position_dependent_friction"), 1),),
+        terms=(Term(worn, 1),),
         passes=(Pass(theta, ranges, (None,) * n),),
         covariance=np.diag((0.01 * theta) ** 2),
         told=np.ones(len(theta), dtype=bool),

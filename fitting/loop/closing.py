@@ -241,4 +241,4 @@ def _alternatives(item: Accepted, found: Attribution) -> list[tuple[Term, float]
 
 def _same_law(one: Term, other: Term) -> bool:
     a, b = one.content, other.content
-    return isinstance(a, Law) and isinstance(b, Law) and (a.signals, a.signed) == (b.signals, b.signed)
+    return isinstance(a, Law) and isinstance(b, Law) and (a.signals, a.parity) == (b.signals, b.parity)

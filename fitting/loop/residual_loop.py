@@ -390,6 +390,7 @@ def term_to_json(term: Term) -> dict[str, Any]:
             "signal": content.signal,
             "other": content.other,
             "signed": content.signed,
+            "only": content.only,
             "loaded_only": content.loaded_only,
             "knots": list(content.knots),
         }
@@ -413,7 +414,7 @@ def term_from_json(value: Mapping[str, Any]) -> Term:
 
 
 def _law_from_json(law: Mapping[str, Any]) -> Law:
-    first = (law["signal"], law["other"], law["signed"], law["loaded_only"], tuple(law["knots"]))
+    first = (law["signal"], law["other"], law["signed"], law["loaded_only"], tuple(law["knots"]), law.get("only", ""))
     if "second" not in law:
         return Law(*first)
     return Surface(*first, law["second"], law["second_other"], tuple(law["second_range"]), law.get("twist", False))

@@ -101,6 +101,7 @@ def _unconfirmed(item: Unconfirmed, names: tuple[str, ...]) -> UnconfirmedLaw:
         variable=law.variable(names),
         second_variable=second_variable(law, names).get("second_variable"),
         times_sign_of_speed=law.signed,
+        only_while=law.only or None,
         unit=law.unit,
         law=spline_curve(law, np.array(score.values), covariance),
         evidence={

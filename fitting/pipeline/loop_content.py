@@ -50,6 +50,7 @@ def loop_content(session: Session, results: StageResults, model: Model, terms: l
                         "joint": names[term.joint or 0],
                         "variable": term.content.variable(tuple(names)),
                         "times_sign_of_speed": term.content.signed,
+                        "only_while": term.content.only or None,
                         **second_variable(term.content, tuple(names)),
                         "law": law_curve(term.content, model, part),
                         "unit": term.content.unit,
@@ -164,6 +165,7 @@ def _hypotheses(found: Sequence[Hypothesis], names: Sequence[str]) -> list[dict[
                         "joint": place,
                         "variable": t.content.variable(tuple(names)),
                         "times_sign_of_speed": t.content.signed,
+                        "only_while": t.content.only or None,
                     }
                     for t, place in both
                     if isinstance(t.content, Law)

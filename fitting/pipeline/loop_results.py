@@ -119,6 +119,7 @@ class UnconfirmedLaw:
     variable: str
     second_variable: str | None
     times_sign_of_speed: bool
+    only_while: str | None
     unit: str
     law: Json
     evidence: Json

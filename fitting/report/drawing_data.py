@@ -87,7 +87,7 @@ def _pairs(model: Model) -> dict[int, int]:
         if not isinstance(law, Law) or isinstance(law, Surface):
             continue
         first = found.setdefault((term.joint, law.signal, law.other), number)
-        if first != number and first not in pairs and _law(model, first).signed != law.signed:
+        if first != number and first not in pairs and _law(model, first).parity != law.parity:
             pairs[first] = number
     return pairs
 
@@ -107,12 +107,18 @@ def _both_ways(model: Model, numbers: tuple[int, int]) -> tuple[FloatArray, Floa
     bases = [evaluate(np.asarray(law.knots), grid) for law in laws]
     ways = [
         _with_band(
-            np.hstack([way * b if law.signed else b for b, law in zip(bases, laws, strict=True)]), theta, covariance
+            np.hstack([_in_direction(law, way) * b for b, law in zip(bases, laws, strict=True)]), theta, covariance
         )
         for way in (1.0, -1.0)
     ]
     std = np.maximum(*(np.asarray(way["std"]) for way in ways))
     return grid, np.asarray(ways[0]["value"]), np.asarray(ways[1]["value"]), std
+
+
+def _in_direction(law: Law, way: float) -> float:
+    """What a law is multiplied by while the joint moves one way."""
+    factor = law.factor(way)
+    return 1.0 if factor is None else float(factor)
 
 
 def _scatter(before: Model, after: Model, number: int, shown: Sequence[int], other: int | None) -> Scatter:
@@ -141,9 +147,7 @@ def _scatter(before: Model, after: Model, number: int, shown: Sequence[int], oth
             added = added + after.contribution(other, joint, index)
         own.append(design.bank.reduce(added)[keep])
     law_x, law_y = _binned(np.concatenate(x), np.concatenate(columns))
-    odd = isinstance(term.content, Law) and term.content.signed
-    if not isinstance(term.content, Law):
-        odd = term.content.parity is Parity.ODD
+    odd = not isinstance(term.content, Law) and term.content.parity is Parity.ODD
     law_back = None
     law_std = np.zeros(0)
     if other is not None:
@@ -151,7 +155,9 @@ def _scatter(before: Model, after: Model, number: int, shown: Sequence[int], oth
     elif isinstance(term.content, Law):
         curve = law_curve(term.content, after, part)
         law_x, law_y, law_std = (np.asarray(curve[key]) for key in ("grid", "value", "std"))
-        law_back = -law_y if odd else None
+        back = _in_direction(term.content, -1.0)
+        law_y = _in_direction(term.content, 1.0) * law_y
+        law_back = None if back == 1.0 and not term.content.only else back * np.asarray(curve["value"])
     elif odd:
         forth = np.concatenate(direction) > 0
         law_x, law_y = _binned(np.concatenate(x)[forth], np.concatenate(columns)[forth])

@@ -227,7 +227,9 @@ def _signals(law: Mapping[str, Any]) -> str:
 
 def follows(law: Mapping[str, Any]) -> str:
     """``the error at joint1 follows the piston position``: what an unexplained law says."""
+    way = law.get("only_while")
     turns = ", and turns its sign with the direction of motion" if law.get("times_sign_of_speed") else ""
+    turns = f", only while the speed of the joint is {way}" if way else turns
     return f"the error {place(law.get('joint'))} follows the {_signals(law)}{turns}"
 
 

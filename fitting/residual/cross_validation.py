@@ -48,7 +48,9 @@ class HeldOut:
     own_gain: float = np.inf
 
 
-def held_out_gain(rows: Sequence[WhiteRows], candidate: int, rate_hz: float) -> HeldOut:
+def held_out_gain(
+    rows: Sequence[WhiteRows], candidate: int, rate_hz: float, precision: FloatArray | None = None
+) -> HeldOut:
     """Gain of the last ``candidate`` columns on held-out blocks.
 
     Parameters
@@ -56,10 +58,16 @@ def held_out_gain(rows: Sequence[WhiteRows], candidate: int, rate_hz: float) -> 
     rows : whitened rows of every joint, candidate columns last (a prior's row at the end of a joint is always fitted)
     candidate : number of its columns
     rate_hz : rate of the rows
+    precision : (candidate, candidate) of what is expected of its parameters before any data, around zero: a curve's
+        ends may be shown by one block only, and without that block nothing else would say how large they are
     """
     length = max(1, min(BLOCK_ROWS, round(BLOCK_SECONDS * rate_hz)))
     guard = max(1, min(GUARD_ROWS, round(GUARD_SECONDS * rate_hz)))
     A, b = unit_columns(rows)
+    known = None
+    if precision is not None:
+        sizes = np.linalg.norm(np.vstack([r.A[:, -candidate:] for r in rows]), axis=0)
+        known = precision / np.outer(np.maximum(sizes, 1e-300), np.maximum(sizes, 1e-300))
     block, position = _blocks(rows, length)
     fold = np.where(block >= 0, block % FOLDS, -1)
     changes: dict[int, float] = {}
@@ -75,6 +83,8 @@ def held_out_gain(rows: Sequence[WhiteRows], candidate: int, rate_hz: float) -> 
         gram, products = A[train].T @ A[train], A[train].T @ b[train]
         errors = []
         for columns in (A.shape[1] - candidate, A.shape[1]):
+            if known is not None and columns == A.shape[1]:
+                gram[-candidate:, -candidate:] += known
             theta = solve_gram(gram[:columns, :columns], products[:columns])
             errors.append((b[test] - A[test, :columns] @ theta) ** 2)
         for own in np.unique(block[test]):

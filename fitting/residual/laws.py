@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -50,9 +51,16 @@ OWN_FORCE = "cylinder_force"
 OWN_FUNCTIONS, OTHER_FUNCTIONS = 16, 8
 #: Own signals whose laws may be gone when the arm is off: what bears its weight.
 GONE_UNLOADED = ("piston_position", "link_angle", "cylinder_force")
+#: Neighbours' signals that act through the arm, and so not where it is off; oil and hoses are there all the same.
+THROUGH_THE_ARM = ("joint_position", "cylinder_force", "link_angle")
 #: Signals that are the model's own, not measured.
 OF_THE_MODEL = ("cylinder_force", "force_rate", "head_pressure", "rod_pressure")
 _PRESSURES = ("head_pressure", "rod_pressure")
+#: Signals whose laws may act in one direction of motion only: those that open and close valves, and where a seal is.
+ONE_WAY = ("piston_position", "cylinder_force", "head_pressure", "rod_pressure", "joint_position")
+Way = Literal["", "positive", "negative"]
+#: Directions of motion in which a law may act alone, as signs of the speed.
+WAYS: dict[Way, float] = {"positive": 1.0, "negative": -1.0}
 #: Deviations of the speed's noise above which its sign is sure.
 _SURE = 3.0
 
@@ -68,6 +76,7 @@ class Law:
     signed : True if the law is multiplied by the sign of the joint's own speed
     loaded_only : True if it is gone when unloaded
     knots : knots of the spline, in the signal's unit
+    only : ``positive`` or ``negative`` if it acts while the joint's own speed has that sign only, as behind a valve
     """
 
     signal: str
@@ -75,6 +84,7 @@ class Law:
     signed: bool
     loaded_only: bool
     knots: tuple[float, ...]
+    only: Way = ""
 
     def values(self, view: DriveView) -> FloatArray:
         """The signal, (N,)."""
@@ -110,9 +120,25 @@ class Law:
         if key not in view.cache:
             view.cache[key] = evaluate(np.asarray(self.knots), self.values(view))
         basis = view.cache[key]
+        return self.acting(basis, view)
+
+    def acting(self, basis: FloatArray, view: DriveView) -> FloatArray:
+        """Its functions (N, k) where and with the sign that the direction of motion and the load say."""
+        if self.loaded_only and not view.segment.loaded:
+            return np.zeros_like(basis)
+        factor = self.factor(view.s)
+        return np.asarray(basis if factor is None else basis * factor[:, None])
+
+    def factor(self, direction: Any) -> Any:
+        """What its functions are multiplied by at a direction of motion, -1 to 1; None for nothing."""
         if self.signed:
-            basis = basis * view.s[:, None]
-        return np.zeros_like(basis) if self.loaded_only and not view.segment.loaded else basis
+            return direction
+        return 0.5 * (1.0 + WAYS[self.only] * direction) if self.only else None
+
+    @property
+    def parity(self) -> tuple[bool, Way]:
+        """How it depends on the direction of motion: two laws of one signal that differ in it add up."""
+        return self.signed, self.only
 
 
 def laws(views: Views, joint: int, fitted: tuple[int, ...]) -> Iterator[Law]:
@@ -142,7 +168,7 @@ def laws(views: Views, joint: int, fitted: tuple[int, ...]) -> Iterator[Law]:
                 continue
             if signal in _PRESSURES and not has_pressures(machine, other):
                 continue
-            loaded_only = signal not in ("piston_speed", "piston_acceleration")
+            loaded_only = signal in THROUGH_THE_ARM
             values = np.concatenate(
                 [getter(views[i][joint], other) for i in fitted if views[i][joint].segment.loaded or not loaded_only]
                 or [np.zeros(1)]
@@ -159,6 +185,9 @@ def _family(
     knots = tuple(spline_knots(values, functions).tolist())
     for signed in signs:
         yield Law(signal, other, signed, loaded_only, knots)
+    if signal in ONE_WAY and (signal, other) != (OWN_FORCE, None):
+        for way in WAYS:
+            yield Law(signal, other, False, loaded_only, knots, way)
 
 
 def parallel_joints(machine: Machine, joint: int) -> range:

@@ -74,9 +74,7 @@ class Surface(Law):
     def columns(self, view: DriveView) -> FloatArray:
         """Columns (N, functions)."""
         basis = self.basis(self.values(view), self.along.values(view))
-        if self.signed:
-            basis = basis * view.s[:, None]
-        return np.zeros_like(basis) if self.loaded_only and not view.segment.loaded else basis
+        return self.acting(basis, view)
 
 
 def second_variable(law: Law, joints: tuple[str, ...]) -> dict[str, str]:
@@ -116,10 +114,10 @@ def surfaces(model: Model, joint: int, *, twist: bool = False) -> Iterator[Surfa
                 signed,
                 loaded_only,
                 ranges[first, other],
-                second,
-                second_other,
-                ranges[second, second_other],
-                twist,
+                second=second,
+                second_other=second_other,
+                second_range=ranges[second, second_other],
+                twist=twist,
             )
 
 

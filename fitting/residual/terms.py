@@ -93,8 +93,8 @@ class Term:
         place = "machine" if self.joint is None else joints[self.joint]
         if isinstance(self.content, Effect):
             return tuple(f"{place}.{self.content.id}.{p.name}" for p in self.content.parameters)
-        signed = " sgn v" if self.content.signed else ""
         law = self.content
+        signed = " sgn v" if law.signed else f" {law.only}" if law.only else ""
         return tuple(f"{place}.law({law.variable(joints)}){signed}.{k}" for k in range(law.functions))
 
 

@@ -6,6 +6,9 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Protocol
 
+import numpy as np
+import numpy.typing as npt
+
 from fitting.regression.design import WhiteRows
 from fitting.regression.prior import Prior
 from fitting.residual.confirmation import Misfit, OnValidate, on_validate
@@ -14,6 +17,8 @@ from fitting.residual.null import Null
 from fitting.residual.robustness import inflation
 from fitting.residual.scoring import Score
 from fitting.residual.terms import Model, Term
+
+FloatArray = npt.NDArray[np.float64]
 
 
 class Signals(Protocol):
@@ -65,10 +70,15 @@ class Trials:
             self._last = model, term, plain, self._signals.rebuilt(plain)
         return self._last[3]
 
-    def judged(self, choice: Score, before: Model, trial: Model) -> tuple[HeldOut, OnValidate | None]:
-        """What held-out blocks and the validation motion say of a trial's last term."""
+    def judged(
+        self, choice: Score, before: Model, trial: Model, precision: FloatArray | None = None
+    ) -> tuple[HeldOut, OnValidate | None]:
+        """What held-out blocks and the validation motion say of a trial's last term.
+
+        ``precision`` (k, k) is of what is expected of its parameters before any data.
+        """
         rows, columns = self._last_rows(trial)
-        held_out = held_out_gain(rows, columns, trial.design.bank.reduced_rate_hz)
+        held_out = held_out_gain(rows, columns, trial.design.bank.reduced_rate_hz, precision)
         # What is moved into the signals explains more than its column, which is its beginning only.
         moved = before.fit.chi_square - trial.fit.chi_square if trial.terms[-1].rebuilt else 0.0
         own_noise = inflation(rows, columns, trial.fit.residual)

@@ -9,16 +9,24 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
+import numpy.typing as npt
+
 from fitting.effects.base import Effect
 from fitting.residual.confirmation import OnValidate, worse_joint
 from fitting.residual.cross_validation import HeldOut
 from fitting.residual.friction_power import CERTAIN, driving, friction_power, rubs
+from fitting.residual.laws import Law
 from fitting.residual.scoring import Score, white_columns
+from fitting.residual.surfaces import Surface
 from fitting.residual.terms import Model, Term
 from fitting.residual.trials import Trials
 from fitting.residual.witness import Witness, witness
 from fitting.residual.witness import objection as of_the_load
-from fitting.selection.evidence import least_gain
+from fitting.selection import priors
+from fitting.selection.evidence import curve_precision, least_gain
+
+FloatArray = npt.NDArray[np.float64]
 
 #: Standard errors by which the gain on held-out blocks has to be above zero; more where no validation motion has a say
 #: and most of the gain is lost there.
@@ -59,7 +67,7 @@ class Gate:
 
     def asked(self, choice: Score, before: Model, trial: Model) -> Answer:
         """What is against the last term of ``trial``."""
-        held_out, seen = self._trials.judged(choice, before, trial)
+        held_out, seen = self._trials.judged(choice, before, trial, _expected(choice))
         reason = objection(choice, held_out, seen)
         heard = _heard(before, choice.term)
         if not reason and isinstance(choice.term.content, Effect) and heard is not None:
@@ -130,6 +138,18 @@ def is_blind(choice: Score, validate: OnValidate | None) -> bool:
     if validate is None or validate.gain > 0 or validate.tells or validate.refutes:
         return False
     return plain(choice)
+
+
+def _expected(choice: Score) -> FloatArray | None:
+    """Precision of what is expected of a law's coefficients; None for what is no curve.
+
+    The same curves are expected where a block is left out as where the law was chosen.
+    """
+    law = choice.term.content
+    if not isinstance(law, Law) or isinstance(law, Surface):
+        return None
+    sizes = priors.amplitudes(float(np.sqrt(max(choice.gain, 0.0))))
+    return curve_precision(choice.information, choice.information @ np.asarray(choice.values), priors.LENGTHS, sizes)
 
 
 def _driving(term: Term, before: Model, trial: Model) -> str:

@@ -98,6 +98,24 @@ def curve_evidence(gram: FloatArray, products: FloatArray, roots: FloatArray, am
     return np.asarray(0.5 * np.sum(scale * turned**2 / spread - np.log(spread), axis=-1))
 
 
+def curve_precision(
+    gram: FloatArray, products: FloatArray, lengths: tuple[float, ...], amplitudes: FloatArray
+) -> FloatArray:
+    """Inverse prior covariance (n, n) of a spline's coefficients, of the length and amplitude that are most probable.
+
+    Parameters
+    ----------
+    gram, products : (n, n) and (n,) of the spline, what the base explains taken off
+    lengths, amplitudes : those that there may be
+    """
+    roots = curve_roots(len(products), lengths)
+    values = curve_evidence(gram[None], products[None], roots, amplitudes)[0]
+    length, size = np.unravel_index(int(np.argmax(values)), values.shape)
+    root = roots[length]
+    seen = max(float(np.trace(root.T @ gram @ root)), 1e-300)
+    return np.asarray(np.linalg.pinv(root @ root.T, hermitian=True) * seen / float(amplitudes[size]) ** 2)
+
+
 def formula_gains(gram: FloatArray, products: FloatArray, curves: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Chi-square (T, F) that formulas take of what splines could, and their live directions (T, F).
 

@@ -43,5 +43,5 @@ def family(term: Term) -> Family:
     """What counts as one explanation: an effect on a joint; a law of one signal on a joint, or of a pair of them."""
     law = term.content
     if isinstance(law, Law):
-        return ("law", term.joint, frozenset(law.signals), law.signed, law.loaded_only)
+        return ("law", term.joint, frozenset(law.signals), *law.parity, law.loaded_only)
     return (term.id, term.joint)

@@ -243,7 +243,7 @@ class RatedNames:
         for signed in (False, True):
             if (odd and not signed) or (even and signed):
                 continue
-            both = [self._laws.get((term.joint, name, other, signed, loaded)) for loaded in (False, True)]
+            both = [self._laws.get((term.joint, name, other, signed, "", loaded)) for loaded in (False, True)]
             present = [n for n in both if n is not None]
             if present:  # what acts at the joint is gone without a load
                 result.append(present[-1] if effect.level == "joint" else present[0])

@@ -53,7 +53,7 @@ class Rating:
         for number, term in enumerate(candidates.terms):
             if _is_curve(term) and isinstance(term.content, Law):
                 law = term.content
-                keys[term.joint, law.signal, law.other, law.signed, law.loaded_only] = number
+                keys[term.joint, law.signal, law.other, *law.parity, law.loaded_only] = number
                 by_joint.setdefault(term.joint or 0, []).append(number)
         self._trust = Trust(candidates, model, by_joint)
         sizes = Sizes(model, visible, self._failed)

@@ -63,3 +63,32 @@ def test_what_fits_by_chance_does_not_hold() -> None:
     # Out of sample one useless parameter costs about as much as it gains in sample: one.
     assert np.mean(gains) < 0
     assert max(gains) < 14
+
+
+def rows_with_an_edge(seed: int, edge: float, strays: float) -> list[WhiteRows]:
+    """A candidate of two columns: one shown everywhere, one by a few rows of one block, and hardly by any other."""
+    rng = np.random.default_rng(seed)
+    length, half = 1000, 500
+    edges = np.zeros(length)
+    edges[205:215] = 1.0
+    edges[800] = strays
+    A = np.column_stack([rng.standard_normal((length, 2)), edges])
+    b = A @ np.array([3.0, 0.5, edge]) + rng.standard_normal(length)
+    sections = ((0, np.ones(half, dtype=bool)), (1, np.ones(length - half, dtype=bool)))
+    return [WhiteRows(A, b, sections)]
+
+
+def test_what_one_block_shows_is_as_large_without_it_as_was_expected() -> None:
+    precision = np.diag([1.0, 1.0 / 3.0**2])
+    losses = []
+    for seed in range(20):
+        rows = rows_with_an_edge(seed, edge=3.0, strays=0.02)
+        expected = held_out_gain(rows, 2, RATE, precision)
+        losses.append(expected.gain - held_out_gain(rows, 2, RATE).gain)
+        assert expected.gain > 100 and expected.z > 3.0
+    assert np.median(losses) > 100, "a coefficient that a fold knows next to nothing of is anything"
+
+
+def test_a_prior_that_says_nothing_changes_nothing() -> None:
+    rows = rows_of(3, 0.2)
+    assert held_out_gain(rows, 1, RATE, np.zeros((1, 1))) == held_out_gain(rows, 1, RATE)

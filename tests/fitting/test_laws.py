@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from synthetic_arm import RATE, USUAL, force, make_motion, make_recordings, planar_machine, truth
+from synthetic_arm import RATE, USUAL, back_pressure, force, make_motion, make_recordings, planar_machine, truth
 
 from fitting.effects.base import DriveView
 from fitting.loop.residual_loop import run_attribution
 from fitting.loop.session import Options, Session
-from fitting.residual.laws import OWN, Law
+from fitting.residual.laws import OWN, Law, Way, laws
 from fitting.signals.corrections import Corrections
 
 
@@ -48,6 +48,46 @@ def test_time_since_reversal_is_the_time_since_a_sine_was_zero(
     sure = counted & (since > slack) & (since < half - slack)
     assert np.all(np.abs(found - since)[sure] <= slack)
     assert found[0] == 0.0
+
+
+@pytest.mark.parametrize(("only", "shown"), [("positive", (1.0, 0.5, 0.0)), ("negative", (0.0, 0.5, 1.0))])
+def test_a_law_of_one_direction_acts_in_that_direction_only(only: Way, shown: tuple[float, ...]) -> None:
+    law = Law("piston_position", None, False, False, (0.0,) * 4 + (1.0,) * 4, only)
+    view = cast(DriveView, SimpleNamespace(s=np.array([1.0, 0.0, -1.0]), segment=SimpleNamespace(loaded=True)))
+    assert law.acting(np.ones((3, 2)), view) == pytest.approx(np.repeat(np.array(shown)[:, None], 2, axis=1))
+
+
+def test_oil_of_neighbours_acts_with_the_arm_off_and_their_poses_do_not() -> None:
+    machine, arm = planar_machine(2), truth(2)
+    session = Session(machine, make_recordings(machine, arm, seconds=30.0), Options(bootstrap=0))
+    model = session.base_model
+    found = [law for law in laws(model.views, 0, tuple(model.fitted)) if law.other is not None]
+    assert {law.signal for law in found if law.loaded_only} == {"joint_position", "cylinder_force", "link_angle"}
+    assert {"head_pressure", "rod_pressure", "piston_speed"} <= {law.signal for law in found if not law.loaded_only}
+    assert {(law.signed, law.only) for law in found if law.signal == "head_pressure"} == {
+        (False, ""), (True, ""), (False, "positive"), (False, "negative")
+    }  # fmt: skip
+
+
+@pytest.mark.slow
+def test_a_valve_that_a_neighbours_pressure_opens_is_said_as_a_law_of_that_pressure() -> None:
+    machine, arm = planar_machine(2), truth(2)
+    added = []
+    for role, seed in USUAL:
+        motion = make_motion(machine, role, seed, 60.0)
+        whole, cylinder = force(machine, arm, motion), machine.joints[0].cylinder
+        assert cylinder is not None
+        pressure = (whole[:, 0] + back_pressure(motion)[:, 0] * cylinder.rod_area) / cylinder.head_area
+        extra = np.zeros_like(whole)
+        extra[:, 1] = -40.0 / (1.0 + (pressure / 1.0e6) ** 2) * (motion.v[:, 1] < 0)
+        added.append(extra)
+    session = Session(machine, make_recordings(machine, arm, added=added, seconds=60.0), Options(bootstrap=0))
+    found = run_attribution(session, Corrections(machine))
+    assert found.verdict == "unexplained"
+    (item,) = found.accepted
+    law = item.score.term.content
+    assert isinstance(law, Law) and item.score.term.joint == 1
+    assert law.other == 0 and law.signal in ("head_pressure", "cylinder_force") and law.only == "negative"
 
 
 @pytest.mark.slow

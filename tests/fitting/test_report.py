@@ -718,6 +718,9 @@ def test_a_law_that_turns_with_the_motion_says_so() -> None:
         "the error at joint1 follows the piston position together with the oil temperature, "
         "and turns its sign with the direction of motion"
     )
+    assert follows(law | {"only_while": "negative"}) == (
+        "the error at joint1 follows the piston position, only while the speed of the joint is negative"
+    )
 
 
 @pytest.mark.parametrize(

@@ -113,7 +113,7 @@ def test_a_law_of_one_signal_stays_one() -> None:
 
 
 def test_its_functions_are_a_partition_of_one_and_exact_for_products() -> None:
-    law = Surface("joint_position", 1, True, True, (-1.0, 2.0), "joint_position", 2, (0.0, 4.0))
+    law = Surface("joint_position", 1, True, True, (-1.0, 2.0), "", "joint_position", 2, (0.0, 4.0))
     rng = np.random.default_rng(0)
     u, w = rng.uniform(-1, 2, 200), rng.uniform(0, 4, 200)
     basis = law.basis(u, w)
@@ -126,7 +126,7 @@ def test_its_functions_are_a_partition_of_one_and_exact_for_products() -> None:
 
 
 def test_it_is_stored_and_read_back() -> None:
-    law = Surface("piston_speed", None, False, True, (-0.1, 0.1), "joint_position", 2, (0.0, 4.0))
+    law = Surface("piston_speed", None, False, True, (-0.1, 0.1), "", "joint_position", 2, (0.0, 4.0))
     term = Term(law, 1)
     assert term_from_json(term_to_json(term)) == term
     twist = Term(replace(law, twist=True), 1)
@@ -136,6 +136,8 @@ def test_it_is_stored_and_read_back() -> None:
     assert term_from_json(stored) == term, "results from before there were twists"
     one = Term(Law("piston_speed", None, False, False, (0.0,) * 4 + (1.0,) * 4), 1)
     assert term_from_json(term_to_json(one)) == one
+    valve = replace(one, content=replace(one.content, only="negative"))
+    assert term_from_json(term_to_json(valve)) == valve
 
 
 def test_all_pairs_are_asked_once_and_the_better_known_signal_comes_first() -> None:
@@ -153,7 +155,7 @@ def test_all_pairs_are_asked_once_and_the_better_known_signal_comes_first() -> N
 
 def test_the_report_names_both_signals_of_a_surface() -> None:
     joints = ("joint1", "joint2", "joint3")
-    law = Surface("joint_position", 1, True, True, (-1.0, 2.0), "joint_position", 2, (0.0, 4.0))
+    law = Surface("joint_position", 1, True, True, (-1.0, 2.0), "", "joint_position", 2, (0.0, 4.0))
     assert second_variable(law, joints) == {"second_variable": "joint3.joint_position"}
     assert second_variable(replace(law).along, joints) == {}
     entry = {"joint": "joint1", "variable": law.variable(joints), **second_variable(law, joints)}

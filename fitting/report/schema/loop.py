@@ -29,11 +29,13 @@ class Likely(Named):
 
 
 class LawPlace(Part):
-    """A law of no catalogue: its joint and its variable; whether it turns its sign with the direction of motion."""
+    """A law of no catalogue: its joint and variable; whether it turns its sign with the direction of motion, or acts
+    only while the speed of the joint (of its piston) has one sign."""
 
     joint: str | None
     variable: str
     times_sign_of_speed: bool = False
+    only_while: Literal["positive", "negative"] | None = None
 
 
 class Hypothesis(Part):

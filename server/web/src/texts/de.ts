@@ -965,6 +965,8 @@ export const de: Record<Key, string> = {
   "results.wholeMachine": "der ganzen Maschine",
   "results.at": "an {joint}",
   "results.togetherWithThe": " und der Größe „{secondVariable}“",
+  "results.onlyForward": ", nur bei positiver Geschwindigkeit des Gelenks",
+  "results.onlyBackward": ", nur bei negativer Geschwindigkeit des Gelenks",
   "results.turnsItsSignWith": " und wechselt sein Vorzeichen mit der Bewegungsrichtung",
   "results.errorFollows": "der Fehler {where} hängt von der Größe „{variable}“{second} ab{turns}",
   "results.wholeMachine2": "ganze Maschine",

@@ -929,6 +929,8 @@ export const en = {
   "results.wholeMachine": "of the whole machine",
   "results.at": "at {joint}",
   "results.togetherWithThe": " together with the {secondVariable}",
+  "results.onlyForward": ", only while the speed of the joint is positive",
+  "results.onlyBackward": ", only while the speed of the joint is negative",
   "results.turnsItsSignWith": ", and turns its sign with the direction of motion",
   "results.errorFollows": "the error {where} follows the {variable}{second}{turns}",
   "results.wholeMachine2": "whole machine",

@@ -49,7 +49,8 @@ export function follows(law: Law): string {
   const second = law.second_variable
     ? t("results.togetherWithThe", { secondVariable: signalWords(law.second_variable) })
     : "";
-  const turns = law.times_sign_of_speed ? t("results.turnsItsSignWith") : "";
+  let turns = law.times_sign_of_speed ? t("results.turnsItsSignWith") : "";
+  if (law.only_while) turns = t(law.only_while === "positive" ? "results.onlyForward" : "results.onlyBackward");
   return t("results.errorFollows", { where, variable: signalWords(law.variable), second, turns });
 }
 
