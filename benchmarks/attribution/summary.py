@@ -17,6 +17,7 @@ from benchmarks.attribution.coverage import kind_of
 from benchmarks.attribution.recipe import KINDS, TARGETS
 from benchmarks.attribution.verdicts import RESULTS
 from benchmarks.targets import Check, rate
+from fitting.effects import effect
 
 Line = dict[str, Any]
 
@@ -127,7 +128,22 @@ def _outside(lines: Sequence[Line]) -> list[Check]:
     visible = [line for line in beyond if line.get("apart") and line["apart"]["seen"] >= TARGETS["outside"][0]]
     right = sum(line["result"] == "right" for line in visible)
     found.append(rate("outside, as large in the noise of positions: right", right, len(visible)))
+    series = sum(line["result"] == "wrong" and _is_series_of_its_variable(line) for line in beyond)
+    found.append(rate("outside: the name is a series of the right variable at the right joint", series, len(beyond)))
     return found
+
+
+def _is_series_of_its_variable(line: Line) -> bool:
+    """Whether all that was named is a short series, which stands for any smooth law, of a variable of the effect."""
+    true = {(e["joint"], v.rpartition(".")[2]) for e in line["effects"] for v in e["variables"]}
+    named = {(name, joint) for members in line["said"]["sets"] for name, joint in members}
+    return all(effect(name).series and (joint, _variable(name)) in true for name, joint in named)
+
+
+def _variable(name: str) -> str:
+    """The signal of an effect as laws name it: its own position is that of its piston."""
+    own, _, of_another = effect(name).variable.rpartition(".")[::-1]
+    return "piston_position" if own == "joint_position" and not of_another else own
 
 
 def _named_for_sure(line: Line) -> bool:

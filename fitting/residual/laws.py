@@ -56,8 +56,9 @@ THROUGH_THE_ARM = ("joint_position", "cylinder_force", "link_angle")
 #: Signals that are the model's own, not measured.
 OF_THE_MODEL = ("cylinder_force", "force_rate", "head_pressure", "rod_pressure")
 _PRESSURES = ("head_pressure", "rod_pressure")
-#: Signals whose laws may act in one direction of motion only: those that open and close valves, and where a seal is.
-ONE_WAY = ("piston_position", "cylinder_force", "head_pressure", "rod_pressure", "joint_position")
+#: Neighbours' signals whose laws may act in one direction of motion only: those that open and close this joint's
+#: valves. What the joint's own do one way is friction that differs between the directions, or a load-holding valve.
+ONE_WAY = ("cylinder_force", "head_pressure", "rod_pressure", "joint_position")
 Way = Literal["", "positive", "negative"]
 #: Directions of motion in which a law may act alone, as signs of the speed.
 WAYS: dict[Way, float] = {"positive": 1.0, "negative": -1.0}
@@ -185,7 +186,7 @@ def _family(
     knots = tuple(spline_knots(values, functions).tolist())
     for signed in signs:
         yield Law(signal, other, signed, loaded_only, knots)
-    if signal in ONE_WAY and (signal, other) != (OWN_FORCE, None):
+    if other is not None and signal in ONE_WAY:
         for way in WAYS:
             yield Law(signal, other, False, loaded_only, knots, way)
 

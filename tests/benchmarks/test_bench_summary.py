@@ -110,6 +110,23 @@ def test_a_name_outside_the_catalogue_counts_where_it_is_likely() -> None:
     assert named(summary.checks([unsure, sure]))["outside: a catalogue name, likely"].measured == 0.5
 
 
+def test_a_series_of_the_right_variable_at_the_right_joint_is_counted_by_itself() -> None:
+    effects = [{"id": "dented_rod", "joint": "joint2", "reported": "joint2", "variables": ["piston_position"]}]
+    names = [
+        ("position_dependent_friction", "joint2"),
+        ("position_dependent_friction", "joint1"),
+        ("stribeck", "joint2"),
+    ]
+    cases = []
+    for number, name in enumerate(names):
+        said = {"sets": [[name]], "laws": [], "stated": [[[*name, 0.9]]]}
+        cases.append(line("outside", number, "wrong", said=said, effects=effects))
+    found = named(summary.checks(cases))
+    series = found["outside: the name is a series of the right variable at the right joint"]
+    assert series.measured == pytest.approx(1 / 3) and series.met is None
+    assert found["outside: a catalogue name, likely"].measured == 1.0, "it counts as a name all the same"
+
+
 def test_the_time_of_a_case_has_targets_with_and_without_the_bootstrap() -> None:
     lines = [line("null", 0, "right", seconds=7.0, bootstrap=18), line("null", 1, "right", seconds=4.0, bootstrap=0)]
     found = named(summary.checks(lines))

@@ -115,7 +115,7 @@ def test_prismatic_and_direct_joints_and_twists(kinds: str, tmp_path: Path) -> N
 def test_laws_of_two_signals_are_carried(twist: bool, tmp_path: Path) -> None:
     session = session_of(2)
     ranges = (0.05, 0.25), (-0.1, 0.1)  # narrower than the motion: constant beyond
-    law = Surface("piston_position", None, not twist, False, ranges[0], "piston_speed", 1, ranges[1], twist)
+    law = Surface("piston_position", None, not twist, False, ranges[0], "", "piston_speed", 1, ranges[1], twist)
     model = model_with([Term(law, 0)], session)
     done = export_model(model, "python", tmp_path / "arm.py")
     assert not done.left_out
