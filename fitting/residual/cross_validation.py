@@ -67,7 +67,8 @@ def held_out_gain(
     known = None
     if precision is not None:
         sizes = np.linalg.norm(np.vstack([r.A[:, -candidate:] for r in rows]), axis=0)
-        known = precision / np.outer(np.maximum(sizes, 1e-300), np.maximum(sizes, 1e-300))
+        sizes = np.where(sizes > 0.0, sizes, 1.0)  # a column that no row shows stays zero
+        known = precision / np.outer(sizes, sizes)
     block, position = _blocks(rows, length)
     fold = np.where(block >= 0, block % FOLDS, -1)
     changes: dict[int, float] = {}

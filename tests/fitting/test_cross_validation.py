@@ -92,3 +92,10 @@ def test_what_one_block_shows_is_as_large_without_it_as_was_expected() -> None:
 def test_a_prior_that_says_nothing_changes_nothing() -> None:
     rows = rows_of(3, 0.2)
     assert held_out_gain(rows, 1, RATE, np.zeros((1, 1))) == held_out_gain(rows, 1, RATE)
+
+
+def test_a_column_that_no_row_shows_does_nothing() -> None:
+    rows = rows_of(4, 0.3)
+    shown = held_out_gain(rows, 1, RATE, np.eye(1))
+    wider = [WhiteRows(np.column_stack([r.A, np.zeros(len(r.b))]), r.b, r.sections) for r in rows]
+    assert held_out_gain(wider, 2, RATE, np.eye(2)).gain == pytest.approx(shown.gain)
