@@ -127,7 +127,7 @@ class Case:
     others : values of other devices that were not fresh while it lasted and until all had recovered
     mates : the same of devices that share its serial line, which a time-out keeps busy
     cost : values of its own device or bus that were not fresh
-    places : where the first wrong values are, in words
+    places : where the first wrong values are, and the first ones that others lost, in words
     """
 
     name: str
@@ -269,10 +269,11 @@ def _judge(cases: Sequence[Case], rows: npt.NDArray[np.void], bench: Bench) -> N
             during = (at >= began) & (at <= (at[-1] if back is None else back))
             case.wrong += int(wrong[during].sum())
             if case.kind not in (*UNKNOWABLE, "freeze"):
-                case.places += _places(wrong & during[:, None], apart, rows, names, began)
+                case.places += _wrong_places(wrong & during[:, None], apart, rows, names, began)
             case.cost += int(lost[during][:, own].sum())
             case.mates += int(lost[during][:, mates].sum())
             case.others += int(lost[during][:, ~own & ~mates].sum())
+            case.places += _lost_places(lost & during[:, None] & ~own & ~mates, rows)
 
 
 def _machine_seconds(at: npt.NDArray[np.int64], since: int, until: int) -> float:
@@ -281,7 +282,14 @@ def _machine_seconds(at: npt.NDArray[np.int64], since: int, until: int) -> float
     return float(np.minimum(np.diff(moments) / NS, STANDS_STILL_S).sum())
 
 
-def _places(
+def _lost_places(lost: BoolArray, rows: npt.NDArray[np.void]) -> list[str]:
+    """Where values are lost, and how long the cycle took: all of them, after the patience, is a computer too busy."""
+    took = np.diff(rows["monotonic_ns"], append=rows["monotonic_ns"][-1]) / NS
+    cycles = np.flatnonzero(lost.any(axis=1))[:PLACES]
+    return [f"others: cycle {rows['cycle'][k]}, {lost[k].sum()} values, it took {took[k]:.3f} s" for k in cycles]
+
+
+def _wrong_places(
     wrong: BoolArray, apart: npt.NDArray[np.int64], rows: npt.NDArray[np.void], names: Sequence[str], began: int
 ) -> list[str]:
     """Where values are wrong: cycle, channel, time since the fault began, and which SYNC's they really are."""
@@ -290,7 +298,7 @@ def _places(
         lag = int(apart[row, channel])
         whose = "of no SYNC near" if lag == NO_SYNC else f"of SYNC {lag:+d}"
         after_s = (int(rows["monotonic_ns"][row]) - began) / NS
-        found.append(f"cycle {rows['cycle'][row]}, {names[channel]}, {after_s:.3f} s after it began: {whose}")
+        found.append(f"wrong: cycle {rows['cycle'][row]}, {names[channel]}, {after_s:.3f} s after it began: {whose}")
     return found
 
 
@@ -342,7 +350,7 @@ def _outcome(
             f"{case.name:32s} {case.cost:16d} {case.others:7d} {case.mates:12d} {case.wrong:7d}"
             f"  {statistics.median(times):6.2f} s {max(times):6.2f} s"
         )
-        notes += [f"    wrong: {place}" for place in case.places]
+        notes += [f"    {place}" for place in case.places]
     faults = sum(len(case.spans) for case in cases)
     honest = [case for case in cases if case.kind not in (*UNKNOWABLE, "freeze")]
     frozen = [case for case in cases if case.kind == "freeze"]

@@ -56,6 +56,11 @@ class DriverContext:
     found: FoundSetups | None = None
     can: CanAccess | None = None
 
+    @property
+    def late_ns(self) -> float:
+        """How long after its SYNC an answer may come: half a period; in lockstep no time passes, so nothing is late."""
+        return math.inf if self.patience_s > 0 else 0.5e9 * self.period_s
+
 
 class Problem(str):
     """A line about something that cannot be acquired, and the channels that it costs."""

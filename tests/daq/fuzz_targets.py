@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import contextlib
 import functools
+import re
 import socket
 import struct
 import tempfile
@@ -344,7 +345,13 @@ def machine_files() -> tuple[bytes, ...]:
 
 
 def eds_files() -> tuple[bytes, ...]:
-    return tuple(path.read_bytes() for path in sorted(EDS.glob("*.eds")))
+    """What tells of the first PDO: a whole file of 75 objects takes 5 ms to read, a tenth as many inputs are tried."""
+    return tuple(_with_one_pdo(path.read_text()).encode() for path in sorted(EDS.glob("*.eds")))
+
+
+def _with_one_pdo(eds: str) -> str:
+    sections = re.split(r"^(?=\[)", eds, flags=re.MULTILINE)
+    return "".join(section for section in sections if re.match(r"\[(DeviceInfo|DummyUsage|1800|1A00)", section))
 
 
 def eds_file(path: Path) -> None:

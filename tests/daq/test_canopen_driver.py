@@ -203,7 +203,7 @@ def test_a_late_tpdo_is_late_and_not_fresh(bench: Bench) -> None:
 def test_a_bus_that_fails_is_rebuilt(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
     bench.driver.start()
     bench.until(fresh)
-    link = bench.driver._link
+    link = bench.driver._lead.link
     assert link is not None
 
     def broken(*_: object) -> None:

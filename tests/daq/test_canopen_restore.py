@@ -14,7 +14,6 @@ from canopen_test_bench import Bench, fresh
 from typer.testing import CliRunner
 
 from daq import cli, parse_machine
-from daq.drivers import DriverContext
 from daq.drivers.canopen.driver import CanopenDriver
 from daq.drivers.canopen.restore import Restored, restore_nodes
 from daq.errors import BusError
@@ -26,7 +25,7 @@ Objects = dict[tuple[int, int], bytes]
 def keeping(bench: Bench, folder: Path) -> FoundSetups:
     """The bench's driver keeps what it finds."""
     found = FoundSetups(folder, bench.machine.name)
-    bench.driver._context = DriverContext(**{**vars(bench.driver._context), "found": found})
+    bench.driver = bench.make(found=found)
     return found
 
 

@@ -11,7 +11,7 @@ from collections.abc import Callable
 import can as python_can
 import numpy as np
 import pytest
-from canopen_test_bench import ANGLE, HEAD, ROD, Bench, fresh
+from canopen_test_bench import ANGLE, HEAD, PERIOD, ROD, Bench, Untimed, fresh
 from canopen_test_node import FakeNode
 from hypothesis import given
 from hypothesis import strategies as st
@@ -21,7 +21,7 @@ from daq.drivers import Samples
 from daq.drivers.base import DriverContext
 from daq.drivers.can.arrival import ArrivalTimes
 from daq.drivers.can.health import BusHealth
-from daq.drivers.canopen.driver import COUNTS
+from daq.drivers.canopen.driver import COUNTS, CanopenDriver
 from daq.drivers.canopen.mapping import Mapping
 from daq.drivers.canopen.node import Cycle, Node, Tpdo
 from daq.drivers.canopen.watch import NodeWatch
@@ -149,16 +149,16 @@ def test_beyond_what_can_be_counted_nothing_is_fresh() -> None:
 
 
 def test_later_than_half_a_period_is_late(bench: Bench) -> None:
-    del bench.driver._is_late  # the driver's own again
-    node = bench.driver._nodes[5]
+    context = DriverContext(PERIOD, 0.0, time.monotonic_ns)
+    driver = CanopenDriver(bench.machine.buses[0], bench.machine.channels, context)  # type: ignore[arg-type]
+    node = driver._nodes[5]
     node.state = "running"
     for after_ms, quality in ((9.9, Quality.FRESH), (10.1, Quality.LATE)):
-        bench.driver._cycle.begin(7, 0, set())
+        driver._lead.cycle.begin(7, 0, set())
         node.operational = True
         node.tpdos[0].asked(7, 0)
         node.tpdos[0].receive(bytearray(struct.pack("<I", 1)), round(after_ms * 1e6))
-        samples = Samples(np.full(3, np.nan), np.zeros(3, np.uint8), np.zeros(3, np.int64), np.zeros(3))
-        bench.driver._take(node, 7, samples)
+        samples = driver._look.samples(7, round(after_ms * 1e6))
         assert samples.quality[ANGLE] == quality
         assert samples.after_sync_s[ANGLE] == pytest.approx(after_ms / 1e3 if quality == Quality.LATE else 0.0)
 
@@ -240,7 +240,7 @@ def test_doubled_tpdos_are_marked_and_then_refused(bench: Bench) -> None:
     """A second device that sends as well, however it came to be operational without anybody noticing."""
     bench.driver.start()
     bench.until(fresh)
-    link = bench.driver._link
+    link = bench.driver._lead.link
     assert link is not None
     receive = link.handlers[0x186]
 
@@ -311,6 +311,25 @@ def test_a_keeper_survives_what_its_care_lets_out() -> None:
     done.start()
     done._thread.join(30)
     assert len(calls) == 3 and told == ["unpack requires a buffer of 8 bytes"] * 2
+
+
+def test_a_keeper_that_has_nothing_to_do_looks_at_nothing_until_it_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Twenty keepers that looked now and then were a tenth of what acquisition costs."""
+    cared = threading.Event()
+    keeper = Keeper("keeper", cared.set, lambda error: None, time.monotonic_ns)
+    wait, limits = keeper._condition.wait, []
+
+    def noted(timeout: float | None = None) -> bool:
+        limits.append(timeout)
+        return wait(timeout)
+
+    monkeypatch.setattr(keeper._condition, "wait", noted)
+    keeper.start()
+    keeper.soon()
+    assert cared.wait(30)
+    keeper.stop()
+    assert not keeper._thread.is_alive()
+    assert set(limits) <= {None}
 
 
 # Emergencies, heartbeat
@@ -433,11 +452,10 @@ def test_dead_nodes_do_not_keep_the_others_waiting() -> None:
     bench = Bench(channel)
     try:
         bench.angle.silent = True
-        context = DriverContext(0.02, 0.0, bench.driver._context.monotonic_ns, start_s=0.2)
+        context = Untimed(PERIOD, 0.0, time.monotonic_ns, start_s=0.2)
         text_nodes = bench.machine.buses[0]
         patient = text_nodes.model_copy(update={"nodes": (CanNode(node=5, boot_up_s=60.0), CanNode(node=6))})
         bench.driver = type(bench.driver)(patient, bench.machine.channels, context)  # type: ignore[arg-type]
-        bench.driver._is_late = lambda after_ns: False  # type: ignore[method-assign]
         problems = bench.driver.start()  # returns although node 5 may take a minute to boot
         assert "node 5" in problems[0]
         bench.until(lambda s: s.quality[HEAD] == Quality.FRESH)

@@ -17,7 +17,6 @@ from signals_test_bench import DBC, HEAD_PRESSURE, OIL, TEMPERATURES, written
 from typer.testing import CliRunner
 
 from daq import Quality, cli, load_machine, parse_machine
-from daq.drivers import DriverContext
 from daq.errors import InputError
 from daq.events import EventLog
 from daq.quality import MEASURED
@@ -33,7 +32,7 @@ BEGAN = 1_700_000_000.0
 def traced(bench: Bench, trace: Path, cycles: int, file_bytes: int = 64_000_000) -> list[list[float]]:
     """Raw values of so many cycles of the bench, while its bus is traced; the encoder counts SYNCs."""
     access = TraceAccess(trace, EventLog(), file_bytes)
-    bench.driver._context = DriverContext(**{**vars(bench.driver._context), "can": access})
+    bench.driver = bench.make(can=access)
     bench.angle.numbered = (0x6004, 0)
     assert bench.driver.start() == ()
     seen = [bench.once().raw.tolist() for _ in range(cycles)]
@@ -156,7 +155,7 @@ def test_a_trace_that_cannot_be_written_costs_the_trace_only(bench: Bench, tmp_p
     (tmp_path / "folder").write_text("a file where a folder has to be")
     events = EventLog()
     access = TraceAccess(tmp_path / "folder" / "trace.log", events)
-    bench.driver._context = DriverContext(**{**vars(bench.driver._context), "can": access})
+    bench.driver = bench.make(can=access)
     assert bench.driver.start() == ()
     bench.until(lambda samples: bool(np.all(samples.quality == Quality.FRESH)))
     access.close()

@@ -1,0 +1,196 @@
+"""Taking care of one CANopen node, in its keeper's thread: commissioning, checking, starting anew, asking.
+
+Whatever takes long or fails here costs this node alone, while the cycle and the other nodes go on.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Iterable, MutableMapping
+from dataclasses import replace
+
+from daq.drivers.base import DriverContext
+from daq.drivers.canopen.commissioning import OPERATIONAL, PRE_OPERATIONAL, commission
+from daq.drivers.canopen.identity import ask
+from daq.drivers.canopen.lead import Lead
+from daq.drivers.canopen.link import CanLink
+from daq.drivers.canopen.node import UNANSWERED, Node
+from daq.drivers.canopen.watch import NodeWatch
+from daq.drivers.keeper import Keeper
+from daq.errors import AcquisitionError
+from daq.found_setups import FoundSetup
+
+VERIFY_CYCLES = 3
+VERIFY_PATIENCE_S = 0.5  # beyond the three cycles: a shared host may not run us for that long
+
+
+class Start:
+    """The start of a bus, at which nodes are commissioned side by side and then checked together.
+
+    ``under_way`` until it is over; nodes that come later are checked by their own keepers.
+    """
+
+    def __init__(self) -> None:
+        self.under_way = False
+        self._untried: set[int] = set()
+        self._tried = threading.Condition()
+
+    def expect(self, numbers: Iterable[int]) -> None:
+        """These nodes are being commissioned."""
+        self._untried = set(numbers)
+
+    def tried(self, number: int) -> bool:
+        """A node was commissioned, or could not be; whether the start is under way, which will check it."""
+        with self._tried:
+            self._untried.discard(number)
+            self._tried.notify_all()
+            return self.under_way
+
+    def wait(self, seconds: float | None) -> frozenset[int]:
+        """Wait until all were tried; then it is over. The nodes that were not."""
+        with self._tried:
+            self._tried.wait_for(lambda: not self._untried, seconds)
+            self.under_way = False
+            return frozenset(self._untried)
+
+
+class NodeCare:
+    """Takes care of one node of a bus.
+
+    Parameters
+    ----------
+    node : whose state it changes
+    bus : name of its bus
+    watch, counts, lead, start : of the bus, shared by all its nodes
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        bus: str,
+        context: DriverContext,
+        watch: NodeWatch,
+        counts: MutableMapping[str, int],
+        lead: Lead,
+        start: Start,
+    ) -> None:
+        self.node = node
+        self._bus = bus
+        self._context = context
+        self._watch = watch
+        self._counts = counts
+        self._lead = lead
+        self._start = start
+        self.keeper = Keeper(f"keeper-{bus}-{node.config.node}", self._care, self._broke, context.monotonic_ns)
+
+    def verify(self) -> None:
+        """The node runs if each of its TPDOs came; else it failed, and is tried again."""
+        node = self.node
+        if node.complete():
+            self._counts["commissioned"] += 1
+            self.keeper.settled()
+            self._watch.back(node)
+            node.to_be_asked = True
+            self.keeper.soon()
+            return
+        missing = [f"TPDO{t.mapping.number}" for t in node.tpdos if t.count == 0]
+        self.failed(
+            node.short()
+            or f"{node.place}: {', '.join(missing)} did not come within {VERIFY_CYCLES} SYNCs; "
+            "see its manual for synchronous transmission",
+        )
+
+    def failed(self, detail: str) -> None:
+        """The node cannot be used; it is tried again after a while."""
+        self.node.operational = False
+        self._watch.away(self.node, "failed", "failed", detail)
+        self.keeper.later()
+
+    def _broke(self, error: Exception) -> None:
+        self._counts["keeper_broke"] += 1
+        self.failed(f"{self.node.place}: commissioning broke ({type(error).__name__}: {error}); it is tried again")
+
+    def _care(self) -> None:
+        node = self.node
+        link = self._lead.working_link()
+        if link is None:
+            return  # the keeper of the bus hands it over again
+        if node.starting_anew and node.state == "running":
+            self._start_anew(link)
+            return
+        if node.to_be_asked and node.state == "running":
+            self._ask(link)
+            return
+        done = self._commission(link)
+        if not self._start.tried(node.config.node) and done:
+            self._await_tpdos()
+            self.verify()
+
+    def _commission(self, link: CanLink) -> bool:
+        node = self.node
+        node.state = "commissioning"
+        node.starting_anew = False
+        if node.found_state is None:
+            node.found_state = node.heartbeat_state
+        node.forget()
+        sdo = link.sdo(node.config.node)
+        try:
+            commission(
+                sdo,
+                lambda command: self._command(link, command),
+                node.config,
+                node.mappings,
+                node.place,
+                monotonic_ns=self._context.monotonic_ns,
+                answered=node.accept_boot_ups,
+                boot_up_s=node.config.boot_up_s if self._start.under_way else 0.0,
+                keep=lambda found, wrote, identity: self._keep(FoundSetup(found, wrote, identity)),
+                learn=node.learn_decimals,
+            )
+        except AcquisitionError as error:
+            self.failed(str(error))
+            return False
+        finally:
+            sdo.close()
+        return True
+
+    def _keep(self, setup: FoundSetup) -> None:
+        """Before a node is changed: keep what it was like."""
+        if self._context.found is not None:
+            state = -1 if self.node.found_state is None else self.node.found_state
+            self._context.found.keep(self._bus, self.node.config.node, replace(setup, state=state))
+
+    def _ask(self, link: CanLink) -> None:
+        """Once it runs: what it says of itself. A node that does not answer this goes on all the same."""
+        node = self.node
+        node.to_be_asked = False
+        sdo = link.sdo(node.config.node)
+        try:
+            node.objects = ask(sdo)
+        except AcquisitionError:
+            node.objects = {}
+        finally:
+            sdo.close()
+
+    def _command(self, link: CanLink, command: int) -> None:
+        self._lead.command(link, self.node, command, behind_sync=not self._start.under_way)
+
+    def _await_tpdos(self) -> None:
+        deadline = time.monotonic() + VERIFY_CYCLES * self._context.period_s + VERIFY_PATIENCE_S
+        while not self.node.complete() and time.monotonic() < deadline and not self.keeper.stopping:
+            time.sleep(self._context.period_s / 4)
+
+    def _start_anew(self, link: CanLink) -> None:
+        """Let a node stop and start, so that its answers and our SYNCs are counted from one point again."""
+        node = self.node
+        self._command(link, PRE_OPERATIONAL)
+        time.sleep(UNANSWERED * self._context.period_s)  # what was under way comes
+        self._command(link, OPERATIONAL)
+        self._await_tpdos()
+        self._counts["started_anew"] += 1
+        arrivals = [tpdo.latest for tpdo in node.tpdos if tpdo.latest is not None]
+        # Only one SYNC was unanswered when these were sent: what is late now is late, and not the count wrong.
+        node.slow = any(a.during > a.cycle or a.at_ns - a.sync_ns > self._context.late_ns for a in arrivals)
+        node.late_run = 0
+        node.starting_anew = False
