@@ -37,6 +37,7 @@ def test_without_a_name_they_are_listed(run: Run) -> None:
     assert [entry["name"] for entry in json.loads(out)] == list(BENCHMARKS)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [

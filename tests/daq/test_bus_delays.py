@@ -68,6 +68,7 @@ def one(machine: Machine, values: dict[str, Array]) -> BusDelay:
     return found
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("delay", [0.0, 0.013, -0.02, 0.15])
 def test_positions_of_one_joint_tell_the_delay_to_a_tenth_of_a_millisecond(delay: float) -> None:
     machine = two_buses(late_position=True)
@@ -78,6 +79,7 @@ def test_positions_of_one_joint_tell_the_delay_to_a_tenth_of_a_millisecond(delay
     assert found.std < 1e-4
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("delay", [0.0, 0.03])
 def test_efforts_tell_the_delay_within_its_deviation(delay: float) -> None:
     machine = two_buses(late_position=False)

@@ -167,6 +167,7 @@ def test_an_event_driven_pdo_keeps_its_own_time(bench: HandFed) -> None:
     assert samples.after_sync_s[HEAD_PRESSURE] == pytest.approx(-0.015)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("before", "after", "words"),
     [

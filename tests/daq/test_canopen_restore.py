@@ -142,6 +142,7 @@ def test_nothing_is_restored_where_another_master_leads(bench: Bench, tmp_path: 
         thread.join()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("state", "command"), [(0x05, 0x01), (0x04, 0x02), (0x7F, 0x80), (-1, 0x80)])
 def test_nodes_are_left_in_the_state_they_were_found_in(bench: Bench, state: int, command: int) -> None:
     assert isinstance(bench.driver, CanopenDriver)

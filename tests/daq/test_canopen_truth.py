@@ -268,6 +268,7 @@ def test_doubled_tpdos_are_marked_and_then_refused(bench: Bench) -> None:
 # Frames nobody should send
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "babble", [b"", b"\x43", b"\x43\x00\x10", b"\xff" * 8, b"\x80", b"\x41\x00\x10\x00\xff\xff\xff\xff"]
 )

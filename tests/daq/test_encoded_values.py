@@ -136,6 +136,7 @@ def test_simulated_encoders_wrap_too(position: float) -> None:
     assert sent(machine_with(WRAP), position) == pytest.approx(position, abs=0.00051)
 
 
+@pytest.mark.slow
 @given(position=st.floats(-1.0, 1.0))
 @pytest.mark.parametrize("kind", ["int24", "int32, mask: 0x00FFFFF0", "uint24, zero: 2000000"])
 def test_simulated_words_of_24_bits(kind: str, position: float) -> None:

@@ -274,6 +274,7 @@ def test_the_fake_clock_jumps() -> None:
     assert clock.monotonic_ns() - before == 1.5 * NS == clock.utc_ns() - before
 
 
+@pytest.mark.slow
 @given(st.data())
 @settings(max_examples=15, deadline=None)
 def test_frames_of_plain_samples_are_those_of_samples_that_are_looked_at_one_by_one(data: st.DataObject) -> None:

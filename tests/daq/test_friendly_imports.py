@@ -67,6 +67,7 @@ def renamed(**names: str) -> Columns:
     return {changed.get(name, name): values for name, values in SOUND.items()}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("separator", [";", "\t", ","])
 @pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16", "utf-16-le", "utf-16-be", "cp1252"])
 @pytest.mark.parametrize("decimal", [".", ","])
@@ -265,6 +266,7 @@ def matlab(path: Path, content: dict[str, Any]) -> Path:
     return path
 
 
+@pytest.mark.slow
 def test_mat_files_are_read(tmp_path: Path) -> None:
     names = {name.replace(".", "_"): values[:, None] for name, values in SOUND.items()}
     same(matlab(tmp_path / "flat.mat", names | {"fs": 50.0, "note": "bench"}))
@@ -307,6 +309,7 @@ def test_mdf_files_are_read(tmp_path: Path) -> None:
     assert np.nanmax(np.abs(read.values["j1.angle"] - expected)) < 2e-4
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore")
 def test_ros_bags_are_read_by_a_map(tmp_path: Path) -> None:
     rosbag2 = pytest.importorskip("rosbags.rosbag2")
@@ -355,6 +358,7 @@ def test_what_is_too_large_is_refused_before_it_is_unpacked(tmp_path: Path, monk
     refused(text, "GB", "Parquet")
 
 
+@pytest.mark.slow
 def test_damaged_containers_are_refused(tmp_path: Path) -> None:
     for name, content, word in (
         ("r.mf4", b"MDF     4.10    ".ljust(4096, b"\7"), "MDF"),

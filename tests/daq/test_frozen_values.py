@@ -54,6 +54,7 @@ def test_sound_sensors_are_never_called_frozen(seed: int) -> None:
     assert not found(CAN, pressures(2000, seed)).any()
 
 
+@pytest.mark.slow
 @given(seed=st.integers(0, 2**32 - 1), coarse=st.sampled_from([3e3, 6e3, 12e3]))
 @settings(max_examples=10, deadline=None)
 def test_coarse_sensors_are_never_called_frozen(seed: int, coarse: float) -> None:
@@ -118,6 +119,7 @@ def test_a_joint_that_stands_while_its_piston_moves_may_have_its_rod_off_the_pin
     assert not found(PLAIN, values).any()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("channel", [0, 1])
 def test_a_position_that_hangs_is_found_by_the_other_one(channel: int) -> None:
     values = positions(2000, 4)[:, :3]
@@ -194,6 +196,7 @@ def test_a_finished_recording_is_marked_from_where_the_value_stood_still(
     assert made.schema == table.schema and made.column("a").equals(table.column("a"))
 
 
+@pytest.mark.slow
 @given(seed=st.integers(0, 2**32 - 1), coarse=st.sampled_from([1e3, 3e3, 12e3]))
 @settings(max_examples=10, deadline=None)
 def test_the_short_way_of_frames_that_are_all_fresh_finds_the_same(seed: int, coarse: float) -> None:

@@ -70,6 +70,7 @@ def without_libyaml(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
     return module
 
 
+@pytest.mark.slow
 @pytest.mark.timeout(60)
 @pytest.mark.parametrize("name", sorted(HOSTILE.keys() - TEXT))
 def test_without_libyaml_the_same_is_refused(name: str, without_libyaml: ModuleType) -> None:

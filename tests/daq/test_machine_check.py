@@ -130,6 +130,7 @@ MISTAKES: list[tuple[str, Any, str, str]] = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("place", "value", "key", "words"), MISTAKES, ids=[f"{m[0]}-{m[1]}" for m in MISTAKES])
 def test_a_mistake_is_named_with_line_key_and_cure(
     tmp_path: Path, place: str, value: Any, key: str, words: str
@@ -295,6 +296,7 @@ def leaves(content: Any, way: tuple[Any, ...] = ()) -> list[tuple[Any, ...]]:
     return [place for key, value in items for place in [(*way, key), *leaves(value, (*way, key))]]
 
 
+@pytest.mark.slow
 @given(st.lists(st.tuples(st.integers(0, 10_000), JUNK), max_size=4))
 @settings(max_examples=25, deadline=None)
 def test_whatever_is_written_is_answered(tmp_path_factory: pytest.TempPathFactory, changes: list[Any]) -> None:

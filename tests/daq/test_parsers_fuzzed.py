@@ -11,6 +11,7 @@ QUICK = settings(
 )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", TARGETS)
 def test_a_parser_takes_whatever_comes(name: str) -> None:
     target = TARGETS[name]

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pyarrow as pa
+import pytest
 from bench_machines import plain
 from hypothesis import given
 from hypothesis import strategies as st
@@ -50,6 +51,7 @@ def test_the_log_s_events_are_read_back_in_seconds_of_the_recording(tmp_path: Pa
     ]  # fmt: skip
 
 
+@pytest.mark.slow
 @given(st.one_of(st.text(max_size=50), JSON.map(json.dumps)))
 def test_metadata_of_any_content_gives_events_or_none(text: str) -> None:
     for event in recorded_events({"hilfit.events": text}, np.array([1])):

@@ -144,6 +144,7 @@ def test_whatever_the_disk_refuses_nothing_acknowledged_is_lost(kind: str, numbe
 # Damage
 
 
+@pytest.mark.slow
 @given(places=st.lists(st.floats(0, 0.999), min_size=1, max_size=4), flips=st.integers(1, 255))
 @settings(max_examples=40, deadline=None)
 def test_a_damaged_batch_costs_itself(

@@ -99,6 +99,7 @@ def test_mat_comes_back(recording: Path, tmp_path: Path) -> None:
         np.testing.assert_allclose(second.values[name], values)
 
 
+@pytest.mark.slow
 @given(st.lists(st.text(min_size=1, max_size=80), unique=True, max_size=12))
 def test_variables_are_names_that_matlab_takes(columns: list[str]) -> None:
     made = variables(columns)

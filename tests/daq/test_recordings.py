@@ -209,6 +209,7 @@ BAD: dict[str, tuple[Change, tuple[str, ...]]] = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("suffix", [".parquet", ".csv"])
 @pytest.mark.parametrize("kind", list(BAD))
 def test_bad_content_is_refused(tmp_path: Path, kind: str, suffix: str) -> None:

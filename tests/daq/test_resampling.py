@@ -47,6 +47,7 @@ def test_band_limited_signals_survive(rate: float, shares: list[float], seed: in
     assert np.max(np.abs(out - sines(at, frequencies, phases))) < LOST
 
 
+@pytest.mark.slow
 @given(rate=st.sampled_from([100.0, 125.0, 200.0, 333.3, 1000.0]), share=st.floats(0, 1), seed=st.integers(0, 2**31))
 @settings(max_examples=40, deadline=None)
 def test_nothing_above_the_new_band_folds_in(rate: float, share: float, seed: int) -> None:
@@ -75,6 +76,7 @@ def test_an_uneven_clock_is_straightened(rate: float) -> None:
     assert np.max(np.abs(naive - sines(grid([t], RATE), frequencies, phases)[: len(naive)])) > 5 * LOST
 
 
+@pytest.mark.slow
 @given(lost=st.lists(st.tuples(st.floats(1.0, 8.0), st.floats(0.011, 1.5)), min_size=1, max_size=3))
 @settings(max_examples=30, deadline=None)
 def test_gaps_stay_gaps(lost: list[tuple[float, float]]) -> None:
@@ -131,6 +133,7 @@ def test_other_rates_are_refused_unless_asked_for(tmp_path: Path) -> None:
     assert "200 Hz" in line and "rate_hz 50" in line and "--resample" in line
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rate", [200.0, 1000.0, 60.0])
 def test_other_rates_are_brought_to_the_machines_and_it_is_said(tmp_path: Path, rate: float) -> None:
     read = read_recording(recording(tmp_path / "fast.csv", rate), MACHINE, "train", resample=True)

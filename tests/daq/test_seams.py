@@ -45,6 +45,7 @@ def test_what_pyproject_names_is_installed(seam: Seam) -> None:
     assert installed == NAMED[seam.group], "pyproject.toml changed since it was installed; run: make .venv/.dev"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seam", [DRIVERS, EFFECTS, ESTIMATORS], ids=lambda seam: seam.kind)
 def test_every_plug_in_that_is_installed_can_be_loaded(seam: Seam) -> None:
     assert set(NAMED[seam.group]) <= set(seam.names())

@@ -238,6 +238,7 @@ def stepped(recordings: tuple[int, ...], size: float) -> Session:
     return make_session(machine, truth(2), added=added, options=Options(bootstrap=0))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("recordings", "said"), [((1,), True), ((1, 2), False)])
 def test_what_every_run_of_a_motion_has_at_one_phase_is_no_change_in_time(
     recordings: tuple[int, ...], said: bool

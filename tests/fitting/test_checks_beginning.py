@@ -54,6 +54,7 @@ def test_rods_that_are_off_in_the_first_seconds_are_said_and_accuse_nothing_else
     assert found.line.startswith("train.parquet (train): 0.0 to 2.") and "rods were not on the arm" in found.line
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("channel", ["joint1.x", "joint1.q"])
 def test_a_position_that_is_wrong_in_the_first_second_is_said(channel: str) -> None:
     (found,) = said([UNLOADED, begun_with(TRAIN, 1.0, {channel: 0.0}), REPEAT, VALIDATE])
@@ -61,6 +62,7 @@ def test_a_position_that_is_wrong_in_the_first_second_is_said(channel: str) -> N
     assert "0.98 s" in found.text
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("recording", [TRAIN, UNLOADED], ids=["train", "unloaded"])
 def test_a_recording_that_begins_before_the_pumps_run_is_said(recording: Recording) -> None:
     late = begun_with(recording, 1.0, dict.fromkeys(PRESSURES, 0.0))

@@ -49,6 +49,7 @@ def edited(machine: Machine, joint: int, **cylinder: float) -> Machine:
     return machine.model_copy(update={"joints": joints})
 
 
+@pytest.mark.slow
 def test_the_arm_that_was_made_explains_its_efforts() -> None:
     """Bounds (masses, braking friction) cost nothing where the arm exists: the misfit is that of least squares."""
     for machine, recordings in ((JOINT, SINGLE), (BOTH, DOUBLE)):
@@ -98,6 +99,7 @@ def test_gravity_turned_over() -> None:
     assert "[-0, -9.81, -0]" in found[0].cure or "[0, -9.81, 0]" in found[0].cure
 
 
+@pytest.mark.slow
 def test_a_wrong_rod_shows_in_the_ratio_of_the_areas_of_one_joint_alone() -> None:
     machine = planar_machine(1, sensors="joint")
     recordings = make_recordings(machine, truth(1), MOTIONS)
@@ -108,6 +110,7 @@ def test_a_wrong_rod_shows_in_the_ratio_of_the_areas_of_one_joint_alone() -> Non
     assert found[0].factor == pytest.approx((80**2 - 45**2) / (80**2 - 68**2), rel=0.03)
 
 
+@pytest.mark.slow
 def test_back_pressure_of_a_valve_is_no_wrong_area() -> None:
     """A meter-out edge holds back by the square of the speed while the cylinder extends: no mistake, at most a note."""
     machine = planar_machine(1, sensors="joint")
@@ -138,12 +141,14 @@ def test_what_was_wrong_in_one_recording_is_said_of_it() -> None:
     assert (found[0].recording, "in this recording alone" in found[0].text) == (one.file, True)
 
 
+@pytest.mark.slow
 def test_an_encoder_that_counts_twice_as_far() -> None:
     found = check_recordings(BOTH, changed(DOUBLE, lambda v: {"joint2.q": 2 * v["joint2.q"]}))
     assert first(found) == ("scale", "joint2")
     assert found[0].factor == 0.5
 
 
+@pytest.mark.slow
 def test_mistakes_that_the_data_cannot_tell_apart_are_named_together() -> None:
     """An angle that counts the other way is a pin offset of the other sign."""
     found = check_recordings(BOTH, changed(DOUBLE, lambda v: {"joint2.q": -v["joint2.q"]}))
@@ -173,6 +178,7 @@ def test_an_angle_in_degrees_in_the_machine_file() -> None:
     assert "1.570796" in found.cure
 
 
+@pytest.mark.slow
 def test_two_sensors_tell_without_dynamics() -> None:
     other = changed(DOUBLE, lambda v: {"joint2.x": 0.3 - v["joint2.x"]})
     assert first(check_recordings(BOTH, other)) == ("sign", "joint2")
@@ -182,6 +188,7 @@ def test_two_sensors_tell_without_dynamics() -> None:
     assert found[0].factor == pytest.approx(0.16 / 0.21, rel=0.01)
 
 
+@pytest.mark.slow
 def test_a_clock_that_all_efforts_share() -> None:
     """Pressures 0.5 s late: every joint says so, and by how much."""
     late = 25
@@ -201,12 +208,14 @@ def test_a_late_sensor_of_one_joint_is_an_effect_and_no_mistake() -> None:
     assert check_recordings(JOINT, changed(SINGLE, of)) == ()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("size", [-0.08, 0.08])
 def test_a_gain_of_a_transducer_is_an_effect_and_no_mistake(size: float) -> None:
     found = check_recordings(JOINT, changed(SINGLE, lambda v: {"joint1.head": (1 + size) * v["joint1.head"]}))
     assert found == ()
 
 
+@pytest.mark.slow
 def test_rods_off_in_a_training_recording() -> None:
     wrong = [replace(r, role="train") if r.role == "unloaded" else r for r in DOUBLE]
     found = check_recordings(BOTH, wrong)

@@ -64,6 +64,7 @@ def test_deviations_of_white_residuals_agree_with_the_textbook() -> None:
     assert drawn == pytest.approx(white, rel=0.15)  # 400 draws leave 3.5 % of chance by themselves
 
 
+@pytest.mark.slow
 def test_the_deviation_of_a_mean_is_the_spectrum_at_zero() -> None:
     # var(mean) = sigma^2 / n (1 + rho) / (1 - rho) for a first-order autoregression of variance sigma^2.
     rho, n = 0.9, 20_000

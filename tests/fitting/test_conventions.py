@@ -51,6 +51,7 @@ def homogeneous(axis: str, angle: float = 0.0, along: float = 0.0) -> FloatArray
     return np.array([[c, -s, 0, 0], [s, c, 0, 0], [0, 0, 1, along], [0, 0, 0, 1.0]])
 
 
+@pytest.mark.slow
 @given(st.integers(0, 10_000), st.sampled_from(["rrr", "prr", "rpr", "rrp"]))
 @settings(max_examples=12, deadline=None)
 def test_frames_are_the_product_of_craigs_four_matrices(seed: int, kinds: str) -> None:
@@ -119,6 +120,7 @@ def in_modified_frames(standard: FloatArray, pi: FloatArray) -> FloatArray:
     return np.concatenate(moved)
 
 
+@pytest.mark.slow
 @given(st.integers(0, 10_000), st.sampled_from(["rrr", "prr", "rpr"]))
 @settings(max_examples=6, deadline=None)
 def test_one_arm_in_both_conventions(seed: int, kinds: str) -> None:

@@ -44,6 +44,7 @@ def test_exact_forces_give_exact_parameters() -> None:
         assert estimate.residual_std < 1e-6
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_noisy_forces_give_parameters_within_their_deviations(seed: int) -> None:
     machine, arm = planar_machine(2), truth(2)

@@ -47,6 +47,7 @@ def same(one: Design, other: Design) -> None:
                 assert np.allclose(getattr(a, name), getattr(b, name), rtol=1e-12, atol=0), name
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("effort", ["pressures", "cylinder_force"])
 @pytest.mark.parametrize(
     ("late", "resampled"),
@@ -111,6 +112,7 @@ def chi_square(signals: SessionSignals, late: float) -> float:
     return fit_model(moved.design, moved.noise, moved.fitted, (), signals.prior).fit.chi_square
 
 
+@pytest.mark.slow
 def test_a_delay_gains_what_it_explains_and_not_what_smoothing_does() -> None:
     """Late by one sample nothing is interpolated: that gain is the truth. What is in time gains nothing."""
     machine = planar_machine(2)

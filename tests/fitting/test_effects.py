@@ -68,6 +68,7 @@ def test_an_effect_is_confused_with_effects_of_the_catalogue(name: str) -> None:
     assert set(effect(name).confounders) <= set(IDS)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", [pytest.param(i, marks=pytest.mark.slow if i in LONG else ()) for i in IDS])
 def test_every_effect_conforms(name: str) -> None:
     check_effect(effect(name))

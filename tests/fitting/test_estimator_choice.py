@@ -115,6 +115,7 @@ def test_a_broken_plug_in_is_one_clear_line(monkeypatch: pytest.MonkeyPatch, val
 # --- stage 2 with each --------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", [i for i in IDS if i != "ridge"])
 @pytest.mark.parametrize("final", [False, True], ids=["stage-2", "refit"])
 def test_each_estimator_recovers_the_base_parameters_within_its_deviations(name: str, final: bool) -> None:

@@ -200,6 +200,7 @@ def test_products_never_cross_from_one_series_to_another() -> None:
     assert apart * (38 / 40) == pytest.approx(padded * (44 / 46), rel=1e-10)
 
 
+@pytest.mark.slow
 def test_newey_west_knows_coloured_residuals_and_the_textbook_formula_does_not() -> None:
     rng = np.random.default_rng(5)
     n, rho = 1500, 0.93
@@ -259,6 +260,7 @@ def test_weighted_is_least_squares_on_rows_divided_by_their_groups_spread() -> N
     assert WeightedLeastSquares().fit(A, b, groups=groups).theta == pytest.approx(expected, rel=1e-10)
 
 
+@pytest.mark.slow
 def test_residual_std_is_unbiased_also_for_a_group_with_few_rows() -> None:
     rng = np.random.default_rng(9)
     groups = np.repeat([0, 1], [8, 92])

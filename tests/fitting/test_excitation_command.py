@@ -254,6 +254,7 @@ def test_command_forecasts_effects_and_parameters(run, tmp_path):
     assert "this motion tells" in text.output
 
 
+@pytest.mark.slow
 def test_command_forecasts_with_what_is_there_already(run, tmp_path):
     """Free cylinders beside the planned motion: friction that goes with the load is told from plain friction."""
     free, out = tmp_path / "free.csv", tmp_path / "m.csv"

@@ -60,6 +60,7 @@ def test_a_pressure_limit_needs_parameters():
         HydraulicLimits(pressure=1e7)
 
 
+@pytest.mark.slow
 def test_flow_and_pressure_are_kept():
     machine = driven_arm(3)
     base = reduce_parameters(machine)

@@ -52,6 +52,7 @@ def check_limits(machine, excitation, use):
     np.testing.assert_allclose(law.derivative(2)(motion.time), excitation.acceleration, atol=5e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("twisted", [False, True], ids=["planar", "twisted"])
 def test_a_designed_motion_keeps_its_limits_and_rests_at_its_ends(twisted):
     machine = driven_arm(4, twisted=twisted)
@@ -102,6 +103,7 @@ def test_the_same_seed_gives_the_same_motion_and_another_seed_another():
     assert np.abs(first.motion.columns["joint1"] - other.motion.columns["joint1"]).max() > 0.05
 
 
+@pytest.mark.slow
 def test_a_second_motion_complements_the_first():
     machine = driven_arm(3)
     base = reduce_parameters(machine)

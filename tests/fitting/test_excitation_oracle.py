@@ -149,6 +149,7 @@ def test_a_motion_with_all_limits_keeps_them_and_reports_what_it_reaches(tmp_pat
     assert max(use.used for use in first.limits if use.quantity == "pressure") > 0.9 * OPTIONS.use
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["staircase", "slow_reversals", "frequencies", "two_poses", "neighbour"])
 def test_an_experiment_keeps_flow_and_pressure(kind, tmp_path):
     machine, base, values = arm()

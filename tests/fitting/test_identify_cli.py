@@ -41,6 +41,7 @@ def run(arguments: list[str]) -> int:
     return int(caught.value.code or 0)
 
 
+@pytest.mark.slow
 def test_the_report_is_written_and_the_table_printed(
     arm: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -54,6 +55,7 @@ def test_the_report_is_written_and_the_table_printed(
     assert report["loop"]["verdict"] == "nothing_missing"
 
 
+@pytest.mark.slow
 def test_json_prints_the_report_and_nothing_else(arm: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert run([*command(arm, tmp_path / "out"), "--json", "--no-loop"]) == 0
     written = capsys.readouterr()
@@ -115,6 +117,7 @@ def test_a_loggers_files_are_identified_with_a_map_on_request(
     assert not [warning for warning in plain["warnings"] if "resampled" in warning]
 
 
+@pytest.mark.slow
 def test_the_bandwidth_is_the_one_that_was_asked_for(
     arm: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

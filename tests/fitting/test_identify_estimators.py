@@ -156,6 +156,7 @@ def test_what_is_hardly_told_is_flagged_in_json_text_and_page(
     assert "⚠" in (tmp_path / "report.html").read_text(encoding="utf-8")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("options", "says"),
     [

@@ -96,6 +96,7 @@ def test_a_shifted_pin_is_named_and_the_linkage_rebuilt(parameter: str, shift: f
         )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("place", ["sensor", "pin"])
 def test_play_is_named_with_its_place_and_the_sensors_are_not_fused_any_more(place: str) -> None:
     """An arm that hangs: its load changes sign with the angle, and the piston is half the play ahead on either side.

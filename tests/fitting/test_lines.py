@@ -106,6 +106,7 @@ def test_an_aliased_ripple_shows_where_sampling_folds_it() -> None:
     assert line.frequency_hz == pytest.approx(13.0, abs=1e-3)
 
 
+@pytest.mark.slow
 def test_frequency_errors_are_those_that_were_promised() -> None:
     errors = []
     for seed in range(40):

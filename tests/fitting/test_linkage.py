@@ -257,6 +257,7 @@ def loop_closure(linkage: FourBar, q: float, start: float) -> float:
     return float(np.hypot(*(rod - np.array(linkage.base_pin)))) - linkage.retracted
 
 
+@pytest.mark.slow
 @settings(deadline=None)
 @given(st.integers(0, 100_000), st.floats(-0.5, 0.5), st.sampled_from([BUCKET, MIRRORED]), st.floats(-3, 3))
 def test_a_four_bar_linkage_closes_its_loop(seed, q, like, angle):

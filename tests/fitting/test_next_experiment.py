@@ -250,6 +250,7 @@ def test_the_report_holds_the_text_and_the_numbers(lossy):
     assert len(content["otherwise"]) == 2
 
 
+@pytest.mark.slow
 def test_the_same_seed_gives_the_same_experiment(lossy):
     session, found = lossy
     again = design_next(session.base_model, found.rivals, session.prior, seconds=30.0)

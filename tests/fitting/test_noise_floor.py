@@ -47,6 +47,7 @@ def test_the_floor_is_the_noise_that_was_put_on() -> None:
     assert floor == pytest.approx(sigma * levers, rel=0.3)
 
 
+@pytest.mark.slow
 def test_many_floors_are_right_on_the_average() -> None:
     machine, arm = planar_machine(1), truth(1)
     ratios = []
@@ -58,6 +59,7 @@ def test_many_floors_are_right_on_the_average() -> None:
     assert np.mean(ratios) == pytest.approx(1.0, abs=4 * np.std(ratios) / np.sqrt(6))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("late", [1, 150])
 def test_a_repeat_that_started_later_is_aligned_first(late: int) -> None:
     machine, arm = planar_machine(2), truth(2)

@@ -45,6 +45,7 @@ def test_a_healthy_arm_is_possible(model: Model) -> None:
     assert found.theta is None
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(4))
 def test_healthy_arms_are_possible_whatever_the_noise(seed: int) -> None:
     session = make_session(planar_machine(2), truth(2, seed=20 + seed), seed=seed, seconds=30.0)

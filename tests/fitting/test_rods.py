@@ -101,6 +101,7 @@ def test_an_unloaded_recording_in_whose_beginning_the_arm_is_moved() -> None:
     assert out[BEGINNING].all() and not out[200:].any() and "(joint1)" in line
 
 
+@pytest.mark.slow
 def test_a_few_such_rows_change_nothing() -> None:
     def theta(recordings: list[Recording]) -> np.ndarray:
         return Session(MACHINE, recordings, Options(bandwidth_hz=3.0)).base_model.fit.theta

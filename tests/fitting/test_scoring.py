@@ -121,6 +121,7 @@ def test_a_column_that_the_base_explains_is_dead_and_skipped() -> None:
     assert scores == [] or scores[0].live == 0
 
 
+@pytest.mark.slow
 def test_nothing_scores_on_a_joint_that_it_does_not_apply_to() -> None:
     model = clean_session(2).base_model
     terms, grid = catalogue_terms(model, effects())

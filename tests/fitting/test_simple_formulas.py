@@ -57,6 +57,7 @@ def test_a_flat_curve_has_no_formula() -> None:
     assert nearest_formula(X, np.zeros(len(X)), np.zeros(len(X))) is None
 
 
+@pytest.mark.slow
 @settings(deadline=None, max_examples=25)
 @given(st.lists(st.floats(-1e4, 1e4), min_size=61, max_size=61))
 def test_a_share_is_a_share(values: list[float]) -> None:

@@ -40,6 +40,7 @@ def through_a_file(result: Any) -> Any:
     return from_json(type(result), json.loads(json.dumps(to_json(result))), "stage.json")
 
 
+@pytest.mark.slow
 @given(st.lists(NUMBER, min_size=1, max_size=5))
 def test_every_number_comes_back_with_all_its_digits(values: list[float]) -> None:
     theta = np.array(values)

@@ -99,6 +99,7 @@ def test_the_report_is_that_of_the_contract(at_once: tuple[dict[str, Any], Path,
     assert sorted(p.name for p in output.iterdir()) == ["model.json", "report.html", "report.json"]
 
 
+@pytest.mark.slow
 def test_progress_rises_from_nothing_to_done(at_once: tuple[dict[str, Any], Path, list[float]]) -> None:
     fractions = at_once[2]
     assert fractions == sorted(fractions)
@@ -143,12 +144,14 @@ def test_a_stage_that_fails_leaves_nothing_half(files: Path, tmp_path: Path, mon
     assert not [p for p in (tmp_path / "report").rglob("*") if p.is_file()]
 
 
+@pytest.mark.slow
 def test_without_the_loop_both_stages_are_reported(files: Path, tmp_path: Path) -> None:
     report = identify(request_of(files, tmp_path / "report", loop=False))
     assert report["loop"]["effects"] == [] and report["loop"]["candidates"] == []
     assert report["errors"]["joint1"]["before"] == pytest.approx(report["errors"]["joint1"]["after"], rel=1e-6)
 
 
+@pytest.mark.slow
 def test_the_program_speaks_json_lines(files: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = request_file(request_of(files, tmp_path / "report"), tmp_path / "request.json")
     assert main([str(path), "check"]) == 0

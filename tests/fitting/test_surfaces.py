@@ -95,6 +95,7 @@ def test_a_small_product_is_found_by_one_function_where_nine_parameters_cost_mor
     assert rows[0] == pytest.approx(-rows[-1]) and np.abs(rows[3]).max() < 1e-9, "nothing in the middle"
 
 
+@pytest.mark.slow
 def test_no_product_is_found_where_nothing_was_put_in() -> None:
     session = session_with(lambda segment: np.zeros(len(segment.q)))
     terms = [Term(law, joint) for joint in range(3) for law in surfaces(session.base_model, joint, twist=True)]
@@ -140,6 +141,7 @@ def test_it_is_stored_and_read_back() -> None:
     assert term_from_json(term_to_json(valve)) == valve
 
 
+@pytest.mark.slow
 def test_all_pairs_are_asked_once_and_the_better_known_signal_comes_first() -> None:
     session = session_with(product)
     laws = list(surfaces(session.base_model, 0))

@@ -101,6 +101,7 @@ def test_a_column_that_the_base_takes_whole_says_nothing_and_does_no_harm() -> N
     assert found.calibrated == pytest.approx(score.score, abs=2 + 0.5 * score.gain)
 
 
+@pytest.mark.slow
 def test_a_search_does_not_leave_what_is_plausible() -> None:
     session = session_with(lambda x, v: 1000.0 * np.maximum(x - 0.10, 0.0))
     model = session.base_model
@@ -124,6 +125,7 @@ def noisy(kind: str, seed: int) -> tuple[Session, Model, list[np.ndarray]]:
     return session, replace(model, fit=replace(model.fit, residual=(first, second))), [first, second]
 
 
+@pytest.mark.slow
 def test_white_and_normal_noise_is_refused_no_more_often_than_is_said() -> None:
     refused, rows = 0, clean_session().base_model.rows(clean_session().prior)
     for seed in range(150):

@@ -47,6 +47,7 @@ def test_a_slow_error_of_the_model_is_not_called_noise(size: float) -> None:
     assert base.model.fit.theta == pytest.approx(base.tried["equal"], rel=1e-9)
 
 
+@pytest.mark.slow
 def test_what_is_handed_out_never_costs_more_than_is_said() -> None:
     for size in (0.0, 2.0, 8.0, 20.0):
         session = with_slow_error(size)

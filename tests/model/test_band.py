@@ -35,6 +35,7 @@ def coverage(recordings: Sequence[Recording]) -> np.ndarray:
     return predict(model, RECORDINGS[3]).coverage
 
 
+@pytest.mark.slow
 def test_one_wrong_second_does_not_widen_the_band_of_all_others() -> None:
     unloaded, train, repeat, validate = RECORDINGS
     assert np.all(np.abs(coverage(RECORDINGS) - 0.95) < 0.02)

@@ -70,6 +70,7 @@ def python_answers(path: Path) -> dict[str, Any]:
     return names
 
 
+@pytest.mark.slow
 def test_python_says_what_the_model_says(model: ArmModel, tmp_path: Path) -> None:
     done = export_model(model, "python", tmp_path / "arm.py")
     assert_answers(python_answers(tmp_path / "arm.py"), model)
@@ -79,6 +80,7 @@ def test_python_says_what_the_model_says(model: ArmModel, tmp_path: Path) -> Non
     assert {line.split()[1] for line in text.splitlines() if line.startswith(("import", "from"))} == {"numpy"}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", [e.id for e in effects() if not e.over_time])
 def test_every_effect_of_one_moment_is_carried(name: str, tmp_path: Path) -> None:
     session = session_of(2)
@@ -100,6 +102,7 @@ def test_every_effect_of_one_moment_is_carried(name: str, tmp_path: Path) -> Non
     assert expected or np.max(np.abs(found - without)) > 1e-6 * np.max(np.abs(found))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kinds", ["RPR", "rR", "RRRR"])
 def test_prismatic_and_direct_joints_and_twists(kinds: str, tmp_path: Path) -> None:
     session = session_of(len(kinds), kinds)
@@ -111,6 +114,7 @@ def test_prismatic_and_direct_joints_and_twists(kinds: str, tmp_path: Path) -> N
     assert_same(found["gravity"](q), motion.gravity(model, q))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("twist", [False, True])
 def test_laws_of_two_signals_are_carried(twist: bool, tmp_path: Path) -> None:
     session = session_of(2)
@@ -191,6 +195,7 @@ def test_c_compiles_without_a_warning_passes_its_self_test_and_says_what_the_mod
     assert_answers(c_answers(tmp_path / "arm.so", name, 2), model)
 
 
+@pytest.mark.slow
 @needs_compiler
 def test_the_self_test_fails_where_the_code_is_wrong(model: ArmModel, tmp_path: Path) -> None:
     export_model(model, "c", tmp_path)

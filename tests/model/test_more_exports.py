@@ -74,6 +74,7 @@ def units(model: ArmModel, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.mark.slow
 @needs_compiler
 @needs_fmpy
 @pytest.mark.parametrize("version", [3, 2])
@@ -115,6 +116,7 @@ def test_fmpy_validates_and_runs_both_versions(model: ArmModel, units: Path, ver
         assert_same(np.column_stack([found[f"{word}[{k}]"] for k in (1, 2)]), values)
 
 
+@pytest.mark.slow
 def test_units_hold_sources_and_without_a_compiler_say_so(
     model: ArmModel, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -130,6 +132,7 @@ def test_units_hold_sources_and_without_a_compiler_say_so(
     assert binary_place(3)[0].count("-") == 1
 
 
+@pytest.mark.slow
 @needs_compiler
 def test_the_units_sources_compile_without_a_warning(units: Path, tmp_path: Path) -> None:
     for version in (3, 2):
@@ -181,6 +184,7 @@ def test_tables_give_gravity_and_friction_as_well_as_they_say(tmp_path: Path) ->
         assert np.max(np.abs(table(speed) - right)) <= 1.2 * error < 0.01 * np.max(np.abs(right))
 
 
+@pytest.mark.slow
 def test_a_table_has_the_variables_that_the_value_has(tmp_path: Path) -> None:
     """Friction that depends on the position has a table of two; on the load of all joints, none."""
     session = session_of(2)

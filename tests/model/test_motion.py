@@ -53,6 +53,7 @@ def test_friction_is_what_turns_with_the_speed(exact: ArmModel) -> None:
     np.testing.assert_allclose(motion.friction(exact, moved.q, moved.qd), expected, rtol=1e-9, atol=1e-9)
 
 
+@pytest.mark.slow
 @given(st.lists(st.floats(-0.5, 0.5), min_size=6, max_size=6))
 @settings(max_examples=15)
 def test_forward_undoes_effort(values: list[float]) -> None:

@@ -48,6 +48,7 @@ def assert_reproduced(terms: Sequence[Term]) -> None:
         np.testing.assert_allclose(found.drive_effort(0), np.stack(expected, axis=1), rtol=1e-12, atol=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("names", groups(), ids=lambda names: "-".join(name[:6] for name in names))
 def test_efforts_are_the_pipelines(names: list[str]) -> None:
     session = session_of(2)
@@ -61,6 +62,7 @@ def test_every_effect_of_the_catalogue_was_tried() -> None:
     assert {e.id for e in effects()} - tried == {"backlash", "encoder_offset", "encoder_eccentricity"}
 
 
+@pytest.mark.slow
 def test_laws_are_reproduced() -> None:
     session = session_of(2)
     signals = ("piston_position", "cylinder_force", "rod_pressure", "time_since_reversal")
@@ -74,6 +76,7 @@ STEPS = (
 )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("resampled", [False, True])
 def test_corrected_positions_linkages_and_delays_are_reproduced(resampled: bool) -> None:
     session = session_of(2)

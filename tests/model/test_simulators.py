@@ -66,6 +66,7 @@ def possible(request: pytest.FixtureRequest) -> ArmModel:
 ENGINES = [("urdf", mujoco_efforts), ("mjcf", mujoco_efforts), ("urdf", pinocchio_efforts)]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("to", "efforts"), ENGINES)
 def test_engines_agree_with_the_links(possible: ArmModel, to: str, efforts: Any, tmp_path: Path) -> None:
     path = tmp_path / f"arm.{to}"

@@ -40,6 +40,7 @@ def test_a_force_on_the_tip_is_felt_as_virtual_work_says(loop: ClosedLoop) -> No
     np.testing.assert_allclose(loop.tip_efforts(q, force), work, rtol=1e-6, atol=1e-6)
 
 
+@pytest.mark.slow
 def test_it_holds_its_pose_and_its_transducers_say_with_which_force(loop: ClosedLoop) -> None:
     q = np.array([0.1, -0.1, 0.2, 0.0, 0.1, -0.2])
     time = np.linspace(0.0, 0.3, 16)

@@ -39,6 +39,7 @@ def test_sizes_are_those_of_such_machines_and_no_number_looks_slipped(arm) -> No
     assert arm(3)[1] == arm(3)[1] != arm(4)[1]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("arm", HEAVY)
 def test_what_carries_the_boom_is_under_some_hundred_bar_and_nothing_beyond_the_supply(arm) -> None:
     highest = []

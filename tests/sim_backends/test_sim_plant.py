@@ -113,6 +113,7 @@ def test_tendons_obey_the_law_of_cosines_and_carry_the_pistons_mass():
     np.testing.assert_allclose(v, r * qd)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("arm", ARMS)
 def test_without_noise_the_recording_is_the_model(arm):
     """p1 A1 - p2 A2 = m x'' + c x' + K x + F_d + F_l at every sample, with derivatives of the motion itself."""

@@ -45,6 +45,7 @@ def numbered(*digits: str) -> Iterator[str]:
     yield from digits
 
 
+@pytest.mark.slow
 def test_a_device_is_paired_once_and_then_known(guarded: Guarded) -> None:
     order = {"role": "operator", "machines": ["lever"]}
     made = guarded.client.post(f"{ACCESS}/pairing-codes", json=order, headers=guarded.bearer("admin"))
@@ -120,6 +121,7 @@ def test_the_last_admin_stays(database: Database) -> None:
     access.holders.remove(first.id, "key")
 
 
+@pytest.mark.slow
 def test_the_first_start_has_a_code_for_an_admin_until_there_is_one(database: Database) -> None:
     access = Access(database, Audit(database), required=True)
     for _ in range(MOST_OPEN + 1):  # started again and again
@@ -138,6 +140,7 @@ def test_a_code_expires(database: Database, clock: Clock) -> None:
         codes.take(code.digits)
 
 
+@pytest.mark.slow
 def test_wrong_pairing_codes_do_not_invalidate_the_code_of_another(database: Database) -> None:
     """One address may send 155 in the life of a code (five at once, then one in six seconds)."""
     codes = PairingCodes(database, lambda: "1111111111")
@@ -163,6 +166,7 @@ def test_many_wrong_codes_void_every_open_code(database: Database) -> None:
         codes.take("1111111111")
 
 
+@pytest.mark.slow
 def test_codes_that_are_open_at_once_are_few(database: Database, clock: Clock) -> None:
     codes = PairingCodes(database)
     for _ in range(MOST_OPEN):
@@ -177,6 +181,7 @@ def test_the_code_in_an_address_reaches_no_server() -> None:
     assert pairing_url("http://10.0.0.1:8350", "012345").partition("#")[2] == "pair=012345"
 
 
+@pytest.mark.slow
 def test_buckets_let_a_burst_through_and_then_the_rate() -> None:
     now = 0.0
     rates = Rates(lambda: now)

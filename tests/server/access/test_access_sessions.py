@@ -187,6 +187,7 @@ def test_presence_counts_streams() -> None:
     assert asyncio.run(open_two()) == [Presence(*seen, 2), Presence(*seen, 1), Presence()]
 
 
+@pytest.mark.slow
 def test_a_session_that_is_revoked_in_another_thread_ends_its_stream(guarded: Guarded) -> None:
     """Revoking happens in a thread of the pool, streams run in the event loop."""
     id, token, _ = key(guarded)

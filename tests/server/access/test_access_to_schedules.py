@@ -55,6 +55,7 @@ def test_a_schedule_is_not_moved_to_a_foreign_machine(guarded: Guarded) -> None:
     refusal(guarded.client.put(place, json=WISH | {"machine": "other"}, headers=mine), 404)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("path", "order", "secret"),
     [("keys", {"name": "line", "role": "viewer"}, "key"), ("pairing-codes", {"role": "viewer"}, "code")],

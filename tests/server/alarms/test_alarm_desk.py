@@ -237,6 +237,7 @@ def test_long_lists_of_channels_are_shortened() -> None:
     assert stale_channels(frame) == ("stale", "missing", "bus_error")
 
 
+@pytest.mark.slow
 def test_an_alarm_is_read_acknowledged_and_shelved_over_http(running: Running) -> None:
     running.client.post(f"{API}/machines", content=MACHINE)
     running.service[Alarms].report("lever", "residual_drift", "joint1 drifts", "warning", True)
@@ -254,6 +255,7 @@ def test_an_alarm_is_read_acknowledged_and_shelved_over_http(running: Running) -
         assert running.client.post(f"{API}/alarms/alarm-none/{action}").status_code == 404
 
 
+@pytest.mark.slow
 def test_a_full_disk_refuses_a_recording_and_still_takes_an_acknowledgement(
     running: Running, monkeypatch: pytest.MonkeyPatch
 ) -> None:

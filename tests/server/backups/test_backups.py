@@ -125,6 +125,7 @@ def test_a_harmed_backup_is_refused_and_nothing_is_changed(files: DataDirectory,
     assert contents(files.recordings) | {"store": files.database.read_bytes()} == before
 
 
+@pytest.mark.slow
 def test_one_a_day_and_old_ones_go_but_not_those_that_somebody_ordered(files: DataDirectory) -> None:
     now = [datetime(2026, 1, 1, tzinfo=UTC)]
     backups = backups_of(files, now)
@@ -353,6 +354,7 @@ def two_stores(backup: Path) -> None:
     as_if_whole(backup, "store.pgdump")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("harm", "says"),
     [

@@ -176,6 +176,7 @@ def test_a_child_with_limits_reads_it(service: Running) -> None:
     assert answer.status_code == 422 and answer.json()["detail"].startswith("bus 'plain': lever.dbc: is no DBC file")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("result", "status"),
     [

@@ -109,6 +109,7 @@ def complete(line: str, monkeypatch: pytest.MonkeyPatch) -> list[str]:
     return list(done.stdout.split())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("line", "offered"),
     [("hilfit ident", ["identify"]), ("hilfit demo --se", ["--seconds", "--seed"]), ("hilfit effects l", ["list"])],

@@ -206,6 +206,7 @@ def test_a_wrong_file_is_exit_code_2_and_one_line(run: Run, tmp_path: Path) -> N
     assert "Traceback" not in err
 
 
+@pytest.mark.slow
 def test_help_imports_nothing_heavy() -> None:
     heavy = ("numpy", "pyarrow", "pydantic", "scipy", "mujoco", "fastapi", "dbos", "matplotlib")
     code = (

@@ -203,6 +203,7 @@ def toy(guarded: Guarded) -> dict[str, str]:
     return made
 
 
+@pytest.mark.slow
 def test_it_is_served_and_described(guarded: Guarded, toy: dict[str, str]) -> None:
     found = guarded.client.get(f"{API}/toys/{toy['id']}", headers=guarded.bearer("viewer"))
     assert found.json() == {"id": toy["id"], "machine": "lever"}
@@ -286,6 +287,7 @@ def test_parts_that_need_each_other_are_named(tmp_path: Path) -> None:
         Service(Settings(data_dir=tmp_path), (*RESOURCES, round_about), Fakes().parts)
 
 
+@pytest.mark.slow
 def test_every_table_is_declared_by_one_resource() -> None:
     tables = tables_of(RESOURCES)
     assert len(tables) == len(set(tables))

@@ -45,6 +45,7 @@ def test_it_was_made_from_the_description_as_it_is() -> None:
     assert hashlib.sha256(PLACE.read_bytes()).hexdigest() == SOURCE_SHA256, "run 'make client'"
 
 
+@pytest.mark.slow
 def test_a_recording_from_start_to_download(client: Client, running: Running) -> None:
     assert [machine["name"] for machine in client.machines.list_machines()["items"]] == ["lever"]
     started = client.recordings.start(machine="lever", role="train", label="by a program", seconds=10)
@@ -74,6 +75,7 @@ def test_an_etag_guards_a_change(client: Client) -> None:
     client.schedules.delete(made["id"])
 
 
+@pytest.mark.slow
 def test_events_come_as_they_are_sent(client: Client) -> None:
     events = client.events.events()
     try:

@@ -23,6 +23,7 @@ def settled(running: Running, condition: Callable[[], bool]) -> None:
     raise AssertionError("it never came to that")
 
 
+@pytest.mark.slow
 def test_a_locked_store_is_a_503_for_writers_while_readers_go_on(running: Running) -> None:
     running.client.post(f"{API}/machines", content=MACHINE)
     running.service[Alarms].report("lever", "residual_drift", "x", "warning", True)
@@ -81,6 +82,7 @@ def test_a_page_from_elsewhere_gets_no_signals(running: Running) -> None:
         raise AssertionError("it was let in")
 
 
+@pytest.mark.slow
 def test_a_machine_that_is_recorded_is_not_recorded_twice_and_what_is_in_use_stays(running: Running) -> None:
     running.client.post(f"{API}/machines", content=MACHINE)
     running.client.put(f"{API}/machines/lever/acquisition", json={"enabled": True})

@@ -118,6 +118,7 @@ def test_an_mdf4_upload_without_its_reader_is_an_unsupported_format(
     assert "hilfit[export]" in said["detail"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("harm", ["deleted", "replaced", "store deleted", "read-only"])
 def test_a_service_without_its_data_is_alive_and_not_ready(
     service: Running, monkeypatch: pytest.MonkeyPatch, harm: str

@@ -98,6 +98,7 @@ def test_a_stopping_service_ends_the_stream() -> None:
     asyncio.run(run())
 
 
+@pytest.mark.slow
 def test_over_http_it_is_an_event_stream(running: Running) -> None:
     running.client.post(f"{API}/machines", content=MACHINE)
     running.service.changes.close()  # the stream says what there is, then ends: a test client reads it whole

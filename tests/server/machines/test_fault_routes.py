@@ -53,6 +53,7 @@ def running(tmp_path: Path, machine: Breakable) -> Iterator[Running]:
         yield made
 
 
+@pytest.mark.slow
 def test_faults_are_offered_and_begin(running: Running, machine: Breakable) -> None:
     assert running.client.get(FAULTS).json() == {"simulated": True, "offers": [OFFER], "running": []}
     begun = running.client.post(FAULTS, json={"faults": [DEATH]})
@@ -61,6 +62,7 @@ def test_faults_are_offered_and_begin(running: Running, machine: Breakable) -> N
     assert running.client.get(FAULTS).json()["running"] == [{**DEATH, "left_s": 4.5}]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("body", "words"),
     [
@@ -75,6 +77,7 @@ def test_what_makes_no_sense_is_refused(running: Running, machine: Breakable, bo
     assert machine.begun == []
 
 
+@pytest.mark.slow
 def test_faults_on_a_machine_that_is_not_simulated_are_refused(running: Running, machine: Breakable) -> None:
     running.service[MachineDesk].simulated = None
     assert running.client.get(FAULTS).json() == {"simulated": False, "offers": [], "running": []}

@@ -82,6 +82,7 @@ def alarmed(guarded: Guarded) -> None:
     desk.report("other", "overload", "of another machine", "critical", True)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("alarmed")
 def test_the_fleet_says_of_each_machine_what_its_own_routes_say(guarded: Guarded, calibrated: str) -> None:
     fleet = {one["name"]: one for one in ask(guarded, "/fleet")["items"]}
@@ -191,6 +192,7 @@ def test_a_report_that_is_gone_takes_no_history_with_it(guarded: Guarded) -> Non
     assert [(one["subject"], one["effects"]) for one in found] == [("idn-2", [])]
 
 
+@pytest.mark.slow
 def test_the_log_is_read_on_from_where_one_was(guarded: Guarded) -> None:
     newest = ask(guarded, "/logs", "admin")["newest"]
     again = ask(guarded, f"/logs?after={newest}", "admin")

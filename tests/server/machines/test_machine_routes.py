@@ -173,6 +173,7 @@ def test_status_counts_changes(running: Running) -> None:
     assert after["version"]
 
 
+@pytest.mark.slow
 def test_the_simulated_machine_is_the_same_version_after_a_restart_that_moved_its_buses(running: Running) -> None:
     own = named("simulated").partition("buses:")[0] + (
         "buses:\n- name: can\n  type: canopen\n  interface: socketcand\n  channel: can0\n"

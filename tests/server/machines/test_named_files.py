@@ -36,6 +36,7 @@ def machine_file(folder: Path, eds: str, dbc: str) -> Path:
     return path
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("elsewhere", ["/etc/passwd.eds", "../other.eds", "sub/../../x.eds", r"..\\x.eds", "C:/x.eds"])
 @pytest.mark.parametrize("kind", ["eds", "dbc"])
 def test_paths_that_lead_elsewhere_are_refused_in_one_line(kind: str, elsewhere: str, tmp_path: Path) -> None:

@@ -37,6 +37,7 @@ def hit_rows(seconds: float = 20.0, seed: int = 5) -> tuple[np.ndarray, dict[str
     return table, values
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("at_once", [1, 7])
 def test_a_hit_is_found_within_a_tenth_of_a_second_and_ends(model: ArmModel, at_once: int) -> None:
     table, values = hit_rows()

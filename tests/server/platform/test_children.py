@@ -37,6 +37,7 @@ print('{"summary": {"nice": %d}}' % os.nice(0))
     assert (tmp_path / "log").read_text() == "to the log\n"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("code", "outcome", "error"),
     [

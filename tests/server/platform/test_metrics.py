@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pytest
 from prometheus_client.parser import text_string_to_metric_families
 from service_fakes import API, MACHINE, Running, wait_for_change
 
@@ -20,6 +21,7 @@ def samples(running: Running) -> dict[tuple[str, tuple[tuple[str, str], ...]], f
     }
 
 
+@pytest.mark.slow
 def test_what_the_service_does_can_be_read(running: Running) -> None:
     running.client.post(f"{API}/machines", content=MACHINE)
     running.fakes.acquisition.up.clear()
@@ -61,6 +63,7 @@ def test_two_services_share_nothing(running: Running) -> None:
     assert b"hilfit_http_request_seconds_count" not in Metrics(running.service).text()
 
 
+@pytest.mark.slow
 def test_lateness_becomes_cumulative_buckets_in_seconds() -> None:
     from server.machines.acquisition_metrics import _buckets
 

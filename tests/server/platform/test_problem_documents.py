@@ -96,6 +96,7 @@ def test_health_and_headers(running: Running) -> None:
     assert response.headers["x-content-type-options"] == "nosniff"
 
 
+@pytest.mark.slow
 def test_openapi_tells_of_problem_documents(running: Running) -> None:
     paths = running.client.get(f"{API}/openapi.json").json()["paths"]
     for path, methods in paths.items():

@@ -89,6 +89,7 @@ def test_sqlite_is_set_up_to_survive_a_power_cut(files: DataDirectory) -> None:
         assert connection.exec_driver_sql("PRAGMA foreign_keys").scalar() == 1
 
 
+@pytest.mark.slow
 def test_uploads_at_once_get_versions_of_their_own(database: Database, files: DataDirectory) -> None:
     reader = MachineReader(files)
     uploads = MachineUploads(database, files, reader)
@@ -143,6 +144,7 @@ def job(database: Database, id: str = "job-1") -> Jobs:
     return jobs
 
 
+@pytest.mark.slow
 @settings(max_examples=8, deadline=None)
 @given(fractions=st.lists(st.floats(-1, 2), max_size=8))
 def test_progress_never_goes_back_and_events_have_no_hole(

@@ -20,6 +20,7 @@ HOSTILE = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.timeout(120)
 @pytest.mark.parametrize("text", HOSTILE.values(), ids=HOSTILE)
 def test_a_hostile_machine_file_is_refused(running: Running, text: str) -> None:
@@ -57,6 +58,7 @@ def test_the_next_file_is_read_after_one_that_ended_the_child(running: Running) 
         assert answer.status_code == (422 if "9**9" in text else 200), answer.text
 
 
+@pytest.mark.slow
 def test_the_server_reads_no_machine_file_itself(running: Running, monkeypatch: pytest.MonkeyPatch) -> None:
     import daq.machine_file
     import daq.safe_yaml

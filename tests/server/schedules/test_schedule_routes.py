@@ -65,6 +65,7 @@ def test_a_schedule_that_cannot_be_is_refused(
     assert running.client.get(f"{API}/schedules").json() == before
 
 
+@pytest.mark.slow
 def test_a_change_from_an_old_reading_is_refused(running: Running) -> None:
     place, first = made(running)
     changed = running.client.put(place, json=WISH | {"label": "second"}, headers={"If-Match": first})
@@ -146,6 +147,7 @@ def test_two_recordings_at_once_and_deleting_what_is_in_use(running: Running, cs
     running.follow(identification.job)
 
 
+@pytest.mark.slow
 def test_an_answer_is_kept_for_its_own_asker_and_for_a_while() -> None:
     now = [0.0]
     replays, numbers = Replays(lambda: now[0]), iter(range(1000))
