@@ -1,5 +1,6 @@
 """What all tests share."""
 
+import gc
 import os
 import resource
 from collections.abc import Iterator
@@ -11,6 +12,9 @@ from hypothesis import HealthCheck, settings
 # One BLAS thread per process, before numpy is loaded: tests run side by side on two cores.
 for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(variable, "1")
+
+# What is imported and collected stays: looking through half a million of such objects, again and again, is left out.
+gc.disable()
 
 # The same examples in every run, and none fails because the computer was busy.
 settings.register_profile(
@@ -47,6 +51,12 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
         seconds = float(asked.args[0]) if asked else 0.0
         longest[item.path] = max(longest.get(item.path, 0.0), seconds)
     items.sort(key=lambda item: -longest[item.path])
+
+
+def pytest_collection_finish() -> None:
+    """From here on only what tests leave is looked through."""
+    gc.freeze()
+    gc.enable()
 
 
 def _processor_s() -> float:

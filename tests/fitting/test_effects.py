@@ -313,7 +313,7 @@ def test_a_late_effort_is_moved_back_by_its_delay() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", [1, 2, 3, 4, 5])
+@pytest.mark.parametrize("seed", [1, 2])  # hundreds of them: hilfit bench attribution, cases null
 def test_nothing_is_found_where_nothing_was_put_in(seed: int) -> None:
     machine, arm = planar_machine(3), truth(3)
     session = make_session(machine, arm, RECORDINGS, seed=seed)

@@ -66,7 +66,7 @@ def wait_until(what: str, condition: Callable[[], Any], seconds: float = 60) -> 
     deadline = time.monotonic() + seconds
     while not (value := condition()):
         assert time.monotonic() < deadline, f"waited {seconds:g} s until {what}"
-        time.sleep(0.02)
+        time.sleep(0.1)  # a question costs the server's core some milliseconds
     return value
 
 

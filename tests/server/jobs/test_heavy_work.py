@@ -6,7 +6,7 @@ import io
 import sys
 import threading
 from collections.abc import Iterator
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor, as_completed
 from contextlib import closing, contextmanager
 from pathlib import Path
 
@@ -55,7 +55,7 @@ class Gate:
     """A reader of recordings that counts how many read at once, and waits until it may end."""
 
     def __init__(self) -> None:
-        self.open = threading.Event()
+        self.open, self.entered = threading.Event(), threading.Event()
         self.now = self.most = 0
         self._lock = threading.Lock()
 
@@ -63,6 +63,7 @@ class Gate:
         with self._lock:
             self.now += 1
             self.most = max(self.most, self.now)
+        self.entered.set()
         assert self.open.wait(60)
         with self._lock:
             self.now -= 1
@@ -104,9 +105,9 @@ def test_many_uploads_at_once_do_not_delay_other_requests(tmp_path: Path, csv: b
             return answer.status_code, answer.headers.get("retry-after")
 
         waiting = [pool.submit(upload, number) for number in range(45)]
-        refused = 0
-        while refused < 45 - heavy.SHARE:  # those are answered at once; the others wait
-            refused = sum(future.done() for future in waiting)
+        answered = as_completed(waiting, timeout=240)
+        for _ in range(45 - heavy.SHARE):  # those are answered at once; the others wait
+            next(answered)
         for path in ("/healthz", f"{API}/machines", f"{API}/status", f"{API}/recordings", f"{API}/machines/lever"):
             assert running.client.get(path).status_code == 200
         assert 0 < gate.most <= heavy.SLOTS
@@ -125,8 +126,7 @@ def test_when_all_places_are_taken_everybody_is_told_to_come_again(tmp_path: Pat
         running.service.heavy._taken["another"] = 1
         parameters = {"machine": "lever", "role": "train", "name": "made.csv"}
         first = pool.submit(running.client.post, f"{API}/recordings/upload", params=parameters, content=csv)
-        while not gate.now:
-            pass
+        assert gate.entered.wait(60)
         second = running.client.post(f"{API}/recordings/upload", params=parameters, content=csv)
         assert (second.status_code, second.headers["retry-after"]) == (503, "5")
         assert second.json()["type"] == "urn:hilfit:problem:busy"
