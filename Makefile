@@ -37,7 +37,7 @@ test: check ## the checks, then every test; the slowest twenty are listed at the
 	$(PYTEST) -n $(JOBS) --durations 20
 
 test-quick: $(VENV)/.dev ## the tests that are not marked slow; says at the end which those are
-	$(PYTEST) -n 2 -m "not slow" --durations 5
+	$(PYTEST) -n 2 -m "not slow" --durations 5 -p no:schemathesis
 
 test-socketcan: $(VENV)/.dev ## the drivers on AF_CAN, in user-mode Linux with a virtual bus; two minutes at most
 	$(BIN)/python tests/daq/user_mode_linux.py

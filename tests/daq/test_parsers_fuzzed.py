@@ -6,12 +6,13 @@ import pytest
 from fuzz_targets import TARGETS
 from hypothesis import HealthCheck, given, settings
 
+pytestmark = pytest.mark.slow
+
 QUICK = settings(
     max_examples=40, deadline=None, suppress_health_check=[HealthCheck.too_slow, HealthCheck.large_base_example]
 )
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", TARGETS)
 def test_a_parser_takes_whatever_comes(name: str) -> None:
     target = TARGETS[name]

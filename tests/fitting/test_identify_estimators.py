@@ -14,6 +14,8 @@ from daq.recording import write_recording
 from fitting.arm.base_parameters import reduce_parameters
 from server.commands.command_line import main
 
+pytestmark = pytest.mark.slow
+
 ROLES = ("unloaded", "train", "repeat", "validate")
 
 
@@ -48,14 +50,12 @@ def usual(arm: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]
     return report_of(output)
 
 
-@pytest.mark.slow
 def test_the_default_is_the_joint_refit_with_least_squares_beside_it(usual: dict[str, Any]) -> None:
     body = usual["rigid_body"]
     assert body["estimator"] == "gls" and body["stage_2"]["estimator"] == "ols"
     assert "price_percent" not in body and "joint_refit" not in body["parameters"][0]
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", ["ols", "wls", "huber", "iv", "rls", "consistent"])
 def test_the_report_says_which_estimator_and_what_it_costs(
     arm: Path, usual: dict[str, Any], tmp_path: Path, name: str
@@ -80,7 +80,6 @@ def test_the_report_says_which_estimator_and_what_it_costs(
     assert f"({name})" in page and "Its price" in page
 
 
-@pytest.mark.slow
 def test_deviations_by_bootstrap_and_by_the_textbook(arm: Path, tmp_path: Path) -> None:
     stds = {}
     for colour in ("hac", "bootstrap", "white"):
@@ -94,7 +93,6 @@ def test_deviations_by_bootstrap_and_by_the_textbook(arm: Path, tmp_path: Path) 
     assert sum(stds["white"]) < sum(stds["hac"])
 
 
-@pytest.mark.slow
 def test_an_earlier_report_is_a_prior_that_narrows(arm: Path, tmp_path: Path) -> None:
     assert run(arm, tmp_path / "first", "--estimator", "wls") == 0
     earlier = tmp_path / "first" / "report.json"
@@ -107,7 +105,6 @@ def test_an_earlier_report_is_a_prior_that_narrows(arm: Path, tmp_path: Path) ->
     assert "recordings tell" in (tmp_path / "second" / "report.html").read_text(encoding="utf-8")
 
 
-@pytest.mark.slow
 def test_the_links_of_a_consistent_fit_are_in_the_report(arm: Path, tmp_path: Path) -> None:
     pytest.importorskip("cvxpy", reason="the extra 'consistent' is not installed")
     assert run(arm, tmp_path, "--estimator", "consistent") == 0
@@ -118,7 +115,6 @@ def test_the_links_of_a_consistent_fit_are_in_the_report(arm: Path, tmp_path: Pa
     assert "links that can exist" in (tmp_path / "report.html").read_text(encoding="utf-8")
 
 
-@pytest.mark.slow
 def test_the_comparison_is_in_json_text_and_page(
     arm: Path, usual: dict[str, Any], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -133,7 +129,6 @@ def test_the_comparison_is_in_json_text_and_page(
     assert comparison["said"].split(".")[0] in page and "one-shot, unloaded recordings too" in page
 
 
-@pytest.mark.slow
 def test_without_an_unloaded_recording_there_is_one_contender_less(arm: Path, tmp_path: Path) -> None:
     assert run(arm, tmp_path, roles=("train", "repeat", "validate")) == 0
     comparison = report_of(tmp_path)["one_shot"]["comparison"]
@@ -141,7 +136,6 @@ def test_without_an_unloaded_recording_there_is_one_contender_less(arm: Path, tm
     assert "unloaded" not in comparison["said"]
 
 
-@pytest.mark.slow
 def test_what_is_hardly_told_is_flagged_in_json_text_and_page(
     arm: Path, usual: dict[str, Any], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -156,7 +150,6 @@ def test_what_is_hardly_told_is_flagged_in_json_text_and_page(
     assert "⚠" in (tmp_path / "report.html").read_text(encoding="utf-8")
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("options", "says"),
     [

@@ -22,6 +22,8 @@ from daq.recording import write_recording
 from fitting.loop.session import Options, Request
 from fitting.pipeline.stages import identify
 
+pytestmark = pytest.mark.slow
+
 SECONDS = 20.0
 #: Seeds of the motions; that of `validate` has no speed that grazes zero, where a sign is a matter of luck.
 SEEDS = {"unloaded": 1, "validate": 5}
@@ -248,7 +250,6 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Path]:
     return files
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("loop", [False, True], ids=["no-loop", "loop"])
 @pytest.mark.parametrize("name", CASES)
 def test_every_option_is_identified(name: str, loop: bool, recorded: Callable[[str], Path], tmp_path: Path) -> None:

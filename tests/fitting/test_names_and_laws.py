@@ -18,6 +18,8 @@ from fitting.selection.evidence import least_gain
 from fitting.selection.search import Search
 from fitting.signals.corrections import Corrections
 
+pytestmark = pytest.mark.slow
+
 
 def session_with(force_on: Callable[[Motion], np.ndarray], only_loaded: bool = False) -> Session:
     """Recordings where joint 2 of two has a further force on its piston, N (N,)."""
@@ -43,13 +45,11 @@ def place(motion: Motion) -> np.ndarray:
     return np.asarray((motion.x[:, 1] - 0.05) / 0.12)
 
 
-@pytest.mark.slow
 def test_friction_from_some_position_on_is_friction_that_depends_on_the_position() -> None:
     found = found_with(lambda motion: 60.0 * np.maximum(0.0, place(motion) - 0.55) * np.sign(motion.v[:, 1]))
     assert [item.score.term.family for item in found.accepted] == [("position_dependent_friction", 1)]
 
 
-@pytest.mark.slow
 def test_a_bore_that_is_worn_where_the_piston_works_most_has_friction_that_depends_on_the_position() -> None:
     """Flat in the middle and steep on both sides, in full sight of the noise: a cubic leaves a fifth of it."""
     found = found_with(lambda motion: -250.0 * np.exp(-(((place(motion) - 0.5) / 0.4) ** 2)) * np.sign(motion.v[:, 1]))
@@ -58,7 +58,6 @@ def test_a_bore_that_is_worn_where_the_piston_works_most_has_friction_that_depen
     assert item.probability > 0.9
 
 
-@pytest.mark.slow
 def test_hoses_that_rest_beyond_the_motion_are_hoses() -> None:
     """Then most of what they do is a constant, and only with a load: no transducer's zero, no law of the position."""
 
@@ -71,7 +70,6 @@ def test_hoses_that_rest_beyond_the_motion_are_hoses() -> None:
     assert item.probability is not None and item.probability > 0.5
 
 
-@pytest.mark.slow
 def test_what_a_joint_without_an_explanation_bends_elsewhere_is_no_effect() -> None:
     """Beside a law of the joint that lacks something, another joint's term gains what a joint fit of both says."""
     session = session_with(lambda motion: 400.0 * np.cos(25.0 * motion.q[:, 1]), only_loaded=True)

@@ -8,10 +8,11 @@ import pytest
 from access_fakes import guarded_service
 from service_fakes import API, Fakes, running_service
 
+pytestmark = pytest.mark.slow
+
 ACCESS = f"{API}/access"
 
 
-@pytest.mark.slow
 def test_too_many_requests_are_told_when_to_come_back(tmp_path: Path) -> None:
     with guarded_service(tmp_path, requests_per_second=0.25) as slow:
         headers = slow.bearer("viewer")
@@ -23,7 +24,6 @@ def test_too_many_requests_are_told_when_to_come_back(tmp_path: Path) -> None:
         assert [answer.status_code for answer in attempts] == [403] * 5 + [429]
 
 
-@pytest.mark.slow
 def test_names_and_addresses_of_the_service(tmp_path: Path) -> None:
     with guarded_service(tmp_path, public_hosts=("hilfit.example", "proxy.example:8443")) as service:
         headers = service.bearer("viewer")
@@ -40,7 +40,6 @@ def test_names_and_addresses_of_the_service(tmp_path: Path) -> None:
             assert answer.status_code == status, host
 
 
-@pytest.mark.slow
 def test_without_set_up_whoever_is_here_is_local(tmp_path: Path) -> None:
     with running_service(tmp_path, Fakes()) as running:
         me = running.client.get(f"{ACCESS}/me").json()
@@ -55,7 +54,6 @@ def test_without_set_up_whoever_is_here_is_local(tmp_path: Path) -> None:
         assert running.client.get(f"{API}/machines", headers={"Host": "192.168.7.4:8350"}).status_code == 403
 
 
-@pytest.mark.slow
 def test_everything_has_a_content_security_policy(tmp_path: Path) -> None:
     with running_service(tmp_path, Fakes()) as running:
         for path in (f"{API}/machines", "/healthz", "/nowhere", "/"):

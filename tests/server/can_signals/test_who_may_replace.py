@@ -9,11 +9,12 @@ import pytest
 from access_fakes import guarded_service
 from service_fakes import API, MACHINE
 
+pytestmark = pytest.mark.slow
+
 CAN = f"{API}/can-signals"
 ROLES: dict[Any, tuple[int, int]] = {"viewer": (200, 403), "operator": (200, 403), "engineer": (200, 404)}
 
 
-@pytest.mark.slow
 def test_roles_that_may_list_and_replace_signal_files(tmp_path: Path) -> None:
     with guarded_service(tmp_path) as guarded:
         for role, expected in ROLES.items():

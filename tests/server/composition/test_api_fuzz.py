@@ -33,10 +33,8 @@ PHASES = [Phase.explicit, Phase.generate]
 #: Made-up requests per operation and principal, and sequences of so many steps: a minute in all.
 EXAMPLES, SEQUENCES, STEPS = 3, 6, 15
 
-pytestmark = [
-    pytest.mark.slow,
-    pytest.mark.filterwarnings("ignore:Do not use the `random` module"),  # the library under the test does
-]
+# The library under the test uses that module.
+pytestmark = [pytest.mark.slow, pytest.mark.filterwarnings("ignore:Do not use the `random` module")]
 
 
 @pytest.fixture(scope="module")

@@ -16,6 +16,8 @@ from test_server_process import server
 from daq import parse_machine, write_recording
 from server.machines.machine_desk import MachineDesk
 
+pytestmark = pytest.mark.slow
+
 README = (Path(__file__).parents[3] / "README.md").read_text(encoding="utf-8")
 ARM = MACHINE.replace("name: lever", "name: folding-arm")
 
@@ -44,7 +46,6 @@ def demo(tmp_path: Path) -> Iterator[Path]:
     yield tmp_path
 
 
-@pytest.mark.slow
 @pytest.mark.skipif(shutil.which("curl") is None, reason="the steps use curl")
 def test_the_steps_work_as_printed(demo: Path) -> None:
     with server(demo / "data") as (_, client):
@@ -57,7 +58,6 @@ def test_the_steps_work_as_printed(demo: Path) -> None:
         assert sorted(row["role"] for row in recordings) == ["repeat", "train", "train", "unloaded", "validate"]
 
 
-@pytest.mark.slow
 def test_the_simulated_machine_keeps_its_file_and_its_recordings_can_be_uploaded(tmp_path: Path) -> None:
     with running_service(tmp_path / "data", Fakes()) as running:
         client, service = running.client, running.service

@@ -17,10 +17,11 @@ from server.machines.acquisition import Acquisition
 from server.recordings.recording_store import RecordingRow, Recordings
 from server.recordings.recording_tables import recordings
 
+pytestmark = pytest.mark.slow
+
 RECORDINGS = f"{API}/recordings"
 
 
-@pytest.mark.slow
 def test_stopping_the_service_seals_what_is_being_recorded(tmp_path: Path) -> None:
     with running_service(tmp_path, Fakes()) as first:
         acquire(first, "lever")
@@ -32,7 +33,6 @@ def test_stopping_the_service_seals_what_is_being_recorded(tmp_path: Path) -> No
         assert second.service[Acquisition].names() == ("lever",)
 
 
-@pytest.mark.slow
 def test_a_cut_recording_is_recovered_at_the_next_start(tmp_path: Path) -> None:
     with running_service(tmp_path, Fakes()) as first:
         first.client.post(f"{API}/machines", content=MACHINE)
@@ -73,7 +73,6 @@ def outcome(running: Running, job: str) -> dict[str, Any]:
     return dict(running.client.get(f"{API}/jobs/{job}").json())
 
 
-@pytest.mark.slow
 def test_a_job_whose_workflow_broke_off_is_not_running_for_ever(
     tmp_path: Path, csv: bytes, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -92,7 +91,6 @@ def test_a_job_whose_workflow_broke_off_is_not_running_for_ever(
         assert (job["state"], job["error"]) == ("failed", "the job broke off unexpectedly; order it again")
 
 
-@pytest.mark.slow
 def test_a_job_that_was_stored_but_never_queued_is_taken_up(
     tmp_path: Path, csv: bytes, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -105,7 +103,6 @@ def test_a_job_that_was_stored_but_never_queued_is_taken_up(
         assert outcome(second, order.job)["state"] == "done"
 
 
-@pytest.mark.slow
 def test_two_services_in_one_process_are_refused(tmp_path: Path) -> None:
     with (
         running_service(tmp_path / "one", Fakes()),

@@ -21,6 +21,8 @@ from server.platform.processes.children import ChildResult
 from server.recordings import recording_uploads
 from server.recordings.file_children import FileChildren
 
+pytestmark = pytest.mark.slow
+
 #: What looks at files, with memory for what it has loaded and a little more: so does a small bomb for a large one.
 SMALL = """
 import sys
@@ -31,7 +33,6 @@ sys.exit(forking_child.serve(file_child.work, sys.argv[1:]))
 """
 
 
-@pytest.mark.slow
 @pytest.mark.timeout(900)
 def test_a_small_file_that_unfolds_to_gigabytes_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(recording_uploads, "INSPECTION_S", 800.0)  # it is memory that ends it, on a busy computer too
@@ -91,7 +92,6 @@ def threads(count: int, gate: Gate) -> Iterator[ThreadPoolExecutor]:
             gate.open.set()
 
 
-@pytest.mark.slow
 def test_many_uploads_at_once_do_not_delay_other_requests(tmp_path: Path, csv: bytes, gate: Gate) -> None:
     with running_service(tmp_path, behind(gate)) as running, threads(45, gate) as pool:
         assert running.client.post(f"{API}/machines", content=MACHINE).status_code == 201
@@ -118,7 +118,6 @@ def test_many_uploads_at_once_do_not_delay_other_requests(tmp_path: Path, csv: b
     assert gate.most <= heavy.SLOTS
 
 
-@pytest.mark.slow
 def test_when_all_places_are_taken_everybody_is_told_to_come_again(tmp_path: Path, csv: bytes, gate: Gate) -> None:
     with running_service(tmp_path, behind(gate)) as running, threads(2, gate) as pool:
         running.client.post(f"{API}/machines", content=MACHINE)

@@ -12,6 +12,8 @@ import httpx2
 import pytest
 from service_fakes import API
 
+pytestmark = pytest.mark.slow
+
 
 def children(pid: int) -> list[int]:
     """Processes that a process started."""
@@ -25,7 +27,6 @@ def command(pid: int) -> str:
     return Path(f"/proc/{pid}/cmdline").read_text().replace("\0", " ")
 
 
-@pytest.mark.slow
 def test_the_plant_loads_beside_the_service_and_ends_with_it(tmp_path: Path) -> None:
     """What takes long to load (the plant) is in a process of its own, so that the service answers meanwhile."""
     run = [sys.executable, "-m", "server.commands.command_line", "serve", "--simulate", "--port", "0", "--json"]

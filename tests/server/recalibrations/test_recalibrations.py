@@ -23,6 +23,8 @@ from server.recordings.recording_sessions import Sessions
 from server.recordings.recording_store import Recordings
 from server.schedules.schedule_store import Schedules, Slot
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture
 def site(tmp_path: Path) -> Iterator[Setting]:
@@ -30,7 +32,6 @@ def site(tmp_path: Path) -> Iterator[Setting]:
         yield made
 
 
-@pytest.mark.slow
 def test_each_scheduled_time_runs_once_and_proposes_a_calibration(site: Setting) -> None:
     schedule = site.schedule()
     assert site.later(0.5) == ()
@@ -53,7 +54,6 @@ def test_each_scheduled_time_runs_once_and_proposes_a_calibration(site: Setting)
     assert site.running.follow(second)[-1]["state"] == "done"
 
 
-@pytest.mark.slow
 def test_missed_slots_have_their_turn_together(site: Setting) -> None:
     schedule = site.schedule()
     (job,) = site.later(5.5)
@@ -64,7 +64,6 @@ def test_missed_slots_have_their_turn_together(site: Setting) -> None:
     site.running.follow(job)
 
 
-@pytest.mark.slow
 def test_recalibrations_of_one_machine_run_one_after_another(site: Setting) -> None:
     (site.service.files.root / "steer.json").write_text('{"block": "check"}')
     schedule, other = site.schedule(), site.schedule("30 * * * *")
@@ -82,7 +81,6 @@ def test_recalibrations_of_one_machine_run_one_after_another(site: Setting) -> N
     assert [slot.state for slot in site.slots(other)] == ["done", "coalesced", "coalesced"]
 
 
-@pytest.mark.slow
 def test_a_slot_of_a_machine_that_is_not_acquired_is_missed_and_says_why(site: Setting) -> None:
     schedule = site.schedule()
     site.service[MachineDesk].set_acquisition("lever", False)
@@ -92,7 +90,6 @@ def test_a_slot_of_a_machine_that_is_not_acquired_is_missed_and_says_why(site: S
     assert "not being acquired" in slot.note
 
 
-@pytest.mark.slow
 def test_two_servers_order_one_recalibration_per_slot(site: Setting) -> None:
     schedule = site.schedule()
     seen = site.service[Schedules].get(schedule.id)
@@ -107,7 +104,6 @@ def test_two_servers_order_one_recalibration_per_slot(site: Setting) -> None:
     assert len(site.slots(schedule)) == 1
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("policy", "better", "activated"), [("if_better", True, 1), ("if_better", False, 0), ("never", True, 0)]
 )
@@ -136,7 +132,6 @@ def identified(site: Setting) -> str:
     return next(iter(site.calibrations.proposed))
 
 
-@pytest.mark.slow
 def test_a_recalibration_that_fails_raises_an_alarm_and_the_next_good_one_clears_it(site: Setting) -> None:
     site.running.fakes.recorder.fail = "the bus went away"
     schedule = site.schedule()
@@ -151,7 +146,6 @@ def test_a_recalibration_that_fails_raises_an_alarm_and_the_next_good_one_clears
     assert "recalibration_failed" not in site.alarms()
 
 
-@pytest.mark.slow
 def test_a_recalibration_goes_on_after_a_restart_without_recording_again(tmp_path: Path) -> None:
     with setting(tmp_path) as site:
         (site.service.files.root / "steer.json").write_text('{"block": "check"}')
@@ -167,7 +161,6 @@ def test_a_recalibration_goes_on_after_a_restart_without_recording_again(tmp_pat
         assert len(again.service[Identifications].list(10).items) == 1
 
 
-@pytest.mark.slow
 def test_the_standard_motion_of_a_real_machine_waits_for_a_person_and_says_what_to_do(site: Setting) -> None:
     site.schedule(plan=replace(PLAN, motion="standard", excitations=("exc-1",)))
     site.service[Site].motion_seconds = lambda excitation: 11.0  # type: ignore[method-assign]
@@ -182,7 +175,6 @@ def test_the_standard_motion_of_a_real_machine_waits_for_a_person_and_says_what_
     assert site.running.follow(job)[-1]["state"] == "done", site.service[Jobs].get(job)
 
 
-@pytest.mark.slow
 def test_a_recalibration_without_its_standard_motion_fails_at_the_deadline(site: Setting) -> None:
     site.service[Site].motion_seconds = lambda excitation: 11.0  # type: ignore[method-assign]
     site.schedule(plan=replace(PLAN, motion="standard", excitations=("exc-1",), deadline_s=0.0))
