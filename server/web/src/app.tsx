@@ -6,38 +6,26 @@ import { Navigation } from "./shell/navigation";
 import { Connectivity } from "./shell/connectivity";
 import { pairingCode, useRoute } from "./routes";
 import { useSession } from "./session";
-import Alarms from "./views/alarms";
-import BusCheck from "./views/bus_check";
-import Calibrations from "./views/calibrations";
-import Fleet from "./views/fleet";
-import History from "./views/history";
-import Jobs from "./views/jobs";
+import { later } from "./later";
 import Live from "./views/live";
-import Machines from "./views/machines";
 import Pair from "./views/pair";
-import Pose from "./views/pose";
-import Recalibrate from "./views/recalibrate";
-import Recordings from "./views/recordings";
-import Results from "./views/results";
-import Schedules from "./views/schedules";
-import Service from "./views/service";
 import { t } from "./texts";
 
 const VIEWS = {
   live: [Live, t("shell.live")],
-  alarms: [Alarms, t("common.alarms")],
-  recalibrate: [Recalibrate, t("common.recalibrate")],
-  recordings: [Recordings, t("common.recordings")],
-  jobs: [Jobs, t("common.jobs")],
-  results: [Results, t("common.results")],
-  calibrations: [Calibrations, t("common.calibrations")],
-  schedules: [Schedules, t("common.schedules")],
-  machines: [Machines, t("common.machines")],
-  "bus-check": [BusCheck, t("busCheck.title")],
-  pose: [Pose, t("common.pose")],
-  history: [History, t("shell.history")],
-  fleet: [Fleet, t("common.fleet")],
-  service: [Service, t("shell.service")],
+  alarms: [later(() => import("./views/alarms")), t("common.alarms")],
+  recalibrate: [later(() => import("./views/recalibrate")), t("common.recalibrate")],
+  recordings: [later(() => import("./views/recordings")), t("common.recordings")],
+  jobs: [later(() => import("./views/jobs")), t("common.jobs")],
+  results: [later(() => import("./views/results")), t("common.results")],
+  calibrations: [later(() => import("./views/calibrations")), t("common.calibrations")],
+  schedules: [later(() => import("./views/schedules")), t("common.schedules")],
+  machines: [later(() => import("./views/machines")), t("common.machines")],
+  "bus-check": [later(() => import("./views/bus_check")), t("busCheck.title")],
+  pose: [later(() => import("./views/pose")), t("common.pose")],
+  history: [later(() => import("./views/history")), t("shell.history")],
+  fleet: [later(() => import("./views/fleet")), t("common.fleet")],
+  service: [later(() => import("./views/service")), t("shell.service")],
   pair: [Pair, t("common.pairThisDevice")],
 } as const;
 

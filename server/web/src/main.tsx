@@ -6,6 +6,7 @@ import "./styles/layout.css";
 import "./styles/views.css";
 import { render } from "preact";
 import { App } from "./app";
+import { fetchViews } from "./later";
 import { Connection } from "./net/connection";
 import { watchWaking } from "./net/wake";
 import { SessionContext } from "./session";
@@ -26,3 +27,4 @@ render(
   </SessionContext.Provider>,
   document.getElementById("page") as HTMLElement,
 );
+fetchViews();

@@ -6,16 +6,16 @@ import ast
 import json
 import re
 from collections.abc import Iterator
-from pathlib import Path
 
 import pytest
 
 from fitting.effects import effects
 from fitting.pipeline.stage_names import WORDS as STAGES
 from fitting.report.joint_words import _AS_WRITTEN, _SIGNALS, _TEXTS, JointWords
+from server.platform.errors import ServiceError
 from server.recalibrations.recalibration_job import WORDS as RECALIBRATION
+from tests.server.platform.sentences_in_source import ROOT, every_text, told, trees
 
-ROOT = Path(__file__).parents[3]
 WEB = ROOT / "server" / "web" / "src" / "texts"
 #: English texts of the table: the string before a colon.
 KNOWN = {
@@ -96,3 +96,89 @@ def test_names_of_a_jobs_stages_have_a_german_text() -> None:
     fixed, _ = _known()
     assert {text for words in (STAGES, RECALIBRATION) for text in words.values()} <= fixed
     assert {text[:1].upper() + text[1:] for text in STAGES.values()} <= fixed
+
+
+def _kinds(kind: type[Exception]) -> Iterator[type[Exception]]:
+    """A kind of error and all that are of it, wherever they are declared."""
+    yield kind
+    for below in kind.__subclasses__():
+        yield from _kinds(below)
+
+
+#: Errors whose text is shown: refusals, and what a job ends with.
+ERRORS = {kind.__name__ for kind in _kinds(ServiceError)} | {
+    "JobError", "NotLiveError", "InputError", "RecordingError", "MachineFileError", "AcquisitionError", "BusError",
+}  # fmt: skip
+#: Refusals: folders of the service, and files that read what is uploaded. The command line speaks to no page.
+REFUSING = (
+    *(
+        str(one.relative_to(ROOT))
+        for one in sorted((ROOT / "server").iterdir())
+        if one.is_dir() and one.name not in ("commands", "web", "__pycache__")
+    ),
+    *(f"daq/{name}.py" for name in ("recording_checks", "csv_files", "recording_files", "foreign_files")),
+    *(f"daq/{name}.py" for name in ("recording_source", "recording", "machine_file", "channels", "device_files")),
+    *(f"daq/{name}.py" for name in ("can_database", "acquisition", "drivers/base", "drivers/can/port")),
+)
+#: Texts of the machine file's problems and doubts: all there are.
+MACHINE_FILE = tuple(
+    f"daq/{name}.py"
+    for name in ("coherence", "joints", "buses", "linkages", "machine_file_errors", "safe_yaml", "plausible", "can_database")
+)
+#: Findings: all texts of the checks and of the bus check, and of the drivers about their devices.
+FINDING = (
+    "fitting/checks",
+    "fitting/signals/rods.py",
+    "daq/recording_checks.py",
+    *(f"daq/commissioning/{name}.py" for name in ("check", "running_check", "identities")),
+    *(f"daq/drivers/canopen/{name}.py" for name in ("watch", "driver", "node")),
+    *(f"daq/drivers/modbus/{name}.py" for name in ("unit", "driver")),
+)
+#: Sources of texts that are translated and of which not all are shown.
+MORE = ("daq/units.py", "daq/machine_file.py", "daq/drivers/modbus/client.py", "server/platform/http/request_limits.py",
+        "server/recordings/inspect_recording.py")
+#: Texts that no page shows: logs, units, names, and what only the command line or a program comes to see.
+UNSHOWN = {
+    "{}", "of the motion", "of the effort", "of the limits", "kgf m", "lbf ft", "machine file", "Value error, ",
+    "no such channel", "its unit", "the unit", "the efforts could not be checked: %s", "reading {}", "who is there",
+    "at rest", "serial number", "{}/node {}", "{}/unit {}", "the effort", "{} registers {} to {}",
+    "{} register {}, decimals", "{} times a second instead of {}", "{}: {}",
+    "Bytes that are free for recordings.",
+    "bus '{}': no unit answers; check gateway or interface, and cable", "bus '{}' unit {} ({})",
+}  # fmt: skip
+
+
+def _table(name: str) -> set[str]:
+    """Keys of a table with words in them; single words and ``COMPOSED`` are no sentences of their own."""
+    text = (WEB / name).read_text("utf-8")
+    text = re.sub(r"export const (VALUES|COMPOSED)\b.*?^};", "", text, flags=re.M | re.S)
+    keys = re.findall(r"""^  (?:"((?:[^"\\]|\\.)*)"|'((?:[^'\\]|\\.)*)'):""", text, re.M)
+    return {json.loads(f'"{double}"') if double else single.replace('"', '"') for double, single in keys}
+
+
+def _told(*places: str) -> set[str]:
+    return {text for tree in trees(*places) for text in told(tree, ERRORS)} - UNSHOWN
+
+
+def _every(*places: str) -> set[str]:
+    return {text for tree in trees(*places) for text in every_text(tree)} - UNSHOWN
+
+
+GERMAN = ("refusals_de.ts", "machine_file_de.ts", "findings_de.ts")
+
+
+@pytest.mark.parametrize(
+    ("what", "said"),
+    [("refusals", _told(*REFUSING)), ("the machine file", _every(*MACHINE_FILE)), ("findings", _every(*FINDING))],
+    ids=lambda one: one if isinstance(one, str) else "",
+)
+def test_refusals_and_findings_have_a_german_text(what: str, said: set[str]) -> None:
+    assert len(said) > 80, what
+    fixed, patterns = _known()
+    known = {key for table in GERMAN for key in _table(table)} | fixed
+    assert sorted(text for text in said if text not in known and not any(p.match(text) for p in patterns)) == []
+
+
+def test_no_german_refusal_or_finding_is_left_over_from_a_sentence_that_changed() -> None:
+    said = _told(*REFUSING, *MORE) | _every(*MACHINE_FILE, *FINDING, *MORE)
+    assert sorted({key for table in GERMAN for key in _table(table)} - said) == []

@@ -6,6 +6,7 @@
  */
 import type { components } from "./api.gen";
 import { t } from "../texts";
+import { said, tables } from "../texts/report";
 
 type Problem = components["schemas"]["Problem"];
 
@@ -119,8 +120,11 @@ export class Client {
     } catch {
       // A proxy between us and the service may answer with anything.
     }
+    await tables;
     const text =
-      typeof problem?.detail === "string" ? problem.detail : t("common.theServiceAnswered", { status: answer.status });
+      typeof problem?.detail === "string"
+        ? said(problem.detail)
+        : t("common.theServiceAnswered", { status: answer.status });
     return { kind: "refused", status: answer.status, text, problem };
   }
 }

@@ -1,9 +1,5 @@
 import { describe, expect, it } from "vitest";
-import { REPORT_FIXED, REPORT_SENTENCES } from "./report_de";
-import { translated } from "./sentences";
-import { SERVICE_FIXED, SERVICE_SENTENCES } from "./service_de";
-
-const german = translated({ ...REPORT_FIXED, ...SERVICE_FIXED }, [...SERVICE_SENTENCES, ...REPORT_SENTENCES]);
+import { german } from "./said_de";
 
 describe("sentences of the service", () => {
   it("keep names and get the decimal sign of the language", () => {
@@ -34,5 +30,43 @@ describe("sentences of the service", () => {
 
   it("stay as they are where no table has them", () => {
     expect(german("bus 'can': no such interface 'can7'")).toBe("bus 'can': no such interface 'can7'");
+  });
+});
+
+describe("refusals and findings", () => {
+  it("of requests", () => {
+    expect(german("machine 'arm' is being recorded as rec-7; stop that recording first")).toBe(
+      "Die Maschine „arm“ wird gerade als rec-7 aufgezeichnet; diese Aufzeichnung zuerst beenden",
+    );
+    expect(german("calibration 'cal-1' is proposed; it has to be approved before it is used")).toBe(
+      "Die Kalibrierung „cal-1“ hat den Zustand: vorgeschlagen; vor dem Gebrauch muss sie freigegeben werden",
+    );
+  });
+
+  it("of machine files, with file, line and key as they are", () => {
+    expect(german("arm.yaml:14: joints[0].cylinder.bor: unknown key; did you mean 'bore'? (and 2 more)")).toBe(
+      "arm.yaml:14: joints[0].cylinder.bor: unbekannter Schlüssel; war „bore“ gemeint? (und 2 weitere)",
+    );
+  });
+
+  it("of checks, put together as the checks do", () => {
+    expect(
+      german(
+        "boom: boom.angle looks as if it counted the other way (the two sensors disagree by 12% of the motion as it is, by 0.3% then)",
+      ),
+    ).toBe(
+      "boom: boom.angle zählt anscheinend andersherum (die beiden Aufnehmer unterscheiden sich jetzt um 12% der Bewegung, dann um 0,3%)",
+    );
+    expect(german("correct the sign of its scale in arm.yaml line 88")).toBe(
+      "das Vorzeichen von scale berichtigen in arm.yaml, Zeile 88",
+    );
+    expect(
+      german("boom.head: shows 3.2 bar without pressure; if there is none, write offset: -3.2 in its source"),
+    ).toBe("boom.head: zeigt drucklos 3,2 bar; wenn kein Druck da ist, offset: -3,2 in seine Quelle schreiben");
+  });
+
+  it("are not half translated where a part is unknown to the tables", () => {
+    for (const text of ["the pump looks tired", "arm.yaml: its colour is wrong; paint it", ""])
+      expect(german(text)).toBe(text);
   });
 });

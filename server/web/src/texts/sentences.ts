@@ -1,31 +1,93 @@
 /** Sentences that the service writes in English, found in a table and given in another language. */
 
-/** What an English sentence looks like, and the sentence in the other language with `$1`, `$2` for what stands in it. */
+/**
+ * What an English sentence looks like, and the sentence in the other language with `$1`, `$2` for what stands in it: looked up as well, or
+ * as it is with `$=1`.
+ */
 export type Sentence = readonly [RegExp, string];
 
 /** A number with a point, by itself. */
 const DECIMAL = /(?<![\w.])([+-]?\d+)\.(\d+)(?![\w.])/g;
+/** A name, or a file and its line, in front of what is said of it. */
+const NAMED = /^([^\s:]+(?::\d+)?): (.+)$/;
+/** Letters that a sentence with values needs to be known by itself; one with fewer is known inside of others only. */
+const TELLING = 9;
+
+/**
+ * Fixed texts and sentences of a table whose keys have `{}` where a value stands, the more telling
+ * before the others. What stands in quotes is a name, and stays.
+ */
+export function compiled(table: Record<string, string>): {
+  fixed: Record<string, string>;
+  sentences: Sentence[];
+  inner: Sentence[];
+} {
+  const fixed: Record<string, string> = {};
+  const open: [string, string][] = [];
+  for (const [english, other] of Object.entries(table)) {
+    if (/^[ ;]/.test(english))
+      // What may stand behind any sentence.
+      open.push([`{}${english}`, `$1${other.replace(/\$(\d)/g, (_all, at: string) => `$${Number(at) + 1}`)}`]);
+    else if (english.includes("{}")) open.push([english, other]);
+    else fixed[english] = other;
+  }
+  const letters = ([english]: [string, string]) => english.replaceAll("{}", "").length;
+  open.sort((a, b) => letters(b) - letters(a));
+  const sentence = ([english, other]: [string, string]): Sentence => {
+    const parts = english.split("{}").map((part) => part.replace(/[.*+?^${}()|[\]\\]/g, "\\$&"));
+    const names = parts.map((part, at) => at > 0 && part.startsWith("'") && parts[at - 1]?.endsWith("'"));
+    return [
+      new RegExp(`^${parts.join("(.*?)")}$`),
+      other.replace(/\$(\d)/g, (_all, at: string) => (names[Number(at)] ? `$=${at}` : `$${at}`)),
+    ];
+  };
+  return {
+    fixed,
+    sentences: open.filter((one) => letters(one) >= TELLING).map(sentence),
+    inner: open.filter((one) => letters(one) < TELLING).map(sentence),
+  };
+}
 
 /**
  * A function that gives the other language's text; one that is in no table stays as the service wrote it.
  *
  * What stands in a sentence is looked up as well, also as a list (`; `) and behind a name (`joint2: `); decimal points of
  * its numbers become commas.
+ *
+ * @param inner sentences that are known only where they stand in others
  */
-export function translated(fixed: Record<string, string>, sentences: readonly Sentence[]): (text: string) => string {
-  const whole = (text: string): string | undefined => {
-    if (fixed[text] !== undefined) return fixed[text];
-    for (const [pattern, other] of sentences) {
-      const found = pattern.exec(text);
-      if (found !== null) return other.replace(/\$(\d)/g, (_all, at: string) => part(found[Number(at)] ?? ""));
+export function translated(
+  fixed: Record<string, string>,
+  sentences: readonly Sentence[],
+  inner: readonly Sentence[] = [],
+): (text: string) => string {
+  const found = (text: string, among: readonly Sentence[]): string | undefined => {
+    for (const [pattern, other] of among) {
+      const values = pattern.exec(text);
+      if (values !== null)
+        return other.replace(/\$(=?)(\d)/g, (_all, kept: string, at: string) => {
+          const value = values[Number(at)] ?? "";
+          return kept === "" ? part(value) : value;
+        });
     }
     return undefined;
   };
+  /** A sentence, or what is put together of nothing but known ones. */
+  const whole = (text: string): string | undefined => {
+    const known = fixed[text] ?? found(text, sentences);
+    if (known !== undefined) return known;
+    const named = NAMED.exec(text);
+    const said = named === null ? undefined : whole(named[2] ?? "");
+    if (said !== undefined) return `${named?.[1] ?? ""}: ${said}`;
+    if (!text.includes("; ")) return undefined;
+    const pieces = text.split("; ").map(whole);
+    return pieces.includes(undefined) ? undefined : pieces.join("; ");
+  };
   const part = (text: string): string => {
-    const known = fixed[text] ?? fixed[text.replace(/_/g, " ")] ?? whole(text);
+    const known = fixed[text] ?? fixed[text.replace(/_/g, " ")] ?? whole(text) ?? found(text, inner);
     if (known !== undefined) return known;
     if (text.includes("; ")) return text.split("; ").map(part).join("; ");
-    const named = /^([\w.]+): (.+)$/.exec(text);
+    const named = NAMED.exec(text);
     if (named !== null) return `${named[1] ?? ""}: ${part(named[2] ?? "")}`;
     return text.replace(DECIMAL, "$1,$2");
   };

@@ -115,7 +115,8 @@ describe("a device that keeps German", () => {
   });
 
   it("says what the service writes in fixed texts in German, and leaves the rest as it is", async () => {
-    const { said } = (await german()).report;
+    const { said, tables } = (await german()).report;
+    await tables;
     expect(said("friction that depends on the piston position")).toBe("Reibung, die vom Kolbenweg abhängt");
     expect(said("gains 3.2 of chi-square, which chance or what was found explains as well")).toBe(
       "verbessert Chi-Quadrat um 3,2; das erklärt auch der Zufall oder was schon gefunden wurde",

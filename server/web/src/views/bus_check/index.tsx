@@ -9,6 +9,7 @@ import { DASH, fixed, number, percent, withStd } from "../../ui/format";
 import { Panel, Table } from "../../ui/layout";
 import "./bus_check.css";
 import { t } from "../../texts";
+import { said } from "../../texts/report";
 
 type Check = components["schemas"]["BusCheck"];
 type Device = components["schemas"]["CheckedDevice"];
@@ -75,13 +76,13 @@ function Found({ check, depressurised }: { check: Check; depressurised: boolean 
         ) : (
           <ul class="findings">
             {check.findings.map((line) => (
-              <li key={line}>{line}</li>
+              <li key={line}>{said(line)}</li>
             ))}
           </ul>
         )}
         {check.notes.map((line) => (
           <p key={line} class="hint">
-            {line}
+            {said(line)}
           </p>
         ))}
       </Panel>

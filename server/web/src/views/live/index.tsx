@@ -15,6 +15,7 @@ import { RecordPanel } from "./record_panel";
 import { SILENT_S } from "./quality";
 import { useLive } from "./use_live";
 import { t } from "../../texts";
+import { said } from "../../texts/report";
 
 type Detail = components["schemas"]["MachineDetail"];
 
@@ -51,7 +52,7 @@ function LiveMachine({ machine }: { machine: string }) {
         <Mark kind={silent && kind === "good" ? "warning" : kind}>{words}</Mark>
         <LinkMark link={live.link} silence={live.silence} answered={session.online.value && detail.error === null} />
       </div>
-      {state !== "running" && typeof error === "string" && <Notice kind="bad">{error}</Notice>}
+      {state !== "running" && typeof error === "string" && <Notice kind="bad">{said(error)}</Notice>}
       {detail.error !== null && detail.value === null && <Notice kind="bad">{detail.error}</Notice>}
       <div class="live-columns">
         <Panel title={t("live.signals")}>

@@ -7,6 +7,7 @@ import { Panel, Table } from "../../ui/layout";
 import { monitorWords } from "../../words";
 import { LoadPanel } from "./load_panel";
 import { t } from "../../texts";
+import { said } from "../../texts/report";
 
 type Monitor = components["schemas"]["MonitorResource"];
 
@@ -27,7 +28,9 @@ export function MonitorPanel({ machine }: { machine: string }) {
       <Panel title={t("live.residualMonitor")} actions={<Mark kind={kind}>{words}</Mark>}>
         {monitor.error !== null && value === null && <Notice kind="bad">{monitor.error}</Notice>}
         {monitor.stale && <Notice kind="warning">{t("live.whatWasKnownLast")}</Notice>}
-        {value?.state === "off" && <p class="hint">{value.reason ?? t("live.needsActiveCalibrationMachine")}</p>}
+        {value?.state === "off" && (
+          <p class="hint">{value.reason ? said(value.reason) : t("live.needsActiveCalibrationMachine")}</p>
+        )}
         {value?.state === "learning" && (
           <p class="hint">{t("live.learnsOnlyWhileArm", { none: learnt === 0 ? t("live.hasNoDataYet") : "" })}</p>
         )}

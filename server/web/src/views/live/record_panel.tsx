@@ -10,6 +10,7 @@ import { duration } from "../../ui/format";
 import { Panel } from "../../ui/layout";
 import { ROLE_WORDS, type Role } from "../../words";
 import { t } from "../../texts";
+import { said } from "../../texts/report";
 
 type Recording = components["schemas"]["RecordingResource"];
 type List = components["schemas"]["RecordingList"];
@@ -98,7 +99,7 @@ export function RecordPanel({ machine, acquired }: { machine: string; acquired: 
         <p class="hint last">
           {t("live.last", {
             label: newest.label,
-            state: newest.state === "failed" ? t("live.failed", { error: newest.error ?? "" }) : t("live.stored"),
+            state: newest.state === "failed" ? t("live.failed", { error: said(newest.error ?? "") }) : t("live.stored"),
           })}{" "}
           <a href="#/recordings">{t("live.allRecordings")}</a>
         </p>

@@ -12,6 +12,7 @@ import { Downloads } from "../downloads";
 import { useSettled } from "../settled";
 import { NewChannel } from "./new_channel";
 import { t } from "../../texts";
+import { said } from "../../texts/report";
 
 type List = components["schemas"]["CanSignalList"];
 type Signal = components["schemas"]["CanSignal"];
@@ -46,7 +47,7 @@ export function CanSignals({ machine, bus, joints, onInsert }: CanSignalsProps) 
             .filter((line) => own.files.every((file) => file.error !== line))
             .map((line) => (
               <Notice key={line} kind="warning">
-                {line}
+                {said(line)}
               </Notice>
             ))}
         </>
@@ -195,7 +196,8 @@ function Files({ machine, bus, files, onReplaced }: FilesProps) {
           key: file.name,
           name: file.name,
           content:
-            file.error ?? t("canSignals.counts", { messages: count(file.messages), signals: count(file.signals) }),
+            (file.error ? said(file.error) : null) ??
+            t("canSignals.counts", { messages: count(file.messages), signals: count(file.signals) }),
           actions: (
             <>
               {file.sha256 !== null && (

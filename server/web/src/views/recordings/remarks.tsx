@@ -7,6 +7,7 @@ import { duration, fixed, number } from "../../ui/format";
 import { Table } from "../../ui/layout";
 import { Plot } from "../../ui/plot";
 import { t } from "../../texts";
+import { said } from "../../texts/report";
 
 type Remarks = components["schemas"]["RecordingRemarks"];
 type Spectrum = components["schemas"]["Spectrum"];
@@ -25,7 +26,7 @@ export function Findings({ remarks }: { remarks: Remarks }) {
       {remarks.findings.map((finding, index) => (
         <li key={index}>
           <Notice kind={finding.severity === "note" ? "info" : "warning"}>
-            {text(finding.text)} <strong>{text(finding.cure)}</strong>
+            {said(text(finding.text))} <strong>{said(text(finding.cure))}</strong>
           </Notice>
         </li>
       ))}

@@ -2,6 +2,7 @@
 import { API, type Outcome, query } from "../../net/client";
 import type { components } from "../../net/api.gen";
 import { t } from "../../texts";
+import { said } from "../../texts/report";
 
 type Recording = components["schemas"]["RecordingResource"];
 
@@ -66,7 +67,7 @@ function answered(status: number, text: string): Outcome<Recording> {
   return {
     kind: "refused",
     status,
-    text: typeof detail === "string" ? detail : t("common.theServiceAnswered", { status }),
+    text: typeof detail === "string" ? said(detail) : t("common.theServiceAnswered", { status }),
     problem: null,
   };
 }

@@ -1,0 +1,53 @@
+/**
+ * Views that come after the first one: each is a file of its own, fetched when it is opened or once the page is at rest.
+ *
+ * A page that is kept open all day has all of them before its network may go; one that could not be fetched is tried
+ * again when it is opened.
+ */
+import type { ComponentType } from "preact";
+import { useEffect, useState } from "preact/hooks";
+import { Notice } from "./ui/controls";
+import { t } from "./texts";
+
+type Fetched = () => Promise<{ default: ComponentType }>;
+
+/** Milliseconds after the start in which nothing else is fetched. */
+const QUIET_MS = 4000;
+const waiting: (() => Promise<unknown>)[] = [];
+
+/** A view that is fetched when it is shown, or before by `fetchViews`. */
+export function later(fetched: Fetched): ComponentType {
+  let View: ComponentType | null = null;
+  const come = async () => {
+    View ??= (await fetched()).default;
+    return View;
+  };
+  waiting.push(come);
+  return function Later() {
+    const [state, setState] = useState<ComponentType | "coming" | "failed">(() => View ?? "coming");
+    useEffect(() => {
+      let here = true;
+      if (state === "coming")
+        come().then(
+          (found) => here && setState(() => found),
+          () => here && setState("failed"),
+        );
+      return () => {
+        here = false;
+      };
+    }, [state]);
+    if (state === "failed") return <Notice kind="bad">{t("common.serviceDidNotAnswer")}</Notice>;
+    if (state === "coming") return <p role="status">{t("common.reading")}</p>;
+    const Shown = state;
+    return <Shown />;
+  };
+}
+
+/** Fetch all views, one after the other, once the first has had its time. */
+export function fetchViews(): void {
+  setTimeout(() => {
+    void (async () => {
+      for (const come of waiting) await come().catch(() => undefined);
+    })();
+  }, QUIET_MS);
+}
