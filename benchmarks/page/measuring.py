@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import os
 import time
 from collections.abc import Callable
+from itertools import pairwise
 from statistics import median
 from typing import Any
 
@@ -15,6 +17,28 @@ from benchmarks.targets import Check, Outcome
 FIRST_VIEW_S, DROPPED = 1.0, 0.05
 #: Numbers with the drawing beside them: the view is whole.
 _SHOWN = (".number .value", ".strip canvas")
+#: Seconds of each floor.
+_FLOOR_S = 8.0
+#: What a browser drops that shows nothing, or draws one canvas of a plot's size each 94 ms, as the live view does.
+_EMPTY = """(drawn) => {
+  const context = Object.assign(document.createElement("canvas"), { width: 734, height: 150 }).getContext("2d");
+  if (drawn) {
+    document.body.append(context.canvas);
+    let count = 0;
+    setInterval(() => {
+      context.clearRect(0, 0, 734, 150);
+      context.beginPath();
+      for (let x = 0; x < 734; x += 1) context.lineTo(x, 75 + 60 * Math.sin((x + 7 * count) / 30));
+      count += 1;
+      context.stroke();
+    }, 94);
+  }
+  window.times = [];
+  requestAnimationFrame(function step(now) {
+    window.times.push(now);
+    requestAnimationFrame(step);
+  });
+}"""
 _PAINTED = "performance.getEntriesByName('first-contentful-paint')[0]?.startTime / 1000"
 
 
@@ -32,6 +56,10 @@ def run(tablet: Tablet, times: int, seconds: float, say: Callable[[str], None]) 
             with tab(browser, tablet) as page:
                 views.append(_first_view(page, site))
             say(f"view {number + 1}: painted {views[-1][0]:.2f} s, live values {views[-1][1]:.2f} s")
+        floors = []
+        for drawn in (False, True):
+            with tab(browser, tablet) as page:
+                floors.append(_floor(page, drawn))
         with tab(browser, tablet) as page:
             smooth = _smoothness(page, site, seconds)
     device = f"{tablet.cpu:g} times slower than this computer, {tablet.megabits:g} Mbit/s, {tablet.latency_ms:g} ms"
@@ -53,7 +81,11 @@ def run(tablet: Tablet, times: int, seconds: float, say: Callable[[str], None]) 
             ),
             Check("plots drawn", smooth["rate"], f"{smooth['rate']:.1f} times a second"),
         ),
-        notes=(f"a tablet of {tablet.width} x {tablet.height}, {device}",),
+        notes=(
+            f"a tablet of {tablet.width} x {tablet.height}, {device}",
+            f"beside it an empty page dropped {100 * floors[0]:.1f} % of its frames, one with a single canvas "
+            f"{100 * floors[1]:.1f} %; load {os.getloadavg()[0]:.1f} on {os.cpu_count()} cores",
+        ),
     )
 
 
@@ -64,6 +96,17 @@ def _first_view(page: Any, site: Site) -> tuple[float, float]:
     for part in _SHOWN:
         page.locator(part).first.wait_for(state="attached")
     return float(page.evaluate(_PAINTED)), time.monotonic() - start
+
+
+def _floor(page: Any, drawn: bool) -> float:
+    """Share of the frames that a page without us drops: nothing that it could do better is in it."""
+    page.goto("about:blank")
+    page.evaluate(_EMPTY, drawn)
+    time.sleep(_FLOOR_S)
+    times = page.evaluate("window.times")[5:]
+    gaps = [later - earlier for earlier, later in pairwise(times)]
+    dropped = sum(max(0, round(gap * 60 / 1000) - 1) for gap in gaps)
+    return float(dropped / max(1, dropped + len(gaps)))
 
 
 def _smoothness(page: Any, site: Site, seconds: float) -> dict[str, float]:

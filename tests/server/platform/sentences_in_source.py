@@ -14,7 +14,7 @@ _WORDS = re.compile(r"[a-z]+ [a-z{]|[a-z}] [a-z]+")
 
 
 def templates(node: ast.expr) -> list[str]:
-    """What an expression may say: both ways of a condition, parts that are put together; values side by side are one."""
+    """What an expression may say: both ways of a condition, parts that are put together; values in a row are one."""
     return [re.sub(r"(\{\})+", "{}", text) for text in _forms(node)]
 
 

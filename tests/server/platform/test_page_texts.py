@@ -123,7 +123,10 @@ REFUSING = (
 #: Texts of the machine file's problems and doubts: all there are.
 MACHINE_FILE = tuple(
     f"daq/{name}.py"
-    for name in ("coherence", "joints", "buses", "linkages", "machine_file_errors", "safe_yaml", "plausible", "can_database")
+    for name in (
+        *("coherence", "joints", "buses", "linkages", "machine_file_errors"),
+        *("safe_yaml", "plausible", "can_database"),
+    )
 )
 #: Findings: all texts of the checks and of the bus check, and of the drivers about their devices.
 FINDING = (
@@ -135,8 +138,13 @@ FINDING = (
     *(f"daq/drivers/modbus/{name}.py" for name in ("unit", "driver")),
 )
 #: Sources of texts that are translated and of which not all are shown.
-MORE = ("daq/units.py", "daq/machine_file.py", "daq/drivers/modbus/client.py", "server/platform/http/request_limits.py",
-        "server/recordings/inspect_recording.py")
+MORE = (
+    "daq/units.py",
+    "daq/machine_file.py",
+    "daq/drivers/modbus/client.py",
+    "server/platform/http/request_limits.py",
+    "server/recordings/inspect_recording.py",
+)
 #: Texts that no page shows: logs, units, names, and what only the command line or a program comes to see.
 UNSHOWN = {
     "{}", "of the motion", "of the effort", "of the limits", "kgf m", "lbf ft", "machine file", "Value error, ",
@@ -179,6 +187,7 @@ def test_refusals_and_findings_have_a_german_text(what: str, said: set[str]) -> 
     assert sorted(text for text in said if text not in known and not any(p.match(text) for p in patterns)) == []
 
 
+@pytest.mark.slow
 def test_no_german_refusal_or_finding_is_left_over_from_a_sentence_that_changed() -> None:
     said = _told(*REFUSING, *MORE) | _every(*MACHINE_FILE, *FINDING, *MORE)
     assert sorted({key for table in GERMAN for key in _table(table)} - said) == []

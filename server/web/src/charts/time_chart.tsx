@@ -61,20 +61,41 @@ export function TimeChart(props: TimeChartProps) {
         plot.setScale("x", { min, max });
       });
     };
-    now.current.register(draw);
     draw();
+    const forget = whileSeen(element, (seen) => {
+      now.current.register(seen ? draw : null);
+      if (seen) draw(); // as it is now, not as it was when it went out of sight
+    });
     const observer = new ResizeObserver(() => {
       if (element.clientWidth > 0 && element.clientWidth !== plot.width)
         plot.setSize({ width: element.clientWidth, height });
     });
     observer.observe(element);
     return () => {
+      forget();
       now.current.register(null);
       observer.disconnect();
       plot.destroy();
     };
   }, [shape, height, dark]);
   return <div ref={place} class="time-chart" style={{ minHeight: `${height}px` }} aria-hidden="true" />;
+}
+
+/** Tell whether an element is in sight, now and whenever that changes; what is not in sight needs no drawing. */
+function whileSeen(element: Element, tell: (seen: boolean) => void): () => void {
+  tell(true);
+  if (typeof IntersectionObserver === "undefined") return () => undefined;
+  let last = true;
+  const observer = new IntersectionObserver(
+    (entries) => {
+      const seen = entries[entries.length - 1]?.isIntersecting ?? true;
+      if (seen !== last) tell(seen);
+      last = seen;
+    },
+    { rootMargin: "50px" },
+  );
+  observer.observe(element);
+  return () => observer.disconnect();
 }
 
 function options(width: number, now: { current: TimeChartProps }): uPlot.Options {

@@ -1,7 +1,7 @@
 /** Draws as often as the device can: what comes meanwhile waits for the next time. */
 
-/** Shortest time between two drawings, ms; numbers that change faster cannot be read. */
-export const SHORTEST_MS = 150;
+/** Shortest time between two drawings, ms; numbers that change more than about three times a second cannot be read. */
+export const SHORTEST_MS = 300;
 /** Drawing takes at most this part of the device's time. */
 const SHARE = 0.3;
 
