@@ -280,7 +280,7 @@ class Search:
                 # A curve that does not hold elsewhere: no other curve of this joint is believed, but names are.
                 self.lawless.add(score.term.joint)
                 self.unconfirmed.append(Unconfirmed(score, said.held_out, said.validate_gain or 0.0))
-            elif not said.faint:
+            elif not said.faint and not self._had_better(choice):
                 self.failed.append((score.term.joint, score.gain))
             return
         # What is in the model itself is no other name any more for what was found before.
@@ -291,6 +291,13 @@ class Search:
         self.accepted.append(Accepted(score, (), said.held_out, said.validate_gain, said.witness))
         self.table[place] = Candidate(*place, score.score, "accepted", f"gains {score.gain:.0f} of chi-square")
         self.model = trial
+
+    def _had_better(self, choice: Rated) -> bool:
+        """Whether another name of its joint was more probable by itself: then its failure says nothing of that one."""
+        return any(
+            r.term.joint == choice.term.joint and isinstance(r.term.content, Effect) and r.log_odds > choice.log_odds
+            for r in self._beside(self.open, self.model.terms)
+        )
 
     def _spilled(self, score: Score) -> bool:
         """Whether a gain is what a joint with an unconfirmed law bends of the parameters that joints share.

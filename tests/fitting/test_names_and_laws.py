@@ -9,11 +9,13 @@ import pytest
 from synthetic_arm import USUAL, Motion, force, make_motion, make_recordings, planar_machine, truth
 
 from fitting.effects import effects
+from fitting.effects.base import Effect
 from fitting.loop.residual_loop import SessionSignals, run_attribution
 from fitting.loop.session import Options, Session
 from fitting.residual.cross_validation import HeldOut
 from fitting.residual.findings import Attribution, Unconfirmed
 from fitting.residual.scoring import catalogue_terms, law_terms, score_terms
+from fitting.selection.confirm import Answer
 from fitting.selection.evidence import least_gain
 from fitting.selection.search import Search
 from fitting.signals.corrections import Corrections
@@ -68,6 +70,29 @@ def test_hoses_that_rest_beyond_the_motion_are_hoses() -> None:
     (item,) = found.accepted
     assert item.score.term.family == ("hose_stiffness", 1)
     assert item.probability is not None and item.probability > 0.5
+
+
+@pytest.mark.parametrize("best", [True, False])
+def test_a_name_that_fails_counts_only_where_no_other_was_more_probable(
+    best: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Look-ahead may try a lesser name first; that it does not hold says nothing of the one before it."""
+    session = session_with(
+        lambda motion: -250.0 * np.exp(-(((place(motion) - 0.5) / 0.4) ** 2)) * np.sign(motion.v[:, 1])
+    )
+    signals = SessionSignals(session, Corrections(session.machine))
+    search = Search(signals.refit(()), effects(), (), signals, 0, ())
+    search.open = search._open(search._rated(search.model))
+    names = [r for r in search.open if r.term.joint == 1 and isinstance(r.term.content, Effect) and r.log_odds > 3.0]
+    assert len(names) > 1
+    choice = names[0] if best else names[-1]
+    against = Answer("it does not help on the validation motion", HeldOut(1.0, 1.0, 9), -5.0, "", faint=False)
+    monkeypatch.setattr(search.gate, "asked", lambda *_: against)
+    search._try(choice)
+    assert len(search.failed) == (1 if best else 0)
+    still = {r.term.family for r in search._open(search._rated(search.model))}
+    assert choice.term.family not in still
+    assert best or names[0].term.family in still
 
 
 def test_what_a_joint_without_an_explanation_bends_elsewhere_is_no_effect() -> None:
