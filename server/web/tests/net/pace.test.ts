@@ -18,7 +18,7 @@ it("draws a backlog once, and what follows at a pace that can be read", () => {
   for (let message = 0; message < 100; message += 1) news();
   timers.pass(50);
   expect(drawn).toEqual([0]);
-  for (let message = 0; message < 50; message += 1) {
+  for (let message = 0; message < 3.3 * (SHORTEST_MS / 10); message += 1) {
     news();
     timers.pass(10);
   }
