@@ -134,7 +134,7 @@ FINDING = (
     "fitting/signals/rods.py",
     "daq/recording_checks.py",
     *(f"daq/commissioning/{name}.py" for name in ("check", "running_check", "identities")),
-    *(f"daq/drivers/canopen/{name}.py" for name in ("watch", "driver", "node")),
+    *(f"daq/drivers/canopen/{name}.py" for name in ("watch", "driver", "care", "lead", "look", "node")),
     *(f"daq/drivers/modbus/{name}.py" for name in ("unit", "driver")),
 )
 #: Sources of texts that are translated and of which not all are shown.
