@@ -142,8 +142,8 @@ def _is_series_of_its_variable(line: Line) -> bool:
 
 def _variable(name: str) -> str:
     """The signal of an effect as laws name it: its own position is that of its piston."""
-    own, _, of_another = effect(name).variable.rpartition(".")[::-1]
-    return "piston_position" if own == "joint_position" and not of_another else own
+    variable = effect(name).variable
+    return "piston_position" if variable == "joint_position" else variable.rpartition(".")[2]
 
 
 def _named_for_sure(line: Line) -> bool:

@@ -106,19 +106,11 @@ def _both_ways(model: Model, numbers: tuple[int, int]) -> tuple[FloatArray, Floa
     theta, covariance = model.fit.theta[part], model.fit.covariance[np.ix_(part, part)]
     bases = [evaluate(np.asarray(law.knots), grid) for law in laws]
     ways = [
-        _with_band(
-            np.hstack([_in_direction(law, way) * b for b, law in zip(bases, laws, strict=True)]), theta, covariance
-        )
+        _with_band(np.hstack([law.factor(way) * b for b, law in zip(bases, laws, strict=True)]), theta, covariance)
         for way in (1.0, -1.0)
     ]
     std = np.maximum(*(np.asarray(way["std"]) for way in ways))
     return grid, np.asarray(ways[0]["value"]), np.asarray(ways[1]["value"]), std
-
-
-def _in_direction(law: Law, way: float) -> float:
-    """What a law is multiplied by while the joint moves one way."""
-    factor = law.factor(way)
-    return 1.0 if factor is None else float(factor)
 
 
 def _scatter(before: Model, after: Model, number: int, shown: Sequence[int], other: int | None) -> Scatter:
@@ -155,9 +147,9 @@ def _scatter(before: Model, after: Model, number: int, shown: Sequence[int], oth
     elif isinstance(term.content, Law):
         curve = law_curve(term.content, after, part)
         law_x, law_y, law_std = (np.asarray(curve[key]) for key in ("grid", "value", "std"))
-        back = _in_direction(term.content, -1.0)
-        law_y = _in_direction(term.content, 1.0) * law_y
-        law_back = None if back == 1.0 and not term.content.only else back * np.asarray(curve["value"])
+        forth, back = term.content.factor(1.0), term.content.factor(-1.0)
+        law_back = None if back == forth else back * law_y
+        law_y, law_std = forth * law_y, forth * law_std  # of a law of negative speed there is nothing at positive
     elif odd:
         forth = np.concatenate(direction) > 0
         law_x, law_y = _binned(np.concatenate(x)[forth], np.concatenate(columns)[forth])

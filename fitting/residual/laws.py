@@ -127,14 +127,13 @@ class Law:
         """Its functions (N, k) where and with the sign that the direction of motion and the load say."""
         if self.loaded_only and not view.segment.loaded:
             return np.zeros_like(basis)
-        factor = self.factor(view.s)
-        return np.asarray(basis if factor is None else basis * factor[:, None])
+        return np.asarray(basis * self.factor(view.s)[:, None] if self.signed or self.only else basis)
 
     def factor(self, direction: Any) -> Any:
-        """What its functions are multiplied by at a direction of motion, -1 to 1; None for nothing."""
+        """What its functions are multiplied by at a direction of motion, -1 to 1."""
         if self.signed:
             return direction
-        return 0.5 * (1.0 + WAYS[self.only] * direction) if self.only else None
+        return 0.5 * (1.0 + WAYS[self.only] * direction) if self.only else 1.0
 
     @property
     def parity(self) -> tuple[bool, Way]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from types import SimpleNamespace
 from typing import cast
 
@@ -9,7 +10,18 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from synthetic_arm import RATE, USUAL, back_pressure, force, make_motion, make_recordings, planar_machine, truth
+from synthetic_arm import (
+    RATE,
+    USUAL,
+    Motion,
+    back_pressure,
+    force,
+    make_motion,
+    make_recordings,
+    make_session,
+    planar_machine,
+    truth,
+)
 
 from fitting.effects.base import DriveView
 from fitting.loop.residual_loop import run_attribution
@@ -25,6 +37,24 @@ def ages(v: np.ndarray) -> np.ndarray:
         age = 0 if np.sign(v[k]) != np.sign(v[k - 1]) else age + 1
         found[k] = age / RATE
     return found
+
+
+def only_law(force_on: Callable[[Motion], np.ndarray]) -> Law:
+    """The law, and nothing else, that is found where joint 2 of two has a further force on its piston, N (N,)."""
+    machine, arm = planar_machine(2), truth(2)
+    added = []
+    for role, seed in USUAL:
+        motion = make_motion(machine, role, seed, 60.0)
+        extra = np.zeros_like(force(machine, arm, motion))
+        extra[:, 1] = force_on(motion)
+        added.append(extra)
+    session = make_session(machine, arm, added=added, seconds=60.0, options=Options(bootstrap=0))
+    found = run_attribution(session, Corrections(machine))
+    assert found.verdict == "unexplained"
+    (item,) = found.accepted
+    law = item.score.term.content
+    assert isinstance(law, Law) and item.score.term.joint == 1
+    return law
 
 
 @given(
@@ -72,38 +102,18 @@ def test_oil_of_neighbours_acts_with_the_arm_off_and_their_poses_do_not() -> Non
 @pytest.mark.slow
 def test_a_valve_that_a_neighbours_pressure_opens_is_said_as_a_law_of_that_pressure() -> None:
     machine, arm = planar_machine(2), truth(2)
-    added = []
-    for role, seed in USUAL:
-        motion = make_motion(machine, role, seed, 60.0)
-        whole, cylinder = force(machine, arm, motion), machine.joints[0].cylinder
-        assert cylinder is not None
-        pressure = (whole[:, 0] + back_pressure(motion)[:, 0] * cylinder.rod_area) / cylinder.head_area
-        extra = np.zeros_like(whole)
-        extra[:, 1] = -40.0 / (1.0 + (pressure / 1.0e6) ** 2) * (motion.v[:, 1] < 0)
-        added.append(extra)
-    session = Session(machine, make_recordings(machine, arm, added=added, seconds=60.0), Options(bootstrap=0))
-    found = run_attribution(session, Corrections(machine))
-    assert found.verdict == "unexplained"
-    (item,) = found.accepted
-    law = item.score.term.content
-    assert isinstance(law, Law) and item.score.term.joint == 1
+    cylinder = machine.joints[0].cylinder
+    assert cylinder is not None
+
+    def valve(motion: Motion) -> np.ndarray:
+        head = force(machine, arm, motion)[:, 0] + back_pressure(motion)[:, 0] * cylinder.rod_area
+        return -40.0 / (1.0 + (head / cylinder.head_area / 1.0e6) ** 2) * (motion.v[:, 1] < 0)
+
+    law = only_law(valve)
     assert law.other == 0 and law.signal in ("head_pressure", "cylinder_force") and law.only == "negative"
 
 
 @pytest.mark.slow
 def test_friction_that_settles_after_a_reversal_is_said_as_its_law() -> None:
-    machine, arm = planar_machine(2), truth(2)
-    added = []
-    for role, seed in USUAL:
-        motion = make_motion(machine, role, seed, 60.0)
-        extra = np.zeros_like(force(machine, arm, motion))
-        v = motion.v[:, 1]
-        extra[:, 1] = -25.0 * np.expm1(-ages(v) / 1.5) * np.sign(v)
-        added.append(extra)
-    session = Session(machine, make_recordings(machine, arm, added=added, seconds=60.0), Options(bootstrap=0))
-    found = run_attribution(session, Corrections(machine))
-    assert found.verdict == "unexplained"
-    (item,) = found.accepted
-    law = item.score.term.content
-    assert isinstance(law, Law) and law.signal == "time_since_reversal" and law.signed
-    assert item.score.term.joint == 1
+    law = only_law(lambda motion: -25.0 * np.expm1(-ages(motion.v[:, 1]) / 1.5) * np.sign(motion.v[:, 1]))
+    assert law.signal == "time_since_reversal" and law.signed

@@ -162,7 +162,6 @@ class Tracer:
     def _law(self, term: Term, law: Law, view: TracedView) -> Callable[[FloatArray], Value]:
         signal = np.asarray(law.values(view), dtype=object).ravel()[0]
         factor = law.factor(view.s[0])
-        factor = 1.0 if factor is None else factor
 
         def part(values: FloatArray) -> Value:
             if not len(values):
