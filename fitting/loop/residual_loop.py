@@ -40,6 +40,8 @@ Progress = Callable[[float, str], None]
 _REBUILDS = 4
 #: Replicas of one model that are kept in memory.
 KEPT_REPLICAS = 3
+#: Numbers in all replicas' columns up to which they are kept for the models that follow (128 MB).
+_MOST_NUMBERS = 16_000_000
 #: Factors of the filter's cut-off at which a named effect has to stand as well, and how far it may move.
 SCREEN = (0.7, 1.3)
 SCREEN_RATIO, SCREEN_Z = 3.0, 4.0
@@ -55,6 +57,7 @@ class SessionSignals:
         self._corrections = corrections
         self._prepared: dict[tuple[tuple[tuple[str, float], ...], frozenset[str]], Prepared] = {}
         self._replicas: tuple[Model, Replicas, dict[int, Model]] | None = None
+        self._moved_alike: dict[int, Prepared] = {}
 
     @property
     def prior(self) -> Prior:
@@ -125,12 +128,22 @@ class SessionSignals:
 
     def _fitted_replica(self, replicas: Replicas, number: int, model: Model) -> Model:
         """The model fitted to one replica; its noise is the model's own."""
-        design, known = model.design, [replace(term, rebuilt=()) for term in model.terms]
-        recordings = replicas.draw(np.random.default_rng([17, number]))
-        session = Session(design.machine, recordings, Options(bandwidth_hz=design.bank.bandwidth_hz))
-        plain = session.prepared(Corrections(design.machine), noise=model.noise)
+        known = [replace(term, rebuilt=()) for term in model.terms]
+        replica = self._replica(replicas, number, model)
         passes = 2 if known else 1
-        return fit_model(plain.design, plain.noise, plain.fitted, known, self.prior.undelayed(), passes=passes)
+        return fit_model(replica.design, model.noise, replica.fitted, known, self.prior.undelayed(), passes=passes)
+
+    def _replica(self, replicas: Replicas, number: int, model: Model) -> Prepared:
+        """The design of one replica. Its motion is the same under every model: only efforts are drawn for the next."""
+        recordings = replicas.draw(np.random.default_rng([17, number]))
+        if number in self._moved_alike:
+            return self._session.with_efforts(self._moved_alike[number], recordings)
+        design = model.design
+        session = Session(design.machine, recordings, Options(bandwidth_hz=design.bank.bandwidth_hz))
+        replica = session.prepared(Corrections(design.machine), noise=model.noise)
+        if not replica.design.stored and (len(self._moved_alike) + 1) * replica.design.numbers < _MOST_NUMBERS:
+            self._moved_alike[number] = replica
+        return replica
 
     def misfit(self, model: Model, joint: int) -> Misfit:
         """What the model leaves of a joint that two runs of one motion share."""

@@ -25,7 +25,7 @@ from fitting.arm.base_parameters import BaseParameters, base_regressor, reduce_p
 from fitting.arm.joint_side import at_joints
 from fitting.loop.search_pieces import choose_pieces, thinned
 from fitting.loop.weighting import Weighed, Weights, weighed
-from fitting.regression.design import Design, NoiseModel, build_design, reduced_residual, with_efforts
+from fitting.regression.design import Design, NoiseModel, build_design, reduced_residual, with_efforts, with_targets
 from fitting.regression.noise import Pairing, noise_model, pair_repeats
 from fitting.regression.prior import Prior, mass_prior
 from fitting.regression.stored import storing
@@ -34,7 +34,15 @@ from fitting.residual.terms import Model, fit_model
 from fitting.signals.bus_delays import expected_delays
 from fitting.signals.corrections import Corrections
 from fitting.signals.filters import FilterBank, edge_frequency, filter_bank, white_noise_std
-from fitting.signals.preparation import PIECE_SAMPLES, PositionNoise, pieces, position_noise, segments_of, with_delays
+from fitting.signals.preparation import (
+    PIECE_SAMPLES,
+    PositionNoise,
+    pieces,
+    position_noise,
+    segments_of,
+    with_delays,
+    with_efforts_of,
+)
 from fitting.signals.rods import with_rods_as_said
 from fitting.signals.spectrum import unit_whitening
 
@@ -339,6 +347,14 @@ class Session:
         design = with_efforts(design, segments, late)
         noise = noise_model(design, prepared.fitted, prepared.pairs, start=prepared.noise, anew=late)
         return replace(prepared, design=design, noise=noise)
+
+    @staticmethod
+    def with_efforts(prepared: Prepared, recordings: Sequence[Recording]) -> Prepared:
+        """A design without delays, in memory, with the efforts of other recordings, whose motion is the very same."""
+        design = prepared.design
+        machine, bank = design.machine, design.bank
+        segments = [with_efforts_of(machine, recordings[own.recording], own, bank) for own in design.segments]
+        return replace(prepared, design=with_targets(design, segments))
 
     @cached_property
     def base_model(self) -> Model:

@@ -116,6 +116,11 @@ class Design:
     blocks: tuple[tuple[JointBlock, ...], ...]
     stored: bool = False
 
+    @property
+    def numbers(self) -> int:
+        """How many numbers all columns hold."""
+        return sum(block.columns.size + block.reduced.size for blocks in self.blocks for block in blocks)
+
     def indices(self, *roles: str) -> tuple[int, ...]:
         """Indices of the segments with one of these roles."""
         return tuple(i for i, segment in enumerate(self.segments) if segment.role in roles)
@@ -170,6 +175,18 @@ def with_efforts(design: Design, segments: Sequence[Segment], joints: Collection
             reduced[:, drive] = both[:, 1:]
             own.append(replace(before, target=target, columns=columns, reduced_target=both[:, 0], reduced=reduced))
         blocks[joint] = tuple(own)
+    return replace(design, segments=tuple(segments), blocks=tuple(blocks))
+
+
+def with_targets(design: Design, segments: Sequence[Segment]) -> Design:
+    """A design whose ``segments`` differ from those of ``design`` in what the efforts are, not in when they were."""
+    blocks = []
+    for joint, before in enumerate(design.blocks):
+        own = []
+        for segment, block in zip(segments, before, strict=True):
+            target = segment.effort[:, joint] - block.known
+            own.append(replace(block, target=target, reduced_target=design.bank.reduce(target)))
+        blocks.append(tuple(own))
     return replace(design, segments=tuple(segments), blocks=tuple(blocks))
 
 

@@ -316,6 +316,20 @@ def with_delays(
 
     ``latency`` and ``resampled`` as :func:`prepare` takes them; the motion stays, and what was derived from it.
     """
+    moved = _with_efforts(machine, recording, segment, bank, latency)
+    sampled_late = (0.0 if j.name in resampled else latency.get(j.name, 0.0) * bank.rate_hz for j in machine.joints)
+    return replace(moved, late=tuple(sampled_late))
+
+
+def with_efforts_of(machine: Machine, recording: Recording, segment: Segment, bank: FilterBank) -> Segment:
+    """A segment without any delay with the efforts of another ``recording``, whose motion is the very same."""
+    return _with_efforts(machine, recording, segment, bank, {joint.name: 0.0 for joint in machine.joints})
+
+
+def _with_efforts(
+    machine: Machine, recording: Recording, segment: Segment, bank: FilterBank, latency: Mapping[str, float]
+) -> Segment:
+    """The segment with the efforts of the joints in ``latency`` (s) read from the recording anew."""
     first = segment.start - bank.margin
     part = slice(first, first + len(segment) + 2 * bank.margin)
     effort, p1, p2 = segment.effort.copy(), segment.p1.copy(), segment.p2.copy()
@@ -324,8 +338,7 @@ def with_delays(
             late, lever = latency[joint.name], segment.r[:, number]
             own = _effort(machine, joint, recording, part, bank, late, lever)
             effort[:, number], p1[:, number], p2[:, number] = own
-    sampled_late = (0.0 if j.name in resampled else latency.get(j.name, 0.0) * bank.rate_hz for j in machine.joints)
-    return replace(segment, effort=effort, p1=p1, p2=p2, late=tuple(sampled_late))
+    return replace(segment, effort=effort, p1=p1, p2=p2)
 
 
 def _with_start(machine: Machine, recording: Recording, bank: FilterBank) -> tuple[Recording, slice]:

@@ -104,3 +104,20 @@ def test_two_runs_share_nothing_where_nothing_is_missing() -> None:
     for joint in range(2):
         assert abs(misfit(session.base_model, session.plain.pairs, joint).z) < 4.0
         assert misfit(session.base_model, (), joint).z == 0.0
+
+
+@pytest.mark.slow
+def test_replicas_of_the_next_model_have_the_same_motion_and_are_drawn_as_by_themselves() -> None:
+    session = clean_session(2)
+    plain, late = Term(effect("load_dependent_friction"), 1), Term(effect("sensor_latency"), 0)
+    asked = [Term(effect("hose_stiffness"), 1), Term(effect("structural_flexibility"), 0)]
+    in_turn = SessionSignals(session, Corrections(session.machine))
+    for terms in ((), (plain,), (plain, late)):
+        alone = SessionSignals(session, Corrections(session.machine))
+        model = in_turn.refit(terms)
+        for one, two in zip(in_turn.nulls(model, asked, 2), alone.nulls(alone.refit(terms), asked, 2), strict=True):
+            assert one is not None
+            assert two is not None
+            # A filter over one column and one over many differ by rounding.
+            np.testing.assert_allclose(one.values, two.values, rtol=1e-5, atol=1e-7 * np.abs(two.values).max())
+            np.testing.assert_allclose(one.information, two.information, rtol=1e-5)
