@@ -202,20 +202,25 @@ class Candidates:
         shadow = model.fit.orthonormal[joint].T @ C
         return C.T @ C - shadow.T @ shadow, C.T @ model.fit.residual[joint]
 
-    def cross_products(self, model: Model, joint: int, numbers: Sequence[int], others: Sequence[int]) -> FloatArray:
-        """Products (k, p) of some candidates' columns with those of others, less what the model explains."""
-        both = self._of(joint, [*numbers, *others])
+    def cross_products(
+        self, model: Model, place: int | None, numbers: Sequence[int], others: Sequence[int]
+    ) -> FloatArray:
+        """Products (k, p) of some candidates' columns with those of others, less what the model explains.
+
+        All act on one joint alone, or all on all of them (``place`` None).
+        """
+        both = self._of(place, [*numbers, *others])
         first = sum(self._widths[n] for n in numbers)
         own, C = both[:, :first], both[:, first:]
-        Q = model.fit.orthonormal[joint]
+        Q = np.vstack(model.fit.orthonormal) if place is None else model.fit.orthonormal[place]
         return np.asarray(own.T @ C - (Q.T @ own).T @ (Q.T @ C))
 
-    def _of(self, joint: int, numbers: Sequence[int]) -> FloatArray:
-        """Columns of these candidates one after the other; all act on this joint alone."""
-        group = self._groups[joint]
+    def _of(self, place: int | None, numbers: Sequence[int]) -> FloatArray:
+        """Columns of these candidates one after the other; all act at this place."""
+        group = self._groups[place]
         starts = dict(zip(group, np.cumsum([0, *(self._widths[n] for n in group)]).tolist(), strict=False))
         into = np.concatenate([np.arange(starts[n], starts[n] + self._widths[n]) for n in numbers])
-        return np.asarray(self._columns[joint][:, into])
+        return np.asarray(self._columns[place][:, into])
 
     def _built(self, model: Model, place: int | None, numbers: Sequence[int]) -> FloatArray:
         joints = range(len(model.views[0])) if place is None else range(place, place + 1)

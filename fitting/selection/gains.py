@@ -60,6 +60,11 @@ def trusted(score: Score) -> float:
     return score.null.weight(score.fitted, score.information) / score.gain
 
 
+def scatter(score: Score) -> float:
+    """Variance over the theory's of what was fitted, as replicas showed it; 1 where none were drawn."""
+    return 1.0 if score.null is None else score.null.inflation_along(score.fitted)
+
+
 def known_bias(score: Score) -> bool:
     """Whether it is known what noise in the regressors makes of a gain: from replicas, or as it makes none so large."""
     return score.null is not None or score.gain >= BEYOND_BIAS

@@ -13,7 +13,7 @@ from fitting.residual.scoring import Candidates, Score
 from fitting.residual.terms import Model
 from fitting.selection import priors
 from fitting.selection.evidence import whitened_parts
-from fitting.selection.gains import biased_gain, known_bias, shares
+from fitting.selection.gains import biased_gain, known_bias, scatter, shares
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -43,6 +43,7 @@ class Trust:
         self._shares = {}
         for own in (*names, *laws):
             self._shares |= shares(own, scores)
+        self._share_scatter(names, scores)
         self._share_bias(names, scores)
 
     def known(self, kind: str, number: int, score: Score) -> Any:
@@ -58,6 +59,30 @@ class Trust:
         """Keep a value for as long as score and share are these, and give it back."""
         self._memo[kind, number] = score, self.of(number), value
         return value
+
+    def _share_scatter(self, names: Sequence[Sequence[int]], scores: Mapping[int, Score]) -> None:
+        """Names that tell the same have the same scatter in replicas, whatever the few that were drawn show of each.
+
+        Each name's inflation is the mean of those of all names of its place, weighted by how alike they are: times a
+        large gain, a tenth more or less would decide between two that the data hardly tells apart.
+        """
+        places: dict[int | None, list[tuple[int, Sequence[int]]]] = {}
+        for own in names:
+            best = max(own, key=lambda n: scores[n].gain)
+            term = scores[best].term
+            if isinstance(term.content, Effect) and known_bias(scores[best]) and scores[best].gain > priors.SMALLEST**2:
+                places.setdefault(None if term.everywhere else term.joint, []).append((best, own))
+        for place, families in places.items():
+            numbers = [best for best, _ in families]
+            inflation = np.array([scatter(scores[n]) for n in numbers])
+            drawn = np.array([scores[n].null is not None for n in numbers])
+            if len(numbers) < 2 or not drawn.any():
+                continue
+            alike = self._overlap(numbers, numbers, scores, place) * drawn
+            total = alike.sum(axis=1)
+            pooled = (alike @ inflation + np.maximum(1.0 - total, 0.0)) / np.maximum(total, 1.0)
+            for (_, own), factor in zip(families, inflation / pooled, strict=True):
+                self._shares |= {n: float(self._shares[n] * factor) for n in own}
 
     def _share_bias(self, names: Sequence[Sequence[int]], scores: Mapping[int, Score]) -> None:
         """What noise in the regressors makes of a name it makes of the laws of its joint, as far as they are alike.
@@ -83,10 +108,10 @@ class Trust:
                 self._shares[law] = float(share * trust[most] + (1.0 - share) * self._shares.get(law, 1.0))
 
     def _overlap(
-        self, names: Sequence[int], laws: Sequence[int], scores: Mapping[int, Score], joint: int
+        self, names: Sequence[int], laws: Sequence[int], scores: Mapping[int, Score], place: int | None
     ) -> FloatArray:
-        """How alike names and laws are (N, L): the share of either's contribution that the other could make."""
-        cross = self._candidates.cross_products(self._model, joint, names, laws)
+        """How alike names and others are (N, L): the share of either's contribution that the other could make."""
+        cross = self._candidates.cross_products(self._model, place, names, laws)
         first = np.cumsum([0, *(self._candidates.width(n) for n in names)])
         then = np.cumsum([0, *(self._candidates.width(n) for n in laws)])
         roots = {n: whitened_parts(scores[n].information) for n in (*names, *laws)}
