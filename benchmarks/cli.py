@@ -51,7 +51,7 @@ BENCHMARKS = {
 
 def register(app: typer.Typer) -> None:
     """Add the commands."""
-    from benchmarks.acquisition_commands import channels, faults, soak
+    from benchmarks.acquisition.acquisition_commands import channels, faults, soak
 
     bench = typer.Typer(help="Benchmarks with targets; exit code 1 if a target is missed.", invoke_without_command=True)
     bench.callback()(_list)
@@ -317,8 +317,8 @@ def regressor(
     json: Annotated[bool, typer.Option("--json", help="Print the checks as JSON.")] = False,
 ) -> None:
     """Time of the regressor beside a Pinocchio loop."""
-    from benchmarks.regressor import regressor as run
-    from daq.machine_file import load_machine
+    from benchmarks.exports.regressor import regressor as run
+    from daq.machine.machine_file import load_machine
 
     _finish("regressor", run(samples, repeats, None if machine is None else load_machine(machine)), json)
 
@@ -364,8 +364,8 @@ def model(
     json: Annotated[bool, typer.Option("--json", help="Print the checks as JSON.")] = False,
 ) -> None:
     """Exports against the model, C beside Pinocchio, and what the 95 % band is worth."""
+    from benchmarks.exports.model import run
     from benchmarks.measured import DATA
-    from benchmarks.model import run
     from benchmarks.samples import SAMPLES
 
     _finish("model", run(samples or SAMPLES, data or DATA, _shown(json)), json)
@@ -377,7 +377,7 @@ def uses(
     json: Annotated[bool, typer.Option("--json", help="Print the checks as JSON.")] = False,
 ) -> None:
     """Feedforward, simulation, overload, payload and energy, with closed loops on the simulated machine."""
-    from benchmarks.uses import run
+    from benchmarks.exports.uses import run
 
     _finish("uses", run(seed, minutes, _shown(json)), json)
 
@@ -433,7 +433,7 @@ def service(
     json: Annotated[bool, typer.Option("--json", help="Print the checks as JSON.")] = False,
 ) -> None:
     """Tablets, readers and uploads at the service while numerical work runs: latency, cycles lost."""
-    from benchmarks.service import run
+    from benchmarks.service.service import run
 
     _finish("service", run(tablets, rate, uploads, seconds, _shown(json)), json)
 
@@ -491,7 +491,7 @@ def throughput(
     json: Annotated[bool, typer.Option("--json", help="Print the checks as JSON.")] = False,
 ) -> None:
     """Identifications per hour with several workers on PostgreSQL, and how well they share the work."""
-    from benchmarks.throughput import run
+    from benchmarks.service.throughput import run
 
     counts = [int(part) for part in workers.split(",") if part.strip().isdigit()]
     if not counts or min(counts) < 1 or len(counts) != len(workers.split(",")):

@@ -18,8 +18,8 @@ import numpy.typing as npt
 from scipy.optimize import least_squares
 
 from benchmarks.targets import Check, Outcome, fact
-from daq.machine_file import load_machine
-from daq.recording import read_recording
+from daq.machine.machine_file import load_machine
+from daq.recordings.recording import read_recording
 from fitting.excitation.motion import read_motion
 from server.commands.demo_command import run_demo
 

@@ -16,12 +16,12 @@ from typing import Literal
 import numpy as np
 
 from benchmarks.targets import Check
-from daq.machine_file import Machine
+from daq.machine.machine_file import Machine
 from fitting.arm.base_parameters import base_regressor, reduce_parameters
 from fitting.excitation import Excitation, ExcitationOptions, HydraulicLimits, design_motion
 from fitting.excitation.limits import chamber_pressure, supply_flow
 from sim_backends.machines import folding_arm, slewing_arm
-from sim_backends.truth import Truth
+from sim_backends.plant.truth import Truth
 
 Arm = Literal["folding", "slewing"]
 

@@ -26,11 +26,11 @@ import numpy.typing as npt
 
 from benchmarks.speed import identified, linear, memory
 from benchmarks.targets import Check, Outcome
-from daq.machine_file import machine_to_yaml
-from daq.recording import write_recording
-from sim_backends.cases import CasePlan, plan_case
-from sim_backends.motion import random_motion
-from sim_backends.plant import record_beside_ideal
+from daq.machine.machine_file import machine_to_yaml
+from daq.recordings.recording import write_recording
+from sim_backends.plant.cases import CasePlan, plan_case
+from sim_backends.plant.motion import random_motion
+from sim_backends.plant.plant import record_beside_ideal
 from sim_backends.undeclared import EffectSpec
 
 FloatArray = npt.NDArray[np.float64]

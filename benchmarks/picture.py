@@ -15,8 +15,8 @@ import numpy as np
 import numpy.typing as npt
 
 import hilfit
-from sim_backends.cases import make_case
 from sim_backends.machines import default_machine
+from sim_backends.plant.cases import make_case
 
 FloatArray = npt.NDArray[np.float64]
 

@@ -24,9 +24,9 @@ import numpy as np
 import numpy.typing as npt
 
 from benchmarks.targets import Check, Outcome
-from daq.machine_file import Machine, machine_to_yaml
-from daq.recording import write_recording
-from sim_backends.cases import Case, simulate_case
+from daq.machine.machine_file import Machine, machine_to_yaml
+from daq.recordings.recording import write_recording
+from sim_backends.plant.cases import Case, simulate_case
 
 FloatArray = npt.NDArray[np.float64]
 SHORT = (("unloaded", "unloaded"), ("train", "train-1"), ("repeat", "repeat"), ("validate", "validate"))

@@ -27,8 +27,8 @@ from fitting.pipeline.cylinder_stage import identify_cylinders
 from fitting.pipeline.rigid_body_stage import identify_one_shot, identify_rigid_body
 from fitting.regression.design import Design, effort_errors
 from fitting.regression.noise import effort_floor
-from sim_backends.cases import Case, simulate_case
-from sim_backends.truth import SensorQuality
+from sim_backends.plant.cases import Case, simulate_case
+from sim_backends.plant.truth import SensorQuality
 
 FloatArray = npt.NDArray[np.float64]
 Arm = Literal["folding", "slewing"]

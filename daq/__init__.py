@@ -2,12 +2,23 @@
 
 What identification needs stands here. Acquiring is in modules of their own, which this package does not import, so that
 reading a file never loads a bus library. Names are loaded when they are first used: the acquisition process, of which
-there may be many on one computer, needs neither recordings nor what they are read and resampled with:
+there may be many on one computer, needs neither recordings nor what reads and resamples them:
 
-- :mod:`daq.acquisition`: the cycle that drivers run in, a process of its own
-- :mod:`daq.ring`: the shared-memory ring buffer and its readers
-- :mod:`daq.recorder`: from the ring to a file that survives a power cut
-- :mod:`daq.drivers`: the driver protocol and its conformance check
+=================  =================================================================================================
+``machine``        what a machine file says, and its checks
+``kinematics``     Denavit-Hartenberg tables from URDF and MJCF, drafts of machine files
+``recordings``     files of any form read, checked, resampled, written
+``formats``        MDF4, MCAP and MAT
+``frames``         what a cycle is made of: channels in their places, clock, events
+``drivers``        the driver protocol, its conformance check, CANopen, plain CAN and Modbus
+``acquisition``    the cycle that drivers run in, a process of its own; the ring buffer and its readers; the recorder,
+                   from the ring to a file that survives a power cut; traces and their replay
+``commissioning``  tools for the days on which a machine is connected
+``commands``       the commands of ``hilfit`` for all this
+=================  =================================================================================================
+
+A room imports only those above it in this list (a contract in ``pyproject.toml``). Beside the rooms: errors, quality
+flags, units, and what reads YAML from strangers.
 """
 
 from __future__ import annotations
@@ -27,9 +38,9 @@ if TYPE_CHECKING:
         RecordingError,
         StorageError,
     )
-    from daq.machine_file import Channel, Cylinder, Joint, Machine, load_machine, machine_to_yaml, parse_machine
+    from daq.machine.machine_file import Channel, Cylinder, Joint, Machine, load_machine, machine_to_yaml, parse_machine
     from daq.quality import Quality
-    from daq.recording import ROLES, Recording, read_recording, write_recording
+    from daq.recordings.recording import ROLES, Recording, read_recording, write_recording
 
 __all__ = [
     "ROLES",
@@ -60,11 +71,11 @@ _HOME = {
         "AcquisitionError", "BusError", "CommissioningError", "DiskFullError", "HilfitError", "InputError",
         "MachineFileError", "RecordingError", "StorageError",
     ),
-    "machine_file": (
+    "machine.machine_file": (
         "Channel", "Cylinder", "Joint", "Machine", "load_machine", "machine_to_yaml", "parse_machine",
     ),
     "quality": ("Quality",),
-    "recording": ("ROLES", "Recording", "read_recording", "write_recording"),
+    "recordings.recording": ("ROLES", "Recording", "read_recording", "write_recording"),
 }  # fmt: skip
 
 

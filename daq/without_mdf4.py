@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import sys
 
-PROGRAMS = ("daq.acquisition_child", "sim_backends.canopen_nodes")
+PROGRAMS = ("daq.acquisition.acquisition_child", "sim_backends.devices.canopen_nodes")
 
 _program = getattr(sys.modules["__main__"], "__spec__", None)
 if _program is not None and _program.name in PROGRAMS:

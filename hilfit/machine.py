@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from daq.machine_file import Machine as MachineFile
-from daq.machine_file import load_machine
+from daq.machine.machine_file import Machine as MachineFile
+from daq.machine.machine_file import load_machine
 
 
 @dataclass(frozen=True)

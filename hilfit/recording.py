@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from daq.recording import Recording as RecordingFile
-from daq.recording import read_recording
+from daq.recordings.recording import Recording as RecordingFile
+from daq.recordings.recording import read_recording
 from hilfit.machine import Machine
 
 

@@ -10,12 +10,12 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from sim_backends.cases import Case, make_case, simulate_case
     from sim_backends.machines import default_machine, excavator_front, folding_arm, slewing_arm, telescopic_crane
-    from sim_backends.motion import Motion, random_motion, read_motion, write_motion
-    from sim_backends.plant import Plant, record
+    from sim_backends.plant.cases import Case, make_case, simulate_case
+    from sim_backends.plant.motion import Motion, random_motion, read_motion, write_motion
+    from sim_backends.plant.plant import Plant, record
+    from sim_backends.plant.truth import SensorQuality, Truth, load_truth
     from sim_backends.simulated_machine import SimulatedMachine, SimulationError
-    from sim_backends.truth import SensorQuality, Truth, load_truth
     from sim_backends.undeclared import UNDECLARED, EffectSpec
 
 __all__ = [
@@ -43,12 +43,12 @@ __all__ = [
 ]
 
 _HOME = {
-    "cases": ("Case", "make_case", "simulate_case"),
+    "plant.cases": ("Case", "make_case", "simulate_case"),
     "machines": ("default_machine", "excavator_front", "folding_arm", "slewing_arm", "telescopic_crane"),
-    "motion": ("Motion", "random_motion", "read_motion", "write_motion"),
-    "plant": ("Plant", "record"),
+    "plant.motion": ("Motion", "random_motion", "read_motion", "write_motion"),
+    "plant.plant": ("Plant", "record"),
     "simulated_machine": ("SimulatedMachine", "SimulationError"),
-    "truth": ("SensorQuality", "Truth", "load_truth"),
+    "plant.truth": ("SensorQuality", "Truth", "load_truth"),
     "undeclared": ("UNDECLARED", "EffectSpec"),
 }
 

@@ -14,10 +14,10 @@ import typer
 
 from daq.console import print_json, reported
 from daq.errors import InputError
-from daq.machine_file import Machine, load_machine
+from daq.machine.machine_file import Machine, load_machine
 
 if TYPE_CHECKING:
-    from sim_backends.fault_file import FaultScript
+    from sim_backends.faults.fault_file import FaultScript
     from sim_backends.simulated_machine import SimulatedMachine
 
 
@@ -34,7 +34,7 @@ def checked_faults(path: Path, machine: Machine) -> FaultScript:
     InputError
         With the last of those lines.
     """
-    from sim_backends.fault_file import read_faults
+    from sim_backends.faults.fault_file import read_faults
 
     script, problems = read_faults(path, machine)
     if script is None:
@@ -64,9 +64,9 @@ def simulate(
 ) -> None:
     """Run simulated buses of MACHINE until interrupted; prints the machine file to acquire with."""
     # The physics engine is an extra, and other commands need not load it.
-    from sim_backends.motion import read_motion
+    from sim_backends.plant.motion import read_motion
+    from sim_backends.plant.truth import load_truth
     from sim_backends.simulated_machine import SimulatedMachine
-    from sim_backends.truth import load_truth
     from sim_backends.undeclared import parse_spec
 
     declared = load_machine(machine)
@@ -105,7 +105,7 @@ def simulate(
 
 def _write_guess(path: Path, machine: Machine, seed: int, json: bool) -> None:
     """A guess of the plant's parameters as a file, never over one that is there."""
-    from sim_backends.guessed_truth import guessed_truth_yaml
+    from sim_backends.plant.guessed_truth import guessed_truth_yaml
 
     text = guessed_truth_yaml(machine, seed)
     try:

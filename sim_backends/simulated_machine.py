@@ -28,14 +28,14 @@ from types import TracebackType
 from typing import Any, Literal
 
 from daq.errors import HilfitError, InputError
-from daq.machine_file import CanopenBus, Machine, ModbusRtuBus, ModbusTcpBus, Simulation, machine_to_yaml
+from daq.machine.machine_file import CanopenBus, Machine, ModbusRtuBus, ModbusTcpBus, Simulation, machine_to_yaml
 from sim_backends import backplane
-from sim_backends.device_plans import nodes_to_dict, units_to_dict
-from sim_backends.fault_file import FaultScript
-from sim_backends.fault_runner import FaultRunner
-from sim_backends.truth import SensorQuality, Truth
+from sim_backends.devices.device_plans import nodes_to_dict, units_to_dict
+from sim_backends.devices.wiring import wire
+from sim_backends.faults.fault_file import FaultScript
+from sim_backends.faults.fault_runner import FaultRunner
+from sim_backends.plant.truth import SensorQuality, Truth
 from sim_backends.undeclared import EffectSpec, check_spec
-from sim_backends.wiring import wire
 
 START_PATIENCE = 120.0  # s for all processes to be ready: a first start compiles and loads everything from disk
 ORDER_PATIENCE = 10.0  # s for an answer to an order, not counting time that the processes wait for a processor
@@ -45,10 +45,10 @@ HIGHEST_SPEED = 4.0
 Reached = Callable[[Mapping[str, Any]], bool]
 
 _MODULES = {
-    "plant": "sim_backends.plant_process",
-    "hub": "sim_backends.can_hub",
-    "nodes": "sim_backends.canopen_nodes",
-    "modbus": "sim_backends.modbus_devices",
+    "plant": "sim_backends.plant.plant_process",
+    "hub": "sim_backends.devices.can_hub",
+    "nodes": "sim_backends.devices.canopen_nodes",
+    "modbus": "sim_backends.devices.modbus_devices",
 }
 
 #: Which process is to blame where several have failed: each one takes those after it along.
@@ -379,12 +379,12 @@ class SimulatedMachine:
         return {name: process.popen.pid for name, process in self._processes.items()}
 
     def order(self, process: str, order: str, **details: Any) -> Any:
-        """Give an order to one of the processes and wait for its answer (see :mod:`sim_backends.faults`)."""
+        """Give an order to one of the processes and wait for its answer (see :mod:`sim_backends.faults.faults`)."""
         with self._ordering:
             return self._processes[process].order({"order": order, **details})
 
     def controller_status(self) -> dict[str, Any]:
-        """What the arm's controller does (see :mod:`sim_backends.plant_process`)."""
+        """What the arm's controller does (see :mod:`sim_backends.plant.plant_process`)."""
         self.check()
         content: dict[str, Any] = json.loads(self.status_path.read_text(encoding="utf-8"))
         return content

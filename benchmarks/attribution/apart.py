@@ -32,7 +32,7 @@ from fitting.regression.design import NoiseModel, full_residual
 from fitting.residual.scoring import Candidates, catalogue_terms
 from fitting.residual.terms import Model, fit_model
 from fitting.signals.spectrum import whitening
-from sim_backends.cases import STEMS
+from sim_backends.plant.cases import STEMS
 from sim_backends.undeclared import EffectSpec
 
 FloatArray = npt.NDArray[np.float64]

@@ -12,11 +12,11 @@ import numpy as np
 from benchmarks.attribution.apart import Apart, Rival, apart
 from benchmarks.attribution.making import BenchCase, Redrawn, TrueEffect, make_case
 from benchmarks.attribution.recipe import CaseKey, Selection
-from daq.machine_file import load_machine, machine_to_yaml
-from daq.recording import write_recording
-from daq.recording_files import read_table
-from sim_backends.cases import STEMS
-from sim_backends.truth import SensorQuality, load_truth, truth_to_yaml
+from daq.machine.machine_file import load_machine, machine_to_yaml
+from daq.recordings.recording import write_recording
+from daq.recordings.recording_files import read_table
+from sim_backends.plant.cases import STEMS
+from sim_backends.plant.truth import SensorQuality, load_truth, truth_to_yaml
 
 
 def stored_case(folder: Path, key: CaseKey, selection: Selection | None = None) -> BenchCase:

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from daq.machine_file import Machine
+from daq.machine.machine_file import Machine
 from fitting.arm.base_parameters import reduce_parameters
-from sim_backends.truth import Truth
+from sim_backends.plant.truth import Truth
 
 DRIVE = ("m", "K", "f_c", "f_v", "f_s")
 

@@ -8,8 +8,8 @@ from dataclasses import dataclass, field
 import numpy as np
 import numpy.typing as npt
 
-from daq.machine_file import Machine
-from daq.recording import Recording
+from daq.machine.machine_file import Machine
+from daq.recordings.recording import Recording
 from fitting.loop.closing import Examined
 from fitting.loop.kinematic_check import KinematicFinding
 from fitting.loop.session import Options, Session

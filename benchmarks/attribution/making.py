@@ -23,10 +23,10 @@ from benchmarks.attribution.recipe import (
     largest,
 )
 from benchmarks.attribution.sight import FITTED, Sight
-from daq.machine_file import Machine
-from sim_backends.cases import STEMS, CasePlan, plan_case
-from sim_backends.plant import Plant
-from sim_backends.truth import SensorQuality, Truth
+from daq.machine.machine_file import Machine
+from sim_backends.plant.cases import STEMS, CasePlan, plan_case
+from sim_backends.plant.plant import Plant
+from sim_backends.plant.truth import SensorQuality, Truth
 from sim_backends.undeclared import UNDECLARED, EffectSpec, obstacle
 
 FloatArray = npt.NDArray[np.float64]

@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from sim_backends.cases import CasePlan
 from sim_backends.machines import ARMS, ArmKind
-from sim_backends.truth import CylinderTruth, SensorQuality
+from sim_backends.plant.cases import CasePlan
+from sim_backends.plant.truth import CylinderTruth, SensorQuality
 from sim_backends.undeclared import OUTSIDE, UNDECLARED, outside
 
 #: Classes of cases, and the interval their sizes are drawn from (log-uniform): lambda, or, for effects that bend an

@@ -17,12 +17,12 @@ from benchmarks.attribution.making import BenchCase, make_case, opened
 from benchmarks.attribution.recipe import CaseKey, Selection
 from benchmarks.attribution.verdicts import verdict
 from benchmarks.targets import Check, rate
-from daq.recording import Recording
+from daq.recordings.recording import Recording
 from fitting.loop.closing import Asked, Examined, close, settled
 from fitting.loop.session import Options, Session
-from sim_backends.cases import STEMS
-from sim_backends.motion import Motion
-from sim_backends.plant import record_beside_ideal
+from sim_backends.plant.cases import STEMS
+from sim_backends.plant.motion import Motion
+from sim_backends.plant.plant import record_beside_ideal
 from sim_backends.undeclared import EffectSpec
 
 Line = dict[str, Any]

@@ -20,12 +20,12 @@ import numpy.typing as npt
 from scipy import linalg, signal
 from scipy.interpolate import make_interp_spline
 
-from daq.machine_file import Machine
+from daq.machine.machine_file import Machine
 from fitting.arm.base_parameters import base_regressor, reduce_parameters
 from fitting.arm.linkage import lever_arm
-from sim_backends.hydraulics import direction
-from sim_backends.plant import KNOCK_TIME
-from sim_backends.truth import SensorQuality, Truth
+from sim_backends.plant.hydraulics import direction
+from sim_backends.plant.plant import KNOCK_TIME
+from sim_backends.plant.truth import SensorQuality, Truth
 
 FloatArray = npt.NDArray[np.float64]
 Table = Mapping[str, FloatArray]

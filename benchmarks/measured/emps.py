@@ -19,8 +19,8 @@ from scipy import signal
 from scipy.io import loadmat
 
 from benchmarks.measured.stacks import Found, Low, Stack, loop, refitted, relative, stack_of
-from daq.machine_file import Machine, load_machine
-from daq.recording import Recording, read_recording, write_recording
+from daq.machine.machine_file import Machine, load_machine
+from daq.recordings.recording import Recording, read_recording, write_recording
 from fitting.loop.session import Options, Session
 from fitting.residual.terms import Term
 

@@ -9,8 +9,8 @@ from __future__ import annotations
 from pathlib import Path
 
 from benchmarks.measured.ways import Ways, ways
-from daq.machine_file import load_machine
-from daq.recording import read_recording
+from daq.machine.machine_file import load_machine
+from daq.recordings.recording import read_recording
 from fitting.loop.session import Session
 
 #: Relative error on the other motion, percent: of the base model at most, and with what the loop added.

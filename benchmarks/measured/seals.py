@@ -20,9 +20,9 @@ import numpy as np
 import numpy.typing as npt
 
 from benchmarks.measured.stacks import Found, loop, refitted, stack_of
-from daq.machine_file import Machine, load_machine, machine_to_yaml
+from daq.machine.machine_file import Machine, load_machine, machine_to_yaml
 from daq.quality import Quality
-from daq.recording import read_recording, write_recording
+from daq.recordings.recording import read_recording, write_recording
 from fitting.effects import effect
 from fitting.loop.session import Options, Session
 from fitting.residual.laws import Law

@@ -21,8 +21,8 @@ import numpy.typing as npt
 from scipy import signal
 
 from benchmarks.measured.stacks import Found, Stack, loop, refitted, relative, stack_of
-from daq.machine_file import load_machine
-from daq.recording import read_recording, write_recording
+from daq.machine.machine_file import load_machine
+from daq.recordings.recording import read_recording, write_recording
 from fitting.effects import effect
 from fitting.loop.session import Session
 from fitting.residual.terms import Model, Term

@@ -11,9 +11,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
-from daq.recording import Recording
+from daq.recordings.recording import Recording
 from fitting.loop.session import Session
-from fitting.pipeline.stage_results import Refitted, StageResults
+from fitting.pipeline.results.stage_results import Refitted, StageResults
 from fitting.pipeline.stages import STEPS
 
 #: Names of the ways in the order of the table; ``one_shot`` is plain least squares.

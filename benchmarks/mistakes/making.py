@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from benchmarks.mistakes.rigs import Rig
 from daq.errors import MachineFileError
-from daq.machine_file import Machine, machine_to_yaml, parse_machine
+from daq.machine.machine_file import Machine, machine_to_yaml, parse_machine
 
 FloatArray = npt.NDArray[np.float64]
 Rng = np.random.Generator

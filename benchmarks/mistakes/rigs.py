@@ -11,11 +11,11 @@ import numpy as np
 import numpy.typing as npt
 
 from benchmarks.attribution.recipe import draw_quality, largest
-from daq.machine_file import Machine, machine_to_yaml
-from daq.recording import write_recording
-from sim_backends.cases import CasePlan, plan_case
+from daq.machine.machine_file import Machine, machine_to_yaml
+from daq.recordings.recording import write_recording
 from sim_backends.machines import folding_arm, slewing_arm
-from sim_backends.truth import Truth
+from sim_backends.plant.cases import CasePlan, plan_case
+from sim_backends.plant.truth import Truth
 from sim_backends.undeclared import UNDECLARED, EffectSpec
 
 FloatArray = npt.NDArray[np.float64]

@@ -14,8 +14,8 @@ from benchmarks.mistakes.making import MISTAKES, Made
 from benchmarks.mistakes.rigs import KINDS, Rig, make_rig
 from benchmarks.targets import Check, Outcome, rate
 from daq.errors import InputError
-from daq.machine_file import load_machine
-from daq.recording import read_recording
+from daq.machine.machine_file import load_machine
+from daq.recordings.recording import read_recording
 from fitting.checks import Finding, check_files
 
 #: Seeds of sound machines begin here, so that none of them has a mistake made on it as well.

@@ -20,14 +20,14 @@ from benchmarks.measured.ways import cut
 from benchmarks.paper.stribeck import StribeckRun, stribeck_run
 from benchmarks.stages import ARMS, Arm, truth_vector
 from benchmarks.targets import Check, Outcome, fact
-from daq.machine_file import Machine, load_machine
-from daq.recording import read_recording
+from daq.machine.machine_file import Machine, load_machine
+from daq.recordings.recording import read_recording
 from fitting.arm.dynamics import rigid_body_regressor
 from fitting.loop.session import Options, Session
-from fitting.pipeline.stage_results import Cylinders, Residual, RigidBody, StageResults
+from fitting.pipeline.results.stage_results import Cylinders, Residual, RigidBody, StageResults
 from fitting.pipeline.stage_two import comparison
 from fitting.pipeline.stages import STEPS
-from sim_backends.cases import Case, simulate_case
+from sim_backends.plant.cases import Case, simulate_case
 
 FloatArray = npt.NDArray[np.float64]
 Show = Callable[[str], None]

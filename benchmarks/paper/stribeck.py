@@ -12,8 +12,8 @@ import numpy.typing as npt
 
 import hilfit
 from fitting.arm.linkage import lever_arm
-from sim_backends.cases import Case, make_case
-from sim_backends.plant import Plant
+from sim_backends.plant.cases import Case, make_case
+from sim_backends.plant.plant import Plant
 from sim_backends.undeclared import EffectSpec
 
 FloatArray = npt.NDArray[np.float64]

@@ -16,7 +16,7 @@ import pyarrow.parquet
 import sqlalchemy as sa
 from dbos import DBOSClient
 
-from benchmarks.postgresql import OWNER
+from benchmarks.service.postgresql import OWNER
 from benchmarks.storm.traffic import Told
 from benchmarks.targets import Check, fact
 from server.audit.audit_log import Audit

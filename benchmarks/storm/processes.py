@@ -24,7 +24,7 @@ from benchmarks.storm import stages
 
 #: Kind of a process by what stands in its command line.
 CHILDREN: Mapping[str, str] = {
-    "daq.acquisition_child": "acquisition",
+    "daq.acquisition.acquisition_child": "acquisition",
     "storm/stages.py": "stage",
     "fitting.pipeline.stage_program": "real stage",
 }

@@ -18,7 +18,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
-from benchmarks.postgresql import PostgreSQL, postgresql_server
+from benchmarks.service.postgresql import PostgreSQL, postgresql_server
 from benchmarks.storm.checks import all_checks, amcheck, count_results
 from benchmarks.storm.host import HostOrder
 from benchmarks.storm.processes import Herd, Host, real_identification
@@ -28,7 +28,7 @@ from server.composition.declarations import TABLES
 from server.platform.database.engine import Database
 from server.platform.files import DataDirectory
 from sim_backends import SimulatedMachine, default_machine
-from sim_backends.cases import make_case
+from sim_backends.plant.cases import make_case
 
 #: Kills that are aimed at, for every one that there should be: now and then there is nothing to kill.
 AIM = 2.5
@@ -82,7 +82,7 @@ def run(
 
     Raises
     ------
-    benchmarks.postgresql.AbsentError
+    benchmarks.service.postgresql.AbsentError
         If PostgreSQL is asked for and not installed.
     """
     with (

@@ -3,7 +3,6 @@
 ==============  ====================================================================================================
 ``can_scan``    who is on a CAN bus: listening first, asking only where that is allowed
 ``modbus_scan`` which units answer in a given range
-``profiles``    what devices of a CiA profile measure, by the objects that describe it
 ``check``       every device of a machine: identity, units, mapping, latency, jitter, noise, zero, drift
 ``delays``      how much later one bus is than another, estimated from what both of them see
 ``page``        the check as one page to print
@@ -11,3 +10,6 @@
 ``draft``       the ``buses`` and ``channels`` part of a machine file, from a scan, EDS and DBC files
 ==============  ====================================================================================================
 """
+
+#: Schema of what ``hilfit bus scan -o`` writes and ``hilfit machine new`` reads.
+SCAN_SCHEMA = "hilfit/scan/1"

@@ -8,8 +8,8 @@ from dataclasses import dataclass, field, replace
 
 import can
 
-from daq.commissioning.profiles import ASKED, profile_name, profile_of
 from daq.drivers.canopen.link import CanLink, NoAnswerError, Sdo, SdoRefusedError
+from daq.drivers.canopen.profiles import ASKED, profile_name, profile_of
 from daq.errors import BusError
 
 ASK_EVERY_S = 0.005

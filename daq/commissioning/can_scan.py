@@ -16,15 +16,15 @@ from typing import Any, ClassVar
 import can
 import numpy as np
 
-from daq.can_database import pgn_of
 from daq.commissioning.can_questions import FoundNode, answering
 from daq.commissioning.can_questions import asked as asked_node
 from daq.drivers.base import DriverContext
 from daq.drivers.can.health import BusHealth, advice
 from daq.drivers.canopen.link import CanLink
-from daq.machine_file import CanopenBus, CanSignalsBus
+from daq.frames.clock import NS
+from daq.machine.can_database import pgn_of
+from daq.machine.machine_file import CanopenBus, CanSignalsBus
 
-NS = 1_000_000_000
 LISTEN_S = 2.0
 NODES = range(1, 128)
 STATES = {0x00: "booting", 0x04: "stopped", 0x05: "operational", 0x7F: "pre-operational"}

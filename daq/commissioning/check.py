@@ -16,15 +16,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from daq.acquisition import AcquisitionProcess
+from daq.acquisition.acquisition import AcquisitionProcess
+from daq.acquisition.cycles import AcquisitionStatistics
+from daq.acquisition.ring import RingReader
 from daq.commissioning.can_questions import FoundNode
 from daq.commissioning.identities import identity_findings, mapping_of, scale_finding
 from daq.commissioning.rest import AtRest, at_rest
 from daq.console import ShowProgress
-from daq.cycles import AcquisitionStatistics
-from daq.machine_file import CanopenBus, CanSource, Channel, Machine, ModbusSource
+from daq.machine.machine_file import CanopenBus, CanSource, Channel, Machine, ModbusSource
 from daq.quality import MEASURED
-from daq.ring import RingReader
 
 if TYPE_CHECKING:
     from daq.commissioning.delays import BusDelay

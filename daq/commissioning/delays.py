@@ -26,7 +26,7 @@ from scipy.interpolate import CubicSpline
 from scipy.signal import savgol_filter
 
 from daq.commissioning.loads import load_columns
-from daq.machine_file import Channel, Machine
+from daq.machine.machine_file import Channel, Machine
 
 FloatArray = npt.NDArray[np.float64]
 

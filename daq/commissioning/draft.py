@@ -10,7 +10,7 @@ from typing import Any
 import yaml
 
 from daq.commissioning.offers import Offer
-from daq.quantities import JOINT_QUANTITIES
+from daq.machine.quantities import JOINT_QUANTITIES
 
 #: Quantities that a value of a kind may be, the likeliest first.
 QUANTITIES: Mapping[str, tuple[str, ...]] = {

@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 
 from daq.commissioning.can_questions import FoundNode
-from daq.commissioning.profiles import measured
 from daq.drivers.canopen.mapping import map_node
+from daq.drivers.canopen.profiles import measured
 from daq.errors import MachineFileError
-from daq.machine_file import CanopenBus, CanSource, Channel, Machine, ModbusSource
+from daq.machine.machine_file import CanopenBus, CanSource, Channel, Machine, ModbusSource
 from daq.units import conversion
 
 SAME = 1e-3  # two scalings that differ by less are one, written with fewer digits

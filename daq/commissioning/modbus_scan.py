@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from daq.drivers.modbus.client import DEVICE_FAILURE, EXCEPTIONS, GATEWAY_EXCEPTIONS, ModbusConnection
-from daq.machine_file import ModbusRtuBus, ModbusTcpBus
+from daq.machine.machine_file import ModbusRtuBus, ModbusTcpBus
 
 TIMEOUT_S = 0.3
 BLOCK = 60  # registers of one question

@@ -17,11 +17,11 @@ from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 
-from daq.acquisition import AcquisitionProcess
-from daq.cycles import AcquisitionStatistics
-from daq.machine_file import Machine
+from daq.acquisition.acquisition import AcquisitionProcess
+from daq.acquisition.cycles import AcquisitionStatistics
+from daq.acquisition.ring import RingReader
+from daq.machine.machine_file import Machine
 from daq.quality import MEASURED, Quality
-from daq.ring import RingReader
 
 WINDOW_S = 2.0  # that rate and spread are of
 _STYLES = {Quality.FRESH: "green", Quality.HELD: "green", Quality.OUT_OF_RANGE: "yellow", Quality.LATE: "yellow"}

@@ -9,10 +9,10 @@ from typing import Any
 from canopen import objectdictionary
 from canopen.objectdictionary import ODVariable
 
-from daq.buses import CanSignalsBus
-from daq.can_database import read_database
-from daq.commissioning.profiles import ASKED, Measured, measured, profile_of
 from daq.drivers.canopen.eds import Place, pdo_places, read_eds, value_of
+from daq.drivers.canopen.profiles import ASKED, Measured, measured, profile_of
+from daq.machine.buses import CanSignalsBus
+from daq.machine.can_database import read_database
 from daq.units import conversion
 
 #: Unit that tells the kind of a value.

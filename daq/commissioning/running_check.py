@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from daq.acquisition.cycles import AcquisitionStatistics
 from daq.commissioning.can_questions import FoundNode
 from daq.commissioning.check import SECONDS, MachineCheck, delays_of_frames, machine_check
-from daq.commissioning.profiles import profile_name
-from daq.cycles import AcquisitionStatistics
-from daq.machine_file import CanopenBus, Machine
+from daq.drivers.canopen.profiles import profile_name
+from daq.machine.machine_file import CanopenBus, Machine
 
 
 def check_running(

@@ -12,12 +12,12 @@ import typer
 from pydantic import ValidationError
 
 from daq import safe_yaml
-from daq.commissioning.cli_scan import SCHEMA
+from daq.commissioning import SCAN_SCHEMA
 from daq.commissioning.draft import QUANTITIES, SKIP, Choice, Draft, as_text, bus_of
 from daq.commissioning.offers import Offer, of_dbc, of_eds, of_nodes, signals_bus
 from daq.errors import InputError, MachineFileError
-from daq.machine_file import Channel, parse_machine, read_machine_text
-from daq.quantities import JOINT_QUANTITIES
+from daq.machine.machine_file import Channel, parse_machine, read_machine_text
+from daq.machine.quantities import JOINT_QUANTITIES
 
 _DEFAULT_JOINTS = 6
 
@@ -141,7 +141,7 @@ def _node_file(text: str) -> tuple[int, Path]:
 def _scan(path: Path) -> list[dict[str, Any]]:
     try:
         content = json_text.loads(path.read_text(encoding="utf-8"))
-        if content["schema"] != SCHEMA:
+        if content["schema"] != SCAN_SCHEMA:
             raise ValueError
         found: list[dict[str, Any]] = content["buses"]
         return found

@@ -18,10 +18,10 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 import numpy.typing as npt
 
+from daq.drivers.found_setups import FoundSetups
 from daq.errors import MachineFileError
-from daq.events import EventLog
-from daq.found_setups import FoundSetups
-from daq.machine_file import Channel
+from daq.frames.events import EventLog
+from daq.machine.machine_file import Channel
 from daq.quality import Quality
 from daq.seams import DRIVERS
 

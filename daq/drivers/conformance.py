@@ -14,9 +14,9 @@ from collections.abc import Callable, Mapping
 import numpy as np
 
 from daq.drivers.base import Driver, DriverContext, Samples
+from daq.frames.clock import NS
 from daq.quality import Quality
 
-NS = 1_000_000_000
 ATTEMPTS = 400  # cycles within which a change on the bus has to show
 JUMPS = 5  # of the cycle number, of which a shared computer may spoil some
 

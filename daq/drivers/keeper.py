@@ -5,7 +5,8 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable
 
-NS = 1_000_000_000
+from daq.frames.clock import NS
+
 #: Pauses after so many failures in a row. The longest one, with the time that an attempt takes, is what a device that
 #: is back may have to wait for: it is kept below the two seconds within which its values have to be there again.
 BACK_OFF_S = (0.25, 0.5, 1.0)

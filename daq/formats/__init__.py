@@ -3,7 +3,7 @@
 - :mod:`daq.formats.mdf4`: measurement data format 4 (ASAM), what engineers of vehicles expect; needs asammdf
 - :mod:`daq.formats.mcap_file`: MCAP with JSON messages, what tools of robotics read; needs mcap
 - :mod:`daq.formats.mat`: MATLAB's MAT files
-- Parquet and CSV: :mod:`daq.recording_files`
+- Parquet and CSV: :mod:`daq.recordings.recording_files`
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from daq.errors import InputError, RecordingError
-from daq.recording_files import Table, replacing, write_columns
+from daq.recordings.recording_files import Table, replacing, write_columns
 
 #: Of the forms that :func:`export` writes.
 SUFFIXES = (".parquet", ".csv", ".mf4", ".mcap", ".mat")

@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 from scipy.io import savemat
 
-from daq.recording_files import Table
+from daq.recordings.recording_files import Table
 
 LONGEST = 63  # characters of a variable's name in MATLAB
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import orjson
 
-from daq.recording_files import Table
+from daq.recordings.recording_files import Table
 
 TOPIC = "/hilfit/frame"
 

@@ -3,8 +3,8 @@
 The file's start is the recording's: UTC of its time 0, from the moments of its SYNCs. A recording that does not know
 them (another tool's) begins in 1970: the moment of the export says nothing about it.
 
-asammdf is under the LGPL. It is imported here and in :mod:`daq.foreign_files` (which reads MDF) only, when it is used,
-and is not part of this distribution: whoever wants the format installs the extra ``export``.
+asammdf is under the LGPL. It is imported here and in :mod:`daq.recordings.foreign_files` (which reads MDF) only, when
+it is used, and is not part of this distribution: whoever wants the format installs the extra ``export``.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
-from daq.recording_files import Table
+from daq.recordings.recording_files import Table
 
 VERSION = "4.10"
 

@@ -123,7 +123,7 @@ def effects() -> Iterator[str]:
 
 def machine_file() -> Iterator[str]:
     """Every key of a machine file."""
-    from daq.machine_file import Machine
+    from daq.machine.machine_file import Machine
 
     yield "# Keys of a machine file"
     yield ""

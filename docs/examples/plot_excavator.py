@@ -17,9 +17,9 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 import hilfit
-from daq.machine_file import load_machine
-from sim_backends.cases import make_case
-from sim_backends.truth import load_truth
+from daq.machine.machine_file import load_machine
+from sim_backends.plant.cases import make_case
+from sim_backends.plant.truth import load_truth
 
 here = Path.cwd()  # where this script and the machine file are
 machine = hilfit.Machine.load(here / "excavator.yaml")

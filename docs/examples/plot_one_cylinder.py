@@ -16,9 +16,9 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 import hilfit
-from daq.machine_file import load_machine
-from sim_backends.cases import make_case
-from sim_backends.truth import CylinderTruth, LinkTruth, Truth
+from daq.machine.machine_file import load_machine
+from sim_backends.plant.cases import make_case
+from sim_backends.plant.truth import CylinderTruth, LinkTruth, Truth
 
 folder = Path(mkdtemp())
 path = folder / "bench.yaml"

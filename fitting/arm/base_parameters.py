@@ -29,7 +29,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from daq.machine_file import Machine
+from daq.machine.machine_file import Machine
 from fitting.arm.dynamics import (
     COUPLED_PARAMETERS,
     JOINT_PARAMETERS,

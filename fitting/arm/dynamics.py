@@ -39,7 +39,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from daq.machine_file import Machine
+from daq.machine.machine_file import Machine
 from fitting.arm.expected import expected_sign
 from fitting.arm.geometry import Geometry, geometry_of, link_frames
 

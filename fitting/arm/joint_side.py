@@ -15,9 +15,9 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 
-from daq.machine_file import Channel, Joint, Machine, Quantity
-from daq.quantities import MOTOR_QUANTITIES
-from daq.recording import Recording
+from daq.machine.machine_file import Channel, Joint, Machine, Quantity
+from daq.machine.quantities import MOTOR_QUANTITIES
+from daq.recordings.recording import Recording
 from fitting.arm.linkage import joint_position
 
 FloatArray = npt.NDArray[np.float64]

@@ -1,7 +1,7 @@
 """Lever arms of linkages, their inverses, and what a wrong linkage parameter does.
 
 A linkage maps the joint position ``q`` (rad, or m for a prismatic joint) to the piston position ``x`` (m).
-The mapping itself is :meth:`daq.linkages.ThreePin.piston_position` and its siblings; here are its
+The mapping itself is :meth:`daq.machine.linkages.ThreePin.piston_position` and its siblings; here are its
 derivatives.
 
 The lever arm ``r(q) = dx/dq`` (m/rad, or 1) is signed. By virtual work (``tau dq = F_l dx``) the joint effort
@@ -16,8 +16,8 @@ import numpy as np
 import numpy.typing as npt
 
 from daq.errors import InputError
-from daq.linkages import Direct, FourBar, Linkage, Polynomial, Rack, ThreePin, reduced
-from daq.machine_file import Joint
+from daq.machine.linkages import Direct, FourBar, Linkage, Polynomial, Rack, ThreePin, reduced
+from daq.machine.machine_file import Joint
 from fitting.arm.rocker import rocker_motion
 
 FloatArray = npt.NDArray[np.float64]

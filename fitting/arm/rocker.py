@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from daq.linkages import FourBar
+from daq.machine.linkages import FourBar
 
 FloatArray = npt.NDArray[np.float64]
 

@@ -15,31 +15,31 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from daq.column_map import ColumnMap
 from daq.errors import HilfitError
-from daq.machine_file import Machine
-from daq.recording import Recording
+from daq.machine.machine_file import Machine
+from daq.recordings.column_map import ColumnMap
+from daq.recordings.recording import Recording
 from fitting.arm.joint_side import at_joints
-from fitting.checks.areas import AreaRatio, area_ratios
-from fitting.checks.arm_motion import positions_of
 from fitting.checks.beginning import beginning_findings
-from fitting.checks.clocks import Clock, clock_of
-from fitting.checks.couplings import with_couplings
-from fitting.checks.factors import gains
 from fitting.checks.findings import Finding
-from fitting.checks.hypothesis import CLEAR
 from fitting.checks.machine_numbers import machine_findings
 from fitting.checks.magnitudes import magnitude_findings
+from fitting.checks.mistakes.areas import AreaRatio, area_ratios
+from fitting.checks.mistakes.arm_motion import positions_of
+from fitting.checks.mistakes.clocks import Clock, clock_of
+from fitting.checks.mistakes.couplings import with_couplings
+from fitting.checks.mistakes.factors import gains
+from fitting.checks.mistakes.hypothesis import CLEAR
+from fitting.checks.mistakes.payload import with_payload
+from fitting.checks.mistakes.physical import Trial
+from fitting.checks.mistakes.samples import take_samples
+from fitting.checks.mistakes.trials import Accused, Searched, search
+from fitting.checks.mistakes.two_sensors import disagreements
 from fitting.checks.motions import motion_findings
-from fitting.checks.payload import with_payload
-from fitting.checks.physical import Trial
 from fitting.checks.places import Places
 from fitting.checks.reading import read_leniently
 from fitting.checks.recordings_apart import recordings_apart, rods_for_a_time
-from fitting.checks.samples import take_samples
 from fitting.checks.signal_faults import signal_findings
-from fitting.checks.trials import Accused, Searched, search
-from fitting.checks.two_sensors import disagreements
 
 FloatArray = npt.NDArray[np.float64]
 _log = logging.getLogger(__name__)

@@ -10,8 +10,8 @@ from typing import Any
 
 import yaml
 
-from daq.machine_file import Machine, machine_to_yaml
-from daq.plausible import Doubt, doubts
+from daq.machine.machine_file import Machine, machine_to_yaml
+from daq.machine.plausible import Doubt, doubts
 from fitting.checks.findings import Finding
 from fitting.checks.places import Places
 

@@ -12,10 +12,10 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 
-from daq.machine_file import Channel, Machine
-from daq.recording import Recording
-from fitting.checks.factors import RARE, gains
+from daq.machine.machine_file import Channel, Machine
+from daq.recordings.recording import Recording
 from fitting.checks.findings import Finding
+from fitting.checks.mistakes.factors import RARE, gains
 from fitting.signals.filters import white_noise_of
 
 FloatArray = npt.NDArray[np.float64]

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
-from daq.machine_file import Machine
-from daq.recording import Recording
+from daq.machine.machine_file import Machine
+from daq.recordings.recording import Recording
 from fitting.checks.findings import Finding
 from fitting.signals.filters import lag_between
 

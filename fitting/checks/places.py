@@ -8,8 +8,8 @@ from pathlib import Path
 
 import yaml
 
-from daq.machine_file import Machine
-from daq.machine_file_errors import line_of
+from daq.machine.machine_file import Machine
+from daq.machine.machine_file_errors import line_of
 
 
 @dataclass(frozen=True)

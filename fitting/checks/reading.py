@@ -1,7 +1,7 @@
 """Recordings as far as they can be read: what the strict reader refuses becomes a finding, and the checks go on.
 
-:func:`daq.recording.read_recording` refuses a recording at its first problem, which is right for an identification and
-too early for a search for the cause: values out of range are what a wrong unit looks like.
+:func:`daq.recordings.recording.read_recording` refuses a recording at its first problem, which is right for an
+identification and too early for a search for the cause: values out of range are what a wrong unit looks like.
 """
 
 from __future__ import annotations
@@ -14,15 +14,15 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from daq import recording_checks as gates
-from daq.column_map import ColumnMap
 from daq.errors import RecordingError
-from daq.foreign_files import is_foreign
-from daq.machine_file import Machine
+from daq.machine.machine_file import Machine
 from daq.quality import MEASURED
-from daq.recording import MINIMUM_SECONDS, ROLES, Recording
-from daq.recording_files import read_table
-from daq.recording_source import load_table
+from daq.recordings import recording_checks as gates
+from daq.recordings.column_map import ColumnMap
+from daq.recordings.foreign_files import is_foreign
+from daq.recordings.recording import MINIMUM_SECONDS, ROLES, Recording
+from daq.recordings.recording_files import read_table
+from daq.recordings.recording_source import load_table
 from daq.units import conversion
 from fitting.checks.findings import Finding
 from fitting.checks.time_axis import repaired_time, time_findings

@@ -13,10 +13,10 @@ from dataclasses import replace
 import numpy as np
 
 from daq.errors import RecordingError
-from daq.machine_file import Machine
-from daq.recording import Recording
+from daq.machine.machine_file import Machine
+from daq.recordings.recording import Recording
 from fitting.checks.findings import Finding
-from fitting.checks.two_sensors import AGREE, NEAR, gap
+from fitting.checks.mistakes.two_sensors import AGREE, NEAR, gap
 from fitting.signals.rods import with_rods_as_said
 
 

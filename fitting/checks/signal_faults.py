@@ -12,9 +12,9 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 
-from daq.machine_file import Channel, Machine
-from daq.recording import Recording
-from daq.recording_checks import cut_off, piled_up, regular_steps
+from daq.machine.machine_file import Channel, Machine
+from daq.recordings.recording import Recording
+from daq.recordings.recording_checks import cut_off, piled_up, regular_steps
 from fitting.checks.findings import Finding
 
 FloatArray = npt.NDArray[np.float64]

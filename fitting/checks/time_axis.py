@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from daq.machine_file import Machine
-from daq.recording_checks import GAP_SHARE, RATE_TOLERANCE, regular_steps
+from daq.machine.machine_file import Machine
+from daq.recordings.recording_checks import GAP_SHARE, RATE_TOLERANCE, regular_steps
 from fitting.checks.findings import Finding
 
 FloatArray = npt.NDArray[np.float64]

@@ -40,8 +40,8 @@ def check(
     json: Annotated[bool, typer.Option("--json", help="Print the findings as JSON.")] = False,
 ) -> None:
     """Say what may be wrong with recordings and machine file; exit code 1 if something is."""
-    from daq.column_map import load_map
-    from daq.machine_file import load_machine
+    from daq.machine.machine_file import load_machine
+    from daq.recordings.column_map import load_map
     from fitting.checks.check import check_files
     from fitting.checks.reading import recorded_role
     from fitting.pipeline.check_gate import lines

@@ -13,9 +13,9 @@ import typer
 
 from daq.console import print_json, progress_bar, reported
 from daq.errors import InputError
-from daq.machine_file import Machine, load_machine
-from daq.recording import Recording, read_recording
-from daq.recording_files import read_table
+from daq.machine.machine_file import Machine, load_machine
+from daq.recordings.recording import Recording, read_recording
+from daq.recordings.recording_files import read_table
 from fitting.arm.base_parameters import BaseParameters, base_regressor, reduce_parameters
 from fitting.arm.geometry import geometry_of
 from fitting.arm.linkage import lever_arm

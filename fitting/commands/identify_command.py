@@ -84,7 +84,7 @@ def identify(
     if json:
         print_json(content)
         return
-    from fitting.pipeline.summary import print_summary
+    from fitting.pipeline.results.summary import print_summary
 
     print_summary(content, output)
 

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from daq.machine_file import Machine
+from daq.machine.machine_file import Machine
 from fitting.effects.base import DriveView, Effect, FloatArray, Parameter, Parity, Shape, has_both_positions
 from fitting.signals.corrections import Corrections
 

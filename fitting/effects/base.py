@@ -33,7 +33,7 @@ from typing import ClassVar, Literal
 import numpy as np
 import numpy.typing as npt
 
-from daq.machine_file import Machine
+from daq.machine.machine_file import Machine
 from fitting.arm.base_parameters import BaseParameters, base_regressor
 from fitting.regression.drive import expected_power, expected_sign
 from fitting.signals.corrections import Corrections

@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 import yaml
 
-from daq.machine_file import Machine, parse_machine
+from daq.machine.machine_file import Machine, parse_machine
 from fitting.arm.base_parameters import reduce_parameters
 from fitting.arm.linkage import lever_arm, piston_motion
 from fitting.effects.base import DriveView, Effect, FloatArray, Parameter, Parity, Shape

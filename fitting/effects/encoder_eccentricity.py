@@ -7,7 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from daq.machine_file import Machine
+from daq.machine.machine_file import Machine
 from fitting.effects.base import (
     DriveView,
     Effect,

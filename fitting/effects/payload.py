@@ -7,7 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from daq.machine_file import Machine
+from daq.machine.machine_file import Machine
 from fitting.arm.dynamics import rigid_body_regressor
 from fitting.effects.base import BodyColumn, DriveView, Effect, FloatArray, Parameter, Parity, Shape
 

@@ -21,7 +21,7 @@ import numpy as np
 import numpy.typing as npt
 
 from daq.errors import InputError
-from daq.machine_file import Joint, Machine
+from daq.machine.machine_file import Joint, Machine
 from fitting.arm.linkage import lever_arm
 from fitting.excitation.fourier import fourier_basis
 from fitting.excitation.limits import LimitUse

@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from daq.errors import InputError
-from daq.machine_file import Machine
+from daq.machine.machine_file import Machine
 from fitting.arm.base_parameters import BaseParameters, base_regressor, unidentifiable
 from fitting.arm.dynamics import stacked
 from fitting.excitation.fourier import fourier_basis

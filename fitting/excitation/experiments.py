@@ -23,7 +23,7 @@ import numpy.typing as npt
 from scipy.interpolate import make_interp_spline
 
 from daq.errors import InputError
-from daq.machine_file import Joint, Machine
+from daq.machine.machine_file import Joint, Machine
 from fitting.arm.base_parameters import BaseParameters
 from fitting.arm.linkage import joint_position, lever_arm, stroke_limits
 from fitting.excitation.cylinders import CylinderOptions, design_cylinder_motion

@@ -9,8 +9,8 @@ import numpy.typing as npt
 from scipy.interpolate import make_interp_spline
 
 from daq.errors import InputError
-from daq.machine_file import Machine
-from daq.recording import Recording
+from daq.machine.machine_file import Machine
+from daq.recordings.recording import Recording
 from fitting.arm.base_parameters import BaseParameters, base_regressor
 from fitting.arm.joint_side import at_joints
 from fitting.excitation.motion import Motion

@@ -24,7 +24,7 @@ import numpy as np
 import numpy.typing as npt
 
 from daq.errors import InputError
-from daq.machine_file import Machine
+from daq.machine.machine_file import Machine
 
 FloatArray = npt.NDArray[np.float64]
 Rods = Literal["pinned", "unpinned"]

@@ -18,7 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from daq.errors import InputError
-from daq.machine_file import Machine
+from daq.machine.machine_file import Machine
 from fitting.arm.base_parameters import BaseParameters, base_regressor
 from fitting.arm.linkage import stroke_limits
 from fitting.excitation.fourier import FourierBasis, fourier_basis, spread_harmonics

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from daq.machine_file import Machine
+from daq.machine.machine_file import Machine
 from fitting.arm.linkage import stroke_limits
 from fitting.excitation.fourier import fourier_basis, spread_harmonics
 from fitting.excitation.motion import Motion

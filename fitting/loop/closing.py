@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol, Self, TypeVar
 
-from daq.recording import Recording
+from daq.recordings.recording import Recording
 from fitting.effects.base import Effect
 from fitting.excitation.motion import Motion
 from fitting.loop.kinematic_check import KinematicFinding, kinematic_findings

@@ -5,7 +5,7 @@ it does not (:mod:`fitting.loop.weighting`), whitened rows all but ignore slow e
 validation motion may raise the error of the effort there. So each finding is added again, in the order in which it was
 found, to least squares of joint efforts, and stays if the error of the efforts on ``validate`` falls: its
 block-bootstrap interval excludes zero, and no joint gets worse by more than
-:data:`~fitting.residual.confirmation.MOST_WORSE` and its interval.
+:data:`~fitting.residual.confirmation.confirmation.MOST_WORSE` and its interval.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from fitting.loop.residual_loop import SessionSignals
 from fitting.loop.session import Session
 from fitting.loop.weighting import Weighed, weighed
 from fitting.regression.design import effort_errors
-from fitting.residual.confirmation import MOST_WORSE, error_change
+from fitting.residual.confirmation.confirmation import MOST_WORSE, error_change
 from fitting.residual.findings import Accepted, Attribution, Candidate
 from fitting.residual.terms import Model
 from fitting.signals.corrections import Corrections

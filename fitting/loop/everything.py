@@ -18,7 +18,7 @@ from fitting.effects.base import Effect
 from fitting.loop.residual_loop import SessionSignals
 from fitting.loop.session import Search, Session
 from fitting.loop.sharper import sharpened
-from fitting.residual.confirmation import validate_gain, worse_joint
+from fitting.residual.confirmation.confirmation import validate_gain, worse_joint
 from fitting.residual.findings import Accepted, Attribution, Candidate, Family
 from fitting.residual.refinement import refined
 from fitting.residual.scoring import PARAMETER_PRICE, Score

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from daq.machine_file import Machine
+from daq.machine.machine_file import Machine
 from fitting.effects import effect, effects, line_effect
 from fitting.effects.base import Effect
 from fitting.loop.session import Described, Options, Prepared, Session
@@ -19,8 +19,9 @@ from fitting.regression.design import Design, full_residual
 from fitting.regression.noise import difference_noise
 from fitting.regression.prior import Prior
 from fitting.residual.change_points import ChangePoint, change_points, joint_rows, step_at
-from fitting.residual.confirmation import Misfit, misfit, validate_gain
-from fitting.residual.cross_validation import held_out_gain
+from fitting.residual.confirmation.confirmation import Misfit, misfit, validate_gain
+from fitting.residual.confirmation.cross_validation import held_out_gain
+from fitting.residual.confirmation.uncertainty import with_doubts
 from fitting.residual.findings import Accepted, Attribution, Family
 from fitting.residual.laws import Law
 from fitting.residual.levelling import residual_parts
@@ -29,7 +30,6 @@ from fitting.residual.null import Null, Replicas
 from fitting.residual.scoring import Candidates, Score, score_terms
 from fitting.residual.surfaces import Surface
 from fitting.residual.terms import Model, Term, fit_model
-from fitting.residual.uncertainty import with_doubts
 from fitting.selection.search import attribute
 from fitting.signals.corrections import Corrections
 from fitting.signals.preparation import position_channel_noise

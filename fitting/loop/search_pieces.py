@@ -29,8 +29,8 @@ from itertools import pairwise
 import numpy as np
 import numpy.typing as npt
 
-from daq.machine_file import Joint, Machine
-from daq.recording import Recording
+from daq.machine.machine_file import Joint, Machine
+from daq.recordings.recording import Recording
 from fitting.signals.filters import FilterBank, lag_between
 
 FloatArray = npt.NDArray[np.float64]

@@ -15,11 +15,11 @@ from typing import Protocol
 import numpy as np
 import numpy.typing as npt
 
-from daq.column_map import load_map
 from daq.errors import InputError, RecordingError
-from daq.machine_file import Machine, load_machine
-from daq.recording import Recording, read_recording
-from daq.recording_checks import runs
+from daq.machine.machine_file import Machine, load_machine
+from daq.recordings.column_map import load_map
+from daq.recordings.recording import Recording, read_recording
+from daq.recordings.recording_checks import runs
 from daq.scratch import Scratch
 from fitting.arm.base_parameters import BaseParameters, base_regressor, reduce_parameters, unidentifiable
 from fitting.arm.joint_side import at_joints
@@ -77,8 +77,8 @@ class Options:
     estimator : id of stage 2's estimator; ``gls`` is the joint refit of both stages
     covariance : what its deviations make of coloured residuals: ``hac``, ``bootstrap`` or ``white``
     prior : file with what is believed of the links beforehand (:mod:`fitting.regression.body_prior`)
-    columns : file with a map of the recordings' columns (:mod:`daq.column_map`)
-    resample : whether recordings of other rates are brought to the machine's (:mod:`daq.resampling`)
+    columns : file with a map of the recordings' columns (:mod:`daq.recordings.column_map`)
+    resample : whether recordings of other rates are brought to the machine's (:mod:`daq.recordings.resampling`)
     """
 
     loop: bool = True

@@ -29,8 +29,8 @@ import numpy.typing as npt
 from fitting.estimators.effort_fit import EffortRows
 from fitting.regression.design import Extra, Fit, WhiteRows
 from fitting.regression.prior import Prior
+from fitting.residual.confirmation.uncertainty import law_variances, shape_columns, with_doubts
 from fitting.residual.terms import Model
-from fitting.residual.uncertainty import law_variances, shape_columns, with_doubts
 
 FloatArray = npt.NDArray[np.float64]
 Weights = Literal["whitened", "equal"]

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from daq.machine_file import Machine
+from daq.machine.machine_file import Machine
 from fitting.arm.base_parameters import BaseParameters
 from fitting.arm.joint_side import at_joints
 from fitting.effects.base import Effect, Ranges

@@ -16,8 +16,8 @@ import numpy.typing as npt
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from daq.errors import InputError
-from daq.machine_file import Machine
-from daq.recording_files import replacing
+from daq.machine.machine_file import Machine
+from daq.recordings.recording_files import replacing
 from fitting.arm.base_parameters import BaseParameters
 from fitting.effects.base import Ranges
 from fitting.loop.residual_loop import term_from_json, term_to_json

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 
 from daq.errors import InputError
-from daq.recording import Recording
+from daq.recordings.recording import Recording
 from fitting.model.arm_model import ArmModel
 from fitting.model.prediction import Predicted, predict
-from fitting.residual.confirmation import overall_change
+from fitting.residual.confirmation.confirmation import overall_change
 
 #: Standard deviations of the difference from which on a parameter counts as another one.
 APART = 3.0

@@ -10,10 +10,10 @@ import numpy as np
 import numpy.typing as npt
 import pyarrow as pa
 
-from daq.column_map import load_map
 from daq.errors import RecordingError
-from daq.recording import Recording, read_recording
-from daq.recording_files import write_table
+from daq.recordings.column_map import load_map
+from daq.recordings.recording import Recording, read_recording
+from daq.recordings.recording_files import write_table
 from fitting.arm.joint_side import at_joints
 from fitting.model.arm_model import ArmModel, phase_unknown
 from fitting.model.evaluation import Evaluated, evaluate, without

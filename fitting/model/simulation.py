@@ -20,7 +20,7 @@ from daq.errors import HilfitError, InputError
 from fitting.model import motion
 from fitting.model.arm_model import ArmModel
 from fitting.model.export.python import Compiled, compiled
-from fitting.model.export.tracing import Tracer
+from fitting.model.export.tracing.tracing import Tracer
 
 FloatArray = npt.NDArray[np.float64]
 #: Joint efforts (n,) at a time, position and speed.

@@ -17,7 +17,7 @@ from fitting.loop.residual_loop import (
     run_attribution,
 )
 from fitting.loop.session import Session
-from fitting.pipeline.loop_results import (
+from fitting.pipeline.results.loop_results import (
     AcceptedTerm,
     Attributed,
     Bias,
@@ -33,8 +33,8 @@ from fitting.pipeline.loop_results import (
     Tried,
     UnconfirmedLaw,
 )
+from fitting.pipeline.results.stage_results import Residual, StageResults
 from fitting.pipeline.stage_names import NEXT_MOTION
-from fitting.pipeline.stage_results import Residual, StageResults
 from fitting.planning.detection import visible_size
 from fitting.report.drawing_data import spline_curve
 from fitting.residual.change_points import ChangePoint

@@ -7,9 +7,9 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
 
-from daq.column_map import load_map
 from daq.errors import HilfitError, InputError
-from daq.machine_file import load_machine
+from daq.machine.machine_file import load_machine
+from daq.recordings.column_map import load_map
 from fitting.checks.check import check_files, check_recordings
 from fitting.checks.findings import Finding
 from fitting.checks.places import Places

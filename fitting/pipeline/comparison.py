@@ -4,7 +4,7 @@ Compared are the two stages (friction from each cylinder alone, frozen, then the
 loaded recordings, the one-shot regression that also has the unloaded ones (so that order of work and amount of data do
 not get mixed up), and the joint refit (generalised least squares of everything). Measured: how well each is
 conditioned, what each leaves on a motion that none was fitted on, and how large each parameter's deviation is. Errors
-of parameters need a truth, which no recording holds: ``benchmarks/hierarchy.py`` measures those on simulated arms.
+of parameters need a truth, which no recording holds: ``benchmarks/stages.py`` measures those on simulated arms.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ import numpy.typing as npt
 from fitting.arm.base_parameters import condition_number
 from fitting.regression.design import Design, effort_errors
 from fitting.regression.flags import FLAG_PERCENT
-from fitting.residual.confirmation import overall_change
+from fitting.residual.confirmation.confirmation import overall_change
 
 FloatArray = npt.NDArray[np.float64]
 

@@ -23,7 +23,7 @@ import numpy.typing as npt
 
 from fitting.estimators.covariance import hac_covariance
 from fitting.estimators.recursive import RecursiveLeastSquares
-from fitting.pipeline.stored_types import Numbers, stored
+from fitting.pipeline.results.stored_types import Numbers, stored
 from fitting.regression.design import Design, Fit, NoiseModel, factor, reduced_residual
 from fitting.regression.prior import Prior
 

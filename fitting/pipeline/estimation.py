@@ -10,7 +10,7 @@ import numpy.typing as npt
 from fitting.loop.session import Session
 from fitting.loop.weighting import MOST_LOST, Weighed
 from fitting.pipeline.plausibility import plausibility
-from fitting.pipeline.stage_results import RigidBody
+from fitting.pipeline.results.stage_results import RigidBody
 from fitting.regression.error_sizes import errors_of
 
 FloatArray = npt.NDArray[np.float64]

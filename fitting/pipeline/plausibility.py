@@ -33,7 +33,7 @@ from scipy import linalg, optimize, stats
 
 from fitting.arm.geometry import geometry_of
 from fitting.estimators.consistent import link_map, scale_bodies
-from fitting.pipeline.stage_results import Constrained, Physics
+from fitting.pipeline.results.stage_results import Constrained, Physics
 from fitting.regression.design import Design
 from fitting.regression.drive import UNITS, direct_units
 from fitting.regression.error_sizes import errors_of

@@ -10,11 +10,11 @@ from dataclasses import dataclass
 from itertools import takewhile
 from typing import Any, Self
 
-from daq.recording import Recording
+from daq.recordings.recording import Recording
 from fitting.loop.closing import Asked, Recorder, Step, close
 from fitting.loop.session import Request, Session
-from fitting.pipeline.loop_results import Attributed, ClosingStep, Resolution
-from fitting.pipeline.stage_results import StageResults
+from fitting.pipeline.results.loop_results import Attributed, ClosingStep, Resolution
+from fitting.pipeline.results.stage_results import StageResults
 from fitting.pipeline.stages import STEPS, Progress, computed, motion_of, opened, reported
 from fitting.residual.findings import Hypothesis
 

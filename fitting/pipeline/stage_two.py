@@ -13,8 +13,8 @@ from fitting.arm.geometry import geometry_of
 from fitting.loop.session import Session
 from fitting.pipeline.comparison import Contender, compare, cylinder_conditions, stage_condition
 from fitting.pipeline.estimator_choice import Choice, chosen
+from fitting.pipeline.results.stage_results import Cylinders, RigidBody, Stacked, StageResults
 from fitting.pipeline.rigid_body_stage import StackedEstimate, identify_one_shot, identify_rigid_body, refit_rigid_body
-from fitting.pipeline.stage_results import Cylinders, RigidBody, Stacked, StageResults
 from fitting.regression.design import Design, Extra
 from fitting.regression.error_sizes import errors_of
 from fitting.residual.terms import Model

@@ -1,9 +1,9 @@
 """The identification as stages, each of which can be a process of its own.
 
 ``check, cylinder_stage, rigid_body_stage, residual, attribution, refit, report``. A stage takes a session and what
-earlier stages found and gives its own result (:mod:`fitting.pipeline.stage_results`); :func:`run_stage` keeps each in
-``output/stages/<stage>.json``, written atomically, so that a stage that is done is never run again. The program is
-:mod:`fitting.pipeline.stage_program`.
+earlier stages found and gives its own result (:mod:`fitting.pipeline.results.stage_results`); :func:`run_stage` keeps
+each in ``output/stages/<stage>.json``, written atomically, so that a stage that is done is never run again. The program
+is :mod:`fitting.pipeline.stage_program`.
 """
 
 from __future__ import annotations
@@ -33,11 +33,10 @@ from fitting.pipeline.attribution_stage import attribution, found_corrections
 from fitting.pipeline.check_gate import checked, with_explanation
 from fitting.pipeline.cylinder_stage import InSitu, identify_cylinders
 from fitting.pipeline.estimation import estimation
-from fitting.pipeline.loop_results import Attributed, Kinematic, Program
 from fitting.pipeline.plausibility import physics
-from fitting.pipeline.results import build_report, final_fit
-from fitting.pipeline.stage_names import NEXT_MOTION, STAGES, WORDS
-from fitting.pipeline.stage_results import (
+from fitting.pipeline.results.loop_results import Attributed, Kinematic, Program
+from fitting.pipeline.results.results import build_report, final_fit
+from fitting.pipeline.results.stage_results import (
     RESULTS,
     Checked,
     Cylinders,
@@ -50,13 +49,14 @@ from fitting.pipeline.stage_results import (
     from_json,
     to_json,
 )
+from fitting.pipeline.stage_names import NEXT_MOTION, STAGES, WORDS
 from fitting.pipeline.stage_two import choice, chosen_refit, comparison, rigid_body_stage, std
 from fitting.pipeline.verdict import MOST_NOISE
 from fitting.regression.design import Design, reduced_residual
 from fitting.regression.error_sizes import ROLES, errors_of, independent_rows, overall_errors
 from fitting.regression.noise import effort_floor
 from fitting.report import presented, write_report
-from fitting.residual.confirmation import overall_change
+from fitting.residual.confirmation.confirmation import overall_change
 from fitting.residual.terms import Model
 
 FloatArray = npt.NDArray[np.float64]
@@ -295,7 +295,7 @@ def run_stage(
     progress: Progress = _quiet,
     load: Callable[[Request], Session] = Session.load,
 ) -> dict[str, Any]:
-    """Run one stage, or give back its stored result if it is done, as JSON (:mod:`fitting.pipeline.stage_results`).
+    """Run one stage, or give back its stored result if it is done, as JSON.
 
     Earlier stages have to be done; their results are read from ``output/stages``.
 

@@ -20,8 +20,8 @@ from collections.abc import Mapping, Sequence
 
 from scipy import stats
 
-from fitting.pipeline.loop_results import Attributed
-from fitting.pipeline.stage_results import Checked, Refitted, Residual, StageResults
+from fitting.pipeline.results.loop_results import Attributed
+from fitting.pipeline.results.stage_results import Checked, Refitted, Residual, StageResults
 
 #: Error on the validation motion, in noise floors, up to which nothing is missing.
 MOST_NOISE = 1.2

@@ -21,7 +21,7 @@ from scipy import linalg
 from scipy.optimize import brentq
 from scipy.stats import chi2, ncx2
 
-from daq.machine_file import Machine
+from daq.machine.machine_file import Machine
 from fitting.effects.base import DriveView, Effect
 from fitting.regression.design import Design, NoiseModel, WhiteRows
 from fitting.residual.laws import Law

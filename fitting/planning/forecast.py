@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from daq.machine_file import Machine
-from daq.recording import Recording
+from daq.machine.machine_file import Machine
+from daq.recordings.recording import Recording
 from fitting.arm.base_parameters import BaseParameters
 from fitting.arm.joint_side import at_joints
 from fitting.effects.base import Effect

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from daq.machine_file import Joint, Machine
+from daq.machine.machine_file import Joint, Machine
 from fitting.arm.base_parameters import BaseParameters, base_regressor
 from fitting.arm.geometry import geometry_of
 from fitting.arm.linkage import lever_arm, stroke_limits

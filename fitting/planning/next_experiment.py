@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from daq.machine_file import Machine
+from daq.machine.machine_file import Machine
 from fitting.effects.base import Effect
 from fitting.excitation.experiments import menu
 from fitting.excitation.limits import HydraulicLimits, limits_of_machine, limits_used

@@ -13,7 +13,7 @@ import numpy.typing as npt
 from scipy.interpolate import make_interp_spline
 
 from daq.errors import InputError
-from daq.machine_file import Machine
+from daq.machine.machine_file import Machine
 from fitting.arm.linkage import lever_arm, piston_motion
 from fitting.excitation.motion import Motion
 from fitting.signals.filters import FilterBank

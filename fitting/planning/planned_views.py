@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from daq.machine_file import Machine
+from daq.machine.machine_file import Machine
 from fitting.effects.base import DriveView
 from fitting.regression.design import Design, Extra
 from fitting.residual.terms import Model, Term, extra_columns

@@ -21,7 +21,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy import linalg
 
-from daq.machine_file import Machine
+from daq.machine.machine_file import Machine
 from fitting.arm.base_parameters import BaseParameters, base_regressor
 from fitting.regression.drive import drive_columns, drive_names, known_effort
 from fitting.signals.filters import FilterBank

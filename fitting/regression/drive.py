@@ -15,7 +15,7 @@ from collections.abc import Callable
 import numpy as np
 import numpy.typing as npt
 
-from daq.machine_file import Joint, Machine
+from daq.machine.machine_file import Joint, Machine
 from fitting.arm.base_parameters import reduce_parameters
 from fitting.arm.expected import expected_power, expected_sign
 from fitting.signals.filters import advanced

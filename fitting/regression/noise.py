@@ -15,7 +15,7 @@ from typing import TypeVar
 import numpy as np
 import numpy.typing as npt
 
-from daq.recording_checks import runs
+from daq.recordings.recording_checks import runs
 from fitting.regression.design import REST_SHARE, Design, Extra, NoiseModel, full_residual, white_noise_model
 from fitting.regression.streamed import fit_rows
 from fitting.signals.filters import lag_between

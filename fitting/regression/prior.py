@@ -19,7 +19,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from daq.machine_file import Cylinder, Machine
+from daq.machine.machine_file import Cylinder, Machine
 from fitting.regression.design import Parameters, WhiteRows
 from fitting.regression.drive import drive_names
 

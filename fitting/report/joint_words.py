@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from functools import cache
 from typing import Any
 
-from daq.machine_file import Joint, Machine
+from daq.machine.machine_file import Joint, Machine
 from fitting.regression.drive import effort_unit
 
 #: Signals of a drive as programs write them, at a joint that is driven directly.

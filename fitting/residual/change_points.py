@@ -115,7 +115,7 @@ def change_points(rows: JointRows, *, looks: int = 1, alarm: float = 1e-3) -> tu
 
     One change shows in several columns and kinds; the first of the list is the one to try. A column that
     was not fitted is fitted here, with one coefficient in unloaded and another in loaded recordings: neither its
-    presence nor a difference between the two is a change in time (see `fitting.residual.witness` for that).
+    presence nor a difference between the two is a change in time (see `fitting.residual.confirmation.witness`).
 
     Parameters
     ----------

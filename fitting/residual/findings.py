@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from fitting.residual.change_points import ChangePoint
-from fitting.residual.cross_validation import HeldOut
+from fitting.residual.confirmation.cross_validation import HeldOut
 from fitting.residual.laws import Law
 from fitting.residual.lines import Line
 from fitting.residual.scoring import Score

@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy import linalg
 
-from daq.machine_file import Machine
+from daq.machine.machine_file import Machine
 from fitting.effects.base import DriveView, Effect, Shape, has_both_positions
 from fitting.regression.design import Design
 from fitting.regression.noise import Pairing

@@ -13,7 +13,7 @@ from typing import Any, Literal
 import numpy as np
 import numpy.typing as npt
 
-from daq.machine_file import Machine
+from daq.machine.machine_file import Machine
 from fitting.effects.base import DriveView, has_pressures
 from fitting.residual.views import Views
 from fitting.signals.splines import evaluate, spline_knots

@@ -19,8 +19,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from daq.machine_file import Joint, Machine
-from daq.recording import Recording
+from daq.machine.machine_file import Joint, Machine
+from daq.recordings.recording import Recording
 from fitting.regression.design import predicted_effort
 from fitting.residual.terms import Model
 from fitting.signals.preparation import Segment

@@ -13,16 +13,16 @@ import numpy as np
 import numpy.typing as npt
 
 from fitting.effects.base import Effect
-from fitting.residual.confirmation import OnValidate, worse_joint
-from fitting.residual.cross_validation import HeldOut
+from fitting.residual.confirmation.confirmation import OnValidate, worse_joint
+from fitting.residual.confirmation.cross_validation import HeldOut
+from fitting.residual.confirmation.trials import Trials
+from fitting.residual.confirmation.witness import Witness, witness
+from fitting.residual.confirmation.witness import objection as of_the_load
 from fitting.residual.friction_power import CERTAIN, driving, friction_power, rubs
 from fitting.residual.laws import Law
 from fitting.residual.scoring import Score, white_columns
 from fitting.residual.surfaces import Surface
 from fitting.residual.terms import Model, Term
-from fitting.residual.trials import Trials
-from fitting.residual.witness import Witness, witness
-from fitting.residual.witness import objection as of_the_load
 from fitting.selection import priors
 from fitting.selection.evidence import curve_precision, least_gain
 

@@ -14,14 +14,14 @@ import numpy as np
 import numpy.typing as npt
 
 from fitting.effects.base import Effect
-from fitting.residual.draws import Draws
+from fitting.residual.confirmation.draws import Draws
+from fitting.residual.confirmation.trials import Signals, Trials
 from fitting.residual.findings import Accepted, Attribution, Candidate, Family, Unconfirmed
 from fitting.residual.laws import Law
 from fitting.residual.refinement import refined
 from fitting.residual.scoring import Candidates, Score, catalogue_terms, law_terms, score_terms, white_columns
 from fitting.residual.surfaces import Surface, best_surface, surfaces
 from fitting.residual.terms import Model, Term
-from fitting.residual.trials import Signals, Trials
 from fitting.selection import priors
 from fitting.selection.confirm import LEAST_Z_ALONE, Gate
 from fitting.selection.decision import by_formula, decided

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from daq.machine_file import Machine
+from daq.machine.machine_file import Machine
 from fitting.signals.preparation import FloatArray, Play, PositionError
 
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from daq.machine_file import Joint, Machine
-from daq.recording import Recording
+from daq.machine.machine_file import Joint, Machine
+from daq.recordings.recording import Recording
 from fitting.arm.linkage import joint_position, lever_arm
 from fitting.signals.filters import FilterBank, white_noise_of
 from fitting.signals.velocities import VelocityShare, velocity_share

@@ -17,9 +17,9 @@ import numpy as np
 import numpy.typing as npt
 
 from daq.errors import RecordingError
-from daq.machine_file import Joint, Machine
-from daq.recording import Recording
-from daq.recording_checks import runs
+from daq.machine.machine_file import Joint, Machine
+from daq.recordings.recording import Recording
+from daq.recordings.recording_checks import runs
 from fitting.arm.linkage import joint_motion, joint_position, lever_arm, piston_motion
 from fitting.signals.filters import FilterBank, advanced
 from fitting.signals.position_sensors import channel_noise, joint_velocity_share, piston_weight, position_variances

@@ -17,9 +17,9 @@ import numpy as np
 import numpy.typing as npt
 
 from daq.errors import RecordingError
-from daq.machine_file import Joint, Machine
-from daq.recording import Recording
-from daq.recording_checks import runs
+from daq.machine.machine_file import Joint, Machine
+from daq.recordings.recording import Recording
+from daq.recordings.recording_checks import runs
 from fitting.signals.preparation import drive_effort
 
 FloatArray = npt.NDArray[np.float64]

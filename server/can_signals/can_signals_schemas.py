@@ -6,7 +6,7 @@ from typing import Any, Literal, get_args
 
 from pydantic import BaseModel
 
-from daq.quantities import JOINT_QUANTITIES, Quantity
+from daq.machine.quantities import JOINT_QUANTITIES, Quantity
 
 
 class CanSignal(BaseModel):

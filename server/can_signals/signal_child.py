@@ -16,9 +16,9 @@ from dataclasses import asdict
 from pathlib import Path
 
 from daq import InputError, Machine, parse_machine
-from daq.buses import CanSignalsBus
-from daq.can_listing import offered_signals
-from daq.device_files import LARGEST, named_files, refuse_files_elsewhere
+from daq.machine.buses import CanSignalsBus
+from daq.machine.can_listing import offered_signals
+from daq.machine.device_files import LARGEST, named_files, refuse_files_elsewhere
 from server.platform.processes.child_limits import DBC_CPU_S, limit_child
 
 

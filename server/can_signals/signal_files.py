@@ -11,7 +11,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from daq.can_database import SUFFIXES
+from daq.machine.can_database import SUFFIXES
 from server.machines.acquisition import Acquisition
 from server.machines.machine_reader import MachineReader
 from server.machines.machine_store import MachineRow, Machines
@@ -59,7 +59,7 @@ class SignalFiles:
         self._replacing = threading.Lock()  # two uploads must not both be the next one
 
     def buses(self, machine: str) -> tuple[MachineRow, list[dict[str, Any]]]:
-        """A machine, and its buses of plain CAN or J1939 as :class:`daq.can_listing.OfferedBus` has them.
+        """A machine, and its buses of plain CAN or J1939 as :class:`daq.machine.can_listing.OfferedBus` has them.
 
         Raises
         ------

@@ -66,7 +66,7 @@ PARTS = (
     Part("fitting.commands.check_command", {"check": "Say what may be wrong with recordings and a machine file."}),
     Part("fitting.commands.excite_command", {"excite": "Design a motion that tells the parameters."}),
     Part(
-        "daq.cli",
+        "daq.commands.cli",
         {
             "record": "Acquire from a machine's buses and record.",
             "replay": "Make a recording from a raw trace of CAN buses.",

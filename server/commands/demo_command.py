@@ -19,9 +19,9 @@ import typer
 from daq.console import print_json, progress_bar, reported
 
 if TYPE_CHECKING:
-    from daq.acquisition import AcquisitionProcess
-    from daq.machine_file import Machine
-    from daq.recorder import RecordingSummary
+    from daq.acquisition.acquisition import AcquisitionProcess
+    from daq.acquisition.recorder import RecordingSummary
+    from daq.machine.machine_file import Machine
     from fitting.excitation.motion import Motion
     from sim_backends.simulated_machine import SimulatedMachine
 
@@ -89,7 +89,7 @@ def demo(
     if json:
         print_json(report)
         return
-    from fitting.pipeline.summary import print_summary
+    from fitting.pipeline.results.summary import print_summary
 
     print(
         f"acquired {acquired.rows} cycles of {1000 / acquired.rate_hz:g} ms machine time ({acquired.rate_hz:.1f} Hz), "
@@ -168,7 +168,7 @@ def run_demo(
 
 def _acquired(simulated: SimulatedMachine, output: Path, seconds: float, seed: int, progress: Progress) -> Acquired:
     """Design the motions, and record them all."""
-    from daq.acquisition import AcquisitionProcess
+    from daq.acquisition.acquisition import AcquisitionProcess
 
     design = _DESIGN / _RECORD
     motions = design_motions(simulated.machine_path, seconds, seed, lambda s, t: progress(design * s, t))
@@ -186,7 +186,7 @@ def _acquired(simulated: SimulatedMachine, output: Path, seconds: float, seed: i
 
 def design_motions(machine_path: Path, seconds: float, seed: int, progress: Progress) -> dict[str, Motion]:
     """One signal for all free cylinders, two complementary motions for training, and another for validation."""
-    from daq.machine_file import load_machine
+    from daq.machine.machine_file import load_machine
     from fitting.arm.base_parameters import reduce_parameters
     from fitting.excitation import (
         CylinderOptions,
@@ -242,7 +242,7 @@ def record_motion(
     shown: Callable[[int, int | None], None] = lambda done, total: None,
 ) -> RecordingSummary:
     """Hand one motion, by its name and role, to the arm's controller, record while it follows, and wait for its end."""
-    from daq.recorder import Recorder
+    from daq.acquisition.recorder import Recorder
 
     name, role = called
     save_motion(simulated.inbox / f"{name}.csv", motion)

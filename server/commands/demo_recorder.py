@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from daq.recording import Recording
+    from daq.recordings.recording import Recording
     from fitting.loop.closing import Asked
     from sim_backends.simulated_machine import SimulatedMachine
 
@@ -27,8 +27,8 @@ class DemoRecorder:
 
     def __call__(self, asked: Asked, number: int) -> Recording:
         """Let the arm follow the motion and read what was recorded of it."""
-        from daq.acquisition import AcquisitionProcess
-        from daq.recording import read_recording
+        from daq.acquisition.acquisition import AcquisitionProcess
+        from daq.recordings.recording import read_recording
         from server.commands.demo_command import record_motion, save_motion
 
         name = f"resolve-{number}"

@@ -63,8 +63,8 @@ def _look(machine: Path | None, data_dir: Path) -> Iterator[Line]:
 
 def _interfaces(machine: Path) -> dict[str, str]:
     """Name of the bus by network interface, for buses that are one."""
-    from daq.buses import CanopenBus, CanSignalsBus
-    from daq.machine_file import load_machine
+    from daq.machine.buses import CanopenBus, CanSignalsBus
+    from daq.machine.machine_file import load_machine
 
     buses = [bus for bus in load_machine(machine).buses if isinstance(bus, (CanopenBus, CanSignalsBus))]
     return {str(bus.channel): bus.name for bus in buses if bus.interface == "socketcan"}

@@ -152,7 +152,7 @@ def shared_memory(place: Path = Path("/dev/shm")) -> Line:
 
 def scheduling() -> Line:
     """Whether acquisition may have the real-time class; tried in a thread of its own, which ends at once."""
-    from daq.acquisition_child import FIFO_PRIORITY, request_fifo
+    from daq.acquisition.acquisition_child import FIFO_PRIORITY, request_fifo
 
     got: list[bool] = []
     thread = threading.Thread(target=lambda: got.append(request_fifo()[0]))

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from daq.errors import HilfitError, InputError
-from daq.machine_file import Machine, load_machine
+from daq.machine.machine_file import Machine, load_machine
 from fitting.arm.base_parameters import reduce_parameters
 from fitting.arm.geometry import geometry_of
 from fitting.excitation import (

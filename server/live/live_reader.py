@@ -13,8 +13,8 @@ import numpy.typing as npt
 import structlog
 
 from daq import Machine
+from daq.acquisition.ring import RingReader
 from daq.errors import AcquisitionError
-from daq.ring import RingReader
 from server.live import live_messages as messages
 from server.live.live_client import Client
 from server.platform.errors import ServiceError

@@ -13,7 +13,7 @@ from typing import Any, Protocol
 import structlog
 
 from daq import Machine, Quality, load_machine
-from daq.acquisition import AcquisitionStatistics
+from daq.acquisition.acquisition import AcquisitionStatistics
 from daq.errors import HilfitError
 from server.platform.errors import ConflictError, UnavailableError
 
@@ -28,7 +28,7 @@ _log = structlog.stdlib.get_logger(__name__)
 
 
 class Feed(Protocol):
-    """A running acquisition process, as the supervisor needs it (:class:`daq.acquisition.AcquisitionProcess`)."""
+    """A running :class:`~daq.acquisition.acquisition.AcquisitionProcess`, as the supervisor needs it."""
 
     ring_name: str
 
@@ -260,8 +260,8 @@ class Acquisition:
 
     def latest(self, name: str) -> dict[str, Any]:
         """The newest frame: values in the channels' units, with quality and age; NaN becomes None."""
-        from daq.frame import frame_from_row
-        from daq.ring import RingReader
+        from daq.acquisition.ring import RingReader
+        from daq.frames.frame import frame_from_row
 
         machine, feed = self.feed(name)
         with RingReader(feed.ring_name) as reader:

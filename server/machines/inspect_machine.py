@@ -14,7 +14,7 @@ import sys
 from pathlib import Path
 
 from daq import InputError, parse_machine
-from daq.device_files import refuse_files_elsewhere
+from daq.machine.device_files import refuse_files_elsewhere
 from server.platform.processes.child_limits import MACHINE_FILE_CPU_S, limit_child
 
 #: What the file is called in errors: the name that it had is not known here.

@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from daq import Machine
-from daq.acquisition import AcquisitionProcess
+from daq.acquisition.acquisition import AcquisitionProcess
 
 
 @contextmanager

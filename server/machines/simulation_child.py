@@ -21,7 +21,7 @@ def main(parent: int) -> int:
     die_with(parent)
     from daq.errors import HilfitError
     from sim_backends import SimulatedMachine, default_machine
-    from sim_backends.fault_file import load_faults
+    from sim_backends.faults.fault_file import load_faults
 
     machine, truth = default_machine()
     line = sys.stdin.readline()

@@ -19,8 +19,8 @@ import numpy as np
 import numpy.typing as npt
 
 from daq import load_machine
+from daq.acquisition.ring import RingReader
 from daq.errors import HilfitError, InputError
-from daq.ring import RingReader
 from fitting.model.uses.payload import WINDOW_S, weighed
 from server.identifications.live_model import JointBlock, LiveModel, NotLiveError
 from server.monitor.drift_watcher import Watcher

@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from daq.errors import HilfitError, InputError
-from daq.recording import read_recording
+from daq.recordings.recording import read_recording
 from server.identifications.live_model import LiveModel
 from server.recalibrations.recalibration_comparison import table
 

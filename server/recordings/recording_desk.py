@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import sqlalchemy as sa
 
-from daq.events import events_path
+from daq.frames.events import events_path
 from server.platform.files import DataDirectory
 from server.platform.parts import PartName
 from server.recordings.recording_store import Recordings

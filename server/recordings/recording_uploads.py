@@ -77,7 +77,7 @@ class RecordingUploads:
 
         Parameters
         ----------
-        columns : text of a map of the file's columns (:mod:`daq.column_map`)
+        columns : text of a map of the file's columns (:mod:`daq.recordings.column_map`)
         resample : whether another rate is brought to the machine's
 
         Raises

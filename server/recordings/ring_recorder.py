@@ -5,9 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+from daq.acquisition.journal import recover
+from daq.acquisition.recorder import Recorder
 from daq.errors import AcquisitionError
-from daq.journal import recover
-from daq.recorder import Recorder
 from server.recordings.recording_sessions import RecordOrder
 
 #: Seconds between two looks at whether a recording should stop.
@@ -15,7 +15,7 @@ LOOK_S = 0.2
 
 
 class RingRecorder:
-    """Records from the ring buffer of a running acquisition (:class:`daq.recorder.Recorder`)."""
+    """Records from the ring buffer of a running acquisition (:class:`daq.acquisition.recorder.Recorder`)."""
 
     def record(self, order: RecordOrder) -> dict[str, Any]:
         """Record until the time is over, stopped, or the acquisition ends; rows that came before are kept."""

@@ -33,7 +33,7 @@ class About:
     ----------
     channels, units : in the order of the columns
     first_utc : s since 1970 of the first row, if the recording says so
-    events : as :class:`daq.recorded_events.RecordedEvent`
+    events : as :class:`daq.recordings.recorded_events.RecordedEvent`
     """
 
     channels: list[str]

@@ -19,10 +19,10 @@ import numpy.typing as npt
 
 from daq import InputError, load_machine, read_recording
 from daq.errors import RecordingError
-from daq.machine_file import Machine
+from daq.machine.machine_file import Machine
 from daq.quality import MEASURED, Quality
-from daq.recorded_events import recorded_events
-from daq.recording_files import Table, read_table, write_columns
+from daq.recordings.recorded_events import recorded_events
+from daq.recordings.recording_files import Table, read_table, write_columns
 from server.platform.processes.child_limits import RECORDING_CPU_S, limit_child
 from server.recordings.formats.conversion_child import units_of
 from server.recordings.inspect_recording import findings_on

@@ -12,9 +12,9 @@ import numpy.typing as npt
 import structlog
 
 from daq import Machine
+from daq.acquisition.ring import RingReader
 from daq.errors import AcquisitionError
 from daq.quality import MEASURED, Quality
-from daq.ring import RingReader
 from server.live.live_messages import Channels
 from server.live.live_reader import HasRing
 from server.platform.errors import InvalidError, ServiceError

@@ -12,10 +12,10 @@ from typing import Any, Literal
 
 import numpy as np
 
-from daq.machine_file import Machine, load_machine
+from daq.machine.machine_file import Machine, load_machine
 from sim_backends.machines.heavy import excavator_front, telescopic_crane
 from sim_backends.machines.parts import box_link, measured_machine, usual_cylinder
-from sim_backends.truth import CylinderTruth, LinkTruth, Truth, load_truth
+from sim_backends.plant.truth import CylinderTruth, LinkTruth, Truth, load_truth
 
 __all__ = ["ARMS", "ArmKind", "default_machine", "excavator_front", "folding_arm", "slewing_arm", "telescopic_crane"]
 

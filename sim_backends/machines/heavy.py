@@ -12,9 +12,9 @@ from typing import Any
 
 import numpy as np
 
-from daq.machine_file import Machine
+from daq.machine.machine_file import Machine
 from sim_backends.machines.parts import box_link, measured_machine
-from sim_backends.truth import CylinderTruth, Hydraulics, Truth
+from sim_backends.plant.truth import CylinderTruth, Hydraulics, Truth
 
 STEEL = 7850.0  # kg/m^3
 MARGIN = (0.02, 0.05)  # m of stroke left at each end of the travel

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import yaml
 
-from daq.machine_file import Machine, parse_machine
-from sim_backends.truth import CylinderTruth, Hydraulics, LinkTruth, Truth
+from daq.machine.machine_file import Machine, parse_machine
+from sim_backends.plant.truth import CylinderTruth, Hydraulics, LinkTruth, Truth
 
 
 def box_link(rng: np.random.Generator, mass: float, centre: tuple[float, ...], shape: tuple[float, ...]) -> LinkTruth:

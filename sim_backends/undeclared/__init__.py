@@ -7,8 +7,8 @@ import math
 from dataclasses import dataclass
 
 from daq.errors import InputError
-from daq.linkages import ThreePin, reduced
-from daq.machine_file import Joint, Machine
+from daq.machine.linkages import ThreePin, reduced
+from daq.machine.machine_file import Joint, Machine
 from sim_backends.undeclared import forces, friction, mounting, outside, outside_later, sensing
 from sim_backends.undeclared.base import Block, Place, Readings, UndeclaredEffect
 

@@ -20,10 +20,10 @@ from typing import ClassVar
 import numpy as np
 import numpy.typing as npt
 
-from daq.machine_file import Cylinder, Machine
-from sim_backends.arm import ArmDesign
-from sim_backends.hydraulics import direction
-from sim_backends.truth import Truth
+from daq.machine.machine_file import Cylinder, Machine
+from sim_backends.plant.arm import ArmDesign
+from sim_backends.plant.hydraulics import direction
+from sim_backends.plant.truth import Truth
 
 FloatArray = npt.NDArray[np.float64]
 

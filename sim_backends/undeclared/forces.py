@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from sim_backends.linear_filter import second_order
+from sim_backends.plant.linear_filter import second_order
 from sim_backends.undeclared.base import Block, FloatArray, UndeclaredEffect
 
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from sim_backends.arm import ArmDesign
+from sim_backends.plant.arm import ArmDesign
 from sim_backends.undeclared.base import Block, FloatArray, UndeclaredEffect
 
 REFERENCE_PRESSURE = 2.0e6  # Pa: sizes of load and pressure effects are quoted there

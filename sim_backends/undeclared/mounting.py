@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from sim_backends.arm import ArmDesign
+from sim_backends.plant.arm import ArmDesign
 from sim_backends.undeclared.base import UndeclaredEffect
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from daq.machine_file import Machine
+from daq.machine.machine_file import Machine
 from sim_backends.undeclared.base import Block, FloatArray, UndeclaredEffect
 from sim_backends.undeclared.friction import REFERENCE_PRESSURE
 

@@ -10,7 +10,7 @@ import pytest
 
 from benchmarks import samples, speed
 from benchmarks.targets import Check
-from sim_backends.cases import simulate_case
+from sim_backends.plant.cases import simulate_case
 
 JOINTS = ("joint1", "joint2")
 

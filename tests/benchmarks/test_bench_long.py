@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from benchmarks.long import FRICTION, PAYLOAD, _moment, _named, joined, picked_up
-from sim_backends.cases import plan_case
+from sim_backends.plant.cases import plan_case
 
 
 def _report(*effects: dict[str, Any]) -> dict[str, Any]:

@@ -23,8 +23,8 @@ from benchmarks.attribution.recipe import (
     largest,
 )
 from daq.errors import InputError
-from sim_backends.cases import plan_case
 from sim_backends.machines import ARMS
+from sim_backends.plant.cases import plan_case
 from sim_backends.undeclared import OUTSIDE, UNDECLARED, obstacle
 
 SHORT = Selection(seconds=20.0)

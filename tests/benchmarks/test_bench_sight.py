@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from benchmarks.attribution.sight import FITTED, Sight, noise_covariance
-from sim_backends.cases import CasePlan, plan_case
-from sim_backends.plant import Plant
-from sim_backends.truth import SensorQuality
+from sim_backends.plant.cases import CasePlan, plan_case
+from sim_backends.plant.plant import Plant
+from sim_backends.plant.truth import SensorQuality
 from sim_backends.undeclared import EffectSpec
 
 pytestmark = pytest.mark.slow

@@ -8,7 +8,7 @@ import pytest
 from benchmarks.attribution.judging import recordings_of
 from benchmarks.stages import kind_of, parameter_errors, stages, truth_vector
 from fitting.loop.session import Session
-from sim_backends.cases import simulate_case
+from sim_backends.plant.cases import simulate_case
 
 
 @pytest.mark.parametrize(

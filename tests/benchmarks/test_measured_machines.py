@@ -10,7 +10,7 @@ import pytest
 from benchmarks.measured import DATA, emps, figures, run, seals, staubli
 from benchmarks.measured.seals import Pressure
 from benchmarks.measured.stacks import relative
-from daq.machine_file import load_machine, parse_machine
+from daq.machine.machine_file import load_machine, parse_machine
 
 
 def data(name: str) -> Path:

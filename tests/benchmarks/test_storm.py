@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from benchmarks.postgresql import AbsentError
+from benchmarks.service.postgresql import AbsentError
 from benchmarks.storm.run import run
 from benchmarks.targets import lines_of, missed
 

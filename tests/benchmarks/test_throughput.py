@@ -7,7 +7,7 @@ import os
 import pytest
 from typer.testing import CliRunner
 
-from benchmarks.throughput import EFFICIENT, _checks
+from benchmarks.service.throughput import EFFICIENT, _checks
 from server.commands.command_line import build
 
 

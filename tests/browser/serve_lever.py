@@ -22,8 +22,8 @@ import numpy as np
 from service_fakes import FakeFeed, Fakes
 
 from daq import Machine
-from daq.frame import Frame, row_dtype, row_from_frame
-from daq.ring import RingWriter, ring_buffer
+from daq.acquisition.ring import RingWriter, ring_buffer
+from daq.frames.frame import Frame, row_dtype, row_from_frame
 from server.composition.serve import serve
 from server.platform.settings import Settings
 

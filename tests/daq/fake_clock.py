@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from daq.clock import NS, Tick
+from daq.frames.clock import NS, Tick
 
 
 class FakeClock:

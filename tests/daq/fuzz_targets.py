@@ -30,7 +30,8 @@ from hypothesis import strategies as st
 from signals_test_bench import DBC
 
 from daq import parse_machine
-from daq.can_database import decoded, read_database
+from daq.acquisition.journal import Journal, journal_path, recover
+from daq.acquisition.trace import read_trace
 from daq.drivers.base import DriverContext
 from daq.drivers.can.health import BusHealth
 from daq.drivers.canopen import link as canopen_link
@@ -40,15 +41,14 @@ from daq.drivers.canopen.mapping import Mapping
 from daq.drivers.canopen.node import Cycle, Node
 from daq.drivers.modbus.client import ModbusConnection
 from daq.errors import AcquisitionError, HilfitError
-from daq.journal import Journal, journal_path, recover
-from daq.machine_file import CanNode, CanopenBus, ModbusTcpBus
-from daq.recording import recording_table
-from daq.recording_files import read_table, write_table
-from daq.trace import read_trace
+from daq.machine.can_database import decoded, read_database
+from daq.machine.machine_file import CanNode, CanopenBus, ModbusTcpBus
+from daq.recordings.recording import recording_table
+from daq.recordings.recording_files import read_table, write_table
 
 Check = Callable[[Any], None]
 PAYLOAD = st.binary(max_size=8)
-EDS = Path(__file__).parents[2] / "sim_backends" / "eds"
+EDS = Path(__file__).parents[2] / "sim_backends" / "devices" / "eds"
 ROWS = 20
 
 

@@ -17,11 +17,12 @@ from bench_machines import modbus, plain
 from modbus_test_server import FakeModbus, float_registers
 from typer.testing import CliRunner
 
-from daq import cli, parse_machine, write_recording
+from daq import parse_machine, write_recording
+from daq.acquisition.journal import journal_path
+from daq.commands import cli
 from daq.console import progress_bar, reported, working
 from daq.errors import AcquisitionError, RecordingError
-from daq.journal import journal_path
-from daq.recording_files import read_table
+from daq.recordings.recording_files import read_table
 
 RUNNER = CliRunner()
 APP = typer.Typer()
@@ -187,7 +188,7 @@ def test_an_interrupted_recording_is_sealed(bench: tuple[Path, FakeModbus], tmp_
     output = tmp_path / "r.parquet"
     # Started in the background of a shell, the tests would hand on that interrupts are ignored.
     heed = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler); "
-    program = heed + "import typer; from daq import cli; app = typer.Typer(); cli.register(app); app()"
+    program = heed + "import typer; from daq.commands import cli; app = typer.Typer(); cli.register(app); app()"
     order = ["record", str(bench[0]), "--role", "operation", "--seconds", "600", "-o", str(output)]
     with subprocess.Popen([sys.executable, "-c", program, *order], stdout=subprocess.PIPE, text=True) as process:
         server = bench[1]
@@ -240,6 +241,8 @@ def test_a_pipe_gets_no_bar_and_no_control_characters(capsys: pytest.CaptureFixt
 
 @pytest.mark.slow
 def test_reading_files_loads_no_bus_library() -> None:
-    program = "import sys, daq, daq.cli; print(sorted({'can', 'canopen', 'pymodbus', 'serial'} & set(sys.modules)))"
+    program = (
+        "import sys, daq, daq.commands.cli; print(sorted({'can', 'canopen', 'pymodbus', 'serial'} & set(sys.modules)))"
+    )
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True, timeout=60)
     assert done.stdout == "[]\n"

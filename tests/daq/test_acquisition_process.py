@@ -21,17 +21,17 @@ from modbus_test_server import FakeModbus, float_registers
 from socketcand_test_hub import TestHub
 
 from daq import AcquisitionError, InputError, Machine, MachineFileError, Quality, parse_machine
-from daq.acquisition import AcquisitionProcess
-from daq.acquisition_child import request_fifo
-from daq.channels import channel_table
-from daq.clock import Tick
-from daq.cycles import Cycles, run_cycles
+from daq.acquisition.acquisition import AcquisitionProcess
+from daq.acquisition.acquisition_child import request_fifo
+from daq.acquisition.cycles import Cycles, run_cycles
+from daq.acquisition.recorder import Recorder
+from daq.acquisition.ring import RingReader, RingWriter, ring_buffer
 from daq.drivers import DriverStatistics, Samples, nothing
-from daq.events import EventLog, RecordedEvents
-from daq.frame import frame_from_row
-from daq.recorder import Recorder
-from daq.recording_files import read_table
-from daq.ring import RingReader, RingWriter, ring_buffer
+from daq.frames.channels import channel_table
+from daq.frames.clock import Tick
+from daq.frames.events import EventLog, RecordedEvents
+from daq.frames.frame import frame_from_row
+from daq.recordings.recording_files import read_table
 
 MACHINE = parse_machine(modbus(502))
 

@@ -13,12 +13,12 @@ from bench_machines import can
 from typer.testing import CliRunner
 
 from daq import parse_machine
-from daq.acquisition import AcquisitionProcess
+from daq.acquisition.acquisition import AcquisitionProcess
+from daq.acquisition.ring import RingReader
 from daq.commissioning.can_questions import FoundNode
 from daq.commissioning.identities import identity_findings, mapping_of, scale_finding
 from daq.commissioning.rest import AtRest, at_rest
 from daq.commissioning.running_check import check_running
-from daq.ring import RingReader
 from server.commands.command_line import build
 from sim_backends import SimulatedMachine, default_machine
 

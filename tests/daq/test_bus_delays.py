@@ -9,10 +9,10 @@ import pytest
 from bench_machines import can
 
 from daq import Machine, parse_machine
+from daq.acquisition.cycles import AcquisitionStatistics
 from daq.commissioning.delays import BusDelay, bus_delays
 from daq.commissioning.running_check import check_running
-from daq.cycles import AcquisitionStatistics
-from daq.frame import row_dtype
+from daq.frames.frame import row_dtype
 from daq.quality import Quality
 
 RATE = 50.0

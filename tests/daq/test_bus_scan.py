@@ -15,9 +15,9 @@ from canopen_test_node import FakeNode
 from modbus_test_server import FakeModbus
 from typer.testing import CliRunner
 
-from daq.buses import CanopenBus, ModbusTcpBus
 from daq.commissioning.can_scan import CanScan, scan_can
 from daq.commissioning.modbus_scan import scan_modbus, span
+from daq.machine.buses import CanopenBus, ModbusTcpBus
 from server.commands.command_line import build
 
 NODE = 6

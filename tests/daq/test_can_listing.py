@@ -8,10 +8,10 @@ import pytest
 from signals_test_bench import DBC, TEMPERATURES, signals, written
 
 from daq import load_machine
-from daq.buses import CanSignalsBus, SignalSource
-from daq.can_database import listed_messages
-from daq.can_listing import OfferedBus, OfferedSignal, offered_signals
 from daq.errors import MachineFileError
+from daq.machine.buses import CanSignalsBus, SignalSource
+from daq.machine.can_database import listed_messages
+from daq.machine.can_listing import OfferedBus, OfferedSignal, offered_signals
 
 pytest.importorskip("cantools")
 

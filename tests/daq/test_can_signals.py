@@ -29,12 +29,12 @@ from signals_test_bench import (
 )
 
 from daq import MachineFileError, Quality, load_machine, parse_machine
-from daq.assembly import Assembler
-from daq.can_database import not_available, pgn_of
-from daq.channels import channel_table
-from daq.clock import Tick
+from daq.acquisition.assembly import Assembler
 from daq.drivers import make_driver
-from daq.machine_check import check_machine
+from daq.frames.channels import channel_table
+from daq.frames.clock import Tick
+from daq.machine.can_database import not_available, pgn_of
+from daq.machine.machine_check import check_machine
 
 DATABASE = cantools.database.load_string(DBC, "dbc")
 

@@ -22,13 +22,13 @@ from hypothesis import strategies as st
 from socketcand_test_hub import TestHub
 
 from daq import MachineFileError, Quality, load_machine, parse_machine
-from daq.acquisition import AcquisitionProcess
-from daq.clock import NS, SyncClock
+from daq.acquisition.acquisition import AcquisitionProcess
+from daq.acquisition.ring import RingReader
 from daq.drivers import make_driver
 from daq.drivers.canopen.eds import pdo_places
 from daq.drivers.canopen.listening import ListeningDriver
-from daq.machine_check import check_machine
-from daq.ring import RingReader
+from daq.frames.clock import NS, SyncClock
+from daq.machine.machine_check import check_machine
 
 CHANNELS = """
 channels:

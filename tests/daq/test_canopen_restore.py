@@ -13,11 +13,12 @@ from bench_machines import can
 from canopen_test_bench import Bench, fresh
 from typer.testing import CliRunner
 
-from daq import cli, parse_machine
+from daq import parse_machine
+from daq.commands import cli
 from daq.drivers.canopen.driver import CanopenDriver
 from daq.drivers.canopen.restore import Restored, restore_nodes
+from daq.drivers.found_setups import FoundSetup, FoundSetups
 from daq.errors import BusError
-from daq.found_setups import FoundSetup, FoundSetups
 
 Objects = dict[tuple[int, int], bytes]
 

@@ -26,8 +26,8 @@ from daq.drivers.canopen.mapping import Mapping
 from daq.drivers.canopen.node import Cycle, Node, Tpdo
 from daq.drivers.canopen.watch import NodeWatch
 from daq.drivers.keeper import Keeper
-from daq.events import EventLog
-from daq.machine_file import CanNode
+from daq.frames.events import EventLog
+from daq.machine.machine_file import CanNode
 
 NS = 1_000_000_000
 

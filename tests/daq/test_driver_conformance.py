@@ -24,7 +24,7 @@ from daq import Channel, InputError, MachineFileError, parse_machine
 from daq.drivers import Driver, DriverContext, DriverStatistics, Samples, make_driver, nothing
 from daq.drivers.base import DeviceStatus
 from daq.drivers.conformance import ConformanceError, check_driver
-from daq.machine_file import OtherBus
+from daq.machine.machine_file import OtherBus
 from daq.seams import DRIVERS
 
 Bench = tuple[str, dict[str, float], Callable[[], None], Callable[[], None]]

@@ -18,15 +18,15 @@ from hypothesis import strategies as st
 from modbus_test_server import FakeModbus
 
 from daq import Machine, MachineFileError, Quality, parse_machine
-from daq.assembly import Assembler
-from daq.channels import channel_table
-from daq.clock import Tick
+from daq.acquisition.assembly import Assembler
 from daq.drivers import DriverContext, Samples
 from daq.drivers.base import nothing
 from daq.drivers.canopen.driver import canopen_driver
 from daq.drivers.modbus.driver import ModbusTcpDriver
-from sim_backends.canopen_device import SimulatedNode
-from sim_backends.wiring import wire
+from daq.frames.channels import channel_table
+from daq.frames.clock import Tick
+from sim_backends.devices.canopen_device import SimulatedNode
+from sim_backends.devices.wiring import wire
 
 ENCODER = "object: 0x6004, data_type: uint32, scale: 1.0e-6"
 

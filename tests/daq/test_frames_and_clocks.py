@@ -12,12 +12,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from daq import Machine, MachineFileError, Quality, parse_machine
-from daq.assembly import HOLD_CYCLES, Assembler
-from daq.channels import channel_table, channels_by_bus
-from daq.clock import NS, Clock, LockstepClock, RealClock, Tick, clock_for
+from daq.acquisition.assembly import HOLD_CYCLES, Assembler
+from daq.acquisition.frozen import FrozenDetector
 from daq.drivers.base import Samples, nothing
-from daq.frame import Frame, frame_from_row, row_dtype, row_from_frame
-from daq.frozen import FrozenDetector
+from daq.frames.channels import channel_table, channels_by_bus
+from daq.frames.clock import NS, Clock, LockstepClock, RealClock, Tick, clock_for
+from daq.frames.frame import Frame, frame_from_row, row_dtype, row_from_frame
 
 MODBUS = parse_machine(modbus(502))
 
@@ -172,7 +172,7 @@ class Wall:
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
         self.now = 5 * NS
         self.sleeps = 0
-        monkeypatch.setattr("daq.clock.time", self)
+        monkeypatch.setattr("daq.frames.clock.time", self)
 
     def monotonic_ns(self) -> int:
         return self.now

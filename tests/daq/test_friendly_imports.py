@@ -17,11 +17,11 @@ from scipy.io import savemat
 from sound_recordings import Columns, motion
 
 from daq import Machine, Recording, RecordingError, parse_machine, read_recording
-from daq.column_map import in_channels, load_map, parse_map
-from daq.csv_files import read_csv
 from daq.errors import InputError
-from daq.recording_files import Table
-from daq.time_columns import seconds
+from daq.recordings.column_map import in_channels, load_map, parse_map
+from daq.recordings.csv_files import read_csv
+from daq.recordings.recording_files import Table
+from daq.recordings.time_columns import seconds
 from server.commands.command_line import main
 
 MACHINE: Machine = parse_machine(plain())
@@ -352,8 +352,8 @@ def test_ros_bags_are_read_by_a_map(tmp_path: Path) -> None:
 def test_what_is_too_large_is_refused_before_it_is_unpacked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = matlab(tmp_path / "large.mat", {name.replace(".", "_"): values for name, values in SOUND.items()})
     text = put(tmp_path / "large.csv", text_of(SOUND, ";"))
-    monkeypatch.setattr("daq.foreign_files.MAXIMUM_VALUES", 100)
-    monkeypatch.setattr("daq.csv_files.MAXIMUM_TEXT", 100)
+    monkeypatch.setattr("daq.recordings.foreign_files.MAXIMUM_VALUES", 100)
+    monkeypatch.setattr("daq.recordings.csv_files.MAXIMUM_TEXT", 100)
     refused(path, "100 values", "Parquet")
     refused(text, "GB", "Parquet")
 

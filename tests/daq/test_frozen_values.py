@@ -11,12 +11,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from daq import Machine, Quality, parse_machine
-from daq.assembly import Assembler
-from daq.channels import channel_table
-from daq.clock import Tick
+from daq.acquisition.assembly import Assembler
+from daq.acquisition.frozen import FrozenDetector
 from daq.drivers.base import Samples
-from daq.frozen import FrozenDetector
-from daq.frozen_runs import backdated
+from daq.frames.channels import channel_table
+from daq.frames.clock import Tick
+from daq.recordings.frozen_runs import backdated
 
 PLAIN = parse_machine(plain())  # angle, piston, head, rod, oil; all of one device as far as the file says
 CAN = parse_machine(can("x"))  # angle of node 5; head and rod of node 6

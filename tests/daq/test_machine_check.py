@@ -16,11 +16,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from typer.testing import CliRunner
 
-from daq import cli_machine
-from daq.machine_check import Checked, check_machine
-from daq.machine_file import parse_machine
-from daq.plausible import doubts
-from daq.travel import travel_of
+from daq.commands import cli_machine
+from daq.machine.machine_check import Checked, check_machine
+from daq.machine.machine_file import parse_machine
+from daq.machine.plausible import doubts
+from daq.machine.travel import travel_of
 
 #: Keys that plausibility looks at.
 KEYS = [

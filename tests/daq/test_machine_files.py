@@ -14,7 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from daq import Machine, MachineFileError, load_machine, machine_to_yaml, parse_machine
-from daq.linkages import Direct, Polynomial, Rack, ThreePin
+from daq.machine.linkages import Direct, Polynomial, Rack, ThreePin
 from daq.units import conversion
 
 SAMPLES = Path(__file__).parents[2].parent / "shared" / "samples"

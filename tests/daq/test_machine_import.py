@@ -16,12 +16,12 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
-from daq import cli_machine
+from daq.commands import cli_machine
 from daq.errors import InputError
 from daq.kinematics import Chain, draft_machine, read_chain, table_of
 from daq.kinematics.table import PARALLEL
-from daq.machine_check import check_machine
-from daq.machine_file import Machine, parse_machine
+from daq.machine.machine_check import check_machine
+from daq.machine.machine_file import Machine, parse_machine
 
 TX40 = Path(__file__).parents[2].parent / "shared" / "data" / "staubli_tx40" / "tx40_mdh_modified.urdf"
 

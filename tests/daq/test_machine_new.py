@@ -12,11 +12,11 @@ import yaml
 from bench_machines import plain
 from typer.testing import CliRunner
 
-from daq.commissioning.profiles import measured
-from daq.machine_file import load_machine
+from daq.drivers.canopen.profiles import measured
+from daq.machine.machine_file import load_machine
 from server.commands.command_line import build
 
-EDS = Path(__file__).parents[2] / "sim_backends" / "eds"
+EDS = Path(__file__).parents[2] / "sim_backends" / "devices" / "eds"
 DBC = """
 VERSION ""
 BU_: X

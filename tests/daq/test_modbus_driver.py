@@ -17,9 +17,9 @@ from pymodbus.server import ModbusTcpServer
 from pymodbus.simulator import DataType, SimData, SimDevice
 
 from daq import Machine, Quality, parse_machine
-from daq.channels import channels_by_bus
 from daq.drivers import Driver, DriverContext, Samples, make_driver
 from daq.drivers.modbus.unit import BLOCK_REGISTERS, blocks
+from daq.frames.channels import channels_by_bus
 
 PERIOD = 0.02
 #: A cycle waits this long for what is due, at most as long as the unit's own time-out: longer than a busy computer

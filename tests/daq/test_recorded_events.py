@@ -14,10 +14,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from daq import parse_machine, read_recording
-from daq.events import EventLog
-from daq.recorded_events import TEXT_LENGTH, recorded_events
-from daq.recording import recording_table
-from daq.recording_files import write_table
+from daq.frames.events import EventLog
+from daq.recordings.recorded_events import TEXT_LENGTH, recorded_events
+from daq.recordings.recording import recording_table
+from daq.recordings.recording_files import write_table
 
 JSON: st.SearchStrategy[Any] = st.recursive(
     st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=20),

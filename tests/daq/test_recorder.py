@@ -17,13 +17,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from daq import AcquisitionError, Quality, RecordingError, parse_machine, read_recording
-from daq.channels import channel_table
-from daq.frame import Frame, row_from_frame
-from daq.journal import Journal, journal_path, recover
-from daq.recorder import Recorder
-from daq.recording import recording_table
-from daq.recording_files import Table, read_table
-from daq.ring import RingWriter, ring_buffer
+from daq.acquisition.journal import Journal, journal_path, recover
+from daq.acquisition.recorder import Recorder
+from daq.acquisition.ring import RingWriter, ring_buffer
+from daq.frames.channels import channel_table
+from daq.frames.frame import Frame, row_from_frame
+from daq.recordings.recording import recording_table
+from daq.recordings.recording_files import Table, read_table
 
 MACHINE = parse_machine(plain())
 NAMES = [channel.name for channel in MACHINE.channels]
@@ -197,7 +197,7 @@ def test_a_recording_without_a_row_leaves_no_file(feed: Feed, tmp_path: Path) ->
 CHILD = """
 import sys
 from daq import load_machine
-from daq.recorder import Recorder
+from daq.acquisition.recorder import Recorder
 machine = load_machine(sys.argv[1])
 Recorder(sys.argv[2], machine, "train", sys.argv[3]).record(600.0, lambda rows, total: print(rows, flush=True))
 """

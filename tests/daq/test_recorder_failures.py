@@ -19,15 +19,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from daq import DiskFullError, HilfitError, Quality, RecordingError, StorageError, parse_machine
-from daq.channels import channel_table
-from daq.events import EventLog, RecordedEvents, events_path
-from daq.frame import Frame, row_from_frame
-from daq.journal import JOURNAL_SUFFIX, Journal, journal_path, recover
-from daq.ledger import OVERWRITTEN, SKIPPED
-from daq.recorder import Recorder, RecordingSummary
-from daq.recording import recording_table
-from daq.recording_files import read_table
-from daq.ring import RingWriter, ring_buffer
+from daq.acquisition.journal import JOURNAL_SUFFIX, Journal, journal_path, recover
+from daq.acquisition.ledger import OVERWRITTEN, SKIPPED
+from daq.acquisition.recorder import Recorder, RecordingSummary
+from daq.acquisition.ring import RingWriter, ring_buffer
+from daq.frames.channels import channel_table
+from daq.frames.events import EventLog, RecordedEvents, events_path
+from daq.frames.frame import Frame, row_from_frame
+from daq.recordings.recording import recording_table
+from daq.recordings.recording_files import read_table
 
 MACHINE = parse_machine(plain())
 NAMES = tuple(channel.name for channel in MACHINE.channels)
@@ -274,7 +274,7 @@ def test_every_value_is_stored_or_dropped_for_a_reason(
 
 
 def test_what_the_ring_lost_is_told_from_cycles_that_never_were(tmp_path: Path) -> None:
-    from daq.recorder import _Writer
+    from daq.acquisition.recorder import _Writer
 
     writer = _Writer(MACHINE, "operation", tmp_path / "r.parquet", NAMES, False)
     fresh = [0] * N

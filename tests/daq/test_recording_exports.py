@@ -19,7 +19,7 @@ from sound_recordings import ROWS, Columns, motion
 
 from daq import parse_machine, read_recording, write_recording
 from daq.formats.mat import LONGEST, variables
-from daq.recording_files import read_table
+from daq.recordings.recording_files import read_table
 from server.commands.command_line import main
 
 MACHINE = parse_machine(plain())

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from daq import Machine, Quality, RecordingError, parse_machine, read_recording
-from daq.resampling import PASSBAND, grid, native_rate, resample
+from daq.recordings.resampling import PASSBAND, grid, native_rate, resample
 
 RATE = 50.0
 MACHINE: Machine = parse_machine(plain())

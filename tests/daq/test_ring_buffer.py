@@ -14,9 +14,9 @@ from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, rule
 
+from daq.acquisition.ring import RingReader, RingWriter, ring_buffer, ring_name
 from daq.errors import AcquisitionError
-from daq.frame import Frame, row_dtype, row_from_frame
-from daq.ring import RingReader, RingWriter, ring_buffer, ring_name
+from daq.frames.frame import Frame, row_dtype, row_from_frame
 
 DTYPE = row_dtype(3)
 
@@ -182,7 +182,7 @@ def test_a_ring_that_is_not_there_or_is_taken(ring: str) -> None:
 
 def test_a_reader_that_ends_does_not_take_the_memory_away(ring: str) -> None:
     # Python's resource tracker would unlink shared memory when any process that attached to it ends.
-    program = f"from daq.ring import RingReader\nwith RingReader({ring!r}) as ring: print(ring.capacity)"
+    program = f"from daq.acquisition.ring import RingReader\nwith RingReader({ring!r}) as ring: print(ring.capacity)"
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True, timeout=60)
     assert done.stdout == "16\n"
     assert done.stderr == ""

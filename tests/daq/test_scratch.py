@@ -13,9 +13,10 @@ from bench_machines import plain
 from hypothesis import given
 from hypothesis import strategies as st
 
-from daq import RecordingError, parse_machine, read_recording, recording_files
+from daq import RecordingError, parse_machine, read_recording
 from daq.errors import InputError
-from daq.recording_files import read_table
+from daq.recordings import recording_files
+from daq.recordings.recording_files import read_table
 from daq.scratch import Scratch, ScratchArrays, ScratchColumns
 
 MACHINE = parse_machine(plain())

@@ -16,13 +16,14 @@ from canopen_test_bench import ANGLE, HEAD, ROD, Bench
 from signals_test_bench import DBC, HEAD_PRESSURE, OIL, TEMPERATURES, written
 from typer.testing import CliRunner
 
-from daq import Quality, cli, load_machine, parse_machine
+from daq import Quality, load_machine, parse_machine
+from daq.acquisition.replay import replay
+from daq.acquisition.trace import TraceAccess, bus_file, read_trace, trace_files
+from daq.commands import cli
 from daq.errors import InputError
-from daq.events import EventLog
+from daq.frames.events import EventLog
 from daq.quality import MEASURED
-from daq.recording_files import read_table
-from daq.replay import replay
-from daq.trace import TraceAccess, bus_file, read_trace, trace_files
+from daq.recordings.recording_files import read_table
 from server.commands.command_line import main
 
 DATABASE = cantools.database.load_string(DBC, "dbc")

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import yaml
 
-from daq.machine_file import Machine, load_machine, parse_machine
+from daq.machine.machine_file import Machine, load_machine, parse_machine
 from fitting.arm.geometry import Geometry
 
 RIGHT = np.pi / 2

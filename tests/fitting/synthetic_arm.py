@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 import yaml
 
-from daq.machine_file import Machine, parse_machine
-from daq.recording import Recording
+from daq.machine.machine_file import Machine, parse_machine
+from daq.recordings.recording import Recording
 from fitting.arm.base_parameters import reduce_parameters
 from fitting.arm.dynamics import inverse_dynamics
 from fitting.arm.linkage import lever_arm, piston_motion

@@ -11,8 +11,14 @@ from synthetic_arm import RATE, clean_session, exact_views, force, make_session,
 from fitting.effects import effect, effects
 from fitting.loop.residual_loop import SessionSignals, final_model, moves, run_attribution, term_from_json, term_to_json
 from fitting.loop.session import Session
-from fitting.residual.confirmation import OnValidate, on_validate, overall_change, validate_gain, worse_joint
-from fitting.residual.cross_validation import HeldOut
+from fitting.residual.confirmation.confirmation import (
+    OnValidate,
+    on_validate,
+    overall_change,
+    validate_gain,
+    worse_joint,
+)
+from fitting.residual.confirmation.cross_validation import HeldOut
 from fitting.residual.findings import Accepted, Attribution
 from fitting.residual.laws import Law
 from fitting.residual.scoring import Score, score_terms

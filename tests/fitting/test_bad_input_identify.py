@@ -12,8 +12,8 @@ import pyarrow.parquet as pq
 import pytest
 from synthetic_arm import make_recordings, planar_machine, truth
 
-from daq.machine_file import machine_to_yaml
-from daq.recording import write_recording
+from daq.machine.machine_file import machine_to_yaml
+from daq.recordings.recording import write_recording
 from server.commands.command_line import main
 
 ROLES = ("unloaded", "train", "repeat", "validate")

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from synthetic_arm import make_recordings, planar_machine, truth
 
-from daq.recording import Recording
+from daq.recordings.recording import Recording
 from fitting.checks.check import check_recordings
 from fitting.checks.findings import Finding
 

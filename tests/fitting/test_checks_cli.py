@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from synthetic_arm import make_recordings, planar_machine, truth
 
-from daq.machine_file import machine_to_yaml
-from daq.recording import write_recording
-from daq.recording_files import read_table
+from daq.machine.machine_file import machine_to_yaml
+from daq.recordings.recording import write_recording
+from daq.recordings.recording_files import read_table
 from server.commands.command_line import main
 
 MACHINE = planar_machine(1)

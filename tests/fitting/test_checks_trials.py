@@ -12,15 +12,15 @@ import pytest
 from synthetic_arm import make_recordings, planar_machine, truth
 
 from daq.errors import RecordingError
-from daq.machine_file import Machine, machine_to_yaml
-from daq.recording import Recording, write_recording
+from daq.machine.machine_file import Machine, machine_to_yaml
+from daq.recordings.recording import Recording, write_recording
 from fitting.checks import Finding, check_recordings
-from fitting.checks.arm_motion import positions_of
 from fitting.checks.machine_numbers import machine_findings
-from fitting.checks.physical import Trial, fit
+from fitting.checks.mistakes.arm_motion import positions_of
+from fitting.checks.mistakes.physical import Trial, fit
+from fitting.checks.mistakes.samples import take_samples
+from fitting.checks.mistakes.trials import SUSPECT, search
 from fitting.checks.places import Places
-from fitting.checks.samples import take_samples
-from fitting.checks.trials import SUSPECT, search
 from fitting.pipeline.check_gate import explained
 
 JOINT = planar_machine(3, sensors="joint")

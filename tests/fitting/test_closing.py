@@ -8,16 +8,16 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from daq.recording import Recording
+from daq.recordings.recording import Recording
 from fitting.effects import effect
 from fitting.excitation.motion import Motion
 from fitting.loop.closing import Asked, close, rivals_of, settled
 from fitting.loop.session import Request
 from fitting.pipeline import resolving
-from fitting.pipeline.loop_results import AcceptedTerm, Attributed, Designed, Program, Resolution
+from fitting.pipeline.results.loop_results import AcceptedTerm, Attributed, Designed, Program, Resolution
 from fitting.report.schema import ResolutionStep
 from fitting.report.wording import resolution
-from fitting.residual.cross_validation import HeldOut
+from fitting.residual.confirmation.cross_validation import HeldOut
 from fitting.residual.findings import Accepted, Attribution, Hypothesis
 from fitting.residual.laws import Law
 from fitting.residual.scoring import Score

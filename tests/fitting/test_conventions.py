@@ -12,14 +12,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from synthetic_arm import planar_machine
 
-from daq.machine_file import Machine, MachineFileError, parse_machine
+from daq.machine.machine_file import Machine, MachineFileError, parse_machine
 from fitting.arm.base_parameters import base_regressor, reduce_parameters
 from fitting.arm.dynamics import inverse_dynamics, rigid_body_regressor, self_check
 from fitting.arm.geometry import Geometry, geometry_of, link_frames
 from fitting.estimators.consistent import scale_bodies
 from fitting.planning.guess import default_guess
-from sim_backends.arm import ArmDesign, arm_xml
-from sim_backends.truth import DriveTruth, LinkTruth, Truth
+from sim_backends.plant.arm import ArmDesign, arm_xml
+from sim_backends.plant.truth import DriveTruth, LinkTruth, Truth
 
 FloatArray = np.ndarray
 

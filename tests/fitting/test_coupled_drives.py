@@ -11,8 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from benchmarks.measured import staubli
-from daq.machine_file import Machine, parse_machine
-from daq.recording import Recording
+from daq.machine.machine_file import Machine, parse_machine
+from daq.recordings.recording import Recording
 from fitting.arm.base_parameters import base_gravity_regressor, base_regressor, reduce_parameters
 from fitting.arm.dynamics import coupled_regressor, inverse_dynamics, standard_names, standard_regressor
 from fitting.arm.geometry import geometry_of

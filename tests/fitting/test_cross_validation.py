@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from fitting.regression.design import WhiteRows
-from fitting.residual.cross_validation import BLOCK_SECONDS, FOLDS, GUARD_SECONDS, held_out_gain
+from fitting.residual.confirmation.cross_validation import BLOCK_SECONDS, FOLDS, GUARD_SECONDS, held_out_gain
 
 RATE = 8.0
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from synthetic_arm import make_session, planar_machine, truth
 
-from daq.machine_file import KnownDelay, Machine, ModbusSource, ModbusTcpBus, machine_problems, machine_to_yaml
+from daq.machine.machine_file import KnownDelay, Machine, ModbusSource, ModbusTcpBus, machine_problems, machine_to_yaml
 from fitting.effects import effect
 from fitting.loop.session import Options, Session
 from fitting.regression.prior import Prior

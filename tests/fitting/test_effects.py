@@ -15,7 +15,7 @@ from arm_examples import SHARED
 from synthetic_arm import exact_views, injected, make_session, planar_machine, truth
 
 import fitting.effects
-from daq.machine_file import Machine
+from daq.machine.machine_file import Machine
 from daq.seams import EFFECTS
 from fitting.effects import effect, effects
 from fitting.effects.base import DriveView, Effect, FloatArray, Parameter, Parity, Shape

@@ -12,11 +12,11 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from synthetic_arm import clean_session, make_recordings, planar_machine, truth
 
-from daq.machine_file import machine_to_yaml
-from daq.recording import write_recording
+from daq.machine.machine_file import machine_to_yaml
+from daq.recordings.recording import write_recording
 from fitting.loop.session import Options, Request
+from fitting.pipeline.results.summary import print_summary
 from fitting.pipeline.stages import identify
-from fitting.pipeline.summary import print_summary
 from fitting.regression.design import effort_errors
 from fitting.regression.error_sizes import errors_of, measured_efforts, overall_errors, overall_relative, sizes
 from fitting.report.wording import is_offset

@@ -11,8 +11,8 @@ from arm_examples import driven_arm
 from synthetic_arm import make_recordings, planar_machine, truth
 from typer.testing import CliRunner
 
-from daq.machine_file import Hydraulics, machine_to_yaml
-from daq.recording import read_recording, write_recording
+from daq.machine.machine_file import Hydraulics, machine_to_yaml
+from daq.recordings.recording import read_recording, write_recording
 from fitting.arm.base_parameters import base_regressor, reduce_parameters
 from fitting.arm.linkage import lever_arm
 from fitting.commands.excite_command import register

@@ -10,8 +10,8 @@ import pytest
 from scipy.interpolate import make_interp_spline
 from synthetic_arm import make_recordings, planar_machine, truth
 
-from daq.machine_file import machine_to_yaml
-from daq.recording import write_recording
+from daq.machine.machine_file import machine_to_yaml
+from daq.recordings.recording import write_recording
 from fitting.effects import effects
 from server.commands.command_line import main
 

@@ -9,8 +9,8 @@ from typing import Any
 import pytest
 from synthetic_arm import make_recordings, planar_machine, truth
 
-from daq.machine_file import machine_to_yaml
-from daq.recording import write_recording
+from daq.machine.machine_file import machine_to_yaml
+from daq.recordings.recording import write_recording
 from fitting.arm.base_parameters import reduce_parameters
 from server.commands.command_line import main
 

@@ -12,13 +12,13 @@ import numpy as np
 import pytest
 from synthetic_arm import make_motion, make_recordings, planar_machine, truth
 
-from daq.machine_file import Machine, machine_to_yaml
-from daq.recording import write_recording
+from daq.machine.machine_file import Machine, machine_to_yaml
+from daq.recordings.recording import write_recording
 from fitting.effects import effects
 from fitting.loop.session import Options, Request
 from fitting.pipeline.plausibility import _CAUSES
+from fitting.pipeline.results.summary import print_summary
 from fitting.pipeline.stages import identify
-from fitting.pipeline.summary import print_summary
 from fitting.report.joint_words import in_own_units, in_words_of, joint_words, machine_words, own_unit
 
 #: Parts that a joint without a cylinder does not have.

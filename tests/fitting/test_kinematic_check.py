@@ -10,7 +10,7 @@ import pytest
 from scipy.ndimage import gaussian_filter1d
 from synthetic_arm import RATE, clean_session, force, make_motion, make_session, planar_machine, sample, truth
 
-from daq.machine_file import Machine
+from daq.machine.machine_file import Machine
 from fitting.loop.kinematic_check import KinematicFinding, corrections_from_json, kinematic_findings, step_to_json
 from fitting.loop.session import Session
 from fitting.residual.kinematics import checkable, gap_error

@@ -10,7 +10,7 @@ import pytest
 from scipy import signal
 from synthetic_arm import clean_session
 
-from daq.recording import Recording
+from daq.recordings.recording import Recording
 from fitting.effects import effect
 from fitting.loop.residual_loop import is_ripple
 from fitting.loop.session import Session
@@ -18,7 +18,7 @@ from fitting.residual.levelling import Part, residual_parts
 from fitting.residual.lines import Line, RefutedLine, find_lines, line_phases, machine_lines
 from fitting.residual.terms import Term, fit_model
 from sim_backends import folding_arm
-from sim_backends.cases import simulate_case
+from sim_backends.plant.cases import simulate_case
 from sim_backends.undeclared import UNDECLARED
 
 RATE, SAMPLES = 50.0, 2900

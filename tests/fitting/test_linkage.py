@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 from scipy.optimize import fsolve
 
 from daq.errors import InputError
-from daq.linkages import Direct, FourBar, Linkage, Pins, Polynomial, Rack, ThreePin, reduced
-from daq.machine_file import Cylinder, Joint, Limits, MachineFileError, machine_to_yaml, parse_machine
+from daq.machine.linkages import Direct, FourBar, Linkage, Pins, Polynomial, Rack, ThreePin, reduced
+from daq.machine.machine_file import Cylinder, Joint, Limits, MachineFileError, machine_to_yaml, parse_machine
 from fitting.arm.linkage import (
     joint_motion,
     joint_position,

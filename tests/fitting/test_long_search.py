@@ -13,7 +13,7 @@ from synthetic_arm import Noise, exact_design, force, make_motion, planar_machin
 
 import fitting.loop.session
 import fitting.signals.preparation
-from daq.recording import Recording
+from daq.recordings.recording import Recording
 from daq.scratch import Scratch
 from fitting.arm.dynamics import rigid_body_regressor
 from fitting.effects import effect
@@ -25,7 +25,7 @@ from fitting.loop.sharper import sharpened
 from fitting.regression.design import Design, build_design, white_noise_model
 from fitting.regression.prior import mass_prior
 from fitting.regression.stored import storing
-from fitting.residual.cross_validation import HeldOut
+from fitting.residual.confirmation.cross_validation import HeldOut
 from fitting.residual.findings import Accepted, Attribution
 from fitting.residual.scoring import score_terms
 from fitting.residual.stored_views import StoredColumns, StoredViews

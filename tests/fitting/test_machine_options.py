@@ -17,8 +17,8 @@ import pytest
 import yaml
 from synthetic_arm import Motion, force, make_motion, truth
 
-from daq.machine_file import Machine, machine_to_yaml, parse_machine
-from daq.recording import write_recording
+from daq.machine.machine_file import Machine, machine_to_yaml, parse_machine
+from daq.recordings.recording import write_recording
 from fitting.loop.session import Options, Request
 from fitting.pipeline.stages import identify
 

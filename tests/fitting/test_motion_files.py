@@ -39,7 +39,7 @@ def test_unpinned_columns_are_pistons(tmp_path):
 
 def test_the_simulated_controller_reads_the_same_file(tmp_path):
     """Two readers of one format, written apart from each other."""
-    from sim_backends.motion import read_motion as read_in_controller
+    from sim_backends.plant.motion import read_motion as read_in_controller
 
     machine = driven_arm(2)
     for motion in (pinned(), Motion("test-arm", "unpinned", TIME, {"joint2": 0.1 + 0.1 * TIME})):

@@ -12,7 +12,7 @@ from fitting.effects import effects
 from fitting.effects.base import Effect
 from fitting.loop.residual_loop import SessionSignals, run_attribution
 from fitting.loop.session import Options, Session
-from fitting.residual.cross_validation import HeldOut
+from fitting.residual.confirmation.cross_validation import HeldOut
 from fitting.residual.findings import Attribution, Unconfirmed
 from fitting.residual.scoring import catalogue_terms, law_terms, score_terms
 from fitting.selection.confirm import Answer

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from synthetic_arm import clean_session, injected, make_session, planar_machine, truth
 
-from daq.machine_file import Hydraulics, Machine
-from daq.recording import Recording
+from daq.machine.machine_file import Hydraulics, Machine
+from daq.recordings.recording import Recording
 from fitting.effects import effect
 from fitting.effects.base import Parameter
 from fitting.excitation import HydraulicLimits
@@ -364,7 +364,7 @@ def test_one_rival_alone_is_no_question():
 
 def plant_recordings(case, motion, size, number):
     """Tables of one motion as measured with the effect, and ideal ones with it and without."""
-    from sim_backends.plant import record_beside_ideal
+    from sim_backends.plant.plant import record_beside_ideal
 
     machine, arm, name = case
     made = []
@@ -437,8 +437,8 @@ def test_the_designed_experiment_separates_rivals_in_the_plant_best(true, rival,
     """One short training motion leaves two names; the motion that was chosen tells them apart better than others."""
     pytest.importorskip("mujoco")
     from sim_backends.machines import folding_arm
-    from sim_backends.motion import Motion as PlantMotion
-    from sim_backends.motion import random_motion
+    from sim_backends.plant.motion import Motion as PlantMotion
+    from sim_backends.plant.motion import random_motion
 
     machine, arm = folding_arm(0)
     case = (machine, arm, true)

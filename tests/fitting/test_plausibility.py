@@ -9,7 +9,7 @@ import pytest
 from synthetic_arm import clean_session, make_session, planar_machine, truth
 
 from fitting.pipeline.plausibility import _nearest, physics, plausibility
-from fitting.pipeline.stage_results import Physics
+from fitting.pipeline.results.stage_results import Physics
 from fitting.residual.friction_power import friction_power
 from fitting.residual.terms import Model
 

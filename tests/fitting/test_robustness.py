@@ -7,7 +7,7 @@ import pytest
 from scipy import signal
 
 from fitting.regression.design import WhiteRows
-from fitting.residual.robustness import inflation
+from fitting.residual.confirmation.robustness import inflation
 
 ROWS = 4000
 

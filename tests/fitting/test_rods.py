@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from synthetic_arm import RATE, make_recordings, planar_machine, truth
 
 from daq.errors import RecordingError
-from daq.recording import Recording
+from daq.recordings.recording import Recording
 from fitting.loop.session import Options, Session
 from fitting.signals.rods import with_rods_as_said
 

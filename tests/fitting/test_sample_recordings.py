@@ -15,8 +15,8 @@ import yaml
 from arm_examples import SHARED
 
 from fitting.loop.session import Request, Session
-from fitting.pipeline.results import build_report
-from fitting.pipeline.stage_results import StageResults
+from fitting.pipeline.results.results import build_report
+from fitting.pipeline.results.stage_results import StageResults
 from fitting.pipeline.stages import STEPS
 from fitting.report import Figures
 

@@ -15,8 +15,8 @@ from daq.errors import HilfitError
 from fitting.checks.findings import Finding
 from fitting.effects import effect
 from fitting.pipeline.cylinder_stage import CylinderEstimate
-from fitting.pipeline.loop_results import AcceptedTerm, Attributed, Bias, Cutoff, Rival
-from fitting.pipeline.stage_results import (
+from fitting.pipeline.results.loop_results import AcceptedTerm, Attributed, Bias, Cutoff, Rival
+from fitting.pipeline.results.stage_results import (
     RESULTS,
     Checked,
     Cylinders,

@@ -15,12 +15,12 @@ from pydantic_core import PydanticSerializationError
 from synthetic_arm import make_recordings, planar_machine, truth
 
 from daq.errors import HilfitError, InputError
-from daq.machine_file import machine_to_yaml
-from daq.recording import write_recording
+from daq.machine.machine_file import machine_to_yaml
+from daq.recordings.recording import write_recording
 from fitting.loop.session import Options, Request
 from fitting.pipeline import stages
+from fitting.pipeline.results.stage_results import Written
 from fitting.pipeline.stage_program import load_request, main
-from fitting.pipeline.stage_results import Written
 from fitting.pipeline.stages import STAGES, identify, run_stage
 
 

@@ -12,12 +12,12 @@ from synthetic_arm import clean_session, exact_views, make_session, planar_machi
 from fitting.effects import effect
 from fitting.loop.residual_loop import final_model
 from fitting.loop.session import Session
+from fitting.residual.confirmation.uncertainty import is_refused, sandwich_factors, with_doubts
 from fitting.residual.laws import Law
 from fitting.residual.null import Null
 from fitting.residual.refinement import refined
 from fitting.residual.scoring import score_terms
 from fitting.residual.terms import Model, Term, fit_model
-from fitting.residual.uncertainty import is_refused, sandwich_factors, with_doubts
 from fitting.signals.corrections import Corrections
 from fitting.signals.splines import spline_knots
 

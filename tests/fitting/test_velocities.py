@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 from synthetic_arm import RATE, Noise, make_motion, make_recordings, planar_machine, truth
 from test_coupled_drives import WRIST, measured, motion
 
-from daq.machine_file import Machine, MachineFileError, parse_machine
-from daq.recording import Recording
+from daq.machine.machine_file import Machine, MachineFileError, parse_machine
+from daq.recordings.recording import Recording
 from fitting.arm.joint_side import at_joints
 from fitting.loop.session import Options, Session
 from fitting.signals.filters import advanced, filter_bank

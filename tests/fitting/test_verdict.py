@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from fitting.checks.findings import Finding
-from fitting.pipeline.loop_results import Attributed, Kinematic, OtherBand
-from fitting.pipeline.stage_results import Checked, Fitted, Physics, Refitted, Residual, StageResults
+from fitting.pipeline.results.loop_results import Attributed, Kinematic, OtherBand
+from fitting.pipeline.results.stage_results import Checked, Fitted, Physics, Refitted, Residual, StageResults
 from fitting.pipeline.verdict import verdict
 
 NOTHING = Fitted(np.zeros(2), np.ones(2), np.ones(2, dtype=bool))

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fitting.residual.witness import Witness, objection, witness
+from fitting.residual.confirmation.witness import Witness, objection, witness
 
 
 class Rows:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from synthetic_arm import Truth, make_session, planar_machine, truth
 
-from daq.machine_file import Machine
+from daq.machine.machine_file import Machine
 from fitting.arm.base_parameters import reduce_parameters
 from fitting.effects import effect
 from fitting.effects.base import Effect

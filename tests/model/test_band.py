@@ -10,7 +10,7 @@ import pytest
 from model_examples import fitted, report_of
 from synthetic_arm import RATE, make_recordings, planar_machine, truth
 
-from daq.recording import Recording
+from daq.recordings.recording import Recording
 from fitting.loop.session import Options, Session
 from fitting.model.handover import hand_over, without_single
 from fitting.model.prediction import predict

@@ -20,7 +20,7 @@ from fitting.model import motion
 from fitting.model.arm_model import ArmModel
 from fitting.model.export import FORMATS, export_model
 from fitting.model.export.c import identifier
-from fitting.model.export.tracing import Tracer
+from fitting.model.export.tracing.tracing import Tracer
 from fitting.residual.surfaces import Surface
 from fitting.residual.terms import Term
 

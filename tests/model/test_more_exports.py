@@ -21,7 +21,7 @@ from fitting.model import motion
 from fitting.model.arm_model import ArmModel
 from fitting.model.export import export_model
 from fitting.model.export.fmu import binary_place
-from fitting.model.export.tracing import Tracer
+from fitting.model.export.tracing.tracing import Tracer
 
 __all__ = ["model"]
 

@@ -15,7 +15,7 @@ from synthetic_arm import force, make_motion, sample, truth
 
 from daq import write_recording
 from daq.errors import InputError
-from daq.recording import Recording
+from daq.recordings.recording import Recording
 from fitting.excitation.motion import Motion, write_motion
 from fitting.model.arm_model import ArmModel
 from fitting.model.codec import model_from_json, model_to_json, save_model

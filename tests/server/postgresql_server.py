@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from benchmarks.postgresql import AbsentError, PostgreSQL, postgresql_server
+from benchmarks.service.postgresql import AbsentError, PostgreSQL, postgresql_server
 
 __all__ = ["PostgreSQL", "postgresql"]
 

@@ -18,10 +18,10 @@ from fake_stages import REPORT, STAGES
 from starlette.testclient import TestClient
 
 from daq import Machine, parse_machine, write_recording
-from daq.acquisition import AcquisitionStatistics
+from daq.acquisition.acquisition import AcquisitionStatistics
+from daq.acquisition.ring import RingWriter, ring_buffer
 from daq.errors import AcquisitionError
-from daq.frame import Frame, row_dtype, row_from_frame
-from daq.ring import RingWriter, ring_buffer
+from daq.frames.frame import Frame, row_dtype, row_from_frame
 from server.composition.app import create_app
 from server.composition.declarations import RESOURCES
 from server.identifications.identification_order import IdentificationOrders, Wish

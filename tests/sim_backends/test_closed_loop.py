@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 import sim_backends
-from daq.machine_file import load_machine
-from sim_backends.closed_loop import ClosedLoop
-from sim_backends.motion import Motion
-from sim_backends.truth import SensorQuality, load_truth
+from daq.machine.machine_file import load_machine
+from sim_backends.plant.closed_loop import ClosedLoop
+from sim_backends.plant.motion import Motion
+from sim_backends.plant.truth import SensorQuality, load_truth
 
 ROOM = Path(sim_backends.__file__).parent / "machines"
 MACHINE, TRUTH = load_machine(ROOM / "folding_arm.yaml"), load_truth(ROOM / "folding_arm.truth.yaml")

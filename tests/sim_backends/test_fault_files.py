@@ -16,10 +16,10 @@ from typer.testing import CliRunner
 import sim_backends.machines
 from daq.errors import InputError
 from sim_backends import default_machine
-from sim_backends.fault_file import FAULTS, FaultScript, fault_problems, load_faults, targets
-from sim_backends.fault_runner import FaultRunner, begin, end
-from sim_backends.node_faults import FaultyLine
-from sim_backends.signal_faults import KINDS, SignalFaults
+from sim_backends.devices.node_faults import FaultyLine
+from sim_backends.devices.signal_faults import KINDS, SignalFaults
+from sim_backends.faults.fault_file import FAULTS, FaultScript, fault_problems, load_faults, targets
+from sim_backends.faults.fault_runner import FaultRunner, begin, end
 
 MACHINE, _ = default_machine()
 EXAMPLE = Path(sim_backends.machines.__file__).with_name("faults.yaml")

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import yaml
 
-from daq.machine_file import CanSource, Machine, ModbusRtuBus, ModbusSource
+from daq.machine.machine_file import CanSource, Machine, ModbusRtuBus, ModbusSource
 from sim_backends import default_machine
-from sim_backends.fault_file import FAULTS, SCHEMA, fault_problems
-from sim_backends.fault_offers import fault_offers
+from sim_backends.faults.fault_file import FAULTS, SCHEMA, fault_problems
+from sim_backends.faults.fault_offers import fault_offers
 
 
 def machine_with_a_serial_line() -> Machine:

@@ -13,15 +13,16 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from daq.acquisition import AcquisitionProcess
-from daq.channels import channel_table
-from daq.machine_file import CanSource
+from daq.acquisition.acquisition import AcquisitionProcess
+from daq.acquisition.recorder import Recorder
+from daq.acquisition.ring import RingReader
+from daq.frames.channels import channel_table
+from daq.machine.machine_file import CanSource
 from daq.quality import Quality
-from daq.recorder import Recorder
-from daq.recording_files import read_table
-from daq.ring import RingReader
-from sim_backends import Plant, SimulatedMachine, default_machine, faults
-from sim_backends.plant_process import AHEAD
+from daq.recordings.recording_files import read_table
+from sim_backends import Plant, SimulatedMachine, default_machine
+from sim_backends.faults import faults
+from sim_backends.plant.plant_process import AHEAD
 
 pytestmark = pytest.mark.slow
 

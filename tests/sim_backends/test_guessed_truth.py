@@ -11,12 +11,12 @@ import yaml
 from typer.testing import CliRunner
 
 import sim_backends.machines
-from daq.machine_file import Machine, machine_to_yaml, parse_machine
+from daq.machine.machine_file import Machine, machine_to_yaml, parse_machine
 from sim_backends import SensorQuality, excavator_front, folding_arm, random_motion, record, slewing_arm
 from sim_backends import telescopic_crane as telescope
 from sim_backends.cli import register
-from sim_backends.guessed_truth import guessed_truth, guessed_truth_yaml
-from sim_backends.truth import Truth, load_truth
+from sim_backends.plant.guessed_truth import guessed_truth, guessed_truth_yaml
+from sim_backends.plant.truth import Truth, load_truth
 
 FILE = str(Path(sim_backends.machines.__file__).with_name("folding_arm.yaml"))
 LIMITS = {"position": [-0.5, 0.5], "velocity": 0.5, "acceleration": 1.0}

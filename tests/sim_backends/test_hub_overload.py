@@ -6,7 +6,7 @@ import contextlib
 import socket
 
 from sim_backends import backplane
-from sim_backends.can_hub import SYNCS_WAITING, Hub
+from sim_backends.devices.can_hub import SYNCS_WAITING, Hub
 
 STATE = backplane.STATE + backplane.pack_state(0, b"")
 LOOKS = 200

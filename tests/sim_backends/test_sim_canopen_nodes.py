@@ -16,13 +16,13 @@ from sim_bus_client import SYNC, receive
 
 import sim_backends
 from sim_backends import default_machine
-from sim_backends.canopen_device import OPERATIONAL, PRE_OPERATIONAL, STOPPED, SimulatedNode
-from sim_backends.device_plans import NodeObject, NodePlan, Signal, nodes_from_dict, nodes_to_dict
-from sim_backends.wiring import wire
+from sim_backends.devices.canopen_device import OPERATIONAL, PRE_OPERATIONAL, STOPPED, SimulatedNode
+from sim_backends.devices.device_plans import NodeObject, NodePlan, Signal, nodes_from_dict, nodes_to_dict
+from sim_backends.devices.wiring import wire
 
 pytestmark = pytest.mark.slow
 
-EDS = Path(sim_backends.__file__).parent / "eds"
+EDS = Path(sim_backends.__file__).parent / "devices" / "eds"
 ENCODER, CYLINDER, PRESSURE = 11, 21, 31
 NOT_VALID = 1 << 31
 MACHINE, _ = default_machine()

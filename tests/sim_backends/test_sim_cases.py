@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from sim_backends import UNDECLARED, EffectSpec, SensorQuality, simulate_case
-from sim_backends.cases import STEMS, plan_case
-from sim_backends.plant import Plant
+from sim_backends.plant.cases import STEMS, plan_case
+from sim_backends.plant.plant import Plant
 from sim_backends.undeclared import OUTSIDE
 
 QUALITY = SensorQuality()

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 import yaml
 
-from daq.machine_file import machine_to_yaml
-from daq.plausible import doubts
+from daq.machine.machine_file import machine_to_yaml
+from daq.machine.plausible import doubts
 from fitting.arm.base_parameters import base_regressor, reduce_parameters
 from fitting.arm.linkage import lever_arm
 from sim_backends import SensorQuality, excavator_front, random_motion, record, telescopic_crane
-from sim_backends.arm import Arm, ArmDesign
+from sim_backends.plant.arm import Arm, ArmDesign
 
 HEAVY = [excavator_front, telescopic_crane]
 

@@ -10,11 +10,11 @@ import pytest
 import yaml
 
 from daq.errors import InputError
-from daq.machine_file import Drive, Machine, machine_to_yaml, parse_machine
+from daq.machine.machine_file import Drive, Machine, machine_to_yaml, parse_machine
 from fitting.arm.linkage import piston_motion
 from sim_backends import Plant, Truth, slewing_arm
-from sim_backends.arm import Arm, ArmDesign
-from sim_backends.truth import DriveTruth
+from sim_backends.plant.arm import Arm, ArmDesign
+from sim_backends.plant.truth import DriveTruth
 
 PINS = {"type": "pins", "base_pin": [-0.35, 0.2], "base_pivot": [0.1, 0.1], "rod_pin": [0.1, 0.25],
         "link_pivot": [0.2, 0.4], "retracted": 0.2}  # fmt: skip

@@ -13,11 +13,12 @@ from pymodbus.client import ModbusTcpClient
 from sim_bus_client import SYNC
 
 from daq import wire as encodings
-from daq.machine_file import ModbusSource
-from sim_backends import default_machine, faults
-from sim_backends.device_plans import RegisterSignal, Signal, units_from_dict, units_to_dict
-from sim_backends.modbus_devices import _words
-from sim_backends.wiring import wire
+from daq.machine.machine_file import ModbusSource
+from sim_backends import default_machine
+from sim_backends.devices.device_plans import RegisterSignal, Signal, units_from_dict, units_to_dict
+from sim_backends.devices.modbus_devices import _words
+from sim_backends.devices.wiring import wire
+from sim_backends.faults import faults
 
 UNITS = (4, 5, 6, 10)
 MACHINE, _ = default_machine()

@@ -12,7 +12,7 @@ from scipy.interpolate import make_interp_spline
 from scipy.signal import butter, filtfilt
 
 from daq.errors import InputError
-from daq.machine_file import Cylinder, Machine, parse_machine
+from daq.machine.machine_file import Cylinder, Machine, parse_machine
 from sim_backends import (
     Plant,
     SensorQuality,
@@ -24,9 +24,9 @@ from sim_backends import (
     slewing_arm,
     telescopic_crane,
 )
-from sim_backends.arm import Arm, ArmDesign
-from sim_backends.hydraulics import chamber_pressures
-from sim_backends.truth import CylinderTruth, DriveTruth, Hydraulics, LinkTruth
+from sim_backends.plant.arm import Arm, ArmDesign
+from sim_backends.plant.hydraulics import chamber_pressures
+from sim_backends.plant.truth import CylinderTruth, DriveTruth, Hydraulics, LinkTruth
 
 QUIET = SensorQuality.perfect()
 ARMS = [folding_arm, slewing_arm, excavator_front, telescopic_crane]

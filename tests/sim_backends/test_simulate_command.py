@@ -13,10 +13,10 @@ import typer
 from typer.testing import CliRunner
 
 import sim_backends.machines
-from daq.machine_file import load_machine
+from daq.machine.machine_file import load_machine
 from sim_backends import default_machine, random_motion, write_motion
 from sim_backends.cli import register
-from sim_backends.truth import load_truth, truth_to_yaml
+from sim_backends.plant.truth import load_truth, truth_to_yaml
 
 FILE = str(Path(sim_backends.machines.__file__).with_name("folding_arm.yaml"))
 APP = typer.Typer()

@@ -17,11 +17,11 @@ import numpy as np
 import pytest
 from sim_bus_client import SYNC, connect, receive
 
-from daq.acquisition import AcquisitionProcess
+from daq.acquisition.acquisition import AcquisitionProcess
+from daq.acquisition.recorder import Recorder
 from daq.errors import InputError
-from daq.machine_file import load_machine
-from daq.recorder import Recorder
-from daq.recording import read_recording
+from daq.machine.machine_file import load_machine
+from daq.recordings.recording import read_recording
 from sim_backends import (
     EffectSpec,
     Motion,

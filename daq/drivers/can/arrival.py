@@ -7,7 +7,8 @@ frame waited; its smallest value is the offset (plus the least latency), and wha
 
 from __future__ import annotations
 
-NS = 1_000_000_000
+from daq.frames.clock import NS
+
 DRIFT = 2e-4  # the smallest difference is let grow by this: quartz clocks differ by up to 100 ppm each
 SET_S = 1.0  # a difference that jumps by more than this is a clock that was set: learn it anew
 

@@ -17,9 +17,9 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable
 
-from daq.events import EventLog
+from daq.frames.clock import NS
+from daq.frames.events import EventLog
 
-NS = 1_000_000_000
 QUIET_S = 2.0
 _CONTROLLER, _BUS_OFF, _RESTARTED, _COUNTERS = 0x004, 0x040, 0x100, 0x200
 _KINDS = {

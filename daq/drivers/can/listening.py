@@ -20,9 +20,9 @@ from daq.drivers.can.health import BusHealth, advice, told
 from daq.drivers.can.port import CanConfig, CanPort
 from daq.drivers.keeper import Keeper
 from daq.errors import AcquisitionError
+from daq.frames.clock import NS
 from daq.quality import Quality
 
-NS = 1_000_000_000
 SILENT_S = 1.0  # without a frame that comes in every cycle; or three of its intervals
 FIRST_S = 2.0  # that a frame is waited for at the start
 LATE_PERIODS = 1.5

@@ -22,8 +22,8 @@ from daq.drivers.can.arrival import ArrivalTimes
 from daq.drivers.can.health import BusHealth
 from daq.drivers.can.receive_queue import lengthen, lost_frames
 from daq.errors import BusError
+from daq.frames.clock import NS
 
-NS = 1_000_000_000
 # A hub that is busy may put a frame behind its handshake's last word, which python-can takes for a wrong answer.
 OPEN_ATTEMPTS = 5
 OPEN_TIMEOUT_S = 2.0

@@ -12,13 +12,14 @@ from typing import Any
 import can
 import numpy as np
 
-from daq.can_database import Listed, Wanted, decoded, listed_messages, not_available, pgn_of
 from daq.drivers.base import DriverContext, Samples
 from daq.drivers.can.health import BusHealth
-from daq.drivers.can.listening import INBOX, NS, Inbox, Listener, Stream
+from daq.drivers.can.listening import INBOX, Inbox, Listener, Stream
 from daq.drivers.can.port import CanPort
 from daq.errors import MachineFileError
-from daq.machine_file import CanSignalsBus, Channel
+from daq.frames.clock import NS
+from daq.machine.can_database import Listed, Wanted, decoded, listed_messages, not_available, pgn_of
+from daq.machine.machine_file import CanSignalsBus, Channel
 from daq.quality import Quality
 
 FORGET_S = 2.0  # after so long without a frame another sender is not a second one

@@ -17,9 +17,9 @@ from daq.drivers.canopen.lead import Lead
 from daq.drivers.canopen.link import CanLink
 from daq.drivers.canopen.node import UNANSWERED, Node
 from daq.drivers.canopen.watch import NodeWatch
+from daq.drivers.found_setups import FoundSetup
 from daq.drivers.keeper import Keeper
 from daq.errors import AcquisitionError
-from daq.found_setups import FoundSetup
 
 VERIFY_CYCLES = 3
 VERIFY_PATIENCE_S = 0.5  # beyond the three cycles: a shared host may not run us for that long

@@ -15,9 +15,9 @@ from typing import Protocol
 from daq import wire
 from daq.drivers.canopen.link import NoAnswerError, SdoRefusedError
 from daq.drivers.canopen.mapping import TPDO_COUNT, Mapping
+from daq.drivers.found_setups import Objects
 from daq.errors import CommissioningError
-from daq.found_setups import Objects
-from daq.machine_file import CanNode
+from daq.machine.machine_file import CanNode
 
 OPERATIONAL = 0x01  # NMT commands (CiA 301, 7.3.2.2.1)
 PRE_OPERATIONAL = 0x80

@@ -22,10 +22,10 @@ from daq.drivers.canopen.sweep import Sweep
 from daq.drivers.canopen.watch import NodeWatch
 from daq.drivers.keeper import Keeper
 from daq.errors import AcquisitionError, BusError
-from daq.machine_file import CanopenBus, Channel
+from daq.frames.clock import NS
+from daq.machine.machine_file import CanopenBus, Channel
 from daq.quality import Quality
 
-NS = 1_000_000_000
 ANSWER_S = (
     0.06  # at the start a SYNC is waited for so long that also an answer that is three cycles late is seen as it is
 )

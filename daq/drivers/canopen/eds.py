@@ -19,8 +19,8 @@ from typing import Any
 from canopen.objectdictionary import ODVariable
 from canopen.objectdictionary.eds import import_eds
 
-from daq.device_files import check_device_file
 from daq.errors import MachineFileError
+from daq.machine.device_files import check_device_file
 
 SUFFIXES = (".eds", ".dcf")
 SYNCHRONOUS = 240  # transmission types up to here are sampled at SYNC; 252 to 255 are not

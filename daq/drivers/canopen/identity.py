@@ -7,9 +7,9 @@ from __future__ import annotations
 
 import contextlib
 
-from daq.commissioning.profiles import ASKED, profile_of
 from daq.drivers.canopen.commissioning import SdoAccess
 from daq.drivers.canopen.link import SdoRefusedError
+from daq.drivers.canopen.profiles import ASKED, profile_of
 
 DEVICE_TYPE = "0x1000:0"
 TEXTS = ((0x1008, 0), (0x1009, 0), (0x100A, 0))  # name, hardware, firmware (CiA 301, 7.5.2)

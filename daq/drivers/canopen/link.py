@@ -20,7 +20,7 @@ from daq.drivers.base import DriverContext
 from daq.drivers.can.health import BusHealth
 from daq.drivers.can.port import CanPort, first_line
 from daq.errors import BusError, CommissioningError
-from daq.machine_file import CanopenBus
+from daq.machine.machine_file import CanopenBus
 
 SYNC_ID = 0x080
 NMT_ID = 0x000

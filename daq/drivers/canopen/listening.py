@@ -17,12 +17,13 @@ from dataclasses import dataclass
 
 from daq import wire
 from daq.drivers.base import DriverContext, Problem, Samples
-from daq.drivers.can.listening import FIRST_S, NS, Inbox, Listener, Stream
+from daq.drivers.can.listening import FIRST_S, Inbox, Listener, Stream
 from daq.drivers.can.port import CanPort
 from daq.drivers.canopen.eds import Place, pdo_places
 from daq.drivers.canopen.link import SYNC_ID, CanLink, Handler
 from daq.errors import MachineFileError
-from daq.machine_file import CanopenBus, CanSource, Channel
+from daq.frames.clock import NS
+from daq.machine.machine_file import CanopenBus, CanSource, Channel
 from daq.quality import Quality
 
 EMERGENCY_ID = 0x080

@@ -9,9 +9,8 @@ from daq.drivers.base import Answers, Samples
 from daq.drivers.canopen.care import NodeCare
 from daq.drivers.canopen.node import SURPLUS_TOLERATED, Node
 from daq.drivers.canopen.watch import NodeWatch
+from daq.frames.clock import NS
 from daq.quality import Quality
-
-NS = 1_000_000_000
 
 
 class Look:

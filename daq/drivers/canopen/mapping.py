@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 from daq import wire
 from daq.errors import MachineFileError
-from daq.machine_file import CanSource, Channel
+from daq.machine.machine_file import CanSource, Channel
 
 TPDO_BYTES = 8
 TPDO_COUNT = 4

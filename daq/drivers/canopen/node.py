@@ -15,13 +15,13 @@ from collections import Counter, deque
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
-from daq.buses import object_of
 from daq.drivers.base import Spread
 from daq.drivers.canopen.commissioning import SdoAccess
 from daq.drivers.canopen.mapping import Mapping, map_node
 from daq.drivers.decimals import Decimals
 from daq.errors import CommissioningError
-from daq.machine_file import CanNode, CanopenBus, CanSource, Channel
+from daq.machine.buses import object_of
+from daq.machine.machine_file import CanNode, CanopenBus, CanSource, Channel
 
 MISSES_TOLERATED = 3  # cycles without any TPDO after which a node is not waited for any more
 MISSES_LOST = 25  # cycles without any TPDO, the heartbeat going on, after which it is commissioned again

@@ -1,4 +1,4 @@
-"""Putting CANopen nodes back to what they were before they were commissioned (:mod:`daq.found_setups`)."""
+"""Putting CANopen nodes back to what they were before they were commissioned (:mod:`daq.drivers.found_setups`)."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from daq.drivers.base import DriverContext
 from daq.drivers.can.health import BusHealth
 from daq.drivers.canopen.commissioning import LEFT, PRE_OPERATIONAL, SdoAccess, identity_of, write_objects
 from daq.drivers.canopen.link import CanLink
+from daq.drivers.found_setups import FoundSetup, FoundSetups
 from daq.errors import BusError, CommissioningError
-from daq.found_setups import FoundSetup, FoundSetups
-from daq.machine_file import CanopenBus, CanSource, Machine
+from daq.machine.machine_file import CanopenBus, CanSource, Machine
 
 
 @dataclass(frozen=True)

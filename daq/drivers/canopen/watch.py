@@ -20,8 +20,7 @@ from daq.drivers.canopen.node import (
     WRONG_TOLERATED,
     Node,
 )
-
-NS = 1_000_000_000
+from daq.frames.clock import NS
 
 
 class NodeWatch:

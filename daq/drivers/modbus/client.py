@@ -20,7 +20,7 @@ from pymodbus.framer import FramerType
 from pymodbus.pdu import ExceptionResponse
 
 from daq.errors import BusError
-from daq.machine_file import ModbusRtuBus, ModbusTcpBus
+from daq.machine.machine_file import ModbusRtuBus, ModbusTcpBus
 
 ILLEGAL_ADDRESS, DEVICE_FAILURE = 2, 4  # exception codes (Modbus application protocol V1.1b3, section 7)
 HOLDING, INPUT = 3, 4  # function codes

@@ -16,10 +16,10 @@ from daq import wire
 from daq.drivers.base import Answers, DeviceStatus, DriverContext, DriverStatistics, Problem, Samples
 from daq.drivers.modbus.client import DEVICE_FAILURE, Answer, ModbusConnection
 from daq.drivers.modbus.unit import Block, Reading, Unit, gap_is_to_blame
-from daq.machine_file import Channel, ModbusRtuBus, ModbusSource, ModbusTcpBus
+from daq.frames.clock import NS
+from daq.machine.machine_file import Channel, ModbusRtuBus, ModbusSource, ModbusTcpBus
 from daq.quality import Quality
 
-NS = 1_000_000_000
 BACK_OFF_S = (0.0, 0.0, 0.25, 0.5, 1.0)  # after so many failures in a row
 MISSES_TOLERATED = 3
 NAME_S = 0.2  # that asking a unit what it is may cost in service

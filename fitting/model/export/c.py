@@ -14,12 +14,12 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from daq.recording_files import replacing
+from daq.recordings.recording_files import replacing
 from fitting.model import motion
 from fitting.model.arm_model import ArmModel
-from fitting.model.export.graph import Node, needed
 from fitting.model.export.printing import Dialect, curves_of, statements
-from fitting.model.export.tracing import Tracer
+from fitting.model.export.tracing.graph import Node, needed
+from fitting.model.export.tracing.tracing import Tracer
 from fitting.model.export.words import Written, heading, require_folder
 
 FloatArray = npt.NDArray[np.float64]

@@ -23,10 +23,10 @@ from uuid import NAMESPACE_URL, uuid5
 import jinja2
 
 from daq.errors import InputError
-from daq.recording_files import replacing
+from daq.recordings.recording_files import replacing
 from fitting.model.arm_model import ArmModel
 from fitting.model.export.c import Function, c_files, functions_of, identifier
-from fitting.model.export.tracing import Tracer
+from fitting.model.export.tracing.tracing import Tracer
 from fitting.model.export.words import Written, require_folder, said_of
 
 #: Units by what SI makes of them: exponents of kg, m, s, rad.

@@ -6,12 +6,12 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from daq.errors import InputError
-from daq.recording_files import replacing
+from daq.recordings.recording_files import replacing
 from fitting.model.arm_model import ArmModel
 from fitting.model.export.c import Function, functions_of, identifier
-from fitting.model.export.graph import Curve, needed
 from fitting.model.export.printing import Dialect, curves_of, statements
-from fitting.model.export.tracing import Tracer
+from fitting.model.export.tracing.graph import Curve, needed
+from fitting.model.export.tracing.tracing import Tracer
 from fitting.model.export.words import Written, heading
 
 DIALECT = Dialect(

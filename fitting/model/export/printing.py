@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 from scipy.special import gamma
 
-from fitting.model.export.graph import Node, needed, uses
+from fitting.model.export.tracing.graph import Node, needed, uses
 
 #: Operations nested in one statement at most: long lines are hard on compilers and readers alike.
 _DEEPEST = 6

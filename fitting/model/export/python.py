@@ -11,13 +11,13 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from daq.recording_files import replacing
+from daq.recordings.recording_files import replacing
 from fitting.arm.expected import expected_power
 from fitting.model.arm_model import ArmModel
-from fitting.model.export.graph import Curve, Node
-from fitting.model.export.moment import State
 from fitting.model.export.printing import Dialect, curves_of, statements
-from fitting.model.export.tracing import Tracer
+from fitting.model.export.tracing.graph import Curve, Node
+from fitting.model.export.tracing.moment import State
+from fitting.model.export.tracing.tracing import Tracer
 from fitting.model.export.words import Written, heading
 
 FloatArray = npt.NDArray[np.float64]

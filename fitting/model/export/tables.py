@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from daq.recording_files import replacing
+from daq.recordings.recording_files import replacing
 from fitting.model import motion
 from fitting.model.arm_model import ArmModel
 from fitting.model.evaluation import without

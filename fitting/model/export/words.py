@@ -11,7 +11,7 @@ from daq.errors import InputError
 from fitting.model.arm_model import ArmModel
 
 if TYPE_CHECKING:
-    from fitting.model.export.tracing import Tracer
+    from fitting.model.export.tracing.tracing import Tracer
 
 
 @dataclass(frozen=True)

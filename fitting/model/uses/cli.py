@@ -13,7 +13,7 @@ from daq.errors import InputError
 from fitting.model.cli import Columns, Json, ModelPath, RecordingPath, Resample, print_table
 
 if TYPE_CHECKING:
-    from daq.recording import Recording
+    from daq.recordings.recording import Recording
     from fitting.model.uses.energy import Energy
 
 Table = Annotated[Path | None, typer.Option("--output", "-o", help="Table to write: .csv or .parquet.")]
@@ -162,7 +162,7 @@ def payload(
     import numpy as np
     import pyarrow as pa
 
-    from daq.recording_files import write_table
+    from daq.recordings.recording_files import write_table
     from fitting.model.codec import load_model
     from fitting.model.prediction import load_recording
     from fitting.model.uses.payload import payload_signal

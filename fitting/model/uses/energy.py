@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from daq.recording import Recording
+from daq.recordings.recording import Recording
 from fitting.model import motion
 from fitting.model.arm_model import ArmModel
 from fitting.model.evaluation import Evaluated

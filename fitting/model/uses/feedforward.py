@@ -12,7 +12,7 @@ import pyarrow as pa
 from scipy.interpolate import make_interp_spline
 
 from daq.errors import InputError
-from daq.recording_files import write_table
+from daq.recordings.recording_files import write_table
 from fitting.excitation.motion import Motion, read_motion
 from fitting.model import motion
 from fitting.model.arm_model import ArmModel

@@ -19,7 +19,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.signal import savgol_coeffs
 
-from daq.recording import Recording
+from daq.recordings.recording import Recording
 from fitting.arm.expected import expected_sign
 from fitting.model.arm_model import ArmModel
 from fitting.model.evaluation import Evaluated

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from daq.recording import Recording
+from daq.recordings.recording import Recording
 from fitting.arm.dynamics import rigid_body_regressor
 from fitting.model.arm_model import ArmModel
 from fitting.model.evaluation import Evaluated

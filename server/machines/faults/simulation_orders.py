@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from sim_backends import SimulatedMachine
-    from sim_backends.fault_file import Fault
+    from sim_backends.faults.fault_file import Fault
 
 MOST = 20  # faults at once
 
@@ -45,7 +45,7 @@ class FaultOrders:
             return {"error": str(error)}
 
     def _offers(self) -> list[dict[str, Any]]:
-        from sim_backends.fault_offers import fault_offers
+        from sim_backends.faults.fault_offers import fault_offers
 
         return fault_offers(self._machine)
 
@@ -57,8 +57,8 @@ class FaultOrders:
     def _begin(self, faults: list[dict[str, Any]]) -> list[dict[str, Any]]:
         import yaml
 
-        from sim_backends.fault_file import SCHEMA, fault_problems
-        from sim_backends.fault_runner import FaultRunner
+        from sim_backends.faults.fault_file import SCHEMA, fault_problems
+        from sim_backends.faults.fault_runner import FaultRunner
 
         script, problems = fault_problems(yaml.safe_dump({"schema": SCHEMA, "faults": faults}), self._machine)
         if script is None:

@@ -13,11 +13,11 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from daq import InputError, load_machine
-from daq.column_map import load_map
 from daq.formats import mcap_file, mdf4, units_in
-from daq.machine_file import Machine
-from daq.recording_files import Table, read_table, write_columns
-from daq.recording_source import import_file
+from daq.machine.machine_file import Machine
+from daq.recordings.column_map import load_map
+from daq.recordings.recording_files import Table, read_table, write_columns
+from daq.recordings.recording_source import import_file
 from server.platform.processes.child_limits import RECORDING_CPU_S, limit_child
 from server.recordings.formats.imports import IMPORTS, map_beside
 from server.recordings.formats.recording_statistics import statistics

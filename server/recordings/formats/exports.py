@@ -77,7 +77,7 @@ class Exports:
 
         Parameters
         ----------
-        columns : text of a map of its columns (:mod:`daq.column_map`)
+        columns : text of a map of its columns (:mod:`daq.recordings.column_map`)
         resample : whether another rate is brought to the machine's
         """
         target = self._temporary(".parquet")

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from daq import Quality
-from daq.machine_file import Machine
-from daq.recording_files import Table
+from daq.machine.machine_file import Machine
+from daq.recordings.recording_files import Table
 
 
 def statistics(table: Table, machine: Machine) -> dict[str, Any]:

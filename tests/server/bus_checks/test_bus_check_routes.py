@@ -13,12 +13,12 @@ from acquired_machines import MACHINES, acquire
 from service_fakes import Fakes, Running, running_service
 
 from daq import Machine
+from daq.acquisition.cycles import AcquisitionStatistics
+from daq.acquisition.ring import RingWriter, ring_buffer
 from daq.commissioning.check import MachineCheck
 from daq.commissioning.delays import BusDelay, PairDelay
-from daq.cycles import AcquisitionStatistics
-from daq.frame import Frame, row_dtype, row_from_frame
+from daq.frames.frame import Frame, row_dtype, row_from_frame
 from daq.quality import Quality
-from daq.ring import RingWriter, ring_buffer
 from server.bus_checks.bus_check_schemas import BusCheck
 from server.machines.machine_resource import LAUNCH
 

@@ -14,8 +14,8 @@ from service_fakes import API, MACHINE, Running, wait_for_change
 from starlette.websockets import WebSocketDisconnect
 
 from daq import Machine, parse_machine
-from daq.frame import Frame, row_dtype, row_from_frame
-from daq.ring import RingWriter, ring_buffer
+from daq.acquisition.ring import RingWriter, ring_buffer
+from daq.frames.frame import Frame, row_dtype, row_from_frame
 from server.live import live_messages as messages
 from server.live.live_client import Client
 from server.live.live_reader import HEARTBEAT_S, PERIOD_S, Hub, _Stream

@@ -15,8 +15,8 @@ from live_lever import COULOMB, RATE, handed_over, recording, session, signals
 from service_fakes import MACHINE
 
 from daq import write_recording
-from daq.frame import row_dtype
-from daq.ring import RingWriter, ring_buffer
+from daq.acquisition.ring import RingWriter, ring_buffer
+from daq.frames.frame import row_dtype
 from fitting.pipeline.stage_program import load_request
 from fitting.pipeline.stages import STAGES, run_stage
 from server.alarms.alarm_desk import Alarms

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from live_lever import RATE, handed_over, recording, session, signals
 
-from daq.frame import row_dtype
+from daq.frames.frame import row_dtype
 from fitting.model.arm_model import ArmModel
 from fitting.model.uses.overload import overloads, thresholds
 from server.identifications.live_model import LiveModel, NotLiveError

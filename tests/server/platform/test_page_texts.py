@@ -116,23 +116,33 @@ REFUSING = (
         for one in sorted((ROOT / "server").iterdir())
         if one.is_dir() and one.name not in ("commands", "web", "__pycache__")
     ),
-    *(f"daq/{name}.py" for name in ("recording_checks", "csv_files", "recording_files", "foreign_files")),
-    *(f"daq/{name}.py" for name in ("recording_source", "recording", "machine_file", "channels", "device_files")),
-    *(f"daq/{name}.py" for name in ("can_database", "acquisition", "drivers/base", "drivers/can/port")),
+    *(
+        f"daq/recordings/{name}.py"
+        for name in (
+            "recording_checks",
+            "csv_files",
+            "recording_files",
+            "foreign_files",
+            "recording_source",
+            "recording",
+        )
+    ),
+    *(f"daq/machine/{name}.py" for name in ("machine_file", "device_files", "can_database")),
+    *(f"daq/{name}.py" for name in ("frames/channels", "acquisition/acquisition", "drivers/base", "drivers/can/port")),
 )
 #: Texts of the machine file's problems and doubts: all there are.
 MACHINE_FILE = tuple(
     f"daq/{name}.py"
     for name in (
-        *("coherence", "joints", "buses", "linkages", "machine_file_errors"),
-        *("safe_yaml", "plausible", "can_database"),
+        *(f"machine/{name}" for name in ("coherence", "joints", "buses", "linkages", "machine_file_errors")),
+        *("safe_yaml", "machine/plausible", "machine/can_database"),
     )
 )
 #: Findings: all texts of the checks and of the bus check, and of the drivers about their devices.
 FINDING = (
     "fitting/checks",
     "fitting/signals/rods.py",
-    "daq/recording_checks.py",
+    "daq/recordings/recording_checks.py",
     *(f"daq/commissioning/{name}.py" for name in ("check", "running_check", "identities")),
     *(f"daq/drivers/canopen/{name}.py" for name in ("watch", "driver", "care", "lead", "look", "node")),
     *(f"daq/drivers/modbus/{name}.py" for name in ("unit", "driver")),
@@ -140,7 +150,7 @@ FINDING = (
 #: Sources of texts that are translated and of which not all are shown.
 MORE = (
     "daq/units.py",
-    "daq/machine_file.py",
+    "daq/machine/machine_file.py",
     "daq/drivers/modbus/client.py",
     "server/platform/http/request_limits.py",
     "server/recordings/inspect_recording.py",

@@ -60,7 +60,7 @@ def test_the_next_file_is_read_after_one_that_ended_the_child(running: Running) 
 
 @pytest.mark.slow
 def test_the_server_reads_no_machine_file_itself(running: Running, monkeypatch: pytest.MonkeyPatch) -> None:
-    import daq.machine_file
+    import daq.machine.machine_file
     import daq.safe_yaml
 
     def refuse(text: str) -> object:

@@ -18,7 +18,7 @@ from mcap.reader import make_reader
 from service_fakes import API, MACHINE, Running, motion, recording_bytes
 
 from daq import parse_machine, read_recording, write_recording
-from daq.recording_files import Table, read_table
+from daq.recordings.recording_files import Table, read_table
 from server.recordings.file_children import FileChildren
 from server.recordings.formats.exports import Exports
 from server.recordings.formats.recording_statistics import statistics

@@ -11,8 +11,8 @@ import pyarrow.parquet
 from service_fakes import MACHINE
 
 from daq import parse_machine
-from daq.frame import Frame, row_dtype, row_from_frame
-from daq.ring import RingWriter, ring_buffer
+from daq.acquisition.ring import RingWriter, ring_buffer
+from daq.frames.frame import Frame, row_dtype, row_from_frame
 from server.recordings.recording_sessions import RecordOrder
 from server.recordings.ring_recorder import RingRecorder
 

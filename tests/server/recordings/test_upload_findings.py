@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from service_fakes import API, MACHINE, Running, motion
 
-from daq.machine_file import parse_machine
-from daq.recording import write_recording
+from daq.machine.machine_file import parse_machine
+from daq.recordings.recording import write_recording
 from server.recordings import inspect_recording
 
 pytestmark = pytest.mark.slow

@@ -1,0 +1,173 @@
+"""How many machines of forty channels one computer acquires, what each costs, and how soon 23 nodes are there.
+
+The devices are CANopen nodes of this package (twenty with two channels each) behind socketcand servers in one process.
+They answer SDO as the simulated machine's do; at a SYNC they send frames that were made before, so that they cost
+little beside what is measured.
+"""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from benchmarks.targets import Check, Outcome
+from daq.acquisition.acquisition import AcquisitionProcess
+from daq.acquisition.ring import RingReader
+from daq.machine.machine_file import Machine, parse_machine
+from daq.quality import Quality
+
+CHANNELS, RATE_HZ = 40, 50.0
+MACHINES, CORE_PERCENT = 8, 5.0  # at least so many on two cores; at most so much of a core each
+NODES, DEAD, COMMISSIONED_S = 23, 20, 3.0
+SETTLE_S = 3.0
+
+_HEAD = """
+schema: hilfit/machine/1
+name: {name}
+rate_hz: {rate}
+gravity: [0.0, -9.81, 0.0]
+joints:
+- name: j1
+  dh: {{a: 1.0, alpha: 0.0, d: 0.0, theta: 0.0}}
+  limits: {{position: [-1.0, 1.0], velocity: 1.0, acceleration: 1.0}}
+  cylinder: {{bore: 0.08, rod: 0.04, stroke: 0.3, linkage: {{type: rack, radius: 0.1, zero: -1.2}}}}
+buses:
+- {{name: can, type: canopen, interface: socketcand, channel: can0, listen_s: 0, options: {{host: 127.0.0.1, port: {port}}}}}
+channels:
+"""  # noqa: E501
+
+
+def machine_of(name: str, port: int, nodes: int) -> Machine:
+    """A machine of pressure transducers with two channels each."""
+    lines = [_HEAD.format(name=name, rate=RATE_HZ, port=port)]
+    quantities = ["head_pressure", "rod_pressure", "joint_position", *["oil_temperature"] * (2 * nodes)]
+    units = {"joint_position": "rad", "oil_temperature": "degC"}
+    for k in range(2 * nodes):
+        quantity = quantities[k]
+        joint = "" if quantity == "oil_temperature" else ", joint: j1"
+        lines.append(
+            f"- {{name: c{k}, quantity: {quantity}{joint}, unit: {units.get(quantity, 'bar')}, source: {{bus: can, "
+            f"node: {1 + k // 2}, object: 0x6130, subindex: {1 + k % 2}, data_type: float32}}}}\n"
+        )
+    return parse_machine("".join(lines))
+
+
+class Devices:
+    """Nodes of several machines in one process, each machine behind a port of its own."""
+
+    def __init__(self, machines: int, nodes: int, dead: int = 0) -> None:
+        command = [sys.executable, "-m", "benchmarks.acquisition.channel_devices", str(machines), str(nodes), str(dead)]
+        self._process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+        assert self._process.stdout is not None
+        self.ports = [int(word) for word in self._process.stdout.readline().split()]
+        self.pid = self._process.pid
+
+    def __enter__(self) -> Devices:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        assert self._process.stdin is not None and self._process.stdout is not None
+        self._process.stdin.close()
+        try:
+            self._process.wait(10)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
+        self._process.stdout.close()
+
+
+def busy_s(pid: int) -> float:
+    """Processor time of all threads of a process in s, exactly (``/proc/PID/task/*/schedstat``)."""
+    tasks = Path(f"/proc/{pid}/task").glob("*/schedstat")
+    return sum(int(task.read_text().split()[0]) for task in tasks) / 1e9
+
+
+def run(machines: Sequence[int], seconds: float, say: Callable[[str], None]) -> Outcome:
+    """Acquire so many machines at once, and measure.
+
+    Parameters
+    ----------
+    machines : numbers of machines, one run each
+    seconds : that each run takes
+    """
+    notes = [f"{'machines':>8s}  cycles  lost  values lost  slowest start of a cycle  of a core each  devices"]
+    sound, each = 0, []
+    for number in machines:
+        found = _acquire(number, seconds)
+        each.append(found["core"])
+        if not found["lost"]:
+            sound = max(sound, number)
+        notes.append(
+            f"{number:8d} {found['cycles']:7d} {found['lost']:5d} {found['values']:12d} {found['late_ms']:22.1f} ms"
+            f" {found['core']:14.1f} % {found['devices']:6.1f} %"
+        )
+        say(notes[-1])
+    all_there, some_there = _commissioning(0), _commissioning(DEAD)
+    ratio = each[-1] / each[0]
+    checks = (
+        Check("machines without a lost cycle", sound, f"{sound}", "at least", MACHINES, f"{MACHINES}"),
+        Check("of a core for each", each[0], f"{each[0]:.1f} %", "at most", CORE_PERCENT, f"{CORE_PERCENT:g} %"),
+        Check("cost of each among most, over that of one alone", ratio, f"{ratio:.2f}"),
+        Check(f"{NODES} nodes commissioned", all_there, f"{all_there:.2f} s",
+              "at most", COMMISSIONED_S, f"{COMMISSIONED_S:g} s"),
+        Check(f"{NODES - DEAD} of {NODES} nodes commissioned, {DEAD} dead", some_there, f"{some_there:.2f} s",
+              "at most", COMMISSIONED_S, f"{COMMISSIONED_S:g} s"),
+    )  # fmt: skip
+    notes.append(f"{seconds:g} s each, load of the computer {os.getloadavg()[0]:.1f} on {os.cpu_count()} cores")
+    return Outcome(checks, tuple(notes))
+
+
+def _acquire(number: int, seconds: float) -> dict[str, Any]:
+    with ExitStack() as stack:
+        devices = stack.enter_context(Devices(number, CHANNELS // 2))
+        running = [AcquisitionProcess(machine_of(f"m{k}", port, CHANNELS // 2)) for k, port in enumerate(devices.ports)]
+        for one in running:
+            stack.callback(one.stop)
+            one.start()
+        for one in running:
+            one.wait_running()
+        time.sleep(SETTLE_S)
+        readers = [stack.enter_context(RingReader(one.ring_name)) for one in running]
+        pids = [reader.writer_pid for reader in readers]
+        before, devices_before, began = [busy_s(pid) for pid in pids], busy_s(devices.pid), time.monotonic()
+        time.sleep(seconds)
+        wall = time.monotonic() - began
+        core = [100 * (busy_s(pid) - was) / wall for pid, was in zip(pids, before, strict=True)]
+        of_devices = 100 * (busy_s(devices.pid) - devices_before) / wall
+        rows = [reader.read().rows for reader in readers]
+        late = max(one.statistics().worst_late_ms for one in running)
+    return {
+        "cycles": sum(len(r) for r in rows),
+        "lost": sum(int((np.diff(r["cycle"]) - 1).sum()) for r in rows),
+        "values": sum(int((r["quality"] != Quality.FRESH).sum()) for r in rows),
+        "late_ms": late,
+        "core": float(np.mean(core)),
+        "devices": of_devices,
+    }
+
+
+def _commissioning(dead: int) -> float:
+    """Seconds from the start of the acquisition process until every living node has sent a fresh value."""
+    with Devices(1, NODES, dead) as devices:
+        process = AcquisitionProcess(machine_of("m", devices.ports[0], NODES), strict=dead == 0)
+        began = time.monotonic()
+        try:
+            process.start()
+            process.wait_running()
+            with RingReader(process.ring_name, from_start=True) as ring:
+                fresh = np.zeros(2 * NODES, dtype=np.bool_)
+                while fresh.sum() < 2 * (NODES - dead):
+                    if not ring.wait(30):
+                        return float("inf")
+                    fresh |= (ring.read().rows["quality"] == Quality.FRESH).any(axis=0)
+            return time.monotonic() - began
+        finally:
+            process.stop()

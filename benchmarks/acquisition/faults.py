@@ -1,0 +1,386 @@
+"""Every fault of the simulated machine at random moments, on CANopen, Modbus TCP and RTU.
+
+In lockstep, so that nothing is lost because the computer is busy: while a device is waited for, the machine stands
+still, and that time does not count. At the wall's clock (``real_time``) everything counts, on a quiet computer.
+
+The plant idles with a known seed, so what every sensor measured at every SYNC is known here without asking anybody; its
+noise makes each sample different from its neighbours, so that a value of another SYNC is recognised. A recorder runs
+all the time; its ledger is looked at in the end.
+"""
+
+from __future__ import annotations
+
+import os
+import statistics
+import tempfile
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import yaml
+
+from benchmarks.targets import Check, Outcome, fact
+from daq.acquisition.acquisition import AcquisitionProcess
+from daq.acquisition.recorder import Recorder, RecordingSummary
+from daq.acquisition.ring import RingReader
+from daq.errors import HilfitError
+from daq.frames.channels import channel_table
+from daq.machine.machine_file import Machine, ModbusRtuBus, ModbusSource, Simulation, load_machine
+from daq.quality import Quality
+from sim_backends import Plant, SimulatedMachine, default_machine
+from sim_backends.faults.fault_file import SCHEMA, Fault, fault_problems, targets
+from sim_backends.faults.fault_runner import begin, end
+from sim_backends.plant.plant_process import AHEAD
+
+SEED = 11
+WARM_UP_S = 7.0  # frozen values are told by what is normal, and that takes five seconds to learn
+PAUSE_S = (0.2, 0.8)  # between recovery and the next fault
+LASTS_S = (0.4, 1.0)
+PATIENCE_LOCKSTEP_S = 0.4  # that the machine stands still for a device that does not answer
+STANDS_STILL_S = 0.1  # a longer time between two frames is no time of the machine
+RECOVERY_S = 2.0
+PATIENCE_S = 60.0  # for a recovery that does not come
+SETTLED = 10  # rows in a row that are fresh on all channels: recovered
+SYNCS_AHEAD = 12  # among which the one is looked for that a row belongs to
+TOLERANCE = 2e-5  # of a value, for what float32 makes of it
+PLACES = 6  # wrong values of one fault that are told one by one
+NO_SYNC = 1_000
+SERIAL = "line"
+NS = 1_000_000_000
+#: What a sensor says that is wrong, and its device does not know: nobody can tell from that one value.
+UNKNOWABLE = ("noise_burst", "bias_step")
+#: Without SYNC machine time stands still, and what is polled with it.
+STOPS_ALL = ("bus_off", "half_open")
+
+BoolArray = npt.NDArray[np.bool_]
+
+
+def machine_of_three_buses() -> tuple[Machine, Any]:
+    """The folding arm with two of its Modbus units on a serial line, and its truth."""
+    machine, truth = default_machine()
+    channels = []
+    for channel in machine.channels:
+        source = channel.source
+        if isinstance(source, ModbusSource) and source.unit in (5, 6):
+            channel = channel.model_copy(update={"source": source.model_copy(update={"bus": SERIAL})})
+        channels.append(channel)
+    line = ModbusRtuBus(name=SERIAL, type="modbus_rtu", port="pty", timeout_s=0.1)
+    return machine.model_copy(update={"channels": tuple(channels), "buses": (*machine.buses, line)}), truth
+
+
+def scripts() -> tuple[tuple[str, dict[str, Any]], ...]:
+    """Name and content of every fault, on every bus that can have it."""
+    found: list[tuple[str, dict[str, Any]]] = []
+    devices: tuple[tuple[str, dict[str, Any], str], ...] = (
+        ("CANopen", {"bus": "can", "node": 31}, "joint1.head_pressure"),
+        ("Modbus TCP", {"bus": "modbus", "unit": 4}, "joint4.head_pressure"),
+        ("Modbus RTU", {"bus": SERIAL, "unit": 5}, "joint5.head_pressure"),
+    )
+    for bus, device, channel in devices:
+        late: dict[str, Any] = {"syncs": 2} if "node" in device else {"seconds": 0.06}
+        of_device: tuple[dict[str, Any], ...] = (
+            {"fault": "drop", "share": 0.3}, {"fault": "drop"}, {"fault": "corrupt", "share": 0.3},
+            {"fault": "delay", **late}, {"fault": "node_death"},
+        )  # fmt: skip
+        of_channel: tuple[dict[str, Any], ...] = (
+            {"fault": "freeze"}, {"fault": "nan"}, {"fault": "saturate"}, {"fault": "noise_burst", "size": 2.0},
+            {"fault": "bias_step", "size": 5.0},
+        )  # fmt: skip
+        found += [(f"{bus}: {_name(one)}", {**one, **device}) for one in of_device]
+        found += [(f"{bus}: {_name(one)}", {**one, "channel": channel}) for one in of_channel]
+    of_bus: tuple[tuple[str, dict[str, Any]], ...] = (
+        ("CANopen", {"fault": "duplicate_id", "bus": "can", "node": 32}),
+        ("CANopen", {"fault": "emcy_storm", "bus": "can", "node": 33}),
+        ("CANopen", {"fault": "bus_off", "bus": "can"}),
+        ("CANopen", {"fault": "half_open", "bus": "can"}),
+        ("CANopen", {"fault": "slow_peer", "bus": "can", "seconds": 0.006}),
+        ("CANopen", {"fault": "sync_jitter", "bus": "can", "seconds": 0.004}),
+        ("CANopen", {"fault": "clock_jump", "bus": "can", "seconds": 3600.0}),
+        ("CANopen", {"fault": "clock_jump", "bus": "can", "seconds": -3600.0}),
+        ("Modbus TCP", {"fault": "half_open", "bus": "modbus"}),
+        ("Modbus TCP", {"fault": "slow_peer", "bus": "modbus", "seconds": 0.03}),
+        ("Modbus RTU", {"fault": "slow_peer", "bus": SERIAL, "seconds": 0.03}),
+    )
+    found += [(f"{bus}: {_name(one)}", one) for bus, one in of_bus]
+    return tuple(found)
+
+
+def _name(content: dict[str, Any]) -> str:
+    size = content.get("share", content.get("seconds", content.get("syncs")))
+    return str(content["fault"]) + ("" if size is None else f" {size:g}")
+
+
+@dataclass
+class Case:
+    """What one fault did, each time that it came.
+
+    Attributes
+    ----------
+    spans : when it began, when it ended, when all was fresh again (monotonic ns; None: not within the patience)
+    recoveries : seconds of the machine from each end to when all was fresh again
+    wrong : values called fresh that are not what was there at their SYNC
+    others : values of other devices that were not fresh while it lasted and until all had recovered
+    mates : the same of devices that share its serial line, which a time-out keeps busy
+    cost : values of its own device or bus that were not fresh
+    places : where the first wrong values are, and the first ones that others lost, in words
+    """
+
+    name: str
+    fault: Fault
+    costs: frozenset[str]
+    mates_of: frozenset[str]
+    spans: list[tuple[int, int, int | None]] = field(default_factory=list)
+    recoveries: list[float] = field(default_factory=list)
+    wrong: int = 0
+    others: int = 0
+    mates: int = 0
+    cost: int = 0
+    places: list[str] = field(default_factory=list)
+
+    @property
+    def kind(self) -> str:
+        """The fault's name."""
+        return str(self.fault.model_dump()["fault"])
+
+
+class Bench:
+    """A running simulated machine, its acquisition, its recorder, and every frame since the start."""
+
+    def __init__(self, directory: Path, stack: ExitStack, real_time: bool) -> None:
+        self.declared, truth = machine_of_three_buses()
+        self.truth = truth
+        self.machine = stack.enter_context(SimulatedMachine(self.declared, truth, seed=SEED, workdir=directory / "sim"))
+        how = None if real_time else Simulation(speed=1.0, lockstep=True, patience_s=PATIENCE_LOCKSTEP_S)
+        acquired = load_machine(self.machine.machine_path).model_copy(update={"simulation": how})
+        self.acquisition = stack.enter_context(AcquisitionProcess(acquired, ring_seconds=600))
+        self._reader = stack.enter_context(RingReader(self.acquisition.ring_name, from_start=True))
+        self.recorder = Recorder(self.acquisition.ring_name, acquired, "operation", directory / "faults.parquet")
+        self.recorder.start()
+        self.rows: list[npt.NDArray[np.void]] = []
+
+    def read(self, seconds: float) -> npt.NDArray[np.void]:
+        """Let so much time pass; the frames that came."""
+        time.sleep(seconds)
+        self.acquisition.check()
+        found = self._reader.read()
+        if found.missed:
+            raise RuntimeError(f"the benchmark itself lost {found.missed} frames")
+        self.rows.append(found.rows)
+        return found.rows
+
+    def recovered(self, since_ns: int) -> int | None:
+        """When the first of :data:`SETTLED` rows in a row was fresh on all channels; None: not in time."""
+        run, first = 0, 0
+        deadline = time.monotonic() + PATIENCE_S
+        while time.monotonic() < deadline:
+            for row in self.read(0.05):
+                if row["monotonic_ns"] < since_ns:
+                    continue
+                if not np.all(row["quality"] == Quality.FRESH):
+                    run = 0
+                    continue
+                run += 1
+                first = int(row["monotonic_ns"]) if run == 1 else first
+                if run == SETTLED:
+                    return first
+        return None
+
+
+def run(times: int, seed: int, only: str | None, real_time: bool, say: Callable[[str], None]) -> Outcome:
+    """Every fault so many times; what it cost.
+
+    Parameters
+    ----------
+    times : that each fault comes
+    seed : of when and for how long
+    only : part of a fault's name
+    real_time : at the wall's clock
+    """
+    random = np.random.default_rng(seed)
+    with ExitStack() as stack:
+        directory = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="hilfit-bench-")))
+        bench = Bench(directory, stack, real_time)
+        cases = [case for case in _cases(bench.declared) if only is None or only in case.name]
+        broken = ""
+        try:
+            bench.read(WARM_UP_S)
+            for case in cases:
+                for _ in range(times):
+                    _one(bench, case, random)
+                say(f"{case.name:32s} {times} times")
+        except HilfitError as error:  # what came until then counts all the same
+            broken = str(error)
+        summary = bench.recorder.stop()
+        rows = np.concatenate(bench.rows)
+        skipped = bench.acquisition.statistics().skipped
+        _judge(cases, rows, bench)
+    outcome = _outcome([case for case in cases if case.spans], rows, summary, skipped, bench.declared)
+    ran = fact("came as often as asked", not broken, f"{times} times each" if not broken else f"broke off: {broken}")
+    return Outcome((ran, *outcome.checks), outcome.notes)
+
+
+def faults_of(machine: Machine) -> tuple[tuple[str, Fault], ...]:
+    """Name and fault of every script, checked against the machine."""
+    content = scripts()
+    listed = [{"at": 0.0, "for": 1.0, **fault} for _, fault in content]
+    script, problems = fault_problems(yaml.safe_dump({"schema": SCHEMA, "faults": listed}), machine)
+    if script is None:
+        raise RuntimeError(problems[0].under("scripts"))
+    return tuple((name, fault) for (name, _), fault in zip(content, script.faults, strict=True))
+
+
+def _cases(machine: Machine) -> Iterator[Case]:
+    listed = faults_of(machine)
+    buses = {c.name: c.source.bus for c in machine.channels if c.source is not None}
+    for (name, fault), costs in zip(listed, targets([fault for _, fault in listed], machine), strict=True):
+        if fault.model_dump()["fault"] in STOPS_ALL and name.startswith("CANopen"):
+            costs = frozenset(buses)
+        mates = frozenset(c for c, bus in buses.items() if bus == SERIAL and SERIAL in {buses[k] for k in costs})
+        yield Case(name, fault, costs, mates - costs)
+
+
+def _one(bench: Bench, case: Case, random: np.random.Generator) -> None:
+    bench.recovered(time.monotonic_ns())
+    bench.read(random.uniform(*PAUSE_S))
+    began = time.monotonic_ns()
+    begin(bench.machine, bench.declared, case.fault)
+    bench.read(random.uniform(*LASTS_S))
+    end(bench.machine, bench.declared, case.fault)
+    ended = time.monotonic_ns()
+    case.spans.append((began, ended, bench.recovered(ended)))
+
+
+def _judge(cases: Sequence[Case], rows: npt.NDArray[np.void], bench: Bench) -> None:
+    """Count, in the time of each fault, what was lost and what was wrong."""
+    names = channel_table(bench.declared).names
+    wrong, apart = wrong_values(rows, bench.declared, bench.truth)
+    lost = ~np.isin(rows["quality"], (Quality.FRESH, Quality.HELD))
+    at = rows["monotonic_ns"]
+    for case in cases:
+        own = np.array([name in case.costs for name in names])
+        mates = np.array([name in case.mates_of for name in names])
+        for began, ended, back in case.spans:
+            case.recoveries.append(PATIENCE_S if back is None else _machine_seconds(at, ended, back))
+            during = (at >= began) & (at <= (at[-1] if back is None else back))
+            case.wrong += int(wrong[during].sum())
+            if case.kind not in (*UNKNOWABLE, "freeze"):
+                case.places += _wrong_places(wrong & during[:, None], apart, rows, names, began)
+            case.cost += int(lost[during][:, own].sum())
+            case.mates += int(lost[during][:, mates].sum())
+            case.others += int(lost[during][:, ~own & ~mates].sum())
+            case.places += _lost_places(lost & during[:, None] & ~own & ~mates, rows)
+
+
+def _machine_seconds(at: npt.NDArray[np.int64], since: int, until: int) -> float:
+    """Seconds between two moments without those in which the machine stood still."""
+    moments = np.concatenate([[since], at[(at > since) & (at <= until)]])
+    return float(np.minimum(np.diff(moments) / NS, STANDS_STILL_S).sum())
+
+
+def _lost_places(lost: BoolArray, rows: npt.NDArray[np.void]) -> list[str]:
+    """Where values are lost, and how long the cycle took: all of them, after the patience, is a computer too busy."""
+    took = np.diff(rows["monotonic_ns"], append=rows["monotonic_ns"][-1]) / NS
+    cycles = np.flatnonzero(lost.any(axis=1))[:PLACES]
+    return [f"others: cycle {rows['cycle'][k]}, {lost[k].sum()} values, it took {took[k]:.3f} s" for k in cycles]
+
+
+def _wrong_places(
+    wrong: BoolArray, apart: npt.NDArray[np.int64], rows: npt.NDArray[np.void], names: Sequence[str], began: int
+) -> list[str]:
+    """Where values are wrong: cycle, channel, time since the fault began, and which SYNC's they really are."""
+    found = []
+    for row, channel in np.argwhere(wrong)[:PLACES]:
+        lag = int(apart[row, channel])
+        whose = "of no SYNC near" if lag == NO_SYNC else f"of SYNC {lag:+d}"
+        after_s = (int(rows["monotonic_ns"][row]) - began) / NS
+        found.append(f"wrong: cycle {rows['cycle'][row]}, {names[channel]}, {after_s:.3f} s after it began: {whose}")
+    return found
+
+
+def measured(machine: Machine, truth: Any, periods: int) -> npt.NDArray[np.float64]:
+    """(at least ``periods``, n) what the idle plant measures from power-on, in the blocks that its process computes.
+
+    In other blocks it rounds otherwise, and of ten thousand pressures one then differs by more than it is read with.
+    """
+    plant = Plant(machine, truth, rng=np.random.default_rng(SEED))
+    blocks = [plant.advance(1), *(plant.advance(AHEAD) for _ in range(-(-periods // AHEAD)))]
+    return np.asarray(np.concatenate(blocks))
+
+
+def wrong_values(rows: npt.NDArray[np.void], machine: Machine, truth: Any) -> tuple[BoolArray, npt.NDArray[np.int64]]:
+    """(N, n) values called fresh that are not what the plant measured at the SYNC of their row.
+
+    Which SYNC that is, is what most values of the row say: a cycle sends one, but none while the bus is down. The
+    second array says, where a value is wrong, how many SYNCs before (negative) or after it is one (:data:`NO_SYNC`:
+    none near).
+    """
+    states = measured(machine, truth, int(rows["cycle"][-1]) + 200)
+    fresh = rows["quality"] == Quality.FRESH
+    found = np.zeros(fresh.shape, dtype=np.bool_)
+    apart = np.full(fresh.shape, NO_SYNC, dtype=np.int64)
+    sync = 0
+    for number, (values, good) in enumerate(zip(rows["values"], fresh, strict=True)):
+        if not good.any():
+            continue
+        errors = np.abs(states[sync : sync + SYNCS_AHEAD] - values)[:, good]
+        agree = errors <= TOLERANCE * np.maximum(np.abs(values[good]), 1.0)
+        best = int(np.argmax(agree.sum(axis=1)))
+        sync += best
+        found[number, np.flatnonzero(good)] = ~agree[best]
+        for channel in np.flatnonzero(found[number]):
+            near = states[max(0, sync - SYNCS_AHEAD) : sync + SYNCS_AHEAD, channel]
+            same = np.abs(near - values[channel]) <= TOLERANCE * max(abs(values[channel]), 1.0)
+            if same.any():
+                apart[number, channel] = int(np.argmax(same)) - min(sync, SYNCS_AHEAD)
+    return found, apart
+
+
+def _outcome(
+    cases: Sequence[Case], rows: npt.NDArray[np.void], summary: RecordingSummary, skipped: int, machine: Machine
+) -> Outcome:
+    notes = [f"{'fault':32s} values lost: own  others  on its line   wrong  recovery median, worst"]
+    for case in cases:
+        times = case.recoveries
+        notes.append(
+            f"{case.name:32s} {case.cost:16d} {case.others:7d} {case.mates:12d} {case.wrong:7d}"
+            f"  {statistics.median(times):6.2f} s {max(times):6.2f} s"
+        )
+        notes += [f"    {place}" for place in case.places]
+    faults = sum(len(case.spans) for case in cases)
+    honest = [case for case in cases if case.kind not in (*UNKNOWABLE, "freeze")]
+    frozen = [case for case in cases if case.kind == "freeze"]
+    lying = [case for case in cases if case.kind in UNKNOWABLE]
+    worst = max(max(case.recoveries) for case in cases)
+    unbalanced = [
+        name
+        for name, entry in summary.ledger.items()
+        if entry["produced"] != entry["stored"] + sum(entry["dropped"].values())
+    ]
+    covered = np.zeros(len(rows), dtype=np.bool_)
+    for case in cases:
+        for began, _, back in case.spans:
+            covered |= (rows["monotonic_ns"] >= began) & (rows["monotonic_ns"] <= (back or rows["monotonic_ns"][-1]))
+    quiet = int((rows["quality"][~covered] != Quality.FRESH).sum())
+    checks = [
+        fact("produced = stored + dropped", not unbalanced, f"{len(summary.ledger)} channels, {summary.rows} rows"),
+        Check("wrong values called fresh", (n := sum(c.wrong for c in honest)), f"{n}", "at most", 0, "0"),
+        Check("values lost by other devices", (n := sum(c.others for c in cases)), f"{n}", "at most", 0, "0"),
+        Check("slowest recovery", worst, f"{worst:.2f} s of {faults}", "at most", RECOVERY_S, f"{RECOVERY_S:g} s"),
+        Check("cycles skipped", skipped, f"{skipped} of {len(rows)}", "at most", 0, "0"),
+        Check("values lost beside the faults", quiet, f"{quiet}"),
+        Check("values lost on the fault's own serial line", (n := sum(c.mates for c in cases)), f"{n}"),
+    ]  # fmt: skip
+    if frozen:
+        most = max(case.wrong / len(case.spans) for case in frozen)
+        checks.append(Check("equal values until one is called frozen", most, f"{most:.1f} per fault"))
+    if lying:
+        count = sum(case.wrong for case in lying)
+        checks.append(Check("wrong values of a sensor that lies", count, f"{count}; no single value tells"))
+    load = os.getloadavg()[0]
+    notes.append(f"load of the computer {load:.1f} on {os.cpu_count()} cores, {machine.rate_hz:g} Hz")
+    return Outcome(tuple(checks), tuple(notes))

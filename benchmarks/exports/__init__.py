@@ -1,0 +1,1 @@
+"""Benchmarks of the model outside its report: exports, their uses, the regressor."""

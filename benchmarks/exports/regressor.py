@@ -1,0 +1,130 @@
+"""Time of the regressor that stage 2 needs, beside a Pinocchio loop over ``computeJointTorqueRegressor``.
+
+Two arms of six revolute joints: twists of 0 and 90 degrees with every offset filled (the general case, 36 base
+parameters or more), and six parallel axes (18). Target: at most a third of the loop's time, both taken in one run.
+Pinocchio comes with the extra ``bench``; without it only our time is shown.
+"""
+
+from __future__ import annotations
+
+import importlib
+import time
+from collections.abc import Callable
+from functools import partial
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from benchmarks.targets import Check, Outcome
+from daq.machine.machine_file import Machine, parse_machine
+from fitting.arm.base_parameters import base_regressor, reduce_parameters
+from fitting.arm.dynamics import rigid_body_regressor
+from fitting.arm.geometry import Geometry, geometry_of
+
+FloatArray = npt.NDArray[np.float64]
+TWISTS = {
+    "six parallel axes": (0.0,) * 6,
+    "six axes, twisted": (np.pi / 2, 0.0, np.pi / 2, -np.pi / 2, np.pi / 2, 0.0),
+}
+
+
+def regressor(samples: int = 10_000, repeats: int = 15, machine: Machine | None = None) -> Outcome:
+    """Time both arms, or a machine of one's own."""
+    peer = _pinocchio()
+    arms = {name: articulated_arm(twists) for name, twists in TWISTS.items()}
+    if machine is not None:
+        arms = {machine.name: geometry_of(machine)}
+    rng = np.random.default_rng(0)
+    found = []
+    for name, geometry in arms.items():
+        base = reduce_parameters(geometry)
+        motion = rng.uniform(-1, 1, (3, samples, geometry.joints))
+        needed = best_time(partial(base_regressor, geometry, base, *motion), repeats)
+        whole = best_time(partial(rigid_body_regressor, geometry, *motion), repeats)
+        shown = f"{1e3 * needed:.1f} ms for {len(base)} columns ({1e3 * whole:.1f} ms for all {10 * geometry.joints})"
+        found.append(Check(f"{name}: {samples} samples", needed, shown))
+        ratio = None
+        if peer is not None:
+            theirs = best_time(pinocchio_loop(peer, geometry, motion), max(3, repeats // 3))
+            ratio = needed / theirs
+        text = "Pinocchio is not installed (pip install 'hilfit[bench]')"
+        if ratio is not None:
+            text = f"{ratio:.2f} of {1e3 * theirs:.1f} ms"
+        found.append(Check(f"{name}: of the Pinocchio loop's time", ratio, text, "at most", 1 / 3, "a third"))
+    return Outcome(tuple(found))
+
+
+def articulated_arm(twists: tuple[float, ...]) -> Geometry:
+    """An arm of revolute joints with the given twist angles (rad) and unequal link lengths."""
+    n, flat = len(twists), not np.any(twists)
+    lengths = np.linspace(0.9, 0.3, n)
+    offsets = np.zeros(n) if flat else np.linspace(0.1, 0.4, n)
+    zeros = np.linspace(0.2, -0.4, n)
+    joints: list[dict[str, Any]] = [
+        {
+            "name": f"joint{i + 1}",
+            "dh": {"a": float(lengths[i]), "alpha": float(twists[i]), "d": float(offsets[i]), "theta": float(zeros[i])},
+            "limits": {"position": [-1.0, 1.0], "velocity": 1.0, "acceleration": 1.0},
+            "cylinder": None,
+        }
+        for i in range(n)
+    ]
+    channels = [
+        {"name": f"joint{i + 1}.{what}", "quantity": what, "joint": f"joint{i + 1}", "unit": unit}
+        for i in range(n)
+        for what, unit in (("joint_position", "rad"), ("joint_effort", "N m"))
+    ]
+    content = {
+        "schema": "hilfit/machine/1",
+        "name": "bench-arm",
+        "rate_hz": 50,
+        "gravity": [0.0, -9.81, 0.0] if flat else [0.0, 0.0, -9.81],
+        "joints": joints,
+        "channels": channels,
+    }
+    import yaml
+
+    return geometry_of(parse_machine(yaml.safe_dump(content)))
+
+
+def best_time(run: Callable[[], object], repeats: int) -> float:
+    """Shortest of ``repeats`` times in seconds: what the work takes, without what else the computer did."""
+    times = []
+    for _ in range(repeats):
+        start = time.perf_counter()
+        run()
+        times.append(time.perf_counter() - start)
+    return min(times)
+
+
+def _pinocchio() -> ModuleType | None:
+    try:
+        return importlib.import_module("pinocchio")
+    except ImportError:
+        return None
+
+
+def pinocchio_loop(pinocchio: Any, geometry: Geometry, motion: FloatArray) -> Callable[[], FloatArray]:
+    """The usual loop, filling an array of shape (N, n, 10 n)."""
+    model = pinocchio.Model()
+    parent = 0
+    placement = pinocchio.SE3.Identity()
+    for i in range(geometry.joints):
+        turn = pinocchio.SE3(pinocchio.utils.rotate("z", float(geometry.theta[i])), np.zeros(3))
+        joint = pinocchio.JointModelRZ() if geometry.revolute[i] else pinocchio.JointModelPZ()
+        parent = model.addJoint(parent, joint, placement * turn, geometry.names[i])
+        model.appendBodyToJoint(parent, pinocchio.Inertia.Random(), pinocchio.SE3.Identity())
+        twist = pinocchio.utils.rotate("x", float(geometry.alpha[i]))
+        placement = pinocchio.SE3(twist, np.array([geometry.a[i], 0.0, geometry.d[i]]))
+    data = model.createData()
+    q, qd, qdd = (np.ascontiguousarray(values) for values in motion)
+    out = np.empty((q.shape[0], geometry.joints, 10 * geometry.joints))
+
+    def run() -> FloatArray:
+        for k in range(q.shape[0]):
+            out[k] = pinocchio.computeJointTorqueRegressor(model, data, q[k], qd[k], qdd[k])
+        return out
+
+    return run

@@ -1,0 +1,286 @@
+"""What a model is used for, on the simulated machine: loops are closed, hits are hits, nothing is computed twice.
+
+One identification of the simulated folding arm hands over the model. Then, on motions that it has not seen:
+
+- *feedforward*: the arm under its position controller (forward dynamics, :mod:`sim_backends.plant.closed_loop`),
+  without and with the pressures that ``hilfit feedforward`` writes;
+- *simulation*: the same controller on the model and on the plant;
+- *overload*: forces of known size on the tip, in that closed loop (larger ones throw the wrist beyond stops that the
+  plant does not have); and an hour of ordinary motion for false alarms;
+- *payload*: a mass that the arm picks up in the course of a motion;
+- *energy*: the work that the model has beside what was measured.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Callable
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+import pyarrow.csv as arrow_csv
+from scipy.stats import chi2
+
+import sim_backends
+from benchmarks.targets import Check, Outcome
+from daq.machine.machine_file import Machine, load_machine
+from daq.recordings.recording import Recording
+from fitting.excitation.motion import read_motion
+from fitting.loop.residual_loop import final_model
+from fitting.loop.session import Options, Session
+from fitting.model import motion
+from fitting.model.arm_model import ArmModel
+from fitting.model.handover import hand_over
+from fitting.model.simulation import simulate
+from fitting.model.uses.energy import energy_of_recording
+from fitting.model.uses.feedforward import feedforward, path_of, write_feedforward
+from fitting.model.uses.overload import overloads, thresholds
+from fitting.model.uses.payload import payload_signal
+from fitting.signals.corrections import Corrections
+from sim_backends.plant.closed_loop import FRICTION_SPEED, ClosedLoop, Run
+from sim_backends.plant.motion import Motion, Rods, random_motion, write_motion
+from sim_backends.plant.plant import record
+from sim_backends.plant.truth import SensorQuality, Truth, load_truth
+
+FloatArray = npt.NDArray[np.float64]
+Show = Callable[[str], None]
+
+#: Forces on the tip, N, and how long each acts, s.
+HITS, HIT_SECONDS, BETWEEN, COUNT = (30.0, 60.0, 120.0), 0.3, 2.5, 6
+#: False alarms an hour that thresholds are made for.
+STATED = (1.0, 20.0)
+PAYLOADS = (5.0, 20.0)
+
+
+@dataclass(frozen=True)
+class _Bench:
+    """The machine, what it really is, and its identified model."""
+
+    machine: Machine
+    truth: Truth
+    model: ArmModel
+    seed: int
+
+    def recording(
+        self, number: int, seconds: float, role: str, undeclared: tuple[tuple[str, str | None, float], ...] = ()
+    ) -> Recording:
+        """An ordinary recording; every number another motion."""
+        return _recorded(self.machine, self.truth, (self.seed, number), seconds, role, undeclared)
+
+
+def _recorded(
+    machine: Machine,
+    truth: Truth,
+    seed: tuple[int, int],
+    seconds: float,
+    role: str,
+    undeclared: tuple[tuple[str, str | None, float], ...] = (),
+) -> Recording:
+    rng = np.random.default_rng(seed)
+    rods: Rods = "unpinned" if role == "unloaded" else "pinned"
+    values = record(machine, truth, random_motion(machine, rng, seconds, rods=rods), undeclared=undeclared, rng=rng)
+    time = values.pop("time")
+    return Recording(machine.name, role, f"{role}-{seed[1]}", f"{seed}", machine.rate_hz, time, values)
+
+
+def run(seed: int = 1, minutes: float = 60.0, show: Show = lambda line: None) -> Outcome:
+    """All checks.
+
+    Parameters
+    ----------
+    seed : of everything random
+    minutes : of ordinary motion that false alarms are counted in
+    show : told what is being worked on
+    """
+    show("identification")
+    bench = _identified(seed)
+    checks: list[Check] = []
+    for name, part in (("feedforward", _feedforward), ("simulation", _simulation), ("hits", _hits)):
+        show(name)
+        checks += part(bench)
+    show("false alarms")
+    checks += _false_alarms(bench, minutes)
+    show("payload and energy")
+    return Outcome((*checks, *_payload(bench), *_energy(bench)))
+
+
+def _identified(seed: int) -> _Bench:
+    room = Path(sim_backends.__file__).parent / "machines"
+    machine, truth = load_machine(room / "folding_arm.yaml"), load_truth(room / "folding_arm.truth.yaml")
+    roles = (("unloaded", 40.0), ("train", 60.0), ("train", 60.0), ("validate", 60.0))
+    recordings = [_recorded(machine, truth, (seed, k), seconds, role) for k, (role, seconds) in enumerate(roles)]
+    session = Session(machine, recordings, Options(loop=False))
+    final = final_model(session, Corrections(session.machine), ())[1].model
+    report = {
+        "created": datetime.now(UTC).isoformat(timespec="seconds"),
+        "software": {},
+        "data": [{"role": r.role, "file": r.file, "sha256": r.sha256, "samples": len(r)} for r in session.recordings],
+        "loop": {"verdict": "not_examined"},
+    }
+    return _Bench(machine, truth, hand_over(session, (), final, report), seed)
+
+
+def _loop(bench: _Bench, quality: SensorQuality | None, number: int) -> ClosedLoop:
+    return ClosedLoop(bench.machine, bench.truth, quality, np.random.default_rng((bench.seed, number)))
+
+
+def _motion(bench: _Bench, number: int, seconds: float) -> Motion:
+    return random_motion(bench.machine, np.random.default_rng((bench.seed, number)), seconds)
+
+
+def _error(run: Run) -> FloatArray:
+    """Root mean square tracking error per joint, rad."""
+    return np.asarray(np.sqrt(np.mean((run.q - run.wanted) ** 2, axis=0)))
+
+
+def _forces(bench: _Bench, program: Motion, folder: Path) -> Callable[[float], FloatArray]:
+    """Forces of the chambers by the file that ``hilfit feedforward`` writes of a motion file."""
+    write_motion(folder / "motion.csv", program)
+    found = feedforward(bench.model, path_of(bench.model, read_motion(folder / "motion.csv", bench.machine)))
+    write_feedforward(folder / "feedforward.csv", found)
+    table = arrow_csv.read_csv(folder / "feedforward.csv").to_pydict()
+    time, columns = np.array(table["time"]), []
+    for joint in bench.machine.joints:
+        assert joint.cylinder is not None
+        head, rod = (np.array(table[f"{joint.name}.{side}_pressure"]) for side in ("head", "rod"))
+        columns.append(head * joint.cylinder.head_area - rod * joint.cylinder.rod_area)
+    return lambda now: np.array([np.interp(now, time, column) for column in columns])
+
+
+def _feedforward(bench: _Bench) -> list[Check]:
+    program, quality = _motion(bench, 100, 15.0), SensorQuality()
+    with tempfile.TemporaryDirectory() as place:
+        known = _forces(bench, program, Path(place))
+    loops = [_loop(bench, quality, 101) for _ in range(2)]
+    alone, helped = (loop.follow(program, loop.gains(), own) for loop, own in zip(loops, (None, known), strict=True))
+    factors = _error(alone) / _error(helped)
+    shown = f"{np.min(factors):.1f} (by joint {', '.join(f'{f:.0f}' for f in factors)}; "
+    shown += f"from {1e3 * np.max(_error(alone)):.1f} to {1e3 * np.max(_error(helped)):.2f} mrad at the worst joint)"
+    name = "feedforward: tracking error without over with, the least of all joints"
+    return [Check(name, float(np.min(factors)), shown, "at least", 2.0, "2")]
+
+
+def _simulation(bench: _Bench) -> list[Check]:
+    """The controller without integrator, which has no state of its own, on the plant and on the model."""
+    program, loop = _motion(bench, 102, 6.0), _loop(bench, None, 103)
+    gains = loop.gains(integral=False)
+    plant = loop.follow(program, gains)
+    wanted_x, wanted_v, _, _ = loop.arm.piston(plant.wanted, np.gradient(plant.wanted, plant.t, axis=0), plant.qd)
+    start = loop.holding(plant.wanted[0])
+
+    def effort(now: float, q: FloatArray, qd: FloatArray) -> FloatArray:
+        lever = motion.levers(bench.model, q[None])[0]
+        x = loop.arm.piston(q[None], qd[None], np.zeros((1, len(q))))[0][0]
+        place = min(max(now, plant.t[0]), plant.t[-1])
+        k = (place - plant.t[0]) / (plant.t[1] - plant.t[0])
+        low, share = int(k), k - int(k)
+        high = min(low + 1, len(plant.t) - 1)
+        aim, rate = ((1 - share) * own[low] + share * own[high] for own in (wanted_x, wanted_v))
+        return np.asarray(lever * (start + gains.proportional * (aim - x) + gains.derivative * (rate - lever * qd)))
+
+    found = simulate(bench.model, effort, plant.q[0], seconds=float(plant.t[-1]) - 0.1, friction_speed=FRICTION_SPEED)
+    at = np.stack([np.interp(found.t, plant.t, column) for column in plant.wanted.T], axis=1)
+    reached = np.stack([np.interp(found.t, plant.t, column) for column in plant.q.T], axis=1)
+    ours, theirs = (np.sqrt(np.mean((q - at) ** 2, axis=0)) for q in (found.q, reached))
+    apart = np.abs(ours / theirs - 1.0)
+    shown = f"{np.max(apart):.1%} (by joint {', '.join(f'{a:.1%}' for a in apart)}; "
+    shown += f"errors of {1e3 * theirs.min():.1f} to {1e3 * theirs.max():.1f} mrad)"
+    name = "simulation: tracking error on the model against the plant's own, the worst joint"
+    return [Check(name, float(np.max(apart)), shown, "at most", 0.05, "5 %")]
+
+
+def _hits(bench: _Bench) -> list[Check]:
+    """Forces on the tip, one after the other in the closed loop with feedforward; directions at random."""
+    assert bench.model.tails is not None
+    limits, quality = thresholds(bench.model.tails, STATED[0]), SensorQuality()
+    checks = []
+    for number, size in enumerate(HITS):
+        rng = np.random.default_rng((bench.seed, 110 + number))
+        program, loop = _motion(bench, 120 + number, 3.0 + BETWEEN * COUNT), _loop(bench, quality, 130 + number)
+        begins = 2.5 + BETWEEN * np.arange(COUNT) + rng.uniform(0.0, 1.0, COUNT)
+        angles = rng.uniform(0.0, 2 * np.pi, COUNT)
+        across = _plane(bench.machine)
+
+        def outside(now: float, q: FloatArray) -> FloatArray:
+            acts = np.flatnonzero((now >= begins) & (now < begins + HIT_SECONDS))  # noqa: B023
+            if not len(acts):
+                return np.zeros_like(q)
+            angle = angles[acts[0]]  # noqa: B023
+            return loop.tip_efforts(q, size * (np.cos(angle) * across[0] + np.sin(angle) * across[1]))  # noqa: B023
+
+        with tempfile.TemporaryDirectory() as place:
+            known = _forces(bench, program, Path(place))
+        run = loop.follow(program, loop.gains(), known, outside)
+        values = loop.record(run, quality, rng)
+        time = values.pop("time")
+        seen = Recording(bench.machine.name, "operation", "hits", f"hits-{number}", bench.machine.rate_hz, time, values)
+        alarms = np.array([own.found for own in overloads(bench.model, seen, limits)])
+        delays = np.array([next((a - t for a in alarms if 0 <= a - t <= HIT_SECONDS), np.inf) for t in begins])
+        checks.append(_delay(size, delays))
+    return checks
+
+
+def _delay(size: float, delays: FloatArray) -> Check:
+    soon, found = int(np.sum(delays <= 0.1)), delays[np.isfinite(delays)]
+    shown = f"{soon} of {len(delays)} within 100 ms"
+    if len(found):
+        shown += (
+            f" (found {len(found)}; {1e3 * np.median(found):.0f} ms in the middle, at most {1e3 * found.max():.0f} ms)"
+        )
+    share = soon / len(delays)
+    name = f"overload: hits of {size:g} N on the tip at {STATED[0]:g} false alarm an hour"
+    return Check(name, share, shown, "at least", 1.0, "all") if size == HITS[-1] else Check(name, share, shown)
+
+
+def _plane(machine: Machine) -> tuple[FloatArray, FloatArray]:
+    """Two directions across the first axis, where a force on the tip turns the arm."""
+    return np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0])
+
+
+def _false_alarms(bench: _Bench, minutes: float) -> list[Check]:
+    assert bench.model.tails is not None
+    counts, seconds = np.zeros(len(STATED)), 0.0
+    for number in range(max(1, round(minutes))):
+        seen = bench.recording(1000 + number, 60.0, "operation")
+        seconds += seen.duration
+        for k, stated in enumerate(STATED):
+            counts[k] += len(overloads(bench.model, seen, thresholds(bench.model.tails, stated)))
+    checks, hours = [], seconds / 3600.0
+    for count, stated in zip(counts.tolist(), STATED, strict=True):
+        low = float(chi2.ppf(0.025, 2 * count)) / 2 / hours if count else 0.0
+        high = float(chi2.ppf(0.975, 2 * count + 2)) / 2 / hours
+        shown = f"{count / hours:.1f} an hour in {hours:.2g} h (95 % interval {low:.1f} to {high:.1f})"
+        # What chance makes of the stated rate is no miss.
+        checks.append(
+            Check(f"overload: false alarms at {stated:g} an hour stated", low, shown, "at most", stated, f"{stated:g}")
+        )
+    return checks
+
+
+def _payload(bench: _Bench) -> list[Check]:
+    checks = []
+    for number, mass in enumerate((0.0, *PAYLOADS)):
+        undeclared = (("payload", None, mass),) if mass else ()
+        seen = bench.recording(200 + number, 60.0, "operation", undeclared)
+        found = payload_signal(bench.model, seen)
+        late = (found.t > found.t[-1] - 14.0) & np.isfinite(found.mass)  # picked up at 35 s at the latest
+        error = found.mass[late] - mass
+        shown = f"{np.mean(error):+.2f} kg, at most {np.max(np.abs(error)):.2f} kg; stated deviation "
+        shown += f"{np.mean(found.std[late]):.2f} kg"
+        off = float(np.max(np.abs(error) / found.std[late]))
+        shown += f", off by {off:.1f} of them at most"
+        checks.append(Check(f"payload: error at {mass:g} kg", float(np.max(np.abs(error))), shown))
+    return checks
+
+
+def _energy(bench: _Bench) -> list[Check]:
+    found = energy_of_recording(bench.model, bench.recording(300, 60.0, "operation"))
+    assert found.measured is not None
+    off = np.abs(found.given / found.measured - 1.0)
+    total = float(abs(found.given.sum() / found.measured.sum() - 1.0))
+    shown = f"{total:.2%} of {found.measured.sum() / 1e3:.2f} kJ (worst joint {np.max(off):.2%}; friction takes "
+    shown += f"{found.friction.sum() / found.given.sum():.0%})"
+    return [Check("energy: work of a minute against the measured", total, shown, "at most", 0.02, "2 %")]

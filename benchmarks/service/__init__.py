@@ -1,0 +1,1 @@
+"""Benchmarks of the service: tablets, start, identifications per hour."""

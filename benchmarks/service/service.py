@@ -1,0 +1,234 @@
+"""Tablets on the live stream, readers and uploads at the REST interface while fits run: latency, and lost cycles.
+
+A real server on a free port of this computer with its simulated machine; clients in this process, over sockets. The
+fits are identifications of uploaded recordings, one after another as long as the load lasts.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import orjson
+from websockets.asyncio.client import connect
+from websockets.exceptions import WebSocketException
+
+from benchmarks.service.start import before_the_first_frame
+from benchmarks.targets import Check, Outcome, fact
+from sim_backends import default_machine
+from sim_backends.plant.cases import make_case
+
+API = "/api/v1"
+#: What readers ask for, in turn; a tablet's pages do the same.
+PATHS = ("/status", "/machines", "/recordings", "/jobs", "/alarms", "/live", "/effects")
+#: Seconds that the server has to come up.
+START_S = 60.0
+#: Recordings that are fitted (role, name), their length in s of machine time, and s of load per identification that is
+#: ordered: each takes longer than that.
+FITTED, FITTED_S, PER_FIT_S = (("train", "train-1"), ("validate", "validate")), 60.0, 4.0
+#: What a service that has enough to do answers an upload, and s until it is sent again.
+BUSY, BUSY_S = (429, 503), 1.0
+
+
+@dataclass
+class Seen:
+    """What the clients saw; ``late``: s by which their own event loop woke up too late, no matter what was answered."""
+
+    seconds: list[float] = field(default_factory=list)
+    late: list[float] = field(default_factory=list)
+    statuses: dict[int, int] = field(default_factory=dict)
+    uploads: dict[int, int] = field(default_factory=dict)
+    samples: int = 0
+    holes: int = 0
+    dropped: int = 0
+
+
+async def _read(reader: asyncio.StreamReader, writer: asyncio.StreamWriter, request: bytes) -> tuple[int, bytes]:
+    """One request over a connection that stays open."""
+    writer.write(request)
+    head = await reader.readuntil(b"\r\n\r\n")
+    lines = head.decode("latin-1").split("\r\n")
+    sizes = [int(line.partition(":")[2]) for line in lines if line.lower().startswith("content-length:")]
+    return int(lines[0].split()[1]), await reader.readexactly(sizes[0]) if sizes else b""
+
+
+def _request(method: str, path: str, content: bytes = b"") -> bytes:
+    kind = "octet-stream" if "/upload?" in path else "json"
+    more = f"Content-Type: application/{kind}\r\nContent-Length: {len(content)}\r\n" if content else ""
+    return f"{method} {API}{path} HTTP/1.1\r\nHost: 127.0.0.1\r\n{more}\r\n".encode() + content
+
+
+async def ask(port: int, method: str, path: str, content: Any = None) -> Any:
+    """One request; its JSON."""
+    reader, writer = await asyncio.open_connection("127.0.0.1", port)
+    try:
+        body = content if isinstance(content, bytes) else b"" if content is None else json.dumps(content).encode()
+        return json.loads((await _read(reader, writer, _request(method, path, body)))[1])
+    finally:
+        writer.close()
+
+
+async def _reads(port: int, rate: float, until: float, first: int, seen: Seen) -> None:
+    """Requests on one connection at absolute times: one that is late does not make the next one later."""
+    reader, writer = await asyncio.open_connection("127.0.0.1", port)
+    begin = time.monotonic() + first / rate / 10
+    number = 0
+    try:
+        while (due := begin + number / rate) < until:
+            await asyncio.sleep(max(0.0, due - time.monotonic()))
+            status, _ = await _read(reader, writer, _request("GET", PATHS[(number + first) % len(PATHS)]))
+            # From when it was due: a server that falls behind cannot hide it by being asked later.
+            seen.seconds.append(time.monotonic() - due)
+            seen.statuses[status] = seen.statuses.get(status, 0) + 1
+            number += 1
+    finally:
+        writer.close()
+
+
+async def _uploads(port: int, place: str, content: bytes, until: float, seen: Seen) -> None:
+    """One recording after another; where the service is busy and says so, again when it says."""
+    number = 0
+    while time.monotonic() < until:
+        reader, writer = await asyncio.open_connection("127.0.0.1", port)
+        try:
+            status, _ = await _read(reader, writer, _request("POST", f"{place}-{number}.parquet", content))
+        finally:
+            writer.close()
+        seen.uploads[status] = seen.uploads.get(status, 0) + 1
+        number += 1
+        if status in BUSY:
+            await asyncio.sleep(min(BUSY_S, max(0.0, until - time.monotonic())))
+
+
+async def _own_delay(until: float, seen: Seen) -> None:
+    """How late the clients' own event loop is: it waits for nobody's answer."""
+    while (due := time.monotonic() + 0.02) < until:
+        await asyncio.sleep(0.02)
+        seen.late.append(time.monotonic() - due)
+
+
+async def _tablet(port: int, machine: str, until: float, seen: Seen) -> None:
+    expected = None
+    with contextlib.suppress(TimeoutError):
+        async with asyncio.timeout(until - time.monotonic()):
+            try:
+                async with connect(f"ws://127.0.0.1:{port}{API}/live/stream?machine={machine}") as socket:
+                    async for text in socket:
+                        message = orjson.loads(text)  # the clients share the cores with the server
+                        if message["type"] == "frames":
+                            seen.samples += len(message["samples"])
+                        seen.holes += expected is not None and message["seq"] != expected
+                        expected = message["seq"] + 1
+            except WebSocketException:
+                seen.dropped += 1
+
+
+async def _first_frame(port: int) -> None:
+    """Wait for it, a minute at most."""
+    async with asyncio.timeout(60):
+        while not await ask(port, "GET", "/live"):
+            await asyncio.sleep(0.1)
+
+
+async def _order_fits(port: int, machine: str, case: Path, count: int) -> None:
+    """Upload what is fitted, and order so many identifications of it; they run one after another."""
+    recordings = []
+    for role, name in FITTED:
+        place = f"/recordings/upload?machine={machine}&role={role}&name={name}.parquet"
+        uploaded = await ask(port, "POST", place, (case / f"{name}.parquet").read_bytes())
+        recordings.append({"id": uploaded["id"], "role": role})
+    for number in range(count):
+        order = {"machine": machine, "recordings": recordings, "label": f"fit {number + 1}"}
+        await ask(port, "POST", "/identifications", order)
+
+
+async def _run(
+    port: int, case: Path, tablets: int, rate: float, uploads: int, seconds: float, say: Callable[[str], None]
+) -> Outcome:
+    machine = (await ask(port, "GET", "/machines"))["items"][0]["name"]
+    for _ in range(int(START_S)):
+        if (await ask(port, "GET", "/status"))["acquisition"].get(machine, {}).get("counts", {}).get("cycles"):
+            break
+        await asyncio.sleep(1.0)
+    for path in PATHS:  # what a service loads when it is asked for the first time is not what is measured
+        await ask(port, "GET", path)
+    fits = 1 + int(seconds / PER_FIT_S)
+    await _order_fits(port, machine, case, fits)
+    say(f"{tablets} tablets, {rate:g} requests/s, {uploads} uploads, {seconds:g} s, identifications one after another")
+    before = (await ask(port, "GET", "/status"))["acquisition"][machine]["counts"]
+    seen, until = Seen(), time.monotonic() + seconds
+    readers = [_reads(port, rate / 10, until, number, seen) for number in range(10)]
+    streams = [_tablet(port, machine, until, seen) for _ in range(tablets)]
+    content = (case / "train-1.parquet").read_bytes()
+    place = f"/recordings/upload?machine={machine}&role=train&name=up"
+    senders = [
+        asyncio.create_task(_uploads(port, f"{place}-{number}", content, until, seen)) for number in range(uploads)
+    ]
+    await asyncio.gather(*readers, *streams, _own_delay(until, seen))
+    status = await ask(port, "GET", "/status")
+    await asyncio.gather(*senders)  # the last ones are answered when the load is over
+    after = status["acquisition"][machine]["counts"]
+    done, running = (status["jobs"].get(state, 0) for state in ("done", "running"))
+    p50, p99 = np.quantile(seen.seconds, [0.5, 0.99]) * 1e3
+    late = np.quantile(seen.late, 0.99) * 1e3
+    lost = after["skipped"] - before["skipped"]
+    failed = sum(number for code, number in seen.statuses.items() if code != 200)
+    cycles = after["cycles"] - before["cycles"]
+    taken, later = seen.uploads.get(201, 0), sum(seen.uploads.get(code, 0) for code in BUSY)
+    strange = sum(number for code, number in seen.uploads.items() if code not in (201, *BUSY))
+    return Outcome(
+        (
+            Check("p50 of reading", p50, f"{p50:.1f} ms"),
+            Check("p99 of reading", p99, f"{p99:.1f} ms of {len(seen.seconds)}", "at most", 100.0, "100 ms"),
+            Check("p99 of the clients' own delay", late, f"{late:.1f} ms, contained in the above"),
+            Check("answers other than 200", failed, f"{failed}", "at most", 0, "0"),
+            Check("uploads accepted", taken, f"{taken}; told to come again later: {later}"),
+            Check("uploads answered otherwise", strange, f"{strange}", "at most", 0, "0"),
+            Check("cycles lost", lost, f"{lost} of {cycles}", "at most", 0, "0"),
+            Check("cycles late or slipped", after["late"] + after["slipped"] - before["late"] - before["slipped"],
+                  f"{after['late'] + after['slipped'] - before['late'] - before['slipped']} of {cycles}"),
+            Check("tablets dropped", seen.dropped, f"{seen.dropped} of {tablets}", "at most", 0, "0"),
+            Check("holes in streams", seen.holes, f"{seen.holes}", "at most", 0, "0"),
+            Check("samples per tablet and cycle", seen.samples / tablets / max(cycles, 1),
+                  f"{seen.samples / tablets / max(cycles, 1):.3f}"),
+            fact("a fit ran all the time", running == 1 and done < fits, f"{done} done, {running} running at the end"),
+        )
+    )  # fmt: skip
+
+
+def run(tablets: int, rate: float, uploads: int, seconds: float, say: Callable[[str], None]) -> Outcome:
+    """Start a server, load it, and say what was seen.
+
+    Parameters
+    ----------
+    tablets : clients of the live stream
+    rate : requests per second of all readers together
+    uploads : clients that upload one recording after another
+    seconds : of load
+    """
+    with tempfile.TemporaryDirectory(prefix="hilfit-bench-") as directory:
+        command = [sys.executable, "-m", "server.commands.command_line", "serve", "--simulate", "--port", "0", "--json"]
+        case = Path(directory) / "case"
+        make_case(case, default_machine(), 0, seconds=FITTED_S)
+        with subprocess.Popen(
+            [*command, "--data-dir", f"{directory}/data"], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
+        ) as server:
+            try:
+                assert server.stdout is not None
+                port = int(json.loads(server.stdout.readline())["url"].rpartition(":")[2])
+                asyncio.run(_first_frame(port))
+                start = before_the_first_frame(server.pid)
+                outcome = asyncio.run(_run(port, case, tablets, rate, uploads, seconds, say))
+                return replace(outcome, checks=(start, *outcome.checks))
+            finally:
+                server.terminate()

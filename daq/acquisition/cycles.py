@@ -1,0 +1,210 @@
+"""The acquisition loop: wait for the tick, trigger, collect, publish; and what it counts.
+
+The clock and the drivers are arguments, so that a test can run it without either.
+"""
+
+from __future__ import annotations
+
+import math
+from bisect import bisect_left
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from daq.acquisition.assembly import Assembler
+from daq.acquisition.frozen import FrozenDetector
+from daq.acquisition.ring import RingWriter
+from daq.drivers.base import DeviceStatus, Driver, DriverStatistics
+from daq.frames.channels import ChannelTable
+from daq.frames.clock import Clock
+from daq.frames.events import EventLog
+from daq.machine.machine_file import Machine
+from daq.quality import Quality
+
+INFO_SECONDS = 0.5
+#: Upper bounds of the histogram of lateness, in ms.
+LATENESS_MS = (0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0)
+_QUALITIES = [quality.name.lower() for quality in Quality]
+UTC_JUMP_NS = 50_000_000  # of the computer's clock against the monotonic one; what is smaller is its being steered
+
+
+@dataclass(frozen=True)
+class AcquisitionStatistics:
+    """How acquisition has been doing since it started.
+
+    Attributes
+    ----------
+    state : ``starting``, ``running``, ``stopped`` or ``failed``
+    cycles : frames published
+    skipped : cycles that never happened because their time had passed (real clock)
+    late : cycles that started more than a tenth of a period after their time
+    slipped : cycles that started a whole period or more after their time, in lockstep with a simulation: they delay all
+        that follow instead of being lost
+    worst_late_ms : largest lateness in ms
+    lateness : cycles by how late they started, each under the bound in ms that it did not exceed (``"inf"``: none)
+    lateness_ms : sum of all lateness in ms
+    utc_jumps : times that the computer's clock was set; machine time goes on unchanged
+    quality : per channel, frames of each quality by name (qualities that never occurred are left out)
+    buses : per bus its state, that of its devices, and counters
+    events : the newest things that happened to devices and buses (:class:`daq.frames.events.Event`), oldest first
+    fifo : whether the real-time scheduling class was granted
+    warnings : one line each
+    """
+
+    state: str = "starting"
+    cycles: int = 0
+    skipped: int = 0
+    late: int = 0
+    slipped: int = 0
+    worst_late_ms: float = 0.0
+    lateness: dict[str, int] = field(default_factory=dict)
+    lateness_ms: float = 0.0
+    utc_jumps: int = 0
+    quality: dict[str, dict[str, int]] = field(default_factory=dict)
+    buses: list[dict[str, Any]] = field(default_factory=list)
+    events: list[dict[str, Any]] = field(default_factory=list)
+    fifo: bool = False
+    warnings: list[str] = field(default_factory=list)
+
+    def missing(self) -> int:
+        """Frames in which some value was due and not fresh, counted per channel and summed."""
+        return sum(n for counts in self.quality.values() for name, n in counts.items() if name not in ("fresh", "held"))
+
+
+class Cycles:
+    """The loop's state: what :func:`run_cycles` counts and publishes."""
+
+    def __init__(
+        self,
+        machine: Machine,
+        table: ChannelTable,
+        drivers: Sequence[Driver],
+        clock: Clock,
+        events: EventLog | None = None,
+    ) -> None:
+        self.events = events or EventLog(clock.utc_ns, clock.monotonic_ns)
+        self.lockstep = machine.simulation is not None and machine.simulation.lockstep
+        # Drivers that send SYNC come first: polled devices are asked after it.
+        self.drivers = sorted(drivers, key=lambda driver: not driver.leads)
+        self.assembler = Assembler(
+            table,
+            [driver.channels for driver in self.drivers],
+            machine.rate_hz,
+            lockstep=self.lockstep,
+            frozen=FrozenDetector(machine),
+        )
+        self.clock = clock
+        self.table = table
+        self._period_ns = 1e9 / (machine.rate_hz * (machine.simulation.speed if machine.simulation else 1.0))
+        self.cycles = self.skipped = self.late = self.utc_jumps = 0
+        self.worst_late_ns = self.late_ns = 0
+        self._lateness = [0] * (len(LATENESS_MS) + 1)
+        self._utc_offset_ns: int | None = None
+
+    def once(self, ring: RingWriter) -> None:
+        """One cycle: wait for its tick, trigger, collect, publish."""
+        tick = self.clock.wait()
+        sync_ns, utc_ns = self.clock.monotonic_ns(), self.clock.utc_ns()
+        for driver in self.drivers:
+            driver.trigger(tick.cycle)
+        samples = [driver.collect(tick.collect_until_ns) for driver in self.drivers]
+        ring.write_frame(self.assembler.frame(tick, sync_ns, utc_ns, samples))
+        self.cycles += 1
+        self.skipped += tick.skipped
+        self.late += tick.late_ns >= self._period_ns * (1.0 if self.lockstep else 0.1)
+        self.worst_late_ns = max(self.worst_late_ns, tick.late_ns)
+        self.late_ns += tick.late_ns
+        self._lateness[bisect_left(LATENESS_MS, tick.late_ns / 1e6)] += 1
+        self._look_at_utc(utc_ns - sync_ns)
+
+    def _look_at_utc(self, offset_ns: int) -> None:
+        """Mark it when the computer's clock was set; cycles and machine time follow the monotonic one."""
+        known, self._utc_offset_ns = self._utc_offset_ns, offset_ns
+        if known is None or abs(offset_ns - known) <= UTC_JUMP_NS:
+            return
+        before = self.clock.monotonic_ns()
+        offset_ns = self.clock.utc_ns() - before
+        if self.clock.monotonic_ns() - before > UTC_JUMP_NS / 2 or abs(offset_ns - known) <= UTC_JUMP_NS:
+            self._utc_offset_ns = known  # we were kept from running between the two clocks; the next cycle looks again
+            return
+        self._utc_offset_ns = offset_ns
+        self.utc_jumps += 1
+        seconds = (offset_ns - known) / 1e9
+        text = f"the computer's clock was set by {seconds:+.3f} s; machine time goes on unchanged"
+        self.events.note("clock", "utc_jump", text)
+
+    def statistics(self, state: str, *, fifo: bool, warnings: Sequence[str]) -> AcquisitionStatistics:
+        """State of everything, for whoever asks."""
+        counts = self.assembler.counts.T.tolist()
+        quality = {
+            name: {word: count for word, count in zip(_QUALITIES, own, strict=True) if count}
+            for name, own in zip(self.table.names, counts, strict=True)
+        }
+        return AcquisitionStatistics(
+            state=state,
+            cycles=self.cycles,
+            skipped=self.skipped,
+            late=0 if self.lockstep else self.late,
+            slipped=self.late if self.lockstep else 0,
+            worst_late_ms=self.worst_late_ns / 1e6,
+            lateness={f"{bound:g}": n for bound, n in zip((*LATENESS_MS, math.inf), self._lateness, strict=True)},
+            lateness_ms=self.late_ns / 1e6,
+            utc_jumps=self.utc_jumps,
+            quality=quality,
+            buses=[_as_dict(driver.statistics()) for driver in self.drivers],
+            events=self.events.published(),
+            fifo=fifo,
+            warnings=list(warnings),
+        )
+
+
+def _as_dict(statistics: DriverStatistics) -> dict[str, Any]:
+    return {
+        "bus": statistics.bus,
+        "state": statistics.state,
+        "detail": statistics.detail,
+        "devices": [_device(device) for device in statistics.devices],
+        "counts": dict(statistics.counts),
+    }
+
+
+def _device(device: DeviceStatus) -> dict[str, Any]:
+    content: dict[str, Any] = {"name": device.name, "state": device.state, "detail": device.detail}
+    if device.latency_ms is not None:
+        content["latency_ms"] = [round(value, 3) for value in device.latency_ms]
+    if device.objects:
+        content["objects"] = dict(device.objects)
+    return content
+
+
+def _short(bus: dict[str, Any]) -> dict[str, Any]:
+    """A bus without the lines about its devices, and without what they say of themselves."""
+    devices = [{key: value for key, value in device.items() if key != "objects"} for device in bus["devices"]]
+    return {**bus, "devices": [{**device, "detail": device["detail"][:40]} for device in devices]}
+
+
+def run_cycles(
+    cycles: Cycles,
+    ring: RingWriter,
+    stop: Callable[[], bool],
+    *,
+    fifo: bool = False,
+    warnings: Sequence[str] = (),
+) -> None:
+    """Run cycles until ``stop()``; statistics go into the ring twice a second."""
+    clock = cycles.clock
+
+    def publish(state: str) -> None:
+        info = vars(cycles.statistics(state, fifo=fifo, warnings=warnings))
+        if not ring.set_info(info):  # hundreds of devices that all have something to say
+            ring.set_info({**info, "events": info["events"][-8:], "buses": [_short(bus) for bus in info["buses"]]})
+
+    clock.start()
+    publish("running")
+    next_info = clock.monotonic_ns() + round(INFO_SECONDS * 1e9)
+    while not stop():
+        cycles.once(ring)
+        if clock.monotonic_ns() >= next_info:
+            next_info = clock.monotonic_ns() + round(INFO_SECONDS * 1e9)
+            publish("running")
+    publish("stopped")

@@ -1,0 +1,227 @@
+"""Live detection of values that stand still although their sensor is alive, as one that hangs sends them.
+
+Two signs, each learnt from the channel itself while acquisition runs; before enough is learnt nothing is said.
+
+**Its own noise.** A measured value trembles. Where a block of a second holds enough changes, and a third of them turn
+back, what is seen there is noise: successive differences of white noise turn back two times in three (of a random walk,
+one in two), those of a motion that is sampled fast enough hardly ever. A channel that was seen so for
+:data:`NOISY_BLOCKS` blocks trembles also at rest, and the longest run of equal values that it ever showed, ``L``, says
+how rarely it repeats itself: with a chance ``p`` of one more repetition, the longest of ``N`` values is about
+``L = ln N / ln(1/p)``, so a run of ``3 L`` has a chance of ``N^-3`` at any value, and of ``N^-2`` anywhere in as many
+values as were seen: below one in 60 000 from the five seconds on that are asked for. A channel without noise (an
+encoder at rest) is never judged so. What stands still on all devices at once is the machine (a pump that was switched
+off), not a sensor.
+
+**Another sensor of the same drive.** Joint and motor move together (a joint and its piston need not: a rod may be off
+its pin, as in every ``unloaded`` recording). While one stands still, within its declared noise or resolution, the other
+one moves no further than it did in such runs before, but for the play between them. Three times the longest way of at
+least :data:`RUNS` such runs, and more than :data:`PLAY` of what the joint can do at all, is a sensor that hangs.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from daq.machine.machine_file import CanSource, Channel, Machine, ModbusSource
+from daq.quality import Quality
+
+NOISY_BLOCKS = 5  # of a second
+CHANGES = 8  # in a block, of which a third turn back
+FACTOR = 3
+LEAST_RUN = 0.2  # s: a device may be busy with itself for so long
+RUNS = 20
+PLAY = 0.03  # of the range; play of that size is no longer an arm
+POSITIONS = ("joint_position", "motor_position")
+
+FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int64]
+
+
+class FrozenDetector:
+    """Looks at every frame; tells which channels stand still.
+
+    Parameters
+    ----------
+    machine : its channels, in whose order values come
+    """
+
+    def __init__(self, machine: Machine) -> None:
+        channels = machine.channels
+        n = len(channels)
+        self._block = max(CHANGES, round(machine.rate_hz))
+        self._least = max(4, round(LEAST_RUN * machine.rate_hz))
+        self._tolerance = np.array([_tolerance(machine, channel) for channel in channels])
+        self._device = np.array([_number(channels, channel) for channel in channels])
+        pairs = [
+            (i, j, PLAY * _range(machine, other))
+            for i, one in enumerate(channels)
+            for j, other in enumerate(channels)
+            if i != j and one.joint == other.joint and one.quantity in POSITIONS and other.quantity in POSITIONS
+        ]
+        self._one = np.array([i for i, _, _ in pairs], dtype=np.intp)
+        self._other = np.array([j for _, j, _ in pairs], dtype=np.intp)
+        self._play = np.array([play for _, _, play in pairs])  # that may be between them, in the other's SI unit
+        self._last = np.full(n, np.nan)
+        self._whole = False  # whether a last value is known of every channel
+        self._running = True  # whether some run may go on
+        self._all = np.ones(n, dtype=np.bool_)
+        self._step = np.zeros(n)  # the last change that was one
+        self._steps: list[FloatArray] = []  # since then, of frames that were all fresh
+        self._run = np.zeros(n, dtype=np.int64)  # values equal to the one before, until now
+        self._longest = np.zeros(n, dtype=np.int64)
+        self._found = np.zeros(n, dtype=np.bool_)  # whether the run that goes on was called frozen
+        self._in_block = 0
+        self._changes = np.zeros(n, dtype=np.int64)
+        self._turns = np.zeros(n, dtype=np.int64)
+        self._noisy = np.zeros(n, dtype=np.int64)
+        self._known = np.zeros(n, dtype=np.bool_)  # seen to tremble often enough to be judged by it
+        self._some_known = False
+        self._anchor = np.full(n, np.nan)  # where a channel stands, within its tolerance
+        self._low, self._high = np.full(len(pairs), np.inf), np.full(len(pairs), -np.inf)
+        self._way = np.zeros(len(pairs))  # longest way of the other one in a run that ended
+        self._ended = np.zeros(len(pairs), dtype=np.int64)
+
+    def frozen(self, values: FloatArray, quality: npt.NDArray[np.uint8]) -> npt.NDArray[np.bool_]:
+        """Channels whose value of this frame stands still, (n,); only those that are fresh are looked at."""
+        if not quality.any() and self._whole:  # all are fresh, as nearly always
+            return self._of_fresh(values)
+        self._learn()
+        fresh = quality == Quality.FRESH
+        step = values - self._last
+        if not fresh.all():
+            step[~fresh] = np.nan
+        same = step == 0.0
+        changed = np.abs(step) > 0.0  # a step that is no number is none
+        # A run that was called frozen says nothing about what is normal: the next one has to be found as well.
+        np.maximum(self._longest, self._run, out=self._longest, where=changed & ~self._found)
+        self._found[changed] = False
+        self._run += same
+        self._run[changed] = 0
+        self._changes += changed
+        self._turns += step * self._step < 0.0
+        np.copyto(self._step, step, where=changed)
+        np.copyto(self._last, values, where=fresh)
+        self._whole = bool(np.isfinite(self._last).all())
+        self._running = True
+        self._next_block()
+        found = self._by_noise()
+        if len(self._one):
+            found |= self._by_other(values, fresh)
+        found &= fresh
+        self._found |= found
+        return found
+
+    def _of_fresh(self, values: FloatArray) -> npt.NDArray[np.bool_]:
+        """What :meth:`frozen` does where all values are fresh and finite, and all of the last ones were known.
+
+        What is learnt of the noise is needed once in a block: the steps wait until then (:meth:`_learn`).
+        """
+        step = values - self._last
+        self._steps.append(step)
+        changed = step != 0.0
+        if not changed.any():
+            self._run += 1
+            self._running = True
+        elif self._running or not changed.all():  # else no run goes on that could end
+            np.maximum(self._longest, self._run, out=self._longest, where=changed & ~self._found)
+            self._found[changed] = False
+            self._run += 1
+            self._run[changed] = 0
+            self._running = bool(self._run.any())
+        self._last[:] = values
+        self._next_block()
+        judged = self._running and self._some_known
+        found = self._by_noise() if judged else np.zeros(len(values), dtype=np.bool_)
+        if len(self._one):
+            found |= self._by_other(values, self._all)
+        if found.any():
+            self._found |= found
+        return found
+
+    def _learn(self) -> None:
+        """Count the changes of the steps that wait, and those that turn back against the change before them."""
+        if not self._steps:
+            return
+        steps = np.stack([self._step, *self._steps])
+        self._steps.clear()
+        rows = np.arange(len(steps))[:, None]
+        change = steps != 0.0
+        change[0] = True
+        # The newest change at or before each row: a value that repeats itself is none.
+        newest = np.take_along_axis(steps, np.maximum.accumulate(np.where(change, rows, 0), axis=0), axis=0)
+        self._changes += change[1:].sum(axis=0)
+        self._turns += (steps[1:] * newest[:-1] < 0.0).sum(axis=0)
+        self._step = newest[-1]
+
+    def _next_block(self) -> None:
+        self._in_block += 1
+        if self._in_block >= self._block:
+            self._learn()
+            self._noisy += (self._changes >= CHANGES) & (3 * self._turns >= self._changes)
+            self._changes[:], self._turns[:], self._in_block = 0, 0, 0
+            self._known = self._noisy >= NOISY_BLOCKS
+            self._some_known = bool(self._known.any())
+
+    def _by_noise(self) -> npt.NDArray[np.bool_]:
+        noisy = self._known
+        still: npt.NDArray[np.bool_] = noisy & (self._run >= self._least)
+        if not still.any():
+            return still
+        limit = np.maximum(self._least, FACTOR * (self._longest + 1))
+        still &= self._run >= limit
+        if not still.any():
+            return still
+        devices = set(self._device[noisy].tolist())
+        # They reach their limits one after another, so half of the limit counts for the others.
+        if len(devices) > 1 and devices == set(self._device[noisy & (2 * self._run >= limit)].tolist()):
+            return np.zeros_like(still)
+        return still
+
+    def _by_other(self, values: FloatArray, fresh: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
+        found = np.zeros(len(values), dtype=np.bool_)
+        moved = fresh & ~(np.abs(values - self._anchor) <= self._tolerance)
+        self._anchor = np.where(moved, values, self._anchor)
+        one, other = values[self._one], values[self._other]
+        both = fresh[self._one] & fresh[self._other] & np.isfinite(one)
+        self._low = np.where(both, np.minimum(self._low, other), self._low)
+        self._high = np.where(both, np.maximum(self._high, other), self._high)
+        way = self._high - self._low
+        tolerance = self._tolerance[self._other]
+        limit = np.maximum(FACTOR * self._way + 2 * tolerance, self._play)
+        still = both & ~moved[self._one]
+        found[self._one[still & (self._ended >= RUNS) & (way > limit)]] = True
+        ends = both & ~still  # the run ends, and the next one begins here
+        self._way = np.where(ends, np.maximum(self._way, way), self._way)
+        self._ended += ends & (way > tolerance)
+        self._low, self._high = np.where(ends, other, self._low), np.where(ends, other, self._high)
+        return found
+
+
+def _tolerance(machine: Machine, channel: Channel) -> float:
+    """How far a channel that stands still may tremble, SI: four deviations of its noise, or a step."""
+    declared = max(4.0 * (channel.noise_std or 0.0), channel.resolution or 0.0)
+    return abs(machine.conversion(channel).factor) * declared
+
+
+def _range(machine: Machine, channel: Channel) -> float:
+    """How far a position can move, SI."""
+    assert channel.joint is not None
+    joint = machine.joint(channel.joint)
+    low, high = joint.limits.position
+    ratio = abs(joint.drive.ratio) if channel.quantity == "motor_position" and joint.drive is not None else 1.0
+    return ratio * (high - low)
+
+
+def _number(channels: tuple[Channel, ...], channel: Channel) -> int:
+    """The device that a channel comes from, as the number of the first channel of it."""
+    return next(k for k, other in enumerate(channels) if _device(other) == _device(channel))
+
+
+def _device(channel: Channel) -> tuple[str, int | str]:
+    source = channel.source
+    if isinstance(source, CanSource):
+        return source.bus, source.node
+    if isinstance(source, ModbusSource):
+        return source.bus, source.unit
+    return (source.bus if source is not None else "", channel.name)

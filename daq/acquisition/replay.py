@@ -1,0 +1,217 @@
+"""A raw trace through the drivers: what acquisition made of these frames, without the machine.
+
+Time is the trace's: it passes by reading. Buses that were listened to go through their own drivers. A bus that hilfit
+led is taken as another master's whose SYNC leads: its TPDOs are those that commissioning maps, credited to the recorded
+SYNCs. Channels of other buses are missing.
+"""
+
+from __future__ import annotations
+
+import heapq
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import can
+import numpy as np
+
+from daq.acquisition.assembly import Assembler
+from daq.acquisition.frozen import FrozenDetector
+from daq.acquisition.recorder import UNMEASURED
+from daq.acquisition.trace import bus_file, read_trace, trace_files
+from daq.drivers.base import Driver, DriverContext, make_driver
+from daq.drivers.can.port import CanAccess, CanConfig, CanPort
+from daq.drivers.canopen.eds import Place
+from daq.drivers.canopen.listening import ListeningDriver, Member
+from daq.drivers.canopen.mapping import map_node
+from daq.errors import InputError
+from daq.frames.channels import channel_table, channels_by_bus
+from daq.frames.clock import NS, SyncClock, Tick
+from daq.frames.events import EventLog
+from daq.frames.frame import Frame
+from daq.machine.machine_file import CanopenBus, CanSignalsBus, CanSource, Channel, Machine
+
+_NO_WAITING_S = 1e-12
+
+
+@dataclass(frozen=True)
+class Replay:
+    """What came of a trace: frames, events (:class:`daq.frames.events.Event`) and the buses' counters."""
+
+    frames: list[Frame]
+    events: list[dict[str, Any]]
+    buses: list[dict[str, Any]]
+
+
+class _Silent:
+    """A bus that nothing can be sent on."""
+
+    def send(self, message: can.Message) -> None:
+        raise can.CanOperationError("a trace takes no frames")
+
+    def shutdown(self) -> None:
+        pass
+
+
+class _Tape(CanAccess):
+    """Hands frames of all buses to their ports, in the order of their time stamps; they are the clock."""
+
+    def __init__(self, files: dict[str, Path]) -> None:
+        self._ports: dict[str, CanPort] = {}
+        self._frames = heapq.merge(*(_stamped(bus, path) for bus, path in files.items()), key=lambda entry: entry[0])
+        self._next = next(self._frames, None)
+        self.now_ns = 0 if self._next is None else self._next[0]
+
+    @property
+    def ended(self) -> bool:
+        """Whether there are no more frames."""
+        return self._next is None
+
+    def attach(self, port: CanPort, config: CanConfig) -> Any:
+        """No interface."""
+        self._ports[config.name] = port
+        return _Silent()
+
+    def begin(self, port: CanPort) -> None:
+        """Frames come by :meth:`step`."""
+
+    def step(self, until_ns: int) -> bool:
+        """Hand over the next frame if it came by then, and let time pass until it; else until then: False."""
+        if self._next is None or self._next[0] > until_ns:
+            self.now_ns = max(self.now_ns, until_ns)
+            return False
+        at_ns, bus, message = self._next
+        self.now_ns = max(self.now_ns, at_ns)
+        self._ports[bus].take(message)
+        self._next = next(self._frames, None)
+        return True
+
+
+def _stamped(bus: str, path: Path) -> Iterator[tuple[int, str, can.Message]]:
+    for message in read_trace(path):
+        yield round(message.timestamp * NS), bus, message
+
+
+def replay(machine: Machine, trace: Path) -> Replay:
+    """Run a machine's drivers over a trace.
+
+    Raises
+    ------
+    InputError
+        If the machine has no CAN bus, or a file of the trace is not there or none.
+    """
+    buses = [bus for bus in machine.buses if isinstance(bus, CanopenBus | CanSignalsBus)]
+    grouped = channels_by_bus(machine, f"machine '{machine.name}'")
+    buses = [bus for bus in buses if bus.name in grouped]
+    tape = _Tape(_files(trace, [bus.name for bus in buses]))
+    period_s = 1.0 / machine.rate_hz
+    events = EventLog(lambda: tape.now_ns, lambda: tape.now_ns)
+    context = DriverContext(period_s, 0.0, lambda: tape.now_ns, start_s=_NO_WAITING_S, events=events, can=tape)
+    drivers = [_driver(bus, grouped[bus.name], context) for bus in buses]
+    leading = next((d for d in drivers if isinstance(d, ListeningDriver) and d.follows_sync), None)
+    try:
+        for driver in drivers:
+            driver.start()
+        frames = list(_frames(machine, tape, drivers, leading))
+        statistics = [driver.statistics() for driver in drivers]
+    finally:
+        for driver in drivers:
+            driver.stop()
+    return Replay(frames, events.published(), [{"bus": s.bus, "counts": dict(s.counts)} for s in statistics])
+
+
+def _files(trace: Path, buses: list[str]) -> dict[str, Path]:
+    """The file of each bus: by its name, or the only one of the only bus."""
+    if not buses:
+        raise InputError(f"{trace}: the machine has no CAN bus with channels; a trace is of CAN")
+    if not trace.parent.is_dir():
+        raise InputError(f"{trace}: no such folder; give the trace's name as it was given to --trace")
+    if len(buses) == 1 and trace.is_file():
+        return {buses[0]: trace}
+    files = {bus: bus_file(trace, bus) for bus in buses}
+    there = {bus: path for bus, path in files.items() if trace_files(path)}
+    if not there:
+        names = ", ".join(path.name for path in files.values())
+        raise InputError(f"{trace}: no such trace; it is {names} in {trace.parent}")
+    return there
+
+
+def _driver(bus: CanopenBus | CanSignalsBus, channels: tuple[Channel, ...], context: DriverContext) -> Driver:
+    if isinstance(bus, CanSignalsBus) or bus.listen_only:
+        return make_driver(bus, channels, context)
+    followed = bus.model_copy(update={"listen_only": True, "sync": "external"})
+    return ListeningDriver(followed, channels, context, commissioned(bus, channels))
+
+
+def commissioned(bus: CanopenBus, channels: tuple[Channel, ...]) -> list[Member]:
+    """Where the channels are in the TPDOs that commissioning maps."""
+    grouped: dict[int, list[tuple[int, Channel]]] = {}
+    for position, channel in enumerate(channels):
+        assert isinstance(channel.source, CanSource)
+        grouped.setdefault(channel.source.node, []).append((position, channel))
+    found = []
+    for node, members in grouped.items():
+        for mapping in map_node(node, members, f"bus '{bus.name}' node {node}"):
+            bit = 0
+            for entry, positions in zip(mapping.entries, mapping.positions, strict=True):
+                place = Place(mapping.cob_id, bit, entry & 0xFF, synchronous=True, event_ms=0)
+                bit += entry & 0xFF
+                for position in positions:
+                    source = channels[position].source
+                    assert isinstance(source, CanSource)
+                    found.append(Member(position, source, place))
+    return found
+
+
+def _frames(machine: Machine, tape: _Tape, drivers: list[Driver], leading: ListeningDriver | None) -> Iterator[Frame]:
+    table = channel_table(machine)
+    names = [driver.channels for driver in drivers]
+    assembler = Assembler(table, names, machine.rate_hz, frozen=FrozenDetector(machine))
+    period_ns = round(NS / machine.rate_hz)
+
+    def next_sync(deadline_ns: int) -> int | None:
+        assert leading is not None
+        while (came := leading.next_sync(tape.now_ns)) is None and tape.step(deadline_ns):
+            pass
+        return came
+
+    clock = None if leading is None else SyncClock(machine.rate_hz, 1 / machine.rate_hz, next_sync, lambda: tape.now_ns)
+    if clock is not None:
+        clock.start()
+    begin, number = tape.now_ns, 0
+    while not tape.ended:
+        if clock is not None:
+            tick = clock.wait()
+        else:
+            number += 1
+            while tape.step(begin + number * period_ns):
+                pass
+            tick = Tick(number - 1, (number - 1) / machine.rate_hz, 0, 0, tape.now_ns)
+        at_ns = tape.now_ns
+        for driver in drivers:
+            driver.trigger(tick.cycle)
+        samples = {id(driver): driver.collect(at_ns) for driver in drivers if driver is not leading}
+        while tape.step(tick.collect_until_ns):
+            pass
+        if leading is not None:
+            samples[id(leading)] = leading.collect(tape.now_ns)
+            if not leading.counts["sync"]:
+                continue  # commissioning, or nobody leads yet
+        yield assembler.frame(tick, at_ns, at_ns, [samples[id(driver)] for driver in drivers])
+
+
+def as_columns(frames: list[Frame], names: tuple[str, ...]) -> dict[str, Any]:
+    """What :func:`daq.recordings.recording.write_recording` takes besides path, machine and role; values in SI."""
+    values = np.array([frame.values for frame in frames]).reshape(len(frames), len(names))
+    ages = np.array([frame.ages for frame in frames]).reshape(len(frames), len(names))
+    quality = np.array([frame.quality for frame in frames]).reshape(len(frames), len(names))
+    values[np.isin(quality, UNMEASURED)] = np.nan
+    return {
+        "time": np.array([frame.time for frame in frames]),
+        "values": {name: values[:, index] for index, name in enumerate(names)},
+        "age": {name: ages[:, index] for index, name in enumerate(names)},
+        "quality": {name: quality[:, index] for index, name in enumerate(names)},
+        "cycle": np.array([frame.cycle for frame in frames], dtype=np.int64),
+        "utc_ns": np.array([frame.utc_ns for frame in frames], dtype=np.int64),
+    }

@@ -1,0 +1,392 @@
+"""Ring buffer in shared memory: one writer, any number of readers in any process, readers know what they missed.
+
+Layout::
+
+    header | info text | slot 0 | slot 1 | ... | slot n-1        slot = | before u64 | row | after u64 |
+
+Row ``k`` (counted from 0 since the ring was made) lives in slot ``k mod n``. The writer stores ``k + 1`` in
+``before``, then the row, then ``k + 1`` in ``after``, then ``k + 1`` in the header. A reader checks
+``after``, copies the row, then checks
+``before``: both being ``k + 1``, nobody wrote in between. The writer never waits for anyone. The order of the stores
+is the interpreter's; on processors that reorder stores (not x86) a copy may be taken for torn, and is read again.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import threading
+import time
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from multiprocessing import resource_tracker, shared_memory
+from types import TracebackType
+from typing import TYPE_CHECKING, Any, Self
+
+import numpy as np
+import numpy.typing as npt
+
+from daq.errors import AcquisitionError
+
+if TYPE_CHECKING:
+    from daq.frames.frame import Frame
+
+MAGIC = b"hilfit/ring/1"
+INFO_BYTES = 65536
+_HEADER = np.dtype(
+    [
+        ("magic", "S16"),
+        ("slots", np.uint64),
+        ("row_bytes", np.uint64),
+        ("layout_bytes", np.uint64),  # length of the JSON description of a row, behind the info text
+        ("written", np.uint64),
+        ("closed", np.uint64),
+        ("writer_pid", np.uint64),
+        ("info_before", np.uint64),
+        ("info_bytes", np.uint64),
+        ("info_after", np.uint64),
+    ]
+)
+_ATTACHING = threading.Lock()
+
+
+@dataclass(frozen=True)
+class RingStatistics:
+    """State of a ring as its writer (``overruns`` 0 to it, it waits for nobody) or one of its readers sees it.
+
+    Attributes
+    ----------
+    capacity : rows that fit
+    written : rows ever written
+    fill : for a reader rows waiting for it; for the writer rows that are there
+    overruns : times that the writer overtook this reader
+    dropped : rows that this reader never got, by reason: ``overwritten`` (it was too slow)
+    torn_reads : copies that were discarded because the writer was writing, then read again or counted as overwritten
+    """
+
+    capacity: int
+    written: int
+    fill: int
+    overruns: int = 0
+    dropped: dict[str, int] = field(default_factory=dict)
+    torn_reads: int = 0
+
+
+@dataclass(frozen=True)
+class Rows:
+    """What one read brought: rows in order, and how many before the first of them are lost for good."""
+
+    rows: npt.NDArray[np.void]
+    missed: int
+
+
+class _Ring:
+    """The mapped memory; views are released before the mapping is."""
+
+    def __init__(self, memory: shared_memory.SharedMemory) -> None:
+        self._memory = memory
+        buffer = _buffer(memory)
+        self._header: npt.NDArray[np.void] = np.ndarray((1,), dtype=_HEADER, buffer=buffer)
+        if self._header["magic"][0] != MAGIC:
+            self.close()
+            raise AcquisitionError(f"shared memory '{memory.name}' is no ring buffer of this version")
+        self._written = self._header["written"]
+        self._slots = int(self._header["slots"][0])
+        start = _HEADER.itemsize + INFO_BYTES
+        layout = bytes(buffer[start : start + int(self._header["layout_bytes"][0])])
+        self.dtype = _dtype(json.loads(layout))
+        slot = _slot_dtype(self.dtype)
+        self._slot: npt.NDArray[np.void] = np.ndarray(
+            (self._slots,), dtype=slot, buffer=buffer, offset=_aligned(start + len(layout))
+        )
+        self._before = self._slot["before"]
+        self._after = self._slot["after"]
+        self._row = self._slot["row"]
+
+    @property
+    def name(self) -> str:
+        """The name by which other processes attach."""
+        return self._memory.name
+
+    @property
+    def capacity(self) -> int:
+        """Rows that fit."""
+        return self._slots
+
+    @property
+    def written(self) -> int:
+        """Rows ever written."""
+        return int(self._written[0])
+
+    @property
+    def closed(self) -> bool:
+        """Whether the writer said that no more will come."""
+        return bool(self._header["closed"][0])
+
+    @property
+    def writer_alive(self) -> bool:
+        """Whether the writer's process is still there (false also before it attached)."""
+        pid = self.writer_pid
+        if pid == 0:
+            return False
+        try:
+            os.kill(pid, 0)
+        except ProcessLookupError:
+            return False
+        except PermissionError:
+            return True
+        return True
+
+    @property
+    def writer_pid(self) -> int:
+        """The writer's process; 0 before it attached."""
+        return int(self._header["writer_pid"][0])
+
+    def info(self) -> dict[str, Any]:
+        """The writer's last words about itself (statistics), or an empty dictionary."""
+        start = _HEADER.itemsize
+        for _ in range(100):
+            after = int(self._header["info_after"][0])
+            text = bytes(_buffer(self._memory)[start : start + int(self._header["info_bytes"][0])])
+            if int(self._header["info_before"][0]) == after:
+                return dict(json.loads(text)) if text else {}
+            time.sleep(0.0005)
+        return {}
+
+    def close(self) -> None:
+        """Let go of the memory; it stays until its maker unlinks it."""
+        for name in ("_header", "_written", "_slot", "_before", "_after", "_row", "_columns"):
+            self.__dict__.pop(name, None)
+        self._memory.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+
+class RingWriter(_Ring):
+    """The one writer of a ring."""
+
+    def __init__(self, name: str) -> None:
+        super().__init__(_attach(name))
+        self._next = self.written
+        self._columns = {name: self._row[name] for name in self.dtype.names or ()}
+        self._header["writer_pid"] = os.getpid()
+        self._header["closed"] = 0
+
+    def write(self, row: npt.NDArray[np.void]) -> None:
+        """Append one row (shape (1,) of the ring's dtype); the oldest one goes if the ring is full."""
+        sequence = self._next + 1
+        slot = self._next % self._slots
+        self._before[slot] = sequence
+        self._row[slot] = row[0]
+        self._after[slot] = sequence
+        self._written[0] = sequence
+        self._next = sequence
+
+    def write_frame(self, frame: Frame) -> None:
+        """Append a frame, without making a row of it first; the ring's dtype is :func:`daq.frames.frame.row_dtype`."""
+        sequence = self._next + 1
+        slot = self._next % self._slots
+        column = self._columns
+        self._before[slot] = sequence
+        column["cycle"][slot], column["time"][slot] = frame.cycle, frame.time
+        column["monotonic_ns"][slot], column["utc_ns"][slot] = frame.monotonic_ns, frame.utc_ns
+        column["values"][slot], column["ages"][slot], column["quality"][slot] = frame.values, frame.ages, frame.quality
+        self._after[slot] = sequence
+        self._written[0] = sequence
+        self._next = sequence
+
+    def set_info(self, info: dict[str, Any]) -> bool:
+        """Publish statistics for whoever reads; False, and nothing published, if they do not fit."""
+        text = json.dumps(info).encode()
+        if len(text) > INFO_BYTES:
+            return False
+        count = int(self._header["info_before"][0]) + 1
+        self._header["info_before"] = count
+        start = _HEADER.itemsize
+        _buffer(self._memory)[start : start + len(text)] = text
+        self._header["info_bytes"] = len(text)
+        self._header["info_after"] = count
+        return True
+
+    def finish(self) -> None:
+        """Tell the readers that no more will come."""
+        self._header["closed"] = 1
+
+    def statistics(self) -> RingStatistics:
+        """State as the writer sees it."""
+        return RingStatistics(self._slots, self._next, min(self._next, self._slots))
+
+
+class RingReader(_Ring):
+    """A reader of its own position; ``from_start`` begins with the oldest row that is there, else with the next one."""
+
+    def __init__(self, name: str, *, from_start: bool = False) -> None:
+        super().__init__(_attach(name))
+        written = self.written
+        self._next = max(0, written - self._slots) if from_start else written
+        self._overruns = 0
+        self._overwritten = 0
+        self._torn = 0
+
+    @property
+    def position(self) -> int:
+        """Number of the row that comes next."""
+        return self._next
+
+    def read(self, limit: int | None = None) -> Rows:
+        """All rows that are there (at most ``limit``), copied, and how many were lost before them."""
+        missed = 0
+        while True:
+            written = self.written
+            oldest = written - self._slots
+            if self._next < oldest:
+                missed += self._skip_to(oldest)
+            count = written - self._next
+            if limit is not None:
+                count = min(count, limit)
+            if count <= 0:
+                return Rows(np.empty(0, dtype=self.dtype), missed)
+            sequences = np.arange(self._next, self._next + count, dtype=np.uint64)
+            slots = sequences % np.uint64(self._slots)
+            whole = self._after[slots] == sequences + np.uint64(1)
+            rows = self._row[slots]  # fancy indexing copies
+            whole &= self._before[slots] == sequences + np.uint64(1)
+            if whole.all():
+                self._next += count
+                return Rows(rows, missed)
+            self._torn += int(count - whole.sum())
+            # Only the oldest rows can be overwritten while they are copied: what follows the last torn one is whole.
+            last_torn = int(np.flatnonzero(~whole)[-1])
+            if last_torn + 1 < count:
+                missed += self._skip_to(self._next + last_torn + 1)
+                self._next += count - last_torn - 1
+                return Rows(rows[last_torn + 1 :], missed)
+            if self._next >= self.written - self._slots:
+                time.sleep(0)  # the writer is inside the very slot: let it finish
+
+    def _skip_to(self, row: int) -> int:
+        lost = row - self._next
+        self._overruns += 1
+        self._overwritten += lost
+        self._next = row
+        return lost
+
+    def wait(self, timeout: float, poll: float = 0.002) -> bool:
+        """Wait until a row is there (True), the writer finished, or ``timeout`` s passed (False)."""
+        deadline = time.monotonic() + timeout
+        while self.written <= self._next:
+            if self.closed or time.monotonic() >= deadline:
+                return False
+            time.sleep(poll)
+        return True
+
+    def latest(self) -> npt.NDArray[np.void] | None:
+        """A copy of the newest row, shape (1,), without moving this reader; None before the first one."""
+        while (written := self.written) > 0:
+            slot = (written - 1) % self._slots
+            whole = int(self._after[slot]) == written
+            row = self._row[slot : slot + 1].copy()
+            if whole and int(self._before[slot]) == written:
+                return row
+        return None
+
+    def statistics(self) -> RingStatistics:
+        """State as this reader sees it."""
+        written = self.written
+        return RingStatistics(
+            capacity=self._slots,
+            written=written,
+            fill=min(written - self._next, self._slots),
+            overruns=self._overruns,
+            dropped={"overwritten": self._overwritten},
+            torn_reads=self._torn,
+        )
+
+
+@contextlib.contextmanager
+def ring_buffer(dtype: np.dtype[np.void], slots: int, name: str | None = None) -> Iterator[str]:
+    """Make a ring for rows of ``dtype`` and yield its name; it is gone when the block ends.
+
+    Raises
+    ------
+    AcquisitionError
+        If a ring of that name is there already.
+    """
+    layout = json.dumps(_description(dtype)).encode()
+    start = _aligned(_HEADER.itemsize + INFO_BYTES + len(layout))
+    size = start + slots * _slot_dtype(dtype).itemsize
+    try:
+        memory = shared_memory.SharedMemory(name, create=True, size=size)
+    except FileExistsError:
+        raise AcquisitionError(
+            f"ring buffer '{name}' is there already: this machine is being acquired by another process; stop that one"
+        ) from None
+    try:
+        at = _HEADER.itemsize + INFO_BYTES
+        _buffer(memory)[at : at + len(layout)] = layout
+        header = np.ndarray((1,), dtype=_HEADER, buffer=_buffer(memory))
+        header["slots"], header["row_bytes"], header["layout_bytes"] = slots, dtype.itemsize, len(layout)
+        header["magic"] = MAGIC
+        del header  # a view that is alive would keep the memory from being closed
+        yield memory.name
+    finally:
+        memory.close()
+        memory.unlink()
+
+
+def _attach(name: str) -> shared_memory.SharedMemory:
+    """Attach without the resource tracker, which would remove the memory when this process ends (bpo-38119)."""
+    with _ATTACHING:
+        register = resource_tracker.register
+        resource_tracker.register = lambda name, rtype: None
+        try:
+            return shared_memory.SharedMemory(name)
+        except (FileNotFoundError, ValueError):
+            raise AcquisitionError(
+                f"there is no ring buffer '{name}': acquisition is not running (or has ended); start it"
+            ) from None
+        finally:
+            resource_tracker.register = register
+
+
+def _buffer(memory: shared_memory.SharedMemory) -> memoryview:
+    if memory.buf is None:
+        raise AcquisitionError(f"ring buffer '{memory.name}' was closed")
+    return memory.buf
+
+
+def _aligned(offset: int) -> int:
+    return (offset + 63) // 64 * 64
+
+
+def _slot_dtype(row: np.dtype[np.void]) -> np.dtype[np.void]:
+    size = (row.itemsize + 7) // 8 * 8
+    return np.dtype(
+        {
+            "names": ["before", "row", "after"],
+            "formats": [np.uint64, row, np.uint64],
+            "offsets": [0, 8, 8 + size],
+            "itemsize": 16 + size,
+        }
+    )
+
+
+def _description(dtype: np.dtype[np.void]) -> list[list[Any]]:
+    fields: Mapping[str, Any] = dtype.fields or {}
+    return [[name, fields[name][0].base.str, list(fields[name][0].shape)] for name in dtype.names or ()]
+
+
+def _dtype(description: list[list[Any]]) -> np.dtype[np.void]:
+    return np.dtype([(name, kind, tuple(shape)) for name, kind, shape in description])
+
+
+def ring_name(text: str) -> str:
+    """A name for the ring of the machine ``text`` that fits shared memory and is the same in every process."""
+    return "hilfit-" + "".join(c if c.isalnum() or c in "-_." else "-" for c in text)[:100]

@@ -1,0 +1,1 @@
+"""The commands of ``hilfit`` that acquire, record, and set machines up."""

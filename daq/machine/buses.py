@@ -1,0 +1,336 @@
+"""Buses and sources, as a machine file declares them: where channels come from. Fitting needs none of it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any, ClassVar, Literal, get_args
+
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    ConfigDict,
+    Discriminator,
+    Field,
+    Tag,
+    ValidationInfo,
+    field_validator,
+    model_validator,
+)
+
+from daq.machine.machine_file_errors import NAME_PATTERN, did_you_mean
+
+Name = Annotated[str, Field(pattern=NAME_PATTERN, max_length=80)]
+DataType = Literal[
+    "int8", "uint8", "int16", "uint16", "int24", "uint24", "int32", "uint32", "int64", "uint64", "float32", "float64"
+]  # fmt: skip
+
+
+#: Registers between two channels that are read along to save a request; 0 for a unit that refuses what it lacks.
+MaximumGap = Annotated[int, Field(ge=0, le=125)]
+
+
+def _beside_the_machine_file(value: str, info: ValidationInfo) -> str:
+    folder = info.context.get("folder") if isinstance(info.context, dict) else None
+    return value if folder is None else str(Path(folder, value))
+
+
+#: A file that describes devices; a relative path begins at the machine file's folder.
+DeviceFile = Annotated[str, Field(min_length=1, max_length=1000), AfterValidator(_beside_the_machine_file)]
+
+
+class FileModel(BaseModel):
+    """Any part of a machine file: unknown keys are errors, values never change."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+
+class Scaled(FileModel):
+    """How a raw number becomes a value in the channel's unit: ``scale * raw + offset``."""
+
+    bus: Name
+    scale: float = 1.0
+    offset: float = 0.0
+    sentinels: tuple[float, ...] = ()  # raw values that mean "no valid measurement"
+
+
+class Word(Scaled):
+    """A number of a CANopen object or of Modbus registers: ``scale 10^-decimals (raw - zero) + offset``.
+
+    With ``mask`` raw is only what these bits hold, with ``modulo`` the difference is taken the short way round.
+    """
+
+    data_type: DataType
+    tells_decimals: ClassVar[str] = ""  # the key that says where the device has them
+    mask: Annotated[int, Field(gt=0, lt=2**53)] | None = None  # bits in one piece, 0x00FFFFFF; integers only
+    modulo: Annotated[float, Field(gt=0)] | None = None  # raw units of a turn, after which an encoder begins anew
+    zero: float = 0.0  # raw value where the channel is `offset`
+    decimals: Annotated[int, Field(ge=0, le=9)] = 0
+
+    @field_validator("mask", mode="before")
+    @classmethod
+    def _hexadecimal_mask(cls, value: Any) -> Any:
+        return _number(value, "mask; write it as 0x00FFFFFF")
+
+    @model_validator(mode="after")
+    def _bits_there_are(self) -> Word:
+        if self.mask is None:
+            return self
+        if self.data_type.startswith("float"):
+            raise ValueError(f"mask is for integers, and this is {self.data_type}; remove mask")
+        if self.mask >> (int(self.data_type.lstrip("uint"))):
+            raise ValueError(f"mask 0x{self.mask:X} has more bits than {self.data_type}; correct one")
+        if (low := self.mask & -self.mask) and (self.mask // low + 1) & self.mask // low:
+            raise ValueError(f"mask 0x{self.mask:X} has a gap; give bits that are in one piece, as in 0x0FF0")
+        return self
+
+    @property
+    def told_decimals(self) -> bool:
+        """Whether the device is asked how many decimals there are."""
+        return bool(self.tells_decimals) and getattr(self, self.tells_decimals) is not None
+
+    @model_validator(mode="after")
+    def _decimals_from_one(self) -> Word:
+        beside = [key for key in ("decimals", "mask", "modulo", "zero") if getattr(self, key)]
+        if self.told_decimals and beside:
+            raise ValueError(f"{self.tells_decimals} and {beside[0]} do not go together; keep one")
+        return self
+
+
+def _number(value: Any, what: str) -> Any:
+    """A number that may be written in hexadecimal."""
+    if isinstance(value, str):
+        try:
+            return int(value, 0)
+        except ValueError:
+            raise ValueError(f"'{value}' is no {what}") from None
+    return value
+
+
+def object_of(text: str) -> tuple[int, int]:
+    """Index and subindex of ``0x6132:1`` (ValueError if it is no object)."""
+    index, _, subindex = text.partition(":")
+    return int(index, 0), int(subindex or "0", 0)
+
+
+class CanSource(Word):
+    """Where a channel comes from on a CANopen bus: an object of a node, mapped into a TPDO."""
+
+    tells_decimals = "decimals_object"
+    node: Annotated[int, Field(ge=1, le=127)]
+    object: Annotated[int, Field(ge=0x1000, le=0xFFFF)]
+    subindex: Annotated[int, Field(ge=0, le=255)] = 0
+    decimals_object: str | None = None  # of the node, "0x6132:1": holds the decimals, and is read at commissioning
+    cob_id: Annotated[int, Field(ge=0x001, le=0x7FF)] | None = None  # listen_only: the PDO that carries it, as it is
+    byte: Annotated[int, Field(ge=0, le=7)] = 0  # listen_only: where in that PDO
+    synchronous: bool = False  # listen_only: that PDO is sampled at SYNC; an EDS says so itself
+
+    @field_validator("object", mode="before")
+    @classmethod
+    def _hexadecimal(cls, value: Any) -> Any:
+        return _number(value, "object index; write it as 0x6004")
+
+    @field_validator("decimals_object")
+    @classmethod
+    def _an_object(cls, value: str | None) -> str | None:
+        try:
+            if value is not None:
+                object_of(value)
+        except ValueError:
+            raise ValueError(f"'{value}' is no object; write it as \"0x6132:1\"") from None
+        return value
+
+
+class ModbusSource(Word):
+    """Where a channel comes from on a Modbus bus: registers of a unit, read in one block per unit and cycle."""
+
+    tells_decimals = "decimals_register"
+    unit: Annotated[int, Field(ge=0, le=255)]  # 1 to 247; 0 or 255 is a TCP device itself
+    register_: Annotated[int, Field(ge=0, le=0xFFFF, alias="register")]  # zero-based protocol address
+    table: Literal["holding", "input"] = "holding"
+    word_order: Literal["big", "little"] = "big"
+    byte_order: Literal["big", "little"] = "big"  # within a register; the protocol's is big
+    rate_hz: Annotated[float, Field(gt=0)] | None = None  # asked so often; None: in every cycle
+    decimals_register: Annotated[int, Field(ge=0, le=0xFFFF)] | None = None  # of the table; read whenever it comes back
+
+
+class SignalSource(Scaled):
+    """Where a channel comes from on a bus of plain CAN or J1939: a signal of a message that a DBC file describes.
+
+    Raw values (also ``sentinels``) are those in the DBC file's unit.
+    """
+
+    signal: Annotated[str, Field(min_length=1)]
+    message: str | None = None  # its name; None: the only one that has the signal
+    pgn: Annotated[int, Field(ge=0, le=0x3FFFF)] | None = None  # J1939: instead of the message's name
+    source_address: Annotated[int, Field(ge=0, le=253)] | None = None  # J1939: of the device; None: there is only one
+
+    @model_validator(mode="after")
+    def _one_name(self) -> SignalSource:
+        if self.message is not None and self.pgn is not None:
+            raise ValueError(f"message and pgn both say which message has signal '{self.signal}'; keep one")
+        return self
+
+
+class OtherSource(Scaled):
+    """Where a channel comes from on a bus that another package's driver serves; only that driver knows addresses."""
+
+    address: dict[str, Any]
+
+
+Source = CanSource | ModbusSource | SignalSource | OtherSource
+
+
+def source_of(value: Any) -> Any:
+    """A source as its keys say: ``unit`` or ``register``: Modbus; ``signal``: DBC; ``address``: another package's;
+    else CANopen.
+    """
+    if not isinstance(value, dict):
+        return value
+    if "address" in value:
+        return OtherSource.model_validate(value)
+    if "signal" in value:
+        return SignalSource.model_validate(value)
+    return (ModbusSource if "unit" in value or "register" in value else CanSource).model_validate(value)
+
+
+class CanNode(FileModel):
+    """What a CANopen node must be, and how it is set up at commissioning."""
+
+    node: Annotated[int, Field(ge=1, le=127)]
+    eds: DeviceFile | None = None  # EDS or DCF; listen_only: its PDOs as they are
+    device_type: int | None = None  # 0x1000
+    vendor_id: int | None = None  # 0x1018:1
+    product_code: int | None = None  # 0x1018:2
+    revision_number: int | None = None  # 0x1018:3
+    serial_number: int | None = None  # 0x1018:4
+    firmware: str | None = None  # 0x100A
+    heartbeat_ms: Annotated[int, Field(ge=20, le=5000)] = 100
+    boot_up_s: Annotated[float, Field(ge=0, le=60)] = 3.0  # from power to its first answer
+    settings: dict[str, float] = Field(default_factory=dict)  # "0x6131:1 uint32": value, written before operation
+
+    @field_validator("settings")
+    @classmethod
+    def _objects(cls, value: dict[str, float]) -> dict[str, float]:
+        for key in value:
+            place, _, data_type = key.partition(" ")
+            try:
+                object_of(place)
+            except ValueError:
+                raise ValueError(f"'{key}' is no object; write it as \"0x6131:1\"") from None
+            if data_type and data_type.strip() not in get_args(DataType):
+                raise ValueError(f"'{key}': unknown data type; write it as \"0x6131:1 uint32\"")
+        return value
+
+
+class CanopenBus(FileModel):
+    """A CANopen bus behind any python-can interface."""
+
+    name: Name
+    type: Literal["canopen"]
+    interface: str  # python-can's name: socketcan, socketcand, pcan, ...
+    channel: str
+    bitrate: int | None = None
+    options: dict[str, str | int | float | bool] = Field(default_factory=dict)  # passed to python-can
+    nodes: tuple[CanNode, ...] = ()
+    listen_only: bool = False  # nothing is ever sent: another master leads, and its PDOs are taken as they come
+    listen_s: Annotated[float, Field(ge=0, le=60)] = 2.0  # before leading: whether another master is there
+    sync: Literal["own", "external"] = "own"  # listen_only: external: the cycle is that of the other master's SYNC
+
+    @model_validator(mode="after")
+    def _led_by_one(self) -> CanopenBus:
+        if self.sync == "external" and not self.listen_only:
+            raise ValueError("sync: external means that another master leads; add listen_only: true")
+        return self
+
+
+class CanSignalsBus(FileModel):
+    """A bus of plain CAN or J1939 that is only listened to; its messages are those of DBC files."""
+
+    name: Name
+    type: Literal["can_signals"]
+    interface: str  # python-can's name: socketcan, socketcand, pcan, ...
+    channel: str
+    bitrate: int | None = None
+    options: dict[str, str | int | float | bool] = Field(default_factory=dict)  # passed to python-can
+    dbc: Annotated[tuple[DeviceFile, ...], Field(min_length=1)]
+
+    @property
+    def listen_only(self) -> bool:
+        """It sends nothing, ever."""
+        return True
+
+
+class ModbusTcpBus(FileModel):
+    """Modbus TCP transmitters or a gateway."""
+
+    name: Name
+    type: Literal["modbus_tcp"]
+    host: str
+    port: Annotated[int, Field(ge=1, le=65535)] = 502
+    timeout_s: Annotated[float, Field(gt=0, le=5)] = 0.1
+    framing: Literal["tcp", "rtu"] = "tcp"  # rtu: a gateway that passes serial frames through as they are
+    connections: Literal["per_unit", "shared"] = "per_unit"  # shared: a gateway that allows only one
+    maximum_gap: MaximumGap = 125
+
+
+class ModbusRtuBus(FileModel):
+    """Modbus transmitters on a serial line."""
+
+    name: Name
+    type: Literal["modbus_rtu"]
+    port: str
+    baudrate: int = 115200
+    parity: Literal["N", "E", "O"] = "E"
+    stopbits: Literal[1, 2] = 1
+    timeout_s: Annotated[float, Field(gt=0, le=5)] = 0.1
+    maximum_gap: MaximumGap = 125
+
+
+class OtherBus(FileModel):
+    """A bus of a type that another package brings a driver for (entry points ``hilfit.drivers``)."""
+
+    name: Name
+    type: Name
+    options: dict[str, Any] = Field(default_factory=dict)  # the driver checks them
+
+    @model_validator(mode="before")
+    @classmethod
+    def _refuse_a_misspelt_type(cls, value: Any) -> Any:
+        kind = value.get("type") if isinstance(value, dict) else None
+        hint = did_you_mean(str(kind), BUS_TYPES)
+        if hint:
+            raise ValueError(f"there is no bus type '{kind}'{hint}")
+        return value
+
+
+BUS_TYPES = ("canopen", "can_signals", "modbus_tcp", "modbus_rtu")
+
+
+class KnownDelay(FileModel):
+    """By how much what comes over one bus is behind what comes over another, as ``hilfit bus check`` estimates it."""
+
+    bus: Name
+    behind: Name
+    seconds: Annotated[float, Field(ge=-1, le=1)]
+    std: Annotated[float, Field(gt=0, le=1)]  # s, standard deviation
+
+    @model_validator(mode="after")
+    def _two_buses(self) -> KnownDelay:
+        if self.bus == self.behind:
+            raise ValueError(f"bus '{self.bus}' cannot be behind itself; name two buses")
+        return self
+
+
+def _bus_type(value: Any) -> str:
+    kind = value.get("type") if isinstance(value, dict) else getattr(value, "type", None)
+    return kind if kind in BUS_TYPES else "other"
+
+
+Bus = Annotated[
+    Annotated[CanopenBus, Tag("canopen")]
+    | Annotated[CanSignalsBus, Tag("can_signals")]
+    | Annotated[ModbusTcpBus, Tag("modbus_tcp")]
+    | Annotated[ModbusRtuBus, Tag("modbus_rtu")]
+    | Annotated[OtherBus, Tag("other")],
+    Discriminator(_bus_type),
+]

@@ -1,0 +1,217 @@
+"""DBC files (also KCD, SYM, ARXML): which message and signal of a bus of plain CAN or J1939 a channel comes from.
+
+Reading is by ``cantools``, the extra ``dbc``. J1939 (SAE J1939-21) puts a parameter group's number (PGN) and the
+sender's address into the 29-bit identifier::
+
+    identifier  priority (3)  data page (2)  PDU format PF (8)  PDU specific PS (8)  source address (8)
+    PGN         PF >= 240: data page, PF, PS    PF < 240: data page, PF, 0 (PS is then the address it is sent to)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from daq.errors import MachineFileError
+from daq.machine.buses import CanSignalsBus, SignalSource
+from daq.machine.device_files import check_device_file
+from daq.machine.machine_file_errors import did_you_mean
+from daq.units import conversion
+
+if TYPE_CHECKING:
+    from cantools.database.can import Database, Message, Signal
+
+    from daq.machine.machine_file import Channel, Machine
+
+SUFFIXES = (".dbc", ".kcd", ".sym", ".arxml")
+_PDU2 = 240  # PDU formats from here on are for everybody: PS belongs to the PGN
+_CAN_BYTES = 8
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """One channel (position in the driver's order) and its signal."""
+
+    position: int
+    signal: Signal
+
+
+@dataclass
+class Listed:
+    """A message that channels come from.
+
+    Attributes
+    ----------
+    message : as the file describes it
+    j1939 : whether its PGN counts, and not the whole identifier
+    source_address : of the device it has to come from; None: any, but only one
+    wanted : its channels
+    """
+
+    message: Message
+    j1939: bool
+    source_address: int | None
+    wanted: list[Wanted] = field(default_factory=list)
+
+    @property
+    def name(self) -> str:
+        """As lines call it."""
+        identifier = self.message.frame_id
+        if not self.j1939:
+            return f"message '{self.message.name}' (0x{identifier:X})"
+        sender = "" if self.source_address is None else f" from 0x{self.source_address:02X}"
+        return f"message '{self.message.name}' (PGN 0x{pgn_of(identifier):04X}{sender})"
+
+
+def pgn_of(identifier: int) -> int:
+    """Parameter group number of a 29-bit identifier."""
+    pgn = identifier >> 8 & 0x3FFFF
+    return pgn if pgn >> 8 & 0xFF >= _PDU2 else pgn & 0x3FF00
+
+
+def not_available(signal: Signal, raw: float) -> bool:
+    """Whether a raw value says by J1939-71, 5.1.4, that there is no measurement (not available, error, reserved)."""
+    if signal.is_float or signal.is_signed or signal.length < 2:
+        return False
+    if signal.length % 8 == 0:
+        return bool(raw >= 0xFB << (signal.length - 8))
+    return bool(raw >= (1 << signal.length) - 2)
+
+
+def decoded(message: Message, data: bytes) -> dict[str, Any] | None:
+    """Raw values by signal, as many as the data have; None for a multiplexed part that the file does not know."""
+    from cantools.database.errors import Error
+
+    try:
+        found = message.decode(data, decode_choices=False, scaling=False, allow_truncated=True)
+    except (Error, ValueError, KeyError, IndexError):
+        return None
+    return found if isinstance(found, dict) else None
+
+
+def listed_messages(bus: CanSignalsBus, channels: Sequence[Channel]) -> tuple[list[Listed], list[tuple[int, str]]]:
+    """Messages of a bus that channels come from.
+
+    Returns
+    -------
+    listed, problems
+        The messages; and per channel that has none its position and a line.
+
+    Raises
+    ------
+    MachineFileError
+        If a file of the bus cannot be read.
+    """
+    return listed_in([read_database(path, bus.name) for path in bus.dbc], channels)
+
+
+def listed_in(databases: Sequence[Database], channels: Sequence[Channel]) -> tuple[list[Listed], list[tuple[int, str]]]:
+    """What :func:`listed_messages` returns, from files that are read already."""
+    found: dict[tuple[str, int | None, bool], Listed] = {}
+    problems = []
+    for position, channel in enumerate(channels):
+        source = channel.source
+        assert isinstance(source, SignalSource)
+        try:
+            message = _message(databases, source)
+            j1939 = is_j1939(message, source)
+        except ValueError as error:
+            problems.append((position, f"{channel.name}: {error}"))
+            continue
+        key = (message.name, source.source_address, j1939)
+        listed = found.setdefault(key, Listed(message, j1939, source.source_address))
+        listed.wanted.append(Wanted(position, message.get_signal_by_name(source.signal)))
+    return list(found.values()), problems
+
+
+def unit_doubts(machine: Machine, listed: Sequence[Listed], channels: Sequence[Channel]) -> list[tuple[int, str]]:
+    """Channels (position, line) that take a signal as it is, although the file has it in another unit."""
+    doubts = []
+    for wanted in (wanted for message in listed for wanted in message.wanted):
+        channel, unit = channels[wanted.position], wanted.signal.unit
+        source = channel.source
+        if source is None or not unit or (source.scale, source.offset) != (1.0, 0.0):
+            continue
+        try:
+            meant = conversion(unit, machine.si_unit(channel))
+        except ValueError:  # a unit of another kind, or written in a way of its own: nobody knows
+            continue
+        if meant != machine.conversion(channel):
+            text = f"{channel.name}: the bus's file has {wanted.signal.name} in {unit}, the channel says {channel.unit}"
+            doubts.append((wanted.position, f"{text}; correct unit, or give scale and offset"))
+    return doubts
+
+
+def read_database(path: str, bus: str) -> Database:
+    """A file that describes messages.
+
+    Raises
+    ------
+    MachineFileError
+        If it is not there, too large, or no such file; its text is not repeated.
+    """
+    try:
+        from cantools.database import Database as CanDatabase
+        from cantools.database import load_file
+        from cantools.database.errors import Error
+        from textparser import Error as TextError
+    except ModuleNotFoundError as error:
+        raise MachineFileError(f"bus '{bus}': needs {error.name}; run: pip install 'hilfit[dbc]'") from None
+    place = f"bus '{bus}': {path}"
+    check_device_file(path, SUFFIXES, place)
+    try:
+        made = load_file(path, strict=False)  # overlapping signals are common, and read well
+    except OSError as error:
+        raise MachineFileError(f"{place}: cannot be read ({error.strerror})") from None
+    except (Error, TextError, ValueError, KeyError, IndexError, TypeError, AttributeError, SyntaxError):
+        raise MachineFileError(f"{place}: is no {Path(path).suffix[1:].upper()} file; export it again") from None
+    if not isinstance(made, CanDatabase):
+        raise MachineFileError(f"{place}: describes no CAN messages; give {', '.join(SUFFIXES)}")
+    return made
+
+
+def _message(databases: Sequence[Database], source: SignalSource) -> Message:
+    """The message that has the source's signal; ValueError if there is none, or more than one."""
+    messages = [message for database in databases for message in database.messages]
+    named = list(_named(messages, source))
+    if not named:
+        if source.pgn is not None:
+            raise ValueError(f"there is no message of PGN 0x{source.pgn:04X} in the bus's files; correct pgn")
+        hint = did_you_mean(str(source.message), [message.name for message in messages])
+        raise ValueError(f"there is no message '{source.message}' in the bus's files{hint or '; correct message'}")
+    found = [message for message in named if any(signal.name == source.signal for signal in message.signals)]
+    if not found:
+        hint = did_you_mean(source.signal, sorted({signal.name for message in named for signal in message.signals}))
+        where = "" if source.message is None and source.pgn is None else f" in message '{named[0].name}'"
+        raise ValueError(f"there is no signal '{source.signal}'{where}{hint or '; correct signal'}")
+    if len(found) > 1:
+        names = ", ".join(message.name for message in found[:4])
+        raise ValueError(f"signal '{source.signal}' is in {len(found)} messages ({names}); add message")
+    return found[0]
+
+
+def _named(messages: Sequence[Message], source: SignalSource) -> Iterator[Message]:
+    for message in messages:
+        if message.is_container:
+            continue
+        if source.pgn is not None:
+            if message.is_extended_frame and pgn_of(message.frame_id) == source.pgn:
+                yield message
+        elif source.message is None or message.name == source.message:
+            yield message
+
+
+def is_j1939(message: Message, source: SignalSource) -> bool:
+    """Whether a message is taken by its PGN; ValueError (one line) if a channel cannot come from it."""
+    asked = source.pgn is not None or source.source_address is not None
+    if asked and not message.is_extended_frame:
+        raise ValueError(f"message '{message.name}' has 11 bits, so it is no J1939; remove source_address")
+    j1939 = message.is_extended_frame and (asked or message.protocol == "j1939")
+    if j1939 and message.length > _CAN_BYTES:
+        raise ValueError(
+            f"message '{message.name}' has {message.length} bytes, which J1939 sends in several frames; "
+            "they are not put together: take another message"
+        )
+    return j1939

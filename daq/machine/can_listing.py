@@ -1,0 +1,219 @@
+"""What DBC files offer: every message and signal of a machine's buses of plain CAN or J1939, and who uses which."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+from daq.errors import MachineFileError
+from daq.machine.buses import CanSignalsBus, SignalSource
+from daq.machine.can_database import is_j1939, listed_in, pgn_of, read_database, unit_doubts
+
+if TYPE_CHECKING:
+    from cantools.database.can import Database, Message, Signal
+
+    from daq.machine.machine_file import Channel, Machine
+
+#: Signals of a bus that are listed, and characters of a name; the largest files in use have less of both.
+MOST, LONGEST = 20_000, 128
+#: Values of a multiplexer that are listed for one signal, and characters of a unit.
+MOST_VALUES, LONGEST_UNIT = 32, 40
+
+
+@dataclass(frozen=True)
+class OfferedSignal:
+    """One signal of a file.
+
+    Attributes
+    ----------
+    file, message, signal : names
+    frame_id, extended : identifier, and whether it has 29 bits
+    pgn : parameter group number, None unless the file says that the message is J1939
+    message_bytes : length of the message
+    start_bit, bits : as the DBC file counts them: of big-endian signals the most significant bit
+    byte_order : "little" or "big"
+    signed, is_float : of the raw value
+    factor, offset : value in ``unit`` = factor * raw + offset
+    minimum, maximum : of the value, None where the file says nothing
+    selects : whether it is a multiplexer, which says what the rest of its message holds
+    multiplexer, multiplexer_values : it is there only where this signal has one of these values
+    cycle_ms : how often the message comes, None where the file does not say
+    channels : of the machine that come from it
+    source : keys of a channel's ``source`` that mean it; None where a channel cannot
+    refusal : why not, one line
+    """
+
+    file: str
+    message: str
+    signal: str
+    frame_id: int
+    extended: bool
+    pgn: int | None
+    message_bytes: int
+    start_bit: int
+    bits: int
+    byte_order: str
+    signed: bool
+    is_float: bool
+    factor: float | None
+    offset: float | None
+    unit: str
+    minimum: float | None
+    maximum: float | None
+    selects: bool
+    multiplexer: str | None
+    multiplexer_values: tuple[int, ...]
+    cycle_ms: int | None
+    channels: tuple[str, ...]
+    source: dict[str, Any] | None
+    refusal: str | None
+
+
+@dataclass
+class OfferedFile:
+    """A file that a bus names: how many messages and signals it has, or why it cannot be read (one line)."""
+
+    name: str
+    messages: int = 0
+    signals: int = 0
+    error: str | None = None
+
+
+@dataclass
+class OfferedBus:
+    """A bus: its files, their signals, what is wrong with channels (lines), and how many signals are not listed."""
+
+    name: str
+    files: list[OfferedFile]
+    signals: list[OfferedSignal] = field(default_factory=list)
+    problems: list[str] = field(default_factory=list)
+    left_out: int = 0
+
+
+def offered_signals(machine: Machine) -> list[OfferedBus]:
+    """Every signal of the machine's buses of plain CAN or J1939; a file that cannot be read says so in its place."""
+    return [_bus(machine, bus) for bus in machine.buses if isinstance(bus, CanSignalsBus)]
+
+
+def _bus(machine: Machine, bus: CanSignalsBus) -> OfferedBus:
+    offered = OfferedBus(bus.name, [])
+    databases: list[tuple[str, Database]] = []
+    for path in bus.dbc:
+        file = OfferedFile(path)
+        offered.files.append(file)
+        try:
+            database = read_database(path, bus.name)
+        except MachineFileError as error:
+            file.error = str(error)
+            continue
+        databases.append((path, database))
+        file.messages = len(database.messages)
+        file.signals = sum(len(message.signals) for message in database.messages)
+    channels = [c for c in machine.channels if isinstance(c.source, SignalSource) and c.source.bus == bus.name]
+    used = _used(machine, [database for _, database in databases], channels, offered)
+    _list(offered, databases, used)
+    return offered
+
+
+def _used(
+    machine: Machine, databases: Sequence[Database], channels: Sequence[Channel], offered: OfferedBus
+) -> dict[tuple[str, str], list[str]]:
+    """Channels by message and signal; what is wrong with them goes into ``offered``."""
+    if len(databases) < len(offered.files):  # a channel's message may be in the file that cannot be read
+        offered.problems += [file.error for file in offered.files if file.error is not None]
+    listed, problems = listed_in(databases, channels)
+    if len(databases) == len(offered.files):
+        offered.problems += [line for _, line in (*problems, *unit_doubts(machine, listed, channels))]
+    used: dict[tuple[str, str], list[str]] = {}
+    for one in listed:
+        for wanted in one.wanted:
+            used.setdefault((one.message.name, wanted.signal.name), []).append(channels[wanted.position].name)
+    return used
+
+
+def _list(
+    offered: OfferedBus, databases: Sequence[tuple[str, Database]], used: dict[tuple[str, str], list[str]]
+) -> None:
+    every = list(_every(databases))
+    named = Counter((message.name, signal.name) for _, message, signal in every)
+    grouped = Counter((pgn_of(m.frame_id), s.name) for _, m, s in every if m.is_extended_frame)
+    # Those in use are never left out.
+    for file, message, signal in sorted(every, key=lambda one: (one[1].name, one[2].name) not in used):
+        if len(offered.signals) >= MOST or max(len(message.name), len(signal.name)) > LONGEST:
+            offered.left_out += 1
+            continue
+        keys, refusal = _source(message, signal, named, grouped)
+        if keys is not None:
+            keys = {"bus": offered.name, **keys}
+        channels = used.get((message.name, signal.name), [])
+        offered.signals.append(_signal(file, message, signal, channels, keys, refusal))
+
+
+def _every(databases: Sequence[tuple[str, Database]]) -> Iterator[tuple[str, Message, Signal]]:
+    for file, database in databases:
+        for message in database.messages:
+            if not message.is_container:
+                for signal in message.signals:
+                    yield file, message, signal
+
+
+def _source(
+    message: Message, signal: Signal, named: Counter[tuple[str, str]], grouped: Counter[tuple[int, str]]
+) -> tuple[dict[str, Any] | None, str | None]:
+    """Keys that mean a signal and no other, or why there are none."""
+    source = SignalSource(bus="any", signal=signal.name, message=message.name)
+    try:
+        j1939 = is_j1939(message, source)
+    except ValueError as error:
+        return None, str(error)
+    pgn = pgn_of(message.frame_id)
+    if j1939 and grouped[pgn, signal.name] == 1:
+        return {"pgn": pgn, "signal": signal.name}, None
+    if named[message.name, signal.name] == 1:
+        return {"message": message.name, "signal": signal.name}, None
+    return None, f"signal '{signal.name}' of message '{message.name}' is there more than once; correct the bus's files"
+
+
+def _signal(
+    file: str,
+    message: Message,
+    signal: Signal,
+    channels: Sequence[str],
+    source: dict[str, Any] | None,
+    refusal: str | None,
+) -> OfferedSignal:
+    j1939 = message.is_extended_frame and message.protocol == "j1939"
+    return OfferedSignal(
+        file=file,
+        message=message.name,
+        signal=signal.name,
+        frame_id=message.frame_id,
+        extended=message.is_extended_frame,
+        pgn=pgn_of(message.frame_id) if j1939 else None,
+        message_bytes=message.length,
+        start_bit=signal.start,
+        bits=signal.length,
+        byte_order="big" if signal.byte_order == "big_endian" else "little",
+        signed=signal.is_signed,
+        is_float=signal.is_float,
+        factor=_finite(signal.scale),
+        offset=_finite(signal.offset),
+        unit=(signal.unit or "")[:LONGEST_UNIT],
+        minimum=_finite(signal.minimum),
+        maximum=_finite(signal.maximum),
+        selects=signal.is_multiplexer,
+        multiplexer=signal.multiplexer_signal,
+        multiplexer_values=tuple(signal.multiplexer_ids or ())[:MOST_VALUES],
+        cycle_ms=message.cycle_time or None,
+        channels=tuple(channels),
+        source=source,
+        refusal=refusal,
+    )
+
+
+def _finite(value: float | None) -> float | None:
+    """As JSON can say it."""
+    return None if value is None or not math.isfinite(value) else float(value)

@@ -1,0 +1,48 @@
+"""Files that a machine file names (DBC, EDS, DCF), looked at before they are read: anybody may have named them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path, PurePosixPath
+from typing import TYPE_CHECKING
+
+from daq.errors import MachineFileError
+
+if TYPE_CHECKING:
+    from daq.machine.machine_file import Machine
+
+LARGEST = 16_000_000  # bytes; the largest ones in use have a few
+
+
+def named_files(machine: Machine) -> Iterator[tuple[str, str]]:
+    """Files that a machine names: which bus or node does, and the path as it stands there."""
+    for bus in machine.buses:
+        for path in getattr(bus, "dbc", ()):
+            yield f"bus '{bus.name}'", path
+        for node in getattr(bus, "nodes", ()):
+            if node.eds is not None:
+                yield f"bus '{bus.name}' node {node.node}", node.eds
+
+
+def refuse_files_elsewhere(machine: Machine, name: str) -> None:
+    """Raise MachineFileError if a machine from outside names a file that is not in the machine's own folder.
+
+    Or whoever sends machine files would learn which files there are on this computer. ``name`` is the file's in errors.
+    """
+    for place, path in named_files(machine):
+        parts = PurePosixPath(path.replace("\\", "/"))
+        if parts.is_absolute() or ".." in parts.parts or ":" in path:
+            raise MachineFileError(
+                f"{name}: {place}: names a file outside the machine's own folder; write its name alone, and have it "
+                "put beside the machine file in the service's data directory"
+            )
+
+
+def check_device_file(path: str, suffixes: tuple[str, ...], place: str) -> None:
+    """Raise MachineFileError, in one line that begins with ``place``, if it is no file to be read."""
+    if Path(path).suffix.lower() not in suffixes:
+        raise MachineFileError(f"{place}: unknown kind of file; give {', '.join(suffixes)}")
+    if not Path(path).is_file():  # nor a device or a pipe, which would never end
+        raise MachineFileError(f"{place}: no such file; a path begins at the machine file's folder")
+    if Path(path).stat().st_size > LARGEST:
+        raise MachineFileError(f"{place}: is larger than {LARGEST // 1_000_000} MB; is it the right file?")

@@ -1,0 +1,229 @@
+"""The mechanics of a machine file: joints, their limits, and what drives them."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+import numpy as np
+import numpy.typing as npt
+from pydantic import Field, field_validator, model_validator
+
+from daq.machine.buses import FileModel, Name
+from daq.machine.linkages import FourBar, Linkage, Pins, ThreePin, reduced
+
+Positive = Annotated[float, Field(gt=0)]
+Interval = tuple[float, float]
+#: A chain whose closing cosine is within this of 1 counts as stretched: an angle of 0.6 degrees, where the lever arm
+#: is some hundred times its usual size.
+_STRETCHED = 5e-5
+#: ``standard`` (distal): frame i at the far end of link i, joint i about z of frame i - 1.
+#: ``modified`` (proximal, Craig; Khalil and Kleinfinger): frame i at joint i, which is about z of frame i.
+Convention = Literal["standard", "modified"]
+
+
+def ordered(interval: Interval, what: str) -> Interval:
+    """The interval, refused with a ValueError unless it goes from low to high."""
+    if interval[0] >= interval[1]:
+        raise ValueError(f"{what} must go from low to high, not {interval[0]:g} to {interval[1]:g}")
+    return interval
+
+
+def unique(names: list[str], what: str) -> None:
+    """Refuse names of which one is there twice with a ValueError."""
+    for name in names:
+        if names.count(name) > 1:
+            raise ValueError(f"{what} '{name}' is there {names.count(name)} times; names must differ")
+
+
+class DenavitHartenberg(FileModel):
+    """A Denavit-Hartenberg row; the joint variable adds to ``theta``, or to ``d`` of a prismatic joint.
+
+    ``Rz(theta) Tz(d) Tx(a) Rx(alpha)`` in the standard convention, ``Rx(alpha) Tx(a) Rz(theta) Tz(d)`` in the modified
+    one, where ``a`` and ``alpha`` stand before the joint (``a_{i-1}``, ``alpha_{i-1}``).
+    """
+
+    a: float  # m
+    alpha: float  # rad
+    d: float  # m
+    theta: float  # rad
+
+
+class Limits(FileModel):
+    """What the joint may do: position (rad or m), speed and acceleration."""
+
+    position: Interval
+    velocity: Positive
+    acceleration: Positive
+
+    @field_validator("position")
+    @classmethod
+    def _position(cls, value: Interval) -> Interval:
+        return ordered(value, "position")
+
+
+class Cylinder(FileModel):
+    """A hydraulic cylinder and the linkage between its rod and the joint."""
+
+    bore: Positive  # m
+    rod: Annotated[float, Field(ge=0)]  # m; 0 never occurs on a real single-rod cylinder but is a plunger
+    stroke: Positive  # m
+    damping: Annotated[float, Field(ge=0)] = 0.0  # N s/m, known; 0: then it is part of f_v
+    moving_mass: Annotated[float, Field(gt=0)] | None = None  # kg if known, else identified
+    vented: Literal["head", "rod"] | None = None  # this chamber is open to the air: gauge pressure 0, no channel
+    linkage: Linkage
+
+    @model_validator(mode="after")
+    def _rod_fits(self) -> Cylinder:
+        if self.rod >= self.bore:
+            raise ValueError(f"rod {self.rod:g} m must be thinner than the bore {self.bore:g} m")
+        return self
+
+    @property
+    def head_area(self) -> float:
+        """A1 in m^2."""
+        return float(np.pi * self.bore**2 / 4)
+
+    @property
+    def rod_area(self) -> float:
+        """A2, the annulus on the rod side, in m^2."""
+        return float(np.pi * (self.bore**2 - self.rod**2) / 4)
+
+
+class Coupling(FileModel):
+    """Another joint that a motor turns with."""
+
+    joint: str
+    ratio: float  # rad of the motor per rad (m) of that joint
+
+
+class Drive(FileModel):
+    """A motor and its gear instead of a cylinder.
+
+    The motor stands at ``ratio q_own + sum ratio_k q_k`` (``coupled``), and its effort acts on every joint it turns
+    with by the same ratio: ``tau = R' tau_motor`` where ``q_motor = R q``.
+    """
+
+    ratio: float = 1.0  # rad of the motor per rad (m) of its own joint; negative: it turns the other way
+    coupled: tuple[Coupling, ...] = ()
+    offset: bool = False  # the measured effort's zero is a parameter
+    #: Where the joint's effort is measured: before the motor's inertia and friction (a current, say), or behind the
+    #: gear (a torque sensor in the joint), which the motor's inertia does not pass.
+    effort: Literal["motor_side", "link_side"] = "motor_side"
+
+    @model_validator(mode="after")
+    def _turns(self) -> Drive:
+        if self.ratio == 0:
+            raise ValueError("ratio must not be 0; give the motor's turns per turn of the joint")
+        for index, coupling in enumerate(self.coupled):
+            if coupling.ratio == 0:
+                raise ValueError(f"coupled[{index}].ratio must not be 0; leave the coupling out")
+        unique([coupling.joint for coupling in self.coupled], "coupled joint")
+        return self
+
+
+class Joint(FileModel):
+    """One joint, from base to tip."""
+
+    name: Name
+    type: Literal["revolute", "prismatic"] = "revolute"
+    dh: DenavitHartenberg
+    limits: Limits
+    cylinder: Cylinder | None = None
+    drive: Drive | None = None  # what a joint without a cylinder may say of its motor
+
+    @property
+    def effort_unit(self) -> str:
+        """``N m`` for a revolute joint, ``N`` for a prismatic one."""
+        return "N m" if self.type == "revolute" else "N"
+
+    @model_validator(mode="after")
+    def _one_drive(self) -> Joint:
+        if self.cylinder is not None and self.drive is not None:
+            raise ValueError("has both a cylinder and a drive; remove one")
+        return self
+
+    @model_validator(mode="after")
+    def _angles_are_the_tables(self) -> Joint:
+        """Coordinates of pins without an ``angle`` are those of the table's own frames."""
+        if self.cylinder is None or not isinstance(self.cylinder.linkage, Pins | FourBar):
+            return self
+        linkage = self.cylinder.linkage
+        if self.type != "revolute":
+            raise ValueError(f"cylinder.linkage of type {linkage.type} needs a revolute joint; use direct, or rack")
+        if linkage.angle is None:
+            linkage = linkage.model_copy(update={"angle": self.dh.theta})
+            cylinder = self.cylinder.model_copy(update={"linkage": linkage})
+            object.__setattr__(self, "cylinder", cylinder)  # frozen: still being made
+        return self
+
+    @model_validator(mode="after")
+    def _linkage_closes(self) -> Joint:
+        if self.cylinder is None:
+            return self
+        linkage, stroke = reduced(self.cylinder.linkage), self.cylinder.stroke
+        q = np.linspace(*self.limits.position, 201)
+        if isinstance(linkage, FourBar):
+            _chain_closes(linkage, q)
+        x = linkage.piston_position(q)
+        if isinstance(linkage, ThreePin):
+            shortest, longest = abs(linkage.a - linkage.b), linkage.a + linkage.b
+            what = "a, b, retracted" if self.cylinder.linkage is linkage else "the four points, retracted"
+            if linkage.retracted >= longest or linkage.retracted + stroke <= shortest:
+                raise ValueError(
+                    f"cylinder.linkage cannot close: the pins are {shortest:.4g} to {longest:.4g} m apart, the "
+                    f"cylinder {linkage.retracted:.4g} to {linkage.retracted + stroke:.4g} m; check {what}"
+                )
+        if x.max() <= 0 or x.min() >= stroke:
+            raise ValueError(
+                f"cylinder.linkage cannot close: within limits.position the piston would have to be at {x.min():.4g}"
+                f" to {x.max():.4g} m of a stroke of {stroke:g} m; check {_ZEROS[self.cylinder.linkage.type]}"
+            )
+        if np.any(np.diff(x) >= 0) and np.any(np.diff(x) <= 0):
+            raise ValueError(
+                "cylinder.linkage passes a dead centre within limits.position (the lever arm becomes zero); "
+                f"narrow the limits or correct {_TURNS[self.cylinder.linkage.type]}"
+            )
+        tolerance = 1e-6 + 1e-3 * stroke
+        if x.min() < -tolerance or x.max() > stroke + tolerance:
+            raise ValueError(
+                f"cylinder.stroke {stroke:g} m is exceeded: limits.position needs {x.min():.4g} to {x.max():.4g} m; "
+                "narrow limits.position or correct the linkage"
+            )
+        return self
+
+
+#: What of each linkage decides where the piston stands, and where its dead centres are.
+_ZEROS = {
+    "three_pin": "retracted or offset",
+    "pins": "retracted, the four points or angle",
+    "four_bar": "retracted, the points, side or angle",
+    "rack": "zero",
+    "direct": "limits.position",
+    "polynomial": "the first coefficient",
+}
+_TURNS = {
+    "three_pin": "offset",
+    "pins": "the points or angle",
+    "four_bar": "the points, side or angle",
+    "polynomial": "the coefficients",
+    "rack": "radius",
+    "direct": "limits.position",
+}
+
+
+def _chain_closes(linkage: FourBar, q: npt.NDArray[np.float64]) -> None:
+    """Refuse a four-bar chain that opens, or is stretched, somewhere in ``q``.
+
+    Stretched, coupler and rocker are in line: the link is then held whatever the cylinder does, ``r`` is infinite.
+    """
+    cosine = linkage.closing_cosine(q)
+    if np.all(np.abs(cosine) < 1.0 - _STRETCHED):
+        return
+    worst = int(np.argmax(np.abs(cosine)))
+    reach = float(np.linalg.norm(linkage.link_pin(q)[0][worst]))
+    least, most = abs(linkage.coupler_arm - linkage.coupler), linkage.coupler_arm + linkage.coupler
+    raise ValueError(
+        f"cylinder.linkage cannot close: at q = {q[worst]:.4g} rad coupler_pin is {reach:.4g} m from rocker_pivot, "
+        f"coupler_arm and coupler together reach {least:.4g} to {most:.4g} m; check them and the points, or narrow "
+        "limits.position"
+    )

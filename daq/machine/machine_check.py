@@ -1,0 +1,199 @@
+"""``hilfit machine check``: everything that is wrong or doubtful in a machine file, at once."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+import yaml
+from pydantic import ValidationError
+
+from daq import safe_yaml
+from daq.errors import MachineFileError
+from daq.machine.buses import CanopenBus, CanSignalsBus
+from daq.machine.coherence import incoherences
+from daq.machine.joints import Cylinder, Drive, Joint
+from daq.machine.machine_file import Channel, Machine, machine_problems, read_machine_text
+from daq.machine.machine_file_errors import line_of, of_the_whole
+from daq.machine.plausible import doubts
+from daq.machine.travel import travel_of
+from daq.units import SI_UNITS
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One thing to look at.
+
+    Attributes
+    ----------
+    level : ``error``: the file cannot be used; ``warning``: it can, but a number is hardly meant
+    line : line of the file, from 1; None where it is not known
+    key : the key's place; empty for the file as a whole
+    text : what is wrong
+    cure : what to do; empty where the text says it
+    """
+
+    level: Literal["error", "warning"]
+    line: int | None
+    key: str
+    text: str
+    cure: str = ""
+
+    def under(self, name: str) -> str:
+        """One line with the file's name in front."""
+        place = f"{name}:{self.line}" if self.line else name
+        kind = "warning: " if self.level == "warning" else ""
+        parts = [part for part in (place, f"{kind}{self.key}" if self.key else kind.rstrip(": "), self.text) if part]
+        return ": ".join(parts) + (f"; {self.cure}" if self.cure else "")
+
+
+@dataclass(frozen=True)
+class Checked:
+    """A machine file that was looked at: the machine if it is valid, and all findings, errors first."""
+
+    machine: Machine | None
+    findings: tuple[Finding, ...]
+
+    @property
+    def errors(self) -> tuple[Finding, ...]:
+        """What has to be corrected."""
+        return tuple(f for f in self.findings if f.level == "error")
+
+
+def check_machine(path: str | Path) -> Checked:
+    """Look at a machine file.
+
+    Raises
+    ------
+    MachineFileError
+        If there is no text to look at.
+    """
+    text = read_machine_text(Path(path))
+    try:
+        machine, problems = machine_problems(text, str(path), Path(path).absolute().parent)
+    except MachineFileError as error:  # no YAML, or of another kind: there is nothing else to say of it
+        return Checked(None, (_alone(str(error), str(path)),))
+    tree, content = safe_yaml.read(text)
+    if machine is None and all(p.key for p in problems):  # parts are wrong, so that nobody looked at the whole
+        problems += [of_the_whole(tree, text) for text in _of_the_parts(content)]
+    findings = [Finding("error", p.line, p.key, p.text) for p in problems]
+    said = {finding.key for finding in findings}
+    for doubt in doubts(content):
+        key = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in doubt.place).lstrip(".")
+        if key not in said:  # of several doubts about one key the first says most
+            said.add(key)
+            findings.append(Finding("warning", line_of(tree, list(doubt.place)), key, doubt.text, doubt.cure))
+    if machine is not None:
+        findings += _of_the_files(machine, tree)
+    return Checked(machine, tuple(findings))
+
+
+def _of_the_parts(content: dict[str, Any]) -> list[str]:
+    """What does not belong together in a file of which parts are wrong, as far as that can be told."""
+    joints, channels = content.get("joints"), content.get("channels")
+    if not (isinstance(joints, list) and isinstance(channels, list)):
+        return []
+    skeletons = [_joint(raw) for raw in joints]
+    read = [_channel(raw) for raw in channels]
+    whole = [skeleton for skeleton in skeletons if skeleton is not None]
+    if len(whole) < len(joints):
+        return []
+    known = tuple(channel for channel in read if channel is not None)
+    machine = Machine.model_construct(joints=tuple(whole), channels=known, buses=())
+    texts = incoherences(machine)
+    if len(known) < len(channels):  # numbers of the channels, and what joints lack, are not known then
+        return []
+    return texts
+
+
+def _of_the_files(machine: Machine, tree: yaml.Node | None) -> list[Finding]:
+    """What does not belong together in a machine file and the files that it names: DBC, EDS, DCF."""
+    findings = []
+    for number, bus in enumerate(machine.buses):
+        own = [
+            (index, c) for index, c in enumerate(machine.channels) if c.source is not None and c.source.bus == bus.name
+        ]
+        channels = [channel for _, channel in own]
+        place: list[str | int] = ["buses", number]
+        try:
+            if isinstance(bus, CanSignalsBus):
+                from daq.machine.can_database import listed_messages, unit_doubts
+
+                listed, problems = listed_messages(bus, channels)
+                levels: tuple[tuple[Literal["error", "warning"], list[tuple[int, str]]], ...] = (
+                    ("error", problems),
+                    ("warning", unit_doubts(machine, listed, channels)),
+                )
+                for level, found in levels:
+                    for position, text in found:
+                        index = own[position][0]
+                        line = line_of(tree, ["channels", index, "source"])
+                        findings.append(Finding(level, line, f"channels[{index}].source", text))
+            elif isinstance(bus, CanopenBus) and bus.listen_only:
+                from daq.drivers.canopen.listening import pdo_members
+
+                pdo_members(bus, channels)
+        except MachineFileError as error:
+            findings.append(Finding("error", line_of(tree, place), f"buses[{number}]", str(error)))
+    return findings
+
+
+def _joint(raw: object) -> Joint | None:
+    """A joint, or as much of it as channels ask for; None without a name."""
+    if not isinstance(raw, dict) or not isinstance(raw.get("name"), str):
+        return None
+    try:
+        return Joint.model_validate(raw)
+    except ValidationError:
+        cylinder, drive = raw.get("cylinder"), raw.get("drive")
+        vented = cylinder.get("vented") if isinstance(cylinder, dict) else None
+        try:
+            own = None if drive is None else Drive.model_validate(drive)
+        except ValidationError:
+            own = Drive()
+        return Joint.model_construct(
+            name=raw["name"],
+            type=raw.get("type", "revolute"),
+            cylinder=Cylinder.model_construct(vented=vented) if isinstance(cylinder, dict) else None,
+            drive=own,
+        )
+
+
+def _channel(raw: object) -> Channel | None:
+    """A channel, or as much of it as a joint asks for; None where it does not say what it measures."""
+    try:
+        return Channel.model_validate(raw)
+    except ValidationError:
+        if not isinstance(raw, dict):
+            return None
+        name, quantity, joint, unit = (raw.get(key) for key in ("name", "quantity", "joint", "unit"))
+        if not (isinstance(name, str) and isinstance(unit, str) and isinstance(joint, str | None)):
+            return None
+        if not isinstance(quantity, str) or quantity not in SI_UNITS:
+            return None
+        return Channel.model_construct(name=name, quantity=quantity, joint=joint, unit=unit)
+
+
+def _alone(text: str, name: str) -> Finding:
+    """A finding from an error that is one line already."""
+    rest = text.removeprefix(name)
+    line = None
+    if rest.startswith(":") and rest[1:].split(":")[0].isdigit():
+        number = rest[1:].split(":")[0]
+        line, rest = int(number), rest[1 + len(number) :]
+    return Finding("error", line, "", rest.lstrip(": "))
+
+
+def facts_of(machine: Machine) -> dict[str, Any]:
+    """What a valid machine file describes, for people and programs."""
+    return {
+        "name": machine.name,
+        "rate_hz": machine.rate_hz,
+        "joints": len(machine.joints),
+        "cylinders": sum(joint.cylinder is not None for joint in machine.joints),
+        "channels": len(machine.channels),
+        "buses": [f"{bus.name} ({bus.type})" for bus in machine.buses],
+        "can_be_acquired": bool(machine.buses) and all(channel.source for channel in machine.channels),
+        "travel": [travel_of(joint).facts() for joint in machine.joints],
+    }

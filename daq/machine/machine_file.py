@@ -1,0 +1,299 @@
+"""The machine file (schema ``hilfit/machine/1``): the one description of an arm, its cylinders and its channels.
+
+:func:`load_machine` is its only parser. Unknown keys, wrong units and machines that cannot exist are refused
+with one line that names the place.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+import numpy.typing as npt
+import yaml
+from pydantic import BaseModel, Field, ValidationError, field_validator, model_validator
+
+from daq import safe_yaml
+from daq.errors import MachineFileError
+from daq.machine.buses import (
+    Bus,
+    CanNode,
+    CanopenBus,
+    CanSignalsBus,
+    CanSource,
+    FileModel,
+    KnownDelay,
+    ModbusRtuBus,
+    ModbusSource,
+    ModbusTcpBus,
+    Name,
+    OtherBus,
+    OtherSource,
+    SignalSource,
+    Source,
+    source_of,
+)
+from daq.machine.coherence import IncoherenceError, incoherences
+from daq.machine.joints import (
+    Convention,
+    Coupling,
+    Cylinder,
+    DenavitHartenberg,
+    Drive,
+    Interval,
+    Joint,
+    Limits,
+    ordered,
+)
+from daq.machine.linkages import LINKAGES
+from daq.machine.machine_file_errors import Problem, all_problems, short
+from daq.machine.quantities import JOINT_QUANTITIES, Quantity
+from daq.units import SI_UNITS, Conversion, conversion
+
+__all__ = [
+    "JOINT_QUANTITIES",
+    "SCHEMA",
+    "Bus",
+    "CanNode",
+    "CanSignalsBus",
+    "CanSource",
+    "CanopenBus",
+    "Channel",
+    "Coupling",
+    "Cylinder",
+    "DenavitHartenberg",
+    "Drive",
+    "Hydraulics",
+    "Joint",
+    "KnownDelay",
+    "Limits",
+    "Machine",
+    "ModbusRtuBus",
+    "ModbusSource",
+    "ModbusTcpBus",
+    "OtherBus",
+    "OtherSource",
+    "Quantity",
+    "SignalSource",
+    "Simulation",
+    "Source",
+    "load_machine",
+    "machine_to_yaml",
+    "parse_machine",
+]
+
+SCHEMA = "hilfit/machine/1"
+
+
+class Channel(FileModel):
+    """One measured signal: its quantity, unit and, where it is acquired, its source."""
+
+    name: Name
+    quantity: Quantity
+    joint: str | None = None
+    unit: str
+    range: Interval | None = None  # in `unit`; values at or beyond it are saturated
+    noise_std: Annotated[float, Field(ge=0)] | None = None  # in `unit`
+    resolution: Annotated[float, Field(ge=0)] | None = None  # in `unit`
+    source: Source | None = None
+
+    @field_validator("range")
+    @classmethod
+    def _range(cls, value: Interval | None) -> Interval | None:
+        return None if value is None else ordered(value, "range")
+
+    @field_validator("source", mode="before")
+    @classmethod
+    def _kind_of_source(cls, value: Any) -> Any:
+        return source_of(value)
+
+
+class Simulation(FileModel):
+    """Present only in files that the simulator writes: how machine time relates to the clock on the wall."""
+
+    speed: Annotated[float, Field(gt=0, le=4)] = 1.0  # machine seconds per second
+    lockstep: bool = True  # machine time advances with SYNC and by nothing else
+    patience_s: Annotated[float, Field(gt=0, le=60)] = 2.0  # in lockstep, for a device that answered just now
+
+
+class Hydraulics(FileModel):
+    """What the supply can do, for motions that are planned: pressures in Pa, flow in m^3/s."""
+
+    supply_pressure: Annotated[float, Field(gt=0)] | None = None  # Pa: no chamber gets above it
+    tank_pressure: Annotated[float, Field(ge=0)] = 0.0  # Pa: the chamber that is emptied keeps at least this
+    pump_flow: Annotated[float, Field(gt=0)] | None = None  # m^3/s, all cylinders together
+
+    @model_validator(mode="after")
+    def _supply_above_tank(self) -> Hydraulics:
+        if self.supply_pressure is not None and self.supply_pressure <= self.tank_pressure:
+            raise ValueError(
+                f"supply_pressure {self.supply_pressure:g} Pa must be above tank_pressure {self.tank_pressure:g} Pa"
+            )
+        return self
+
+
+class Machine(FileModel):
+    """A validated machine file."""
+
+    schema_: Literal["hilfit/machine/1"] = Field(alias="schema")
+    name: Name
+    rate_hz: Annotated[float, Field(gt=0, le=10_000)] = 50.0
+    gravity: tuple[float, float, float]  # m/s^2 in the base frame
+    convention: Convention = "standard"  # of the joints' Denavit-Hartenberg rows
+    joints: Annotated[tuple[Joint, ...], Field(min_length=1)]
+    channels: Annotated[tuple[Channel, ...], Field(min_length=1)]
+    buses: tuple[Bus, ...] = ()
+    delays: tuple[KnownDelay, ...] = ()  # between buses: a prior of the fit
+    hydraulics: Hydraulics | None = None
+    simulation: Simulation | None = None
+
+    @model_validator(mode="after")
+    def _hangs_together(self) -> Machine:
+        problems = incoherences(self)
+        if problems:
+            raise IncoherenceError(problems)
+        return self
+
+    @property
+    def ratios(self) -> npt.NDArray[np.float64]:
+        """``R`` (n, n) with ``q_motor = R q`` and ``tau = R' tau_motor``; 1 for a joint without a ``drive``."""
+        R = np.eye(len(self.joints))
+        places = {joint.name: number for number, joint in enumerate(self.joints)}
+        for row, joint in enumerate(self.joints):
+            if joint.drive is not None:
+                R[row, row] = joint.drive.ratio
+                for coupling in joint.drive.coupled:
+                    R[row, places[coupling.joint]] = coupling.ratio
+        return R
+
+    @property
+    def at_motors(self) -> tuple[int, ...]:
+        """Numbers of the joints whose position only their motor tells."""
+        return tuple(
+            number
+            for number, joint in enumerate(self.joints)
+            if joint.drive is not None and self.channel("joint_position", joint.name) is None
+        )
+
+    @property
+    def turning_at_motors(self) -> tuple[int, ...]:
+        """Numbers of the joints whose velocity only their motor tells."""
+        return tuple(
+            number
+            for number, joint in enumerate(self.joints)
+            if self.channel("joint_velocity", joint.name) is None and self.channel("motor_velocity", joint.name)
+        )
+
+    def joint(self, name: str) -> Joint:
+        """The joint of that name (KeyError if there is none)."""
+        for joint in self.joints:
+            if joint.name == name:
+                return joint
+        raise KeyError(name)
+
+    def channel(self, quantity: str, joint: str | None = None) -> Channel | None:
+        """The channel that measures ``quantity`` (of ``joint``), or None."""
+        for channel in self.channels:
+            if channel.quantity == quantity and channel.joint == joint:
+                return channel
+        return None
+
+    def unseen_pistons(self) -> list[str]:
+        """Joints with a cylinder whose piston no channel shows once its rod is off the pin."""
+        return [j.name for j in self.joints if j.cylinder is not None and not self.channel("piston_position", j.name)]
+
+    def si_unit(self, channel: Channel) -> str:
+        """The SI unit of a channel's quantity; for joint positions and efforts the type of joint decides."""
+        si = SI_UNITS[channel.quantity]
+        if channel.joint is not None and self.joint(channel.joint).type == "prismatic":
+            si = {"joint_position": "m", "joint_velocity": "m/s", "joint_effort": "N"}.get(channel.quantity, si)
+        return si
+
+    def conversion(self, channel: Channel) -> Conversion:
+        """Conversion from the channel's declared unit to SI."""
+        return conversion(channel.unit, self.si_unit(channel))
+
+
+def load_machine(path: str | Path) -> Machine:
+    """Read and validate a machine file.
+
+    Raises
+    ------
+    MachineFileError
+        With one line: file, line, key, what is wrong and what to do.
+    """
+    return parse_machine(read_machine_text(Path(path)), name=str(path), folder=Path(path).absolute().parent)
+
+
+def read_machine_text(path: Path) -> str:
+    """The text of a machine file; MachineFileError if there is none."""
+    try:
+        text = path.read_text(encoding="utf-8")
+    except FileNotFoundError:
+        raise MachineFileError(f"{path}: no such file; give the path of a machine file (YAML)") from None
+    except IsADirectoryError:
+        raise MachineFileError(f"{path}: is a directory; give the machine file itself (YAML)") from None
+    except UnicodeDecodeError:
+        raise MachineFileError(f"{path}: is not a text file; give a machine file (YAML)") from None
+    except OSError as error:
+        raise MachineFileError(f"{path}: cannot be read ({error.strerror}); give a machine file (YAML)") from None
+    if "\0" in text:  # binary content may happen to be valid UTF-8
+        raise MachineFileError(f"{path}: is not a text file; give a machine file (YAML)")
+    return text
+
+
+def parse_machine(text: str, name: str = "machine file", folder: Path | None = None) -> Machine:
+    """Validate the text of a machine file; ``name`` is what errors call it, ``folder`` where files it names begin."""
+    machine, problems = machine_problems(text, name, folder)
+    if machine is None:
+        more = f" (and {len(problems) - 1} more)" if len(problems) > 1 else ""
+        raise MachineFileError(problems[0].under(name) + more)
+    return machine
+
+
+def machine_problems(
+    text: str, name: str = "machine file", folder: Path | None = None
+) -> tuple[Machine | None, list[Problem]]:
+    """The machine of a file's text, or None and what is wrong with it, the most telling problem first.
+
+    Raises
+    ------
+    MachineFileError
+        If the text is no machine file of this schema at all.
+    """
+    try:
+        tree, content = safe_yaml.read(text)
+    except yaml.YAMLError as error:
+        mark = getattr(error, "problem_mark", None)
+        line = f":{mark.line + 1}" if mark is not None else ""
+        problem = " ".join(str(getattr(error, "problem", None) or "cannot be parsed").split())
+        raise MachineFileError(
+            f"{name}{line}: not valid YAML: {problem}; docs/machine-file.md shows a whole file"
+        ) from None
+    if not isinstance(content, dict):
+        raise MachineFileError(f"{name}: not a machine file; it must start with 'schema: {SCHEMA}'")
+    if content.get("schema") != SCHEMA:
+        found = content.get("schema")
+        raise MachineFileError(f"{name}: schema is {short(repr(found))}; this version reads '{SCHEMA}'")
+    try:
+        return Machine.model_validate(content, context={"folder": folder}), []
+    except ValidationError as error:
+        return None, all_problems(tree, error, _ALL_KEYS)
+
+
+def machine_to_yaml(machine: Machine) -> str:
+    """The machine as the text of a machine file; :func:`parse_machine` reads it back unchanged."""
+    content = machine.model_dump(mode="json", by_alias=True, exclude_none=True, exclude_defaults=False)
+    return safe_yaml.write(content)
+
+
+def _kinds(model: type[BaseModel]) -> Iterator[type[BaseModel]]:
+    for kind in model.__subclasses__():
+        yield kind
+        yield from _kinds(kind)
+
+
+_MODELS: tuple[type[BaseModel], ...] = (*_kinds(FileModel), *LINKAGES)
+_ALL_KEYS = sorted({field.alias or key for model in _MODELS for key, field in model.model_fields.items()})

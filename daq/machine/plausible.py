@@ -1,0 +1,362 @@
+"""What a machine file says that may be true but hardly is: numbers in other units, slipped decimals, odd proportions.
+
+Every range is wider than what is built, so that a sound file gives no warning: cylinders by ISO 6020, 6022 and
+manufacturers' lists (bores 5 to 500 mm, rods of 0.2 to 0.95 of the bore), seals by the speeds they are sold for, arms
+by what a person can stand next to. Where another unit would make a number usual, the warning says which.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from pydantic import ValidationError
+
+from daq.machine.joints import Joint
+from daq.machine.travel import Travel, travel_of
+from daq.units import SI_UNITS, conversion
+
+Place = tuple[str | int, ...]
+
+
+@dataclass(frozen=True)
+class Doubt:
+    """A number that is hardly meant: its place in the file, what is odd, and the cure.
+
+    ``slight`` ones change what an identification gives by little or nothing.
+    """
+
+    place: Place
+    text: str
+    cure: str
+    slight: bool = False
+
+
+@dataclass(frozen=True)
+class Usual:
+    """Usual values of a length or the like, in SI; ``others``: factors to SI of units that people write by mistake."""
+
+    low: float
+    high: float
+    unit: str
+    others: Mapping[str, float]
+
+    def doubt(self, place: Place, value: float, what: str) -> Doubt | None:
+        """Whether a value is outside."""
+        size = abs(value)
+        if self.low <= size <= self.high:
+            return None
+        usual = f"{what} {value:g} {self.unit} is outside the usual {self.low:g} to {self.high:g} {self.unit}".strip()
+        for unit, factor in self.others.items():
+            if self.low <= size * factor <= self.high:
+                return Doubt(place, usual, f"if it is in {unit}, write {value * factor:.6g} ({self.unit})")
+        return Doubt(place, usual, "correct it, or leave it if it is right")
+
+
+_MM = {"mm": 1e-3, "cm": 1e-2, "inches": 0.0254}
+_DEG = {"degrees": np.pi / 180}
+_BORE = Usual(0.005, 0.5, "m", _MM)
+_STROKE = Usual(0.005, 10.0, "m", _MM)
+_PIN = Usual(0.005, 10.0, "m", _MM)
+_LINK = Usual(0.0, 20.0, "m", _MM)
+_LEVER = Usual(0.003, 2.0, "m", _MM)
+_TURN_SPEED = Usual(1e-3, 40.0, "rad/s", _DEG)
+_DRIVEN_SPEED = Usual(1e-3, 5.0, "rad/s", _DEG)
+_SLIDE_SPEED = Usual(1e-3, 10.0, "m/s", {"mm/s": 1e-3})
+_TURN_RATE = Usual(1e-2, 2000.0, "rad/s^2", _DEG)
+_SLIDE_RATE = Usual(1e-2, 200.0, "m/s^2", {"mm/s^2": 1e-3})
+_PRESSURE = Usual(2e5, 1e8, "Pa", {"bar": 1e5, "MPa": 1e6, "psi": 6894.757})
+_FLOW = Usual(1e-6, 0.1, "m^3/s", {"l/min": 1 / 60_000})
+_MOST_PISTON_SPEED = 2.0  # m/s: twice what ordinary seals are sold for
+_LEAST_STROKE_USE = 0.1
+_LEAST_LEVER_SHARE = 0.02  # of the largest: nearer to a dead centre no force is measured
+_LEAST_RETRACTED = 0.3  # strokes: a cylinder held at its rod's end may be shorter than its stroke, but not much
+_SLIP = 8.0
+_SQUARE = 5e-4, 5e-3  # rad: nearer is taken for a quarter turn, farther is meant
+_STEEL = 7850.0  # kg/m^3
+#: Standard gravity, and that of bodies that machines have been sent to or built for, m/s^2.
+_GRAVITIES = {"Earth": 9.81, "the Moon": 1.62, "Mars": 3.71}
+
+
+def doubts(content: Mapping[str, Any]) -> Iterator[Doubt]:
+    """Doubts about the content of a machine file, as it was read from YAML; what is malformed is passed over."""
+    yield from _of_the_machine(content)
+    joints = content.get("joints")
+    for index, joint in enumerate(joints if isinstance(joints, list) else []):
+        if isinstance(joint, dict):
+            yield from _of_a_joint(("joints", index), joint)
+    yield from _among_joints(joints if isinstance(joints, list) else [])
+    channels = content.get("channels")
+    for index, channel in enumerate(channels if isinstance(channels, list) else []):
+        if isinstance(channel, dict):
+            yield from _of_a_channel(("channels", index), channel, joints if isinstance(joints, list) else [])
+
+
+def _number(tree: object, *keys: str) -> float | None:
+    for key in keys:
+        if not isinstance(tree, dict):
+            return None
+        tree = tree.get(key)
+    usable = isinstance(tree, int | float) and not isinstance(tree, bool) and np.isfinite(tree)
+    return float(tree) if usable else None  # type: ignore[arg-type]
+
+
+def _numbers(value: object, count: int) -> list[float] | None:
+    if not isinstance(value, list) or len(value) != count:
+        return None
+    found = [_number({"value": entry}, "value") for entry in value]
+    return None if None in found else [entry for entry in found if entry is not None]
+
+
+def _of_the_machine(content: Mapping[str, Any]) -> Iterator[Doubt]:
+    rate = _number(content, "rate_hz")
+    if rate is not None and rate > 0 and not 5.0 <= rate <= 5000.0:
+        yield Doubt(("rate_hz",), f"a rate of {rate:g} Hz is unusual", "write samples per second (50 is usual)")
+    gravity = _numbers(content.get("gravity"), 3)
+    if gravity is not None:
+        size = float(np.linalg.norm(gravity))
+        if size > 0 and not any(abs(size - known) <= 0.01 * known for known in _GRAVITIES.values()):
+            yield Doubt(
+                ("gravity",),
+                f"has a magnitude of {size:.4g} m/s^2, on Earth it is 9.81",
+                "write the acceleration of gravity in the base frame in m/s^2, as in [0.0, -9.81, 0.0]; zeros if every "
+                "axis is vertical",
+            )
+    supply, flow = (_number(content, "hydraulics", key) for key in ("supply_pressure", "pump_flow"))
+    if supply is not None:
+        yield from _if(_PRESSURE.doubt(("hydraulics", "supply_pressure"), supply, "a supply pressure of"))
+    if flow is not None:
+        yield from _if(_FLOW.doubt(("hydraulics", "pump_flow"), flow, "a flow of"))
+
+
+def _if(doubt: Doubt | None) -> Iterator[Doubt]:
+    if doubt is not None:
+        yield doubt
+
+
+def _of_a_joint(place: Place, joint: Mapping[str, Any]) -> Iterator[Doubt]:
+    revolute = joint.get("type", "revolute") == "revolute"
+    for key in ("a", "d"):
+        value = _number(joint, "dh", key)
+        if value is not None:
+            yield from _if(_LINK.doubt((*place, "dh", key), value, "a length of"))
+    for key in ("alpha", "theta"):
+        value = _number(joint, "dh", key)
+        if value is not None:
+            yield from _angle((*place, "dh", key), value)
+    limits = _numbers((joint.get("limits") or {}).get("position") if isinstance(joint.get("limits"), dict) else None, 2)
+    if limits is not None:
+        yield from _limits((*place, "limits", "position"), limits, revolute)
+    cylinder = joint.get("cylinder")
+    turning = _DRIVEN_SPEED if isinstance(cylinder, dict) else _TURN_SPEED
+    for key, usual, what in (
+        ("velocity", turning if revolute else _SLIDE_SPEED, "a speed of"),
+        ("acceleration", _TURN_RATE if revolute else _SLIDE_RATE, "an acceleration of"),
+    ):
+        value = _number(joint, "limits", key)
+        if value is not None and value > 0:
+            yield from _if(usual.doubt((*place, "limits", key), value, what))
+    if isinstance(cylinder, dict):
+        yield from _of_a_cylinder((*place, "cylinder"), cylinder)
+        try:
+            made = Joint.model_validate(joint)
+        except ValidationError:
+            return
+        yield from _of_its_travel(place, travel_of(made))
+
+
+def _angle(place: Place, value: float) -> Iterator[Doubt]:
+    if abs(value) > 2 * np.pi:
+        yield Doubt(
+            place,
+            f"an angle of {value:g} rad is more than a turn",
+            f"if it is in degrees, write {np.radians(value):.7g} (rad)",
+        )
+        return
+    off = abs(value - np.round(value / (np.pi / 2)) * (np.pi / 2))
+    if _SQUARE[0] < off < _SQUARE[1]:
+        quarter = float(np.round(value / (np.pi / 2)) * (np.pi / 2))
+        yield Doubt(
+            place,
+            f"is {off:.1e} rad from a quarter turn, which makes parameters formally independent that nothing can tell",
+            f"write {quarter:.7f} if that is meant",
+            slight=True,
+        )
+
+
+def _limits(place: Place, limits: Sequence[float], revolute: bool) -> Iterator[Doubt]:
+    most, width = max(abs(value) for value in limits), limits[1] - limits[0]
+    low, high = limits
+    if revolute and most > 2 * np.pi:
+        yield Doubt(
+            place,
+            f"{low:g} to {high:g} rad is more than a turn to one side",
+            f"if they are in degrees, write [{np.radians(low):.5g}, {np.radians(high):.5g}]",
+        )
+    elif not revolute and most > 20.0:
+        yield Doubt(
+            place, f"{low:g} to {high:g} m is long", f"if they are in mm, write [{low / 1e3:g}, {high / 1e3:g}]"
+        )
+    if 0 < width < (0.02 if revolute else 0.002):
+        unit = "rad" if revolute else "m"
+        yield Doubt(place, f"the joint moves by {width:.3g} {unit} only", f"write its whole range in {unit}")
+
+
+def _of_a_cylinder(place: Place, cylinder: Mapping[str, Any]) -> Iterator[Doubt]:
+    bore, rod, stroke = (_number(cylinder, key) for key in ("bore", "rod", "stroke"))
+    if bore is not None and bore > 0:
+        doubt = _BORE.doubt((*place, "bore"), bore, "a bore of")
+        if doubt is not None:
+            yield doubt
+            bore = None  # no proportion is judged by it
+        elif rod is not None and 0 <= rod < bore and not 0.2 <= rod / bore <= 0.95:
+            yield Doubt(
+                (*place, "rod"),
+                f"the rod is {rod / bore:.3g} of the bore; cylinders are built with 0.2 to 0.95",
+                "correct rod or bore (diameters, in m)",
+            )
+    if stroke is not None and stroke > 0:
+        yield from _if(_STROKE.doubt((*place, "stroke"), stroke, "a stroke of"))
+        if bore is not None and bore > 0 and not 0.2 <= stroke / bore <= 60:
+            yield Doubt(
+                (*place, "stroke"),
+                f"the stroke is {stroke / bore:.3g} bores; 0.2 to 60 are built",
+                "correct stroke or bore (in m)",
+            )
+    mass = _number(cylinder, "moving_mass")
+    if mass is not None and mass > 0 and bore and rod is not None and stroke:
+        steel = _STEEL * np.pi / 4 * (rod**2 * 1.2 * stroke + bore**3)
+        if not 0.05 <= mass / steel <= 20:
+            yield Doubt(
+                (*place, "moving_mass"),
+                f"{mass:g} kg is {mass / steel:.2g} times a steel rod and piston of this size",
+                "correct it, or leave it out: it is then identified",
+            )
+    linkage = cylinder.get("linkage")
+    if not isinstance(linkage, dict):
+        return
+    for key in ("a", "b", "retracted", "rod_arm", "coupler_arm", "coupler", "radius"):
+        value = _number(linkage, key)
+        if value:
+            yield from _if(_PIN.doubt((*place, "linkage", key), value, "a length of"))
+    for key in ("base_pin", "base_pivot", "rod_pin", "link_pivot", "rocker_pivot", "coupler_pin"):
+        point = _numbers(linkage.get(key), 2)
+        if point is not None:
+            yield from _if(_LINK.doubt((*place, "linkage", key), max(point, key=abs), "a coordinate of"))
+    for key in ("offset", "angle", "arms_angle", "zero"):
+        value = _number(linkage, key)
+        if value is not None and abs(value) > 2 * np.pi:
+            yield Doubt(
+                (*place, "linkage", key),
+                f"an angle of {value:g} rad is more than a turn",
+                f"if it is in degrees, write {np.radians(value):.7g} (rad)",
+            )
+    retracted = _number(linkage, "retracted")
+    if retracted is not None and stroke is not None and 0 < retracted < _LEAST_RETRACTED * stroke:
+        yield Doubt(
+            (*place, "linkage", "retracted"),
+            f"pin to pin {retracted:g} m with the piston in, for a stroke of {stroke:g} m",
+            "write the distance of the pins with the piston fully in, in m",
+        )
+
+
+def _of_its_travel(place: Place, travel: Travel) -> Iterator[Doubt]:
+    cylinder, x, r = travel.joint.cylinder, travel.x, travel.r
+    if cylinder is None or x is None or r is None:
+        return
+    used = float(np.ptp(x)) / cylinder.stroke
+    if used < _LEAST_STROKE_USE:
+        yield Doubt(
+            (*place, "limits", "position"),
+            f"moves the piston over {100 * used:.2g} % of its stroke only",
+            "correct the limits, the stroke or the linkage's lengths",
+        )
+    if not travel.revolute:
+        if cylinder.linkage.type in ("three_pin", "rack"):
+            yield Doubt(
+                (*place, "cylinder", "linkage"),
+                f"a {cylinder.linkage.type} linkage turns a joint, and this one slides",
+                "use type: direct",
+            )
+        return
+    if cylinder.linkage.type == "direct":
+        yield Doubt(
+            (*place, "cylinder", "linkage"),
+            "a direct cylinder moves a sliding joint, and this one turns",
+            "use three_pin, pins, four_bar or rack",
+        )
+    lever = np.abs(r)
+    most = float(lever.max())
+    doubt = _LEVER.doubt((*place, "cylinder", "linkage"), most, "a lever arm of")
+    yield from _if(doubt)
+    least = float(lever.min())
+    if doubt is None and least < _LEAST_LEVER_SHARE * most:
+        yield Doubt(
+            (*place, "limits", "position"),
+            f"comes near a dead centre: the lever arm falls to {1e3 * least:.2g} mm of {1e3 * most:.4g} mm",
+            "narrow the limits, or correct the linkage",
+        )
+    speed = most * travel.joint.limits.velocity
+    if speed > _MOST_PISTON_SPEED:
+        yield Doubt(
+            (*place, "limits", "velocity"),
+            f"moves the piston at {speed:.3g} m/s; seals are made for 0.5 to 1 m/s",
+            "correct it (rad/s), or the linkage's lengths",
+        )
+
+
+def _among_joints(joints: Sequence[Any]) -> Iterator[Doubt]:
+    """One bore ten times as large, or as small, as those of all other cylinders."""
+    bores = {i: b for i, joint in enumerate(joints) if (b := _number(joint, "cylinder", "bore")) and b > 0}
+    if len(bores) < 3:
+        return
+    for index, bore in bores.items():
+        others = [other for i, other in bores.items() if i != index]
+        factor = bore / float(np.median(others))
+        if factor > _SLIP or factor < 1 / _SLIP:
+            yield Doubt(
+                ("joints", index, "cylinder", "bore"),
+                f"{bore:g} m is {factor:.2g} times the other cylinders' bore",
+                "look for a slipped decimal point",
+            )
+
+
+def _of_a_channel(place: Place, channel: Mapping[str, Any], joints: Sequence[Any]) -> Iterator[Doubt]:
+    quantity, unit, bounds = channel.get("quantity"), channel.get("unit"), _numbers(channel.get("range"), 2)
+    if not isinstance(quantity, str) or quantity not in SI_UNITS or not isinstance(unit, str):
+        return
+    joint = next((j for j in joints if isinstance(j, dict) and j.get("name") == channel.get("joint")), {})
+    straight = joint.get("type") == "prismatic"
+    si = {"joint_position": "m", "joint_velocity": "m/s", "joint_effort": "N"} if straight else {}
+    try:
+        there = conversion(unit, si.get(quantity, SI_UNITS[quantity]))
+    except ValueError:
+        return
+    noise = _number(channel, "noise_std")
+    if bounds is not None and noise is not None and noise > 0.1 * (bounds[1] - bounds[0]) > 0:
+        yield Doubt(
+            (*place, "noise_std"),
+            f"noise of {noise:g} {unit} is more than a tenth of the range",
+            f"write the standard deviation in {unit}",
+        )
+    if bounds is None:
+        return
+    low, high = (float(there.to_si(value)) for value in bounds)
+    if quantity in ("head_pressure", "rod_pressure", "supply_pressure") and not 5e5 <= high <= 1.5e8:
+        yield Doubt(
+            (*place, "range"),
+            f"ends at {high / 1e5:.4g} bar; hydraulic transducers end between 5 and 1500",
+            f"write the range in {unit}, or correct the unit",
+        )
+    limits = _numbers((joint.get("limits") or {}).get("position") if isinstance(joint.get("limits"), dict) else None, 2)
+    if quantity == "joint_position" and limits is not None and limits[0] < limits[1]:
+        shared = min(high, limits[1]) - max(low, limits[0])
+        if shared < 0.5 * (limits[1] - limits[0]):
+            yield Doubt(
+                (*place, "range"),
+                f"covers {100 * max(shared, 0.0) / (limits[1] - limits[0]):.0f} % of the joint's limits: every value "
+                "beyond it counts as saturated",
+                f"write the range in {unit}, or correct the unit",
+            )

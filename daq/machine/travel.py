@@ -1,0 +1,77 @@
+"""What a joint can do: its range of motion, and how piston and lever arm go along."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from daq.machine.joints import Joint
+
+FloatArray = npt.NDArray[np.float64]
+
+_POINTS = 401
+_STEP = 1e-5  # rad or m: a central difference of a smooth law is right to 1e-9 with it
+
+
+@dataclass(frozen=True)
+class Travel:
+    """A joint's motion within its limits.
+
+    Attributes
+    ----------
+    joint : the joint
+    q : (N,) joint positions from limit to limit, rad (m)
+    x : (N,) piston positions, m; None without a cylinder
+    r : (N,) lever arm ``dx/dq``, m/rad (1); None without a cylinder
+    """
+
+    joint: Joint
+    q: FloatArray
+    x: FloatArray | None
+    r: FloatArray | None
+
+    @property
+    def revolute(self) -> bool:
+        """True where the joint turns."""
+        return self.joint.type == "revolute"
+
+    def facts(self) -> dict[str, object]:
+        """Ranges for people: degrees or millimetres, from low to high."""
+        factor, unit = (180.0 / np.pi, "deg") if self.revolute else (1e3, "mm")
+        facts: dict[str, object] = {"joint": self.joint.name, f"motion_{unit}": _range(factor * self.q)}
+        if self.x is not None and self.r is not None and self.joint.cylinder is not None:
+            facts |= {"piston_mm": _range(1e3 * self.x), "stroke_mm": 1e3 * self.joint.cylinder.stroke}
+            if self.revolute:
+                facts["lever_arm_mm"] = _range(1e3 * self.r)
+        return facts
+
+    def text(self) -> str:
+        """The same in words."""
+        facts = self.facts()
+        unit = "deg" if self.revolute else "mm"
+        words = f"{self.joint.name}: {_words(facts[f'motion_{unit}'])} {unit}"
+        if "piston_mm" in facts:
+            words += f", piston at {_words(facts['piston_mm'])} of {facts['stroke_mm']:.4g} mm"
+        if "lever_arm_mm" in facts:
+            words += f", lever arm {_words(facts['lever_arm_mm'])} mm"
+        return words
+
+
+def travel_of(joint: Joint) -> Travel:
+    """A joint's motion from limit to limit."""
+    q = np.linspace(*joint.limits.position, _POINTS)
+    if joint.cylinder is None:
+        return Travel(joint, q, None, None)
+    law = joint.cylinder.linkage.piston_position
+    return Travel(joint, q, law(q), (law(q + _STEP) - law(q - _STEP)) / (2 * _STEP))
+
+
+def _range(values: FloatArray) -> list[float]:
+    return [float(values.min()), float(values.max())]
+
+
+def _words(interval: object) -> str:
+    low, high = interval  # type: ignore[misc]
+    return f"{low:.4g} to {high:.4g}"  # type: ignore[has-type]

@@ -1,0 +1,1 @@
+"""Recordings: files of any form read, checked, resampled and written."""

@@ -1,0 +1,379 @@
+"""Which column of a file is which channel: by name, by a header like ``p1 [bar]``, or as a person's map says.
+
+A map is a YAML file of channels (and ``time``), each with the column that holds it::
+
+    time: t_ms
+    joint1.angle: {column: "q1 (deg)"}
+    joint1.head_pressure: {column: ai3, unit: bar, scale: 25.0, offset: -2.5}   # unit = scale * column + offset
+
+Columns that a map does not name are looked up by their names; what belongs to no channel is then left out.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import yaml
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from daq import safe_yaml
+from daq.errors import InputError, RecordingError
+from daq.machine.machine_file import Channel, Machine
+from daq.recordings.recording_files import Table
+from daq.recordings.time_columns import seconds
+from daq.units import conversion
+
+#: Bytes of a map's text; a machine of a thousand channels has a tenth of it.
+MAXIMUM_MAP = 1 << 20
+#: What a column of time may be called.
+_TIME = frozenset({"time", "t", "timestamp", "timestamps", "datetime", "date_time", "epoch", "stamp", "zeit", "temps"})
+_HEADER = re.compile(r"(?P<name>.+?)\s*(?:\[(?P<square>[^\[\]:]*)\]|\((?P<round>[^():]*)\))\s*")
+#: Spellings that pint does not know, or takes for something else (``Nm`` is nanometre's neighbour to it).
+_SPELLINGS = {
+    "°": "deg",
+    "nm": "N m",
+    "n·m": "N m",
+    "n.m": "N m",
+    "n-m": "N m",
+    "n*m": "N m",
+    "knm": "kN m",
+    "bar": "bar",
+    "mbar": "mbar",
+    "psi": "psi",
+    "kpa": "kPa",
+    "deg": "deg",
+    "rad": "rad",
+    "mrad": "mrad",
+    "sec": "s",
+    "secs": "s",
+    "seconds": "s",
+    "msec": "ms",
+    "usec": "us",
+}
+#: Units that two countries read otherwise.
+_TWO_MEANINGS = {"grad": "deg or gon", "barg": "bar (and an offset in a map)", "bara": "bar (and an offset in a map)"}
+
+
+class _Entry(BaseModel):
+    model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
+
+    column: Annotated[str, Field(min_length=1)]
+    unit: str | None = None
+    scale: float = 1.0
+    offset: float = 0.0
+
+
+@dataclass(frozen=True)
+class Source:
+    """Where a channel's values are: ``scale * column + offset`` is the channel in ``unit`` (None: as declared)."""
+
+    column: str
+    unit: str | None = None
+    scale: float = 1.0
+    offset: float = 0.0
+
+
+@dataclass(frozen=True)
+class ColumnMap:
+    """Sources by channel name (and ``time``); ``name`` is what errors call the map."""
+
+    sources: Mapping[str, Source] = field(default_factory=dict)
+    name: str = "map"
+
+
+def load_map(path: str | Path, machine: Machine, name: str | None = None) -> ColumnMap:
+    """Read a map of ``machine``'s channels; ``name`` is what errors call it, its path if None.
+
+    Raises
+    ------
+    InputError
+        One line: file, channel, what is wrong and what to do.
+    """
+    path = Path(path)
+    try:
+        content = path.read_bytes()[: MAXIMUM_MAP + 1]
+        text = content.decode("utf-8-sig")
+    except FileNotFoundError:
+        raise InputError(f"{path}: no such file; give the map of columns (YAML) that --map names") from None
+    except UnicodeDecodeError:
+        raise InputError(f"{path}: is not a text file; give a map of columns (YAML)") from None
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror}); give a map of columns (YAML)") from None
+    return parse_map(text, machine, name or str(path))
+
+
+def parse_map(text: str, machine: Machine, name: str = "map") -> ColumnMap:
+    """The map that a text describes (errors as :func:`load_map`)."""
+    if len(text) > MAXIMUM_MAP:
+        raise InputError(f"{name}: is longer than a map of columns can be; write 'channel: column' lines")
+    try:
+        _, content = safe_yaml.read(text)
+    except (yaml.YAMLError, RecursionError) as error:
+        mark = getattr(error, "problem_mark", None)
+        line = f":{mark.line + 1}" if mark is not None else ""
+        raise InputError(f"{name}{line}: not valid YAML; write 'channel: column' lines") from None
+    if not isinstance(content, dict) or not content:
+        raise InputError(f"{name}: not a map of columns; write 'channel: column' lines")
+    known = {"time", *(channel.name for channel in machine.channels)}
+    sources: dict[str, Source] = {}
+    taken: dict[str, str] = {}
+    for channel, entry in content.items():
+        if channel not in known:
+            raise InputError(
+                f"{name}: {channel}: '{machine.name}' has no such channel; it has {', '.join(sorted(known))}"
+            )
+        source = _source(name, str(channel), entry)
+        if source.column in taken:
+            raise InputError(
+                f"{name}: {channel}: column '{source.column}' is that of {taken[source.column]} already; correct one"
+            )
+        taken[source.column] = sources_name = str(channel)
+        sources[sources_name] = source
+    return ColumnMap(sources, name)
+
+
+def _source(name: str, channel: str, entry: Any) -> Source:
+    if isinstance(entry, str):
+        entry = {"column": entry}
+    if not isinstance(entry, dict):
+        raise InputError(f"{name}: {channel}: give a column's name, or column:, unit:, scale:, offset:")
+    try:
+        given = _Entry.model_validate(entry)
+    except ValidationError as error:
+        first = error.errors()[0]
+        place = ".".join(str(part) for part in first["loc"])
+        raise InputError(f"{name}: {channel}: {place}: {first['msg']}; correct it") from None
+    if given.scale == 0:
+        raise InputError(f"{name}: {channel}: scale is 0, so every value would be alike; correct it")
+    return Source(given.column, given.unit, given.scale, given.offset)
+
+
+def wanted_columns(machine: Machine, columns: ColumnMap | None = None) -> Callable[[str], bool]:
+    """Whether a column of a name may be a channel, or time: what need not be looked at in a large file."""
+    own = {"time", *(channel.name for channel in machine.channels)}
+    keys = {_key(name): name for name in own}
+    asked = set() if columns is None else {source.column for source in columns.sources.values()}
+    aside = {"cycle", "utc_ns", *(f"{name}.{kind}" for name in own for kind in ("quality", "age"))}
+
+    def wanted(name: str) -> bool:
+        header = _HEADER.fullmatch(name)
+        bare = name if header is None else header["name"]
+        return bool({name, bare} & (asked | aside)) or _channel_of(name, keys, machine) is not None
+
+    return wanted
+
+
+@dataclass(frozen=True)
+class _Found:
+    """A column that belongs to a channel (or ``time``): its name in the file, and the unit its header states."""
+
+    column: str
+    unit: str | None
+    exact: bool
+
+
+def in_channels(
+    path: Path, table: Table, machine: Machine, columns: ColumnMap | None = None, *, all_known: bool = True
+) -> Table:
+    """The table with the machine's channel names for columns, time in seconds, and the file's units in its metadata.
+
+    Parameters
+    ----------
+    columns : what a person says of the columns
+    all_known : False where a file has columns of other things by nature (bags, measurement files): they are left out;
+        otherwise they keep their names, for :func:`daq.recordings.recording_checks.columns_fit` to name
+
+    Raises
+    ------
+    RecordingError
+        One line: the column, and what is in doubt about it.
+    """
+    names = list(table.columns)
+    own = {"time", *(channel.name for channel in machine.channels)}
+    aside = {"cycle", "utc_ns", *(f"{name}.{kind}" for name in own for kind in ("quality", "age"))}
+    if columns is None and set(names) <= own | aside and _is_seconds(table):
+        return table
+    mapped = {} if columns is None else dict(columns.sources)
+    found = _found(path, [n for n in names if n not in {s.column for s in mapped.values()}], machine, own, aside)
+    stated: dict[str, str] = _stated(table)
+    result: dict[str, Any] = {}
+    units: dict[str, str] = {}
+    used: set[str] = set()
+    for channel in ("time", *(channel.name for channel in machine.channels)):
+        source = mapped.get(channel)
+        if source is not None and not (all_known or _has(names, source.column)):
+            continue  # in another of the file's tables
+        if source is not None:
+            assert columns is not None
+            column, header_unit = _mapped_column(path, columns.name, channel, source, names)
+            unit = source.unit or header_unit
+            values = np.asarray(table.columns[column]) if channel == "time" else table.columns[column]
+            if (source.scale, source.offset) != (1.0, 0.0):
+                values = source.scale * np.asarray(values, dtype=np.float64) + source.offset
+        elif channel in found:
+            column, unit = found[channel].column, found[channel].unit
+            values = table.columns[column]
+        else:
+            continue
+        used.add(column)
+        unit = _unit(path, column, unit) if unit is not None else stated.get(column) or None
+        if channel == "time":
+            try:
+                result["time"] = seconds(np.asarray(values), _fits(path, column, unit, "s"))
+            except ValueError as error:
+                raise RecordingError(f"{path}: {column}: {error}") from None
+            continue
+        result[channel] = values
+        if unit is not None:
+            spec = next(own for own in machine.channels if own.name == channel)
+            units[channel] = str(_fits(path, column, unit, machine.si_unit(spec), spec))
+    for name in names:
+        if name not in used and (name in aside or (all_known and columns is None)):
+            result[name] = table.columns[name]
+    return Table(
+        result, {**table.metadata, "hilfit.units": json.dumps({**_kept(stated, result), **units})}, table.sha256
+    )
+
+
+def _kept(stated: Mapping[str, str], result: Mapping[str, Any]) -> dict[str, str]:
+    return {name: unit for name, unit in stated.items() if name in result and name != "time"}
+
+
+def _stated(table: Table) -> dict[str, str]:
+    """Units of columns that the file itself carries."""
+    try:
+        units = json.loads(table.metadata.get("hilfit.units", "{}"))
+    except ValueError:
+        return {}  # said where the units are used
+    return {str(k): str(v) for k, v in units.items()} if isinstance(units, dict) else {}
+
+
+def _is_seconds(table: Table) -> bool:
+    """Whether the column of time already holds seconds of machine time, not moments."""
+    if "time" not in table.columns or table.rows == 0:
+        return True
+    if "hilfit.schema" in table.metadata:
+        return True
+    if _stated(table).get("time", "s") != "s":
+        return False
+    time = table.columns["time"]
+    return time.dtype.kind in "iuf" and not abs(float(time[0])) >= 1e8
+
+
+def _has(names: Sequence[str], column: str) -> bool:
+    """Whether a column is there, under its name or under its name and a unit."""
+    return column in names or any((h := _HEADER.fullmatch(name)) is not None and h["name"] == column for name in names)
+
+
+def mapped_columns_are_there(path: Path, columns: ColumnMap | None, names: Sequence[str]) -> None:
+    """Refuse a map of which a column is in none of a file's tables (errors as :func:`in_channels`)."""
+    for channel, source in ({} if columns is None else columns.sources).items():
+        assert columns is not None
+        _mapped_column(path, columns.name, channel, source, names)
+
+
+def _mapped_column(
+    path: Path, map_name: str, channel: str, source: Source, names: Sequence[str]
+) -> tuple[str, str | None]:
+    """The column that a map names (with or without the unit of its header), and that unit."""
+    if source.column in names:
+        header = _HEADER.fullmatch(source.column)
+        unit = None if header is None else header["square"] or header["round"]
+        return source.column, unit if source.unit is None and (source.scale, source.offset) == (1.0, 0.0) else None
+    bare = [name for name in names if (h := _HEADER.fullmatch(name)) is not None and h["name"] == source.column]
+    if len(bare) == 1:
+        header = _HEADER.fullmatch(bare[0])
+        assert header is not None
+        return bare[0], header["square"] or header["round"]
+    shown = ", ".join(names[:6]) + (", ..." if len(names) > 6 else "")
+    raise RecordingError(
+        f"{path}: has no column '{source.column}', which {map_name} gives for {channel}; its columns are {shown}"
+    )
+
+
+def _found(path: Path, names: Sequence[str], machine: Machine, own: set[str], aside: set[str]) -> dict[str, _Found]:
+    """The column of each channel; two for one are refused."""
+    keys = {_key(name): name for name in own}
+    if len(keys) < len(own):  # names that only differ in case or signs have to be met exactly
+        keys = {name: name for name in own}
+    found: dict[str, list[_Found]] = {}
+    for name in names:
+        if name in aside:
+            continue
+        match = _channel_of(name, keys, machine)
+        if match is not None:
+            found.setdefault(match[0], []).append(match[1])
+    for channel, several in found.items():
+        if len(several) > 1:
+            listed = " and ".join(f"'{each.column}'" for each in several)
+            raise RecordingError(
+                f"{path}: {channel}: columns {listed} may both be it; remove one, or say which with --map"
+            )
+    return {channel: several[0] for channel, several in found.items()}
+
+
+def _channel_of(name: str, keys: Mapping[str, str], machine: Machine) -> tuple[str, _Found] | None:
+    """The channel that a header names, and its unit."""
+    if name in keys.values():
+        return name, _Found(name, None, True)
+    header = _HEADER.fullmatch(name)
+    bare, unit = (name, None) if header is None else (header["name"], header["square"] or header["round"] or None)
+    channel = keys.get(_key(bare)) or keys.get(bare) or ("time" if _key(bare) in _TIME else None)
+    if channel is not None:
+        return channel, _Found(name, unit, False)
+    if header is not None or "_" not in name:
+        return None
+    bare, _, ending = name.rpartition("_")  # t_ms, j1_angle_deg: only where the ending measures what the channel does
+    channel = keys.get(_key(bare)) or ("time" if _key(bare) in _TIME else None)
+    if channel is None:
+        return None
+    spec = next((own for own in machine.channels if own.name == channel), None)
+    try:
+        conversion(_spelt(ending), "s" if spec is None else machine.si_unit(spec))
+    except ValueError:
+        return None
+    return channel, _Found(name, ending, False)
+
+
+def _key(name: str) -> str:
+    """A name without what tools change in it: case, and the signs between its parts."""
+    return re.sub(r"[\s._/:-]+", "_", name.strip().strip("/")).casefold()
+
+
+def _spelt(unit: str) -> str:
+    """A unit as pint knows it."""
+    text = unit.strip().replace("²", "^2").replace("³", "^3").replace("μ", "u").replace("µ", "u")
+    return _SPELLINGS.get(text.casefold(), text)
+
+
+def _unit(path: Path, column: str, unit: str) -> str:
+    text = _spelt(unit)
+    if text.casefold() in _TWO_MEANINGS:
+        raise RecordingError(
+            f"{path}: {column}: unit '{unit}' has two meanings; write {_TWO_MEANINGS[text.casefold()]}"
+        )
+    # pint multiplies powers out: a header is no place for large ones.
+    if len(text) > 24 or "**" in text or len(re.findall(r"\d", text)) > 3 or re.search(r"\d\d", text):
+        raise RecordingError(f"{path}: {column}: '{unit[:40]}' is no unit; correct the header, or say it with --map")
+    return text
+
+
+def _fits(path: Path, column: str, unit: str | None, si: str, channel: Channel | None = None) -> str | None:
+    """The unit, if it measures what the channel (or time) does."""
+    if unit is None:
+        return None
+    try:
+        conversion(unit, si)
+    except ValueError:
+        what = "time" if channel is None else f"{channel.name}, a {channel.quantity.replace('_', ' ')}"
+        raise RecordingError(
+            f"{path}: {column}: '{unit}' is no unit of {what} ({si}); correct the header, or give column and unit "
+            "with --map"
+        ) from None
+    return unit

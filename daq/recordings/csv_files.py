@@ -1,0 +1,316 @@
+"""CSV as people's tools write it: any usual separator, decimal sign and encoding, read where there is no doubt.
+
+Excel in a German locale writes semicolons and decimal commas, loggers write tabs, Windows programs a byte order mark or
+UTF-16. Which of them a file has is decided from the file alone. Where two readings are possible (``1,234``) the file is
+refused with the way out; nothing is guessed.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+import pyarrow as pa
+import pyarrow.csv
+
+from daq.errors import RecordingError
+from daq.recordings.time_columns import looks_like_moment
+
+#: Bytes of a text that is read at once; more is for Parquet.
+MAXIMUM_TEXT = 1 << 30
+_PREAMBLE_LINES = 64
+_SEPARATORS = {";": "semicolons", "\t": "tabs", ",": "commas"}
+_LOOKED_AT = 40  # lines that have to agree with the header about the separator
+_NO_TABLE = "is not a table; a recording is Parquet, or CSV with a header line 'time,<channel>,...'"
+
+#: A comma that cannot separate thousands: after a lone 0 or four digits, or before other than three digits.
+_SURE_COMMA = re.compile(rb"(?<![\d.,])[-+]?(?:0|\d{4,}),\d|(?<![\d,])[-+]?\d+,(?:\d{1,2}|\d{4,})(?![\d,])")
+_ANY_COMMA = re.compile(rb"\d,\d")
+_THOUSANDS = re.compile(rb"\d{1,3}(?:,\d{3}){2,}(?!\d)|\d{1,3}(?:\.\d{3})+,\d|\d{1,3}(?:,\d{3})+\.\d")
+
+
+@dataclass(frozen=True)
+class _Layout:
+    """How a text is laid out.
+
+    Attributes
+    ----------
+    separator, decimal : signs between columns and in numbers
+    names : header, trimmed
+    units : of a second line of units, empty where there is none
+    skipped : lines before the first row of numbers
+    moments : numbers of the columns that hold moments like ``2026-03-02T09:14:05.020``
+    """
+
+    separator: str
+    decimal: str
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    skipped: int
+    moments: tuple[int, ...]
+
+
+def read_csv(path: Path, head: bytes) -> tuple[pa.Table, dict[str, str]]:
+    """The table of a CSV file, columns under the header's names, and the units of a line of units by name.
+
+    Columns of moments stay text; ``cycle`` and ``utc_ns`` are whole numbers, all else is float64.
+
+    Parameters
+    ----------
+    head : the first bytes of the file, by which its encoding is told
+
+    Raises
+    ------
+    RecordingError
+        One line: file, line or column, what to do.
+    """
+    plain = _is_plain(head)
+    long = path.stat().st_size > MAXIMUM_TEXT
+    too_long = f"{path}: is a text of more than {MAXIMUM_TEXT >> 30} GB; export it as Parquet"
+    if long and not plain:
+        raise RecordingError(too_long)
+    content = path.read_bytes() if not plain else b""
+    text = head if plain else _decoded(path, content)
+    body = text if not plain else _whole(path)
+    layout = _layout(path, text, body)
+    usual = plain and layout.separator == "," and layout.decimal == "."
+    if long and not usual:
+        raise RecordingError(too_long)
+    source = path if usual else pa.BufferReader(body)
+    table = _parsed(path, source, layout, body)
+    units = dict(zip(layout.names, layout.units, strict=False))
+    return table, {name: unit for name, unit in units.items() if unit}
+
+
+def _whole(path: Path) -> bytes:
+    """The bytes of a file, no more than may be in memory."""
+    with path.open("rb") as file:
+        return file.read(MAXIMUM_TEXT)
+
+
+def _is_plain(head: bytes) -> bool:
+    """Whether this is UTF-8 without a mark, that can be read from where it is."""
+    if head.startswith((b"\xef\xbb\xbf", b"\xff\xfe", b"\xfe\xff")) or b"\0" in head:
+        return False
+    try:
+        head.decode("utf-8")
+    except UnicodeDecodeError as error:
+        return error.start > len(head) - 4 and error.reason == "unexpected end of data"
+    return True
+
+
+def _decoded(path: Path, content: bytes) -> bytes:
+    """The text as UTF-8."""
+    if content.startswith(b"\xef\xbb\xbf"):
+        encodings = ["utf-8-sig"]
+    elif content.startswith((b"\xff\xfe", b"\xfe\xff")):
+        encodings = ["utf-16"]
+    elif b"\0" in content[:4096]:
+        # Every second byte of a text in UTF-16 without a mark is 0; bytes that are no text have their zeros anywhere.
+        sample = content[:4096]
+        low, high = sample[1::2].count(0), sample[0::2].count(0)
+        if min(low, high) > 0.02 * len(sample) or max(low, high) < 0.45 * len(sample):
+            raise RecordingError(f"{path}: {_NO_TABLE}")
+        encodings = ["utf-16-le" if low > high else "utf-16-be"]
+    else:
+        encodings = ["utf-8", "cp1252"]
+    for encoding in encodings:
+        try:
+            text = content.decode(encoding)
+        except UnicodeDecodeError:
+            continue
+        if "\0" not in text and not re.search(r"[\x01-\x08\x0e-\x1f]", text[:4096]):
+            return text.encode("utf-8")
+    raise RecordingError(f"{path}: {_NO_TABLE}")
+
+
+def _layout(path: Path, head: bytes, body: bytes) -> _Layout:
+    lines = head[: 1 << 16].decode("utf-8", errors="replace").splitlines()
+    if lines and lines[0].startswith("# hilfit/motion"):
+        raise RecordingError(f"{path}: is a motion file, not a recording; give what was recorded while it moved")
+    first, declared, commented = 0, "", ""
+    while first < min(len(lines), _PREAMBLE_LINES):
+        line = lines[first].strip()
+        excel = re.fullmatch(r"sep=(.)", line, re.IGNORECASE)
+        if excel is not None:
+            declared = excel[1]
+        elif line.startswith(("#", "%")):
+            commented = line.lstrip("#% ")
+        elif line:
+            break
+        first += 1
+    else:
+        raise RecordingError(f"{path}: {_NO_TABLE}")
+    header = lines[first]
+    if "\0" in header or "\ufffd" in header:
+        raise RecordingError(f"{path}: {_NO_TABLE}")
+    separator = declared or _separator(path, header, lines[first + 1 : first + 1 + _LOOKED_AT])
+    names = _cells(header, separator)
+    skipped = first + 1
+    if all(_is_number(name) for name in names):
+        under = _cells(commented, separator)
+        if len(under) != len(names) or any(_is_number(name) for name in under):
+            raise RecordingError(f"{path}: {_NO_TABLE}")
+        names, skipped = under, first  # what some programs do: the header as a comment
+    if len(names) < 2 or any(_is_number(name) for name in names):
+        raise RecordingError(f"{path}: {_NO_TABLE}")
+    row = _cells(lines[skipped], separator) if skipped < len(lines) else []
+    units: tuple[str, ...] = ()
+    if len(row) == len(names) and any(row) and not any(_has_value(cell) for cell in row):
+        units, skipped = tuple(cell.strip("[]() ") for cell in row), skipped + 1
+        row = _cells(lines[skipped], separator) if skipped < len(lines) else []
+    moments = tuple(number for number, cell in enumerate(row[: len(names)]) if looks_like_moment(cell))
+    numbers = body.split(b"\n", skipped)[-1]
+    decimal = _decimal(path, numbers, separator, bool(moments))
+    return _Layout(separator, decimal, tuple(names), units, skipped, moments)
+
+
+def _separator(path: Path, header: str, rows: list[str]) -> str:
+    """The one separator that the header and the first rows agree upon."""
+    found = []
+    for separator in _SEPARATORS:
+        width = len(_cells(header, separator))
+        if width > 1 and all(len(_cells(row, separator)) == width for row in rows if row.strip()):
+            found.append(separator)
+    if len(found) > 1:
+        names = " or ".join(_SEPARATORS[separator] for separator in found)
+        raise RecordingError(f"{path}: line 1: columns are separated by {names}, both fit; export with tabs")
+    # Where no sign fits all rows the usual ones are tried in turn, so that the row that does not fit is named.
+    return found[0] if found else next((s for s in _SEPARATORS if s in header), ",")
+
+
+def _decimal(path: Path, numbers: bytes, separator: str, moments: bool) -> str:
+    """The decimal sign of all numbers of the rows."""
+    if separator == ",":
+        quoted = b'"' in numbers and re.search(rb'"[-+]?\d+,\d+"', numbers)
+        if not quoted:
+            return "."
+        numbers = b" ".join(re.findall(rb'"[^"\n]*"', numbers))
+    if moments:
+        numbers = re.sub(rb"\d{4}-\d\d-\d\d[T ][\d:]+(?:[.,]\d+)?", b"", numbers)
+    grouped = _THOUSANDS.search(numbers)
+    if grouped is not None:
+        raise RecordingError(
+            f"{path}: '{grouped[0].decode()}' has signs between thousands; export numbers without them"
+        )
+    comma = _ANY_COMMA.search(numbers)
+    if comma is None:
+        return "."
+    if re.search(rb"\d\.\d", numbers):
+        raise RecordingError(
+            f"{path}: some numbers have a decimal point and some a decimal comma; export all with points"
+        )
+    if _SURE_COMMA.search(numbers) is None:
+        first = re.search(rb"[-+]?\d+,\d+", numbers)
+        shown = "1,234" if first is None else first[0].decode()
+        raise RecordingError(
+            f"{path}: '{shown}' may be a decimal comma or thousands, and no number in the file tells; export with "
+            "decimal points"
+        )
+    return ","
+
+
+def _parsed(path: Path, source: Path | pa.BufferReader, layout: _Layout, body: bytes) -> pa.Table:
+    names = list(layout.names)
+    dropped = bool(names) and not names[-1]
+    if dropped:
+        names[-1] = "\0"  # a separator at the end of every line
+    if any(not name for name in names):
+        number = names.index("") + 1
+        raise RecordingError(f"{path}: column {number} of the header has no name; name it, or remove the column")
+    for name in names:
+        if names.count(name) > 1:
+            raise RecordingError(f"{path}: column '{name}' is there {names.count(name)} times; names must differ")
+    types = {name: _csv_type(name, number in layout.moments) for number, name in enumerate(names)}
+    if dropped:
+        types["\0"] = pa.null()
+    try:
+        table = pa.csv.read_csv(
+            source,
+            read_options=pa.csv.ReadOptions(column_names=names, skip_rows=layout.skipped),
+            parse_options=pa.csv.ParseOptions(delimiter=layout.separator),
+            convert_options=pa.csv.ConvertOptions(
+                column_types=types, strings_can_be_null=True, decimal_point=layout.decimal
+            ),
+        )
+    except pa.ArrowInvalid as error:
+        if "Empty CSV file" in str(error) or ("CSV parse error: Expected" not in str(error) and _no_rows(body, layout)):
+            return pa.table({name: pa.array([], type=kind) for name, kind in types.items() if name != "\0"})
+        raise RecordingError(f"{path}: {_problem(str(error), names, layout, body)}") from None
+    return table.drop_columns(["\0"]) if dropped else table
+
+
+def _no_rows(body: bytes, layout: _Layout) -> bool:
+    return not any(line.strip() for line in body.splitlines()[layout.skipped :])
+
+
+def _csv_type(name: str, moment: bool) -> pa.DataType:
+    return pa.string() if moment else pa.int64() if name in ("cycle", "utc_ns") else pa.float64()
+
+
+def _problem(text: str, names: list[str], layout: _Layout, body: bytes) -> str:
+    """What is wrong with a row, in words, with the line of the file."""
+    bad = re.search(r"column #(\d+).*invalid value '(.*?)'", text, re.DOTALL)
+    if bad is not None and int(bad[1]) < len(names):
+        column, value = int(bad[1]), bad[2]
+        line = _line_of(body, layout, column, value)
+        where = f" in line {line}" if line else ""
+        return f"{names[column]}: '{value[:40]}'{where} is no number; columns have to be numeric"
+    width = re.search(r"Expected (\d+) columns, got (\d+)", text)
+    if width is not None:
+        line = _line_of_width(body, layout, int(width[1]))
+        where = f" in line {line}" if line else ""
+        commas = layout.separator == "," and int(width[2]) > int(width[1])
+        more = "; numbers with a decimal comma need semicolons or tabs between columns" if commas else ""
+        return f"is not a table: {width[1]} columns in the header, {width[2]}{where}; every row needs all columns{more}"
+    return "is not a table that can be read; write CSV with a header line, commas and points"
+
+
+def _line_of(body: bytes, layout: _Layout, column: int, value: str) -> int | None:
+    """Line of the file in which a column has a value; only for the message of an error."""
+    for number, cells in _rows(body, layout):
+        if column < len(cells) and cells[column].strip() == value.strip():
+            return number
+    return None
+
+
+def _line_of_width(body: bytes, layout: _Layout, width: int) -> int | None:
+    return next((number for number, cells in _rows(body, layout) if cells and len(cells) != width), None)
+
+
+def _rows(body: bytes, layout: _Layout) -> list[tuple[int, list[str]]]:
+    text = io.StringIO(body.decode("utf-8", errors="replace"), newline="")
+    reader = csv.reader(text, delimiter=layout.separator)
+    rows = []
+    try:
+        for cells in reader:
+            if reader.line_num > layout.skipped:
+                rows.append((reader.line_num, cells))
+    except csv.Error:  # an unclosed quote or the like: what came until here is enough for a message
+        pass
+    return rows
+
+
+def _cells(line: str, separator: str) -> list[str]:
+    """Cells of one line, trimmed, without quotes."""
+    try:
+        row = next(csv.reader([line], delimiter=separator), [])
+    except csv.Error:
+        row = line.split(separator)
+    return [cell.strip().strip('"').strip() for cell in row]
+
+
+def _has_value(cell: str) -> bool:
+    """Whether a cell is a number, in either decimal sign, or a moment."""
+    return _is_number(cell.replace(",", ".")) or looks_like_moment(cell)
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True

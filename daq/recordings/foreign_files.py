@@ -1,0 +1,255 @@
+"""Recordings of other tools that are no plain table: MDF4 (asammdf), MAT (scipy), ROS 2 bags (rosbags).
+
+Each reader gives rasters: columns that stand on one time base, with what the file says of their units. Libraries are
+imported when they are used; asammdf is under the LGPL and not part of this distribution. What a file holds is read as
+numbers only.
+"""
+
+from __future__ import annotations
+
+import gc
+import hashlib
+import json
+import math
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+import numpy.typing as npt
+
+from daq.errors import RecordingError
+from daq.recordings.recording_files import Table
+
+#: Values of all columns of a file that are read into memory (2 GB); more is for Parquet.
+MAXIMUM_VALUES = 1 << 28
+_MAT_73 = b"MATLAB 7.3"
+_MDF = b"MDF     "
+_MESSAGES = ("sensor_msgs/msg/JointState", "std_msgs/msg/Float64")
+
+Wanted = Callable[[str], bool]
+T = TypeVar("T")
+
+
+def is_foreign(path: Path) -> bool:
+    """Whether a file or folder is one of these, by content (a bag also by what lies in the folder)."""
+    return _reader(path) is not None
+
+
+def read_rasters(path: Path, wanted: Wanted) -> list[Table]:
+    """The tables of a file, one per time base, each with ``time`` in seconds.
+
+    Parameters
+    ----------
+    wanted : whether a column of that name is looked for; others are left where they are
+
+    Raises
+    ------
+    RecordingError
+        One line: what the file is, and what to do.
+    """
+    reader = _reader(path)
+    if reader is None:
+        raise RecordingError(f"{path}: is none of MDF4, MAT and a ROS 2 bag; give one of them")
+    return reader(path, wanted)
+
+
+def _reader(path: Path) -> Callable[[Path, Wanted], list[Table]] | None:
+    if path.is_dir():
+        return _bag if (path / "metadata.yaml").is_file() else None
+    try:
+        with path.open("rb") as file:
+            head = file.read(128)
+    except OSError:
+        return None
+    if head.startswith(_MDF):
+        return _mdf
+    if head.startswith((b"MATLAB 5.0 MAT-file", _MAT_73)):
+        return _mat
+    if head.startswith((b"SQLite format 3\0", b"\x89MCAP0\r\n")):
+        return _bag
+    return None
+
+
+def _guarded(path: Path, what: str, package: str, read: Callable[[], T]) -> T:
+    """What ``read`` gives; what goes wrong in its library is said as people need it, in one line.
+
+    A library that dies half-way may complain once more when its objects are taken down; nobody has use for that.
+    """
+    hook, sys.unraisablehook = sys.unraisablehook, _ignored
+    try:
+        try:
+            return read()
+        except (MemoryError, RecordingError):
+            raise
+        except ModuleNotFoundError as error:
+            if (error.name or "").partition(".")[0] != package:
+                raise
+            problem = f"is {what}; to read it run: pip install 'hilfit[export]', or export CSV or Parquet"
+        except Exception:  # a library that reads any bytes as offsets raises anything
+            problem = f"is {what} that cannot be read, or is damaged; export it again"
+        gc.collect()
+        raise RecordingError(f"{path}: {problem}")
+    finally:
+        sys.unraisablehook = hook
+
+
+def _ignored(_: Any) -> None:
+    return None
+
+
+def _table(path: Path, columns: dict[str, Any], units: dict[str, str], digest: str) -> Table:
+    if sum(len(values) for values in columns.values()) > MAXIMUM_VALUES:
+        raise RecordingError(f"{path}: holds more than {MAXIMUM_VALUES:,} values; export the channels as Parquet")
+    return Table(columns, {"hilfit.units": json.dumps(units)}, digest)
+
+
+def _digest(path: Path) -> str:
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def _mdf(path: Path, wanted: Wanted) -> list[Table]:
+    """One table per time base of an MDF file."""
+    rasters = _guarded(path, "an MDF file", "asammdf", lambda: _mdf_rasters(path, wanted))
+    digest = _digest(path)
+    return [_table(path, columns, units, digest) for _, columns, units in rasters]
+
+
+_Raster = tuple[npt.NDArray[np.float64], dict[str, Any], dict[str, str]]
+
+
+def _mdf_rasters(path: Path, wanted: Wanted) -> list[_Raster]:
+    from asammdf import MDF
+
+    rasters: list[_Raster] = []
+
+    with MDF(path) as file:
+        for name, places in file.channels_db.items():
+            if name == "time" or not wanted(name):
+                continue
+            if len(places) > 1:
+                raise RecordingError(
+                    f"{path}: {name}: is there {len(places)} times; export one of them, or rename the others"
+                )
+            signal = file.get(name, ignore_invalidation_bits=True)
+            _numbers_only(path, name, signal.samples)
+            stamps = np.asarray(signal.timestamps, dtype=np.float64)
+            same = [raster for raster in rasters if np.array_equal(raster[0], stamps)]
+            if not same:
+                same = [(stamps, {"time": stamps}, {})]
+                rasters += same
+            _, columns, units = same[0]
+            columns[name] = np.asarray(signal.samples)
+            if signal.unit:
+                units[name] = str(signal.unit)
+    return rasters
+
+
+def _numbers_only(path: Path, name: str, samples: Any) -> None:
+    samples = np.asarray(samples)
+    if samples.ndim != 1 or samples.dtype.kind not in "iufb":
+        raise RecordingError(f"{path}: {name}: is no channel of numbers; export the measured values")
+
+
+def _mat(path: Path, wanted: Wanted) -> list[Table]:
+    """The vectors of a MAT file (also inside structures, ``data.q``, and columns of matrices, ``q(:,1)``)."""
+    with path.open("rb") as file:
+        if file.read(len(_MAT_73)) == _MAT_73:
+            raise RecordingError(
+                f"{path}: is a MAT file of version 7.3; save it in MATLAB with save(..., '-v7'), or export CSV"
+            )
+    content = _guarded(path, "a MAT file", "scipy", lambda: _mat_content(path))
+    columns = {name: values for name, values in _vectors(content, "") if wanted(name)}
+    lengths = {len(values) for values in columns.values()}
+    if len(lengths) > 1:
+        listed = ", ".join(f"{name} ({len(values)})" for name, values in list(columns.items())[:4])
+        raise RecordingError(f"{path}: vectors differ in length: {listed}; save them on one time base")
+    return [_table(path, columns, {}, _digest(path))] if columns else []
+
+
+def _mat_content(path: Path) -> dict[str, Any]:
+    from scipy.io import loadmat, whosmat
+
+    if sum(math.prod(shape) for _, shape, _ in whosmat(path)) > MAXIMUM_VALUES:  # known before a byte is unpacked
+        raise RecordingError(f"{path}: holds more than {MAXIMUM_VALUES:,} values; save the channels as Parquet or CSV")
+    return dict(loadmat(path, simplify_cells=True))
+
+
+def _vectors(content: dict[str, Any], prefix: str) -> Iterator[tuple[str, npt.NDArray[Any]]]:
+    for name, value in content.items():
+        if name.startswith("__"):
+            continue
+        if isinstance(value, dict):
+            yield from _vectors(value, f"{prefix}{name}.")
+        elif isinstance(value, np.ndarray) and value.dtype.kind in "iuf" and value.size > 1:
+            squeezed = np.squeeze(value)
+            if squeezed.ndim == 1:
+                yield prefix + name, squeezed
+            elif squeezed.ndim == 2:
+                for number in range(min(squeezed.shape[1], 1000)):
+                    yield f"{prefix}{name}(:,{number + 1})", squeezed[:, number]
+
+
+def _bag(path: Path, wanted: Wanted) -> list[Table]:
+    """A table per topic: ``/topic/joint/position`` (velocity, effort) of a JointState, ``/topic`` of a Float64."""
+    found = _guarded(path, "a ROS 2 bag", "rosbags", lambda: _bag_topics(path, wanted))
+    rasters = {topic: (times, columns) for topic, (times, columns) in found.items() if columns}
+    if not rasters:
+        return []
+    begin = min(min(times) for times, _ in rasters.values())
+    digest = _digest(path) if path.is_file() else _digest_of_folder(path)
+    return [
+        _table(
+            path,
+            {
+                "time": 1e-9 * (np.array(times, dtype=np.int64) - begin).astype(np.float64),
+                **{name: np.array(values) for name, values in columns.items()},
+            },
+            {},
+            digest,
+        )
+        for times, columns in rasters.values()
+    ]
+
+
+def _bag_topics(path: Path, wanted: Wanted) -> dict[str, tuple[list[int], dict[str, list[float]]]]:
+    """Per topic the stamps in ns, and the columns."""
+    from rosbags.highlevel import AnyReader
+    from rosbags.typesys import Stores, get_typestore
+
+    found: dict[str, tuple[list[int], dict[str, list[float]]]] = {}
+    count = 0
+    with AnyReader([path], default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as reader:
+        chosen = [connection for connection in reader.connections if connection.msgtype in _MESSAGES]
+        for connection, stamp, raw in reader.messages(connections=chosen):
+            message: Any = reader.deserialize(raw, connection.msgtype)
+            if connection.msgtype == "std_msgs/msg/Float64":
+                values = {connection.topic: float(message.data)}
+            else:
+                own = message.header.stamp.sec * 1_000_000_000 + message.header.stamp.nanosec
+                stamp = own or stamp
+                values = {
+                    f"{connection.topic}/{joint}/{kind}": float(value)
+                    for kind in ("position", "velocity", "effort")
+                    for joint, value in zip(message.name, getattr(message, kind), strict=False)
+                }
+            values = {name: value for name, value in values.items() if wanted(name)}
+            times, columns = found.setdefault(connection.topic, ([], {}))
+            for name, value in values.items():
+                columns.setdefault(name, [np.nan] * len(times)).append(value)
+            times.append(int(stamp))
+            for column in columns.values():  # a joint that this message does not have
+                column.extend([np.nan] * (len(times) - len(column)))
+            count += len(values)
+            if count > MAXIMUM_VALUES:
+                raise RecordingError(f"{path}: holds too many messages; cut the bag, or export CSV")
+    return found
+
+
+def _digest_of_folder(path: Path) -> str:
+    whole = hashlib.sha256()
+    for file in sorted(entry for entry in path.iterdir() if entry.is_file()):
+        whole.update(file.name.encode() + b"\0" + bytes.fromhex(_digest(file)))
+    return whole.hexdigest()

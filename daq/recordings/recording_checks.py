@@ -1,0 +1,375 @@
+"""Checks that a recording has to pass; each raises a :class:`~daq.errors.RecordingError` or returns nothing.
+
+Rows are counted from 1 and always come with their time, so that a place can be found in any viewer.
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from daq.errors import RecordingError
+from daq.machine.machine_file import JOINT_QUANTITIES, Channel, Machine
+from daq.quality import Quality
+from daq.recordings.recording_files import Table
+
+FloatArray = npt.NDArray[np.float64]
+BoolArray = npt.NDArray[np.bool_]
+PRESSURES = frozenset({"head_pressure", "rod_pressure", "supply_pressure", "tank_pressure"})
+
+RATE_TOLERANCE = 0.01  # of the nominal period, on the median step: below any clock, above rounding of printed times
+STEP_TOLERANCE = 0.25  # of the nominal period, on a single step: sampling jitter, not a lost row
+GAP_SHARE = 0.02  # of the steps: a foreign file may have this many holes before its rate is in doubt
+SATURATED_ROWS = 3  # consecutive samples at a limit; noise alone hardly makes three
+STUCK_ROWS = 8  # consecutive samples at the extreme of a signal that elsewhere hardly ever repeats itself
+KEPT, AS_FAST = 4, 0.5  # rows that a value is kept at least, share of the usual change in them at which it is reached
+REPEATS = 0.1  # share of equal neighbours up to which a signal hardly ever repeats itself
+PILE, PILE_RANGE = 10.0, 0.05  # times the mean of the levels within this share of the range
+LEVELS = 64  # a signal of fewer levels sits on its extreme for lack of resolution, not for saturation
+MISMATCH = 0.1  # of the stroke, between piston encoder and linkage: far above offsets and pin errors
+
+
+def regular_steps(time: FloatArray, rate_hz: float) -> BoolArray:
+    """For every step between rows whether it is one period (within jitter); shape (N-1,)."""
+    return np.asarray(np.abs(np.diff(time) * rate_hz - 1.0) <= STEP_TOLERANCE)
+
+
+def runs(inside: BoolArray, joined: BoolArray | None = None) -> tuple[slice, ...]:
+    """Maximal runs of true rows; ``joined`` (N-1,) says whether neighbouring rows belong together at all."""
+    if len(inside) == 0:
+        return ()
+    together = inside[1:] & inside[:-1]
+    if joined is not None:
+        together &= joined
+    starts = np.flatnonzero(inside & ~np.concatenate(([False], together)))
+    stops = np.flatnonzero(inside & ~np.concatenate((together, [False]))) + 1
+    return tuple(slice(int(a), int(b)) for a, b in zip(starts, stops, strict=True))
+
+
+def metadata_fits(path: Path, metadata: Mapping[str, str], machine: Machine, role: str) -> None:
+    """The schema is known, the machine is this one, and an unloaded recording is used as one."""
+    schema = metadata.get("hilfit.schema")
+    if schema is None:
+        return
+    if schema != "hilfit/recording/1":
+        raise RecordingError(f"{path}: schema is '{schema}'; this version reads 'hilfit/recording/1'")
+    owner = metadata.get("hilfit.machine", machine.name)
+    if owner != machine.name:
+        raise RecordingError(
+            f"{path}: is a recording of machine '{owner}', not of '{machine.name}'; give the machine file of '{owner}'"
+        )
+    recorded = metadata.get("hilfit.role", role)
+    if (recorded == "unloaded") != (role == "unloaded"):
+        raise RecordingError(
+            f"{path}: was recorded as '{recorded}' and cannot serve as '{role}'; give it as {recorded}"
+        )
+
+
+def columns_fit(path: Path, table: Table, machine: Machine) -> None:
+    """Columns are time, the machine's channels, and what our recorder adds: no fewer, no more."""
+    found = list(table.columns)
+    names = [channel.name for channel in machine.channels]
+    known = {
+        "time",
+        "cycle",
+        "utc_ns",
+        *names,
+        *(f"{n}.{extra}" for n in names for extra in ("quality", "age")),
+    }
+    missing = [name for name in names if name not in table.columns]
+    extra = [name for name in found if name not in known]
+    if "time" not in table.columns:
+        near = _near("time", extra)
+        raise RecordingError(f"{path}: has no column 'time' (s){near}; add it as the first column")
+    if missing and extra and len(missing) > len(names) / 2:
+        raise RecordingError(
+            f"{path}: has another machine's channels ({_some(extra)}); '{machine.name}' has {_some(names)}; "
+            "give the machine file that it was recorded with"
+        )
+    if missing:
+        near = _near(missing[0], extra)
+        raise RecordingError(
+            f"{path}: {missing[0]}: this channel is missing{_more(missing)}{near}; record all channels of "
+            f"'{machine.name}', or remove it from the machine file"
+        )
+    if extra:
+        raise RecordingError(
+            f"{path}: {extra[0]}: '{machine.name}' has no such channel{_more(extra)}; remove the column, or add the "
+            "channel to the machine file"
+        )
+
+
+def same_rate(one_hz: float, other_hz: float) -> bool:
+    """Whether two rates are one within the tolerance of printed times."""
+    return abs(other_hz / one_hz - 1.0) <= RATE_TOLERANCE
+
+
+def runs_at(time: FloatArray, rate_hz: float) -> bool:
+    """Whether an increasing clock runs at a rate, with few holes: what :func:`time_runs` asks for."""
+    steps = np.diff(time)
+    irregular = np.count_nonzero(~regular_steps(time, rate_hz))
+    few = int(irregular) <= max(1, int(GAP_SHARE * len(steps)))
+    return few and same_rate(1.0 / float(np.median(steps)), rate_hz)
+
+
+def time_increases(path: Path, time: FloatArray) -> None:
+    """Time is finite and increases strictly."""
+    if not np.all(np.isfinite(time)):
+        row = int(np.flatnonzero(~np.isfinite(time))[0])
+        raise RecordingError(f"{path}: time: row {row + 1} is not a number; cut the row out")
+    steps = np.diff(time)
+    if np.any(steps <= 0):
+        row = int(np.flatnonzero(steps <= 0)[0]) + 1
+        raise RecordingError(
+            f"{path}: time: does not increase at row {row + 1} ({time[row]:.6g} s after {time[row - 1]:.6g} s); "
+            "sort the rows, or split the file there"
+        )
+
+
+def time_runs(path: Path, time: FloatArray, rate_hz: float) -> None:
+    """Time is finite, increases strictly and at the machine's rate, with few holes."""
+    time_increases(path, time)
+    steps = np.diff(time)
+    if len(steps) == 0:
+        return
+    rate = 1.0 / float(np.median(steps))
+    if not same_rate(rate, rate_hz):
+        thousand = same_rate(1e3 * rate, rate_hz)
+        cure = (
+            "if time counts milliseconds call the column 'time [ms]'"
+            if thousand
+            else "give --resample to bring it to that rate, or correct rate_hz"
+        )
+        raise RecordingError(
+            f"{path}: time: sampled at {rate:.6g} Hz, the machine file says rate_hz {rate_hz:g}; {cure}"
+        )
+    irregular = np.flatnonzero(~regular_steps(time, rate_hz))
+    if len(irregular) > max(1, int(GAP_SHARE * len(steps))):
+        row = int(irregular[0])
+        raise RecordingError(
+            f"{path}: time: {len(irregular)} of {len(steps)} steps are not 1/{rate_hz:g} s, the first after row "
+            f"{row + 1} ({time[row]:.6g} s to {time[row + 1]:.6g} s); add the lost rows marked missing, split the "
+            "file, or give --resample if the logger's clock is uneven"
+        )
+
+
+def counter_runs(path: Path, cycle: npt.NDArray[np.int64], time: FloatArray) -> None:
+    """The cycle counter increases strictly."""
+    steps = np.diff(cycle)
+    if np.any(steps <= 0):
+        row = int(np.flatnonzero(steps <= 0)[0]) + 1
+        raise RecordingError(
+            f"{path}: cycle: does not increase at row {row + 1} ({time[row]:.6g} s); rows of two recordings were mixed"
+        )
+
+
+def values_are_numbers(
+    path: Path, name: str, values: FloatArray, time: FloatArray, quality: npt.NDArray[np.uint8] | None
+) -> None:
+    """Every value is finite unless its quality says that it was not measured."""
+    if np.any(np.isinf(values)):
+        row = int(np.flatnonzero(np.isinf(values))[0])
+        raise RecordingError(
+            f"{path}: {name}: infinite at row {row + 1} ({time[row]:.6g} s); a channel error of the device: cut it out "
+            "or mark it missing"
+        )
+    unmarked = np.isnan(values)
+    if quality is not None:
+        unmarked &= quality == Quality.FRESH
+    if np.any(unmarked):
+        first = runs(unmarked)[0]
+        last = min(first.stop, len(time)) - 1
+        raise RecordingError(
+            f"{path}: {name}: {int(unmarked.sum())} rows are NaN without being marked missing, the first run is rows "
+            f"{first.start + 1} to {last + 1} ({time[first.start]:.6g} to {time[last]:.6g} s); add a column "
+            f"'{name}.quality' ({int(Quality.MISSING)} = missing), or cut the rows out"
+        )
+
+
+def long_enough(path: Path, values: Mapping[str, FloatArray], machine: Machine, minimum_seconds: float) -> None:
+    """At least ``minimum_seconds`` of rows in which every channel of a joint was measured."""
+    rows = len(next(iter(values.values())))
+    if rows < minimum_seconds * machine.rate_hz:
+        raise RecordingError(
+            f"{path}: is too short: {rows} rows are {rows / machine.rate_hz:.3g} s, at least {minimum_seconds:g} s are "
+            "needed; record longer"
+        )
+    complete = np.ones(rows, dtype=bool)
+    worst, fewest = "", rows + 1
+    for channel in machine.channels:
+        if channel.quantity in JOINT_QUANTITIES:
+            present = np.isfinite(values[channel.name])
+            complete &= present
+            if int(present.sum()) < fewest:
+                worst, fewest = channel.name, int(present.sum())
+    if complete.sum() < minimum_seconds * machine.rate_hz:
+        raise RecordingError(
+            f"{path}: {worst}: too little was measured: all joints together in "
+            f"{complete.sum() / machine.rate_hz:.3g} s, "
+            f"at least {minimum_seconds:g} s are needed; look after this device and record again"
+        )
+
+
+def not_saturated(path: Path, channel: Channel, machine: Machine, values: FloatArray, time: FloatArray) -> None:
+    """No sensor sat at its limit.
+
+    With a declared range: three consecutive samples at or beyond it. Without: a pressure that stays exactly at its
+    extreme value although it is noisy elsewhere, or whose extreme value is repeated exactly for a second or more in all
+    and in 2 % of the samples and far more often than any value near it, which neither noise nor coarse steps do.
+    """
+    known = np.isfinite(values)
+    if not np.any(known):
+        return
+    if channel.range is not None:
+        limits = machine.conversion(channel).to_si(channel.range)
+        low, high = float(limits.min()), float(limits.max())
+        slack = 1e-9 * (high - low)  # rounding of the unit's conversion, not a tolerance
+        for beyond in (known & (values >= high - slack), known & (values <= low + slack)):
+            for run in runs(beyond):
+                if run.stop - run.start >= SATURATED_ROWS:
+                    raise RecordingError(_saturated(path, channel, time, run, "its range"))
+        return
+    if channel.quantity not in PRESSURES or len(np.unique(values[known])) < LEVELS:
+        return
+    enough = max(machine.rate_hz, 0.02 * known.sum())
+    for extreme in (np.max(values[known]), np.min(values[known])):
+        at = values == extreme
+        longest = max(runs(at), key=lambda run: run.stop - run.start)
+        elsewhere = np.diff(values[known & ~at]) == 0
+        noisy = len(elsewhere) > 0 and float(np.mean(elsewhere)) < REPEATS and noise_covers_steps(values[known])
+        clipped = at.sum() >= enough and piled_up(values[known], extreme)
+        if clipped or (noisy and longest.stop - longest.start >= STUCK_ROWS):
+            raise RecordingError(_saturated(path, channel, time, longest, "one exact value"))
+
+
+def noise_covers_steps(values: FloatArray) -> bool:
+    """Whether noise changes a value wherever it stands: else a fine sensor repeats itself where the signal rests.
+
+    With a standard deviation of two steps eight equal values in a row have a chance of 3e-6; the lower quartile of the
+    second differences tells it, because motion makes the larger ones.
+    """
+    step = float(np.diff(np.unique(values)).min(initial=np.inf))
+    return bool(np.percentile(np.abs(np.diff(values, 2)), 25) > 1.5 * step)
+
+
+def cut_off(values: FloatArray, extreme: float) -> bool:
+    """Whether a signal arrives at a value (or leaves it) as fast as it usually moves; where it rests it slows down."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], (values == extreme).astype(np.int8), [0]])))
+    runs = [(a, b) for a, b in zip(edges[::2], edges[1::2], strict=True) if b - a >= KEPT]
+    usual = float(np.median(np.abs(values[KEPT:] - values[:-KEPT])))
+    before = [abs(extreme - values[a - KEPT]) for a, _ in runs if a >= KEPT]
+    behind = [abs(extreme - values[b + KEPT - 1]) for _, b in runs if b + KEPT <= len(values)]
+    steps = [*before, *behind]
+    return bool(steps) and float(np.median(steps)) > AS_FAST * usual
+
+
+def piled_up(values: FloatArray, extreme: float) -> int:
+    """How many of finite ``values`` are exactly ``extreme``, their largest or smallest; 0 if values near are as many.
+
+    Clipping piles up there what would have gone beyond. A coarse signal that dwells near its end has as many values on
+    the levels beside it, to within chance: ten times their mean within a twentieth of the range is no chance.
+    """
+    span = float(np.subtract(*np.percentile(values, [99, 1]))) or float(np.ptp(values))
+    near = values[(np.abs(values - extreme) < PILE_RANGE * span) & (values != extreme)]
+    count = int(np.count_nonzero(values == extreme))
+    beside = len(near) / len(np.unique(near)) if len(near) else 1.0
+    return count if count > PILE * beside else 0
+
+
+def _saturated(path: Path, channel: Channel, time: FloatArray, run: slice, at: str) -> str:
+    return (
+        f"{path}: {channel.name}: saturated: at the end of {at} in rows {run.start + 1} to {run.stop} "
+        f"({time[run.start]:.6g} to {time[run.stop - 1]:.6g} s); use a sensor of wider range or a gentler motion"
+    )
+
+
+def nothing_constant(path: Path, machine: Machine, role: str, values: Mapping[str, FloatArray]) -> None:
+    """Every channel of a joint changes, at least by its noise.
+
+    Temperatures, supply, tank and base may stand still. In ``unloaded`` the joint encoder may (the arm is
+    parked) and so may the piston of a cylinder that is not moved, told from a dead encoder by its pressures,
+    which then only carry noise. In ``operation`` any joint may be parked.
+    """
+    for channel in machine.channels:
+        if channel.quantity not in JOINT_QUANTITIES or not _constant(values[channel.name]):
+            continue
+        quantity = channel.quantity
+        if role == "operation" and quantity.endswith(("_position", "_velocity")):
+            continue
+        if role == "unloaded" and quantity in ("joint_position", "joint_velocity", "joint_effort", "cylinder_force"):
+            continue
+        if role == "unloaded" and quantity == "piston_position" and not _driven(machine, channel.joint, values):
+            continue
+        known = values[channel.name][np.isfinite(values[channel.name])]
+        value = float(machine.conversion(channel).from_si(known[0]))
+        raise RecordingError(
+            f"{path}: {channel.name}: constant ({value:.6g} {channel.unit}) over the whole recording; check "
+            "the sensor and "
+            "its wiring, or move this joint"
+        )
+
+
+def _constant(values: FloatArray) -> bool:
+    known = values[np.isfinite(values)]
+    return len(known) > 0 and float(np.ptp(known)) <= 1e-12 * float(np.max(np.abs(known)))
+
+
+def _driven(machine: Machine, joint: str | None, values: Mapping[str, FloatArray]) -> bool:
+    """Whether a pressure of the joint does more than its noise, which is what its successive differences show."""
+    for quantity in ("head_pressure", "rod_pressure"):
+        channel = machine.channel(quantity, joint)
+        if channel is not None:
+            known = values[channel.name][np.isfinite(values[channel.name])]
+            if len(known) > 2 and np.std(known) > 3.0 * np.std(np.diff(known)) / np.sqrt(2.0):
+                return True
+    return False
+
+
+def positions_agree(path: Path, machine: Machine, role: str, values: Mapping[str, FloatArray]) -> None:
+    """Joint and piston encoder of a loaded joint tell the same story through the declared linkage, roughly.
+
+    Encoder offsets and pin errors, which identification is to find, stay below a tenth of the stroke; another
+    machine's recording under the same channel names, or a wrong unit, does not.
+    """
+    for joint in machine.joints:
+        angle = machine.channel("joint_position", joint.name)
+        piston = machine.channel("piston_position", joint.name)
+        if joint.cylinder is None or piston is None:
+            continue
+        x = values[piston.name]
+        stroke = joint.cylinder.stroke
+        if np.isfinite(x).any() and (np.nanmin(x) < -0.5 * stroke or np.nanmax(x) > 1.5 * stroke):
+            raise RecordingError(
+                f"{path}: {piston.name}: reaches {np.nanmin(x):.4g} to {np.nanmax(x):.4g} m with a stroke of "
+                f"{stroke:g} m; "
+                "check the channel's unit, and whether the recording is of this machine"
+            )
+        if role == "unloaded" or angle is None:
+            continue
+        both = np.isfinite(x) & np.isfinite(values[angle.name])
+        if not np.any(both):
+            continue
+        off = x[both] - joint.cylinder.linkage.piston_position(values[angle.name][both])
+        if np.median(np.abs(off)) > MISMATCH * stroke:
+            raise RecordingError(
+                f"{path}: {piston.name}: is {1e3 * float(np.median(off)):+.0f} mm from where {angle.name} "
+                "and the linkage "
+                "put it; check whether the recording is of this machine, then the linkage and the channel's unit"
+            )
+
+
+def _near(word: str, options: list[str]) -> str:
+    near = difflib.get_close_matches(word, options, n=1)
+    return f" (there is '{near[0]}')" if near else ""
+
+
+def _more(names: list[str]) -> str:
+    return f" (and {len(names) - 1} more: {_some(names[1:])})" if len(names) > 1 else ""
+
+
+def _some(names: list[str]) -> str:
+    return ", ".join(names[:3]) + (", ..." if len(names) > 3 else "")

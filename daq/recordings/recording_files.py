@@ -1,0 +1,231 @@
+"""Tables on disk: Parquet and CSV, read whole, written whole or not at all.
+
+Nothing here knows what a column means; :mod:`daq.recordings.recording` does.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+import pyarrow as pa
+import pyarrow.csv
+import pyarrow.parquet
+
+from daq.errors import RecordingError
+from daq.recordings.csv_files import read_csv
+from daq.scratch import Scratch, ScratchColumns
+
+PARQUET_MAGIC = b"PAR1"
+ARROW_STREAM_MAGIC = b"\xff\xff\xff\xff"
+JOURNAL_MARK = b"hilfitJ1"  # before every record of a journal
+SUFFIXES = (".parquet", ".csv")
+#: Values of a Parquet file above which its columns are not kept in memory (32 MB; half an hour of six joints at 50 Hz).
+LONG_VALUES = 4_000_000
+_BATCH_ROWS = 1 << 13
+_BUFFER = 1 << 20
+
+
+@dataclass(frozen=True)
+class Table:
+    """Columns of a file, all of one length, in file order, and the file's metadata."""
+
+    columns: Mapping[str, npt.NDArray[np.float64] | npt.NDArray[np.int64]]
+    metadata: Mapping[str, str]
+    sha256: str
+
+    @property
+    def rows(self) -> int:
+        """Number of rows."""
+        return 0 if not self.columns else len(next(iter(self.columns.values())))
+
+
+def read_table(path: Path) -> Table:
+    """Read a Parquet or CSV file; integers stay integers (exact), all else becomes float64, null becomes NaN.
+
+    Columns have the file's own names (:func:`daq.recordings.column_map.in_channels` finds channels); a CSV's moments
+    stay text.
+
+    Raises
+    ------
+    RecordingError
+        If the file is absent, empty, torn, no table, or has a column that is not numeric.
+    """
+    if path.is_dir():
+        raise RecordingError(f"{path}: is a directory; give one recording (.parquet or .csv)")
+    try:
+        with path.open("rb") as file:
+            head = file.read(4096)
+            file.seek(0)
+            digest = hashlib.file_digest(file, "sha256").hexdigest()
+    except FileNotFoundError:
+        raise RecordingError(f"{path}: no such file; give the path of a recording (.parquet or .csv)") from None
+    except OSError as error:
+        raise RecordingError(f"{path}: cannot be read ({error.strerror})") from None
+    if not head:
+        raise RecordingError(f"{path}: is empty; record it again")
+    if head.startswith((ARROW_STREAM_MAGIC, JOURNAL_MARK)):
+        raise RecordingError(f"{path}: is the journal of an unfinished recording; seal it with 'hilfit recover'")
+    if head.startswith(PARQUET_MAGIC):
+        file = _parquet(path)
+        if file.metadata.num_rows * file.metadata.num_columns > LONG_VALUES:
+            long = _read_long(path, file, digest)
+            # A file keeps its last row group, and Arrow what it no longer needs: 150 MB of ten hours.
+            del file
+            pa.default_memory_pool().release_unused()
+            return long
+        table = _moments_counted(_whole(path, file))
+    elif path.suffix.lower() == ".parquet":
+        raise RecordingError(f"{path}: is not a Parquet file although its name says so; export it again")
+    else:
+        table, units = read_csv(path, head)
+        metadata = {"hilfit.units": json.dumps(units)} if units else {}
+        columns = {
+            name: column.to_numpy() if pa.types.is_string(column.type) else _numeric(path, name, column)
+            for name, column in zip(table.column_names, table.columns, strict=True)
+        }
+        return Table(columns, metadata, digest)
+    _names_differ(path, table.column_names)
+    columns = {name: _numeric(path, name, table.column(name)) for name in table.column_names}
+    return Table(columns, _metadata(table.schema), digest)
+
+
+def _moments_counted(table: pa.Table) -> pa.Table:
+    """A table of a data frame with moments or durations as whole nanoseconds, and their unit in its metadata."""
+    units = {}
+    for number, entry in enumerate(table.schema):
+        if pa.types.is_timestamp(entry.type) or pa.types.is_duration(entry.type):
+            kind = pa.timestamp("ns") if pa.types.is_timestamp(entry.type) else pa.duration("ns")
+            units[entry.name] = "ns"
+            table = table.set_column(number, entry.name, table.column(number).cast(kind).cast(pa.int64()))
+    if not units or b"hilfit.units" in (table.schema.metadata or {}):
+        return table
+    return table.replace_schema_metadata({**(table.schema.metadata or {}), "hilfit.units": json.dumps(units)})
+
+
+def _names_differ(path: Path, names: list[str]) -> None:
+    for name in names:
+        if names.count(name) > 1:
+            raise RecordingError(f"{path}: column '{name}' is there {names.count(name)} times; names must differ")
+
+
+def _metadata(schema: pa.Schema) -> dict[str, str]:
+    raw = schema.metadata or {}
+    return {key.decode(errors="replace"): value.decode(errors="replace") for key, value in raw.items()}
+
+
+@contextmanager
+def _whole_parquet(path: Path) -> Iterator[None]:
+    """What goes wrong while a Parquet file is read, said as people need it."""
+    try:
+        yield
+    except (pa.ArrowException, OSError):
+        raise RecordingError(
+            f"{path}: is a Parquet file that is cut short or damaged; copy it again from where it was recorded"
+        ) from None
+
+
+def _parquet(path: Path) -> pa.parquet.ParquetFile:
+    with _whole_parquet(path):
+        return pa.parquet.ParquetFile(path, buffer_size=_BUFFER)
+
+
+def _whole(path: Path, file: pa.parquet.ParquetFile) -> pa.Table:
+    with _whole_parquet(path):
+        return file.read()  # one file: read_table would merge a directory's partitions
+
+
+def _read_long(path: Path, file: pa.parquet.ParquetFile, digest: str) -> Table:
+    """Columns by row groups into a scratch file: no more than some thousand rows are in memory."""
+    schema, rows = file.schema_arrow, file.metadata.num_rows
+    _names_differ(path, schema.names)
+    columns = ScratchColumns(Scratch())
+    places = {}
+    for number, name in enumerate(schema.names):
+        whole = _is_numeric(path, name, schema.field(name).type) and not _nulls(file.metadata, number)
+        places[name] = columns.reserve(name, rows, np.int64 if whole else np.float64)
+    start = 0
+    with _whole_parquet(path):
+        for batch in file.iter_batches(_BATCH_ROWS, use_threads=False):
+            for name, place in places.items():
+                values = batch.column(name).cast(pa.float64() if place.dtype == np.float64 else pa.int64())
+                columns.scratch.write(place, values.to_numpy(zero_copy_only=False), start)
+            start += len(batch)
+    return Table(columns, _metadata(schema), digest)
+
+
+def _nulls(metadata: pa.parquet.FileMetaData, column: int) -> bool:
+    """Whether a column may have rows without a value."""
+    found = [metadata.row_group(group).column(column).statistics for group in range(metadata.num_row_groups)]
+    return any(entry is None or not entry.has_null_count or entry.null_count for entry in found)
+
+
+def _is_numeric(path: Path, name: str, kind: pa.DataType) -> bool:
+    """True for whole numbers, False for others; what holds no numbers is refused."""
+    if not (pa.types.is_integer(kind) or pa.types.is_floating(kind) or pa.types.is_null(kind)):
+        raise RecordingError(f"{path}: {name}: holds {kind}, not numbers; remove the column or export numbers")
+    return bool(pa.types.is_integer(kind))
+
+
+def _numeric(path: Path, name: str, column: pa.ChunkedArray) -> npt.NDArray[np.float64] | npt.NDArray[np.int64]:
+    if _is_numeric(path, name, column.type) and column.null_count == 0:
+        values = column.to_numpy()
+        if values.dtype == np.uint64 and values.size and values.max() > np.iinfo(np.int64).max:
+            return np.asarray(values, dtype=np.float64)
+        return np.asarray(values, dtype=np.int64)
+    return np.array(column.cast(pa.float64()).to_numpy(), dtype=np.float64)
+
+
+@contextmanager
+def replacing(path: Path) -> Iterator[Path]:
+    """A temporary path beside ``path`` that takes its place, synced, when the block ends well; else it is removed.
+
+    A reader sees the old file or the new one, never half of one, also after a power cut.
+    """
+    path.parent.mkdir(parents=True, exist_ok=True)
+    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+    try:
+        yield temporary
+        with temporary.open("rb") as file:
+            os.fsync(file.fileno())
+        temporary.replace(path)
+        directory = os.open(path.parent, os.O_RDONLY)
+        try:
+            os.fsync(directory)
+        finally:
+            os.close(directory)
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def write_table(path: Path, table: pa.Table) -> None:
+    """Write a table as its suffix says (``.parquet``, ``.csv``), whole or not at all.
+
+    Raises
+    ------
+    RecordingError
+        If the suffix is another one or the place cannot be written.
+    """
+    suffix = path.suffix.lower()
+    if suffix not in SUFFIXES:
+        raise RecordingError(f"{path}: unknown kind of file '{suffix}'; use .parquet or .csv")
+    try:
+        with replacing(path) as temporary:
+            if suffix == ".csv":
+                pa.csv.write_csv(table, temporary)
+            else:
+                pa.parquet.write_table(table, temporary, compression="zstd")
+    except OSError as error:
+        raise RecordingError(f"{path}: cannot be written ({error.strerror or error})") from None
+
+
+def write_columns(path: Path, table: Table) -> None:
+    """Write a table that was read, with its metadata (errors as :func:`write_table`)."""
+    write_table(path, pa.table(dict(table.columns)).replace_schema_metadata(dict(table.metadata)))

@@ -1,0 +1,265 @@
+"""From a file of any tool to one table in a machine's channels, at the machine's rate if that is asked for.
+
+``read_table`` or ``read_rasters`` (what the file holds), ``in_channels`` (which column is what), then
+:func:`load_table` puts rasters together: as they are where there is one at the machine's rate, else resampled, never
+silently.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+import pyarrow as pa
+
+from daq.errors import RecordingError
+from daq.machine.machine_file import Channel, Machine
+from daq.quality import MEASURED, Quality
+from daq.recordings import recording_checks as checks
+from daq.recordings.column_map import ColumnMap, in_channels, mapped_columns_are_there, wanted_columns
+from daq.recordings.foreign_files import is_foreign, read_rasters
+from daq.recordings.recording_files import Table, read_table, write_table
+from daq.recordings.resampling import PASSBAND, Resampled, grid, resample
+from daq.units import Conversion, conversion
+
+FloatArray = npt.NDArray[np.float64]
+
+
+def load_table(
+    path: Path,
+    machine: Machine,
+    columns: ColumnMap | None = None,
+    *,
+    resampled: bool = False,
+    role: str | None = None,
+) -> tuple[Table, tuple[str, ...]]:
+    """The table of a file in the machine's channels, and lines that say what was done to it.
+
+    Parameters
+    ----------
+    path : CSV, Parquet, MDF4, MAT or a ROS 2 bag, told apart by content
+    columns : which column is which channel, where names do not tell
+    resampled : whether another rate than the machine's may be brought to it (:mod:`daq.recordings.resampling`)
+    role : what the recording is to be used as; None where that is not decided
+
+    Raises
+    ------
+    RecordingError
+        One line: file, column, what to do.
+    """
+    if not is_foreign(path):
+        found = read_table(path)
+        as_role = role or found.metadata.get("hilfit.role", "operation")
+        checks.metadata_fits(path, found.metadata, machine, as_role)
+        table = in_channels(path, found, machine, columns)
+        checks.columns_fit(path, table, machine)
+        tables = [table]
+    else:
+        tables = _of_rasters(path, machine, columns)
+    if any(table.rows == 0 for table in tables):
+        return tables[0], ()
+    if len(tables) == 1 and not (resampled and _is_other(tables[0], machine.rate_hz)):
+        return tables[0], ()
+    if not resampled:
+        first, second = (next(name for name in table.columns if name != "time") for table in tables[:2])
+        raise RecordingError(
+            f"{path}: {second}: stands on other times than {first}; export all channels on one raster, or give "
+            "--resample"
+        )
+    return _resampled(path, machine, tables)
+
+
+def _of_rasters(path: Path, machine: Machine, columns: ColumnMap | None) -> list[Table]:
+    """The tables of a file of several time bases that have a channel of the machine; each channel once."""
+    names = {channel.name for channel in machine.channels}
+    rasters = _merged(read_rasters(path, wanted_columns(machine, columns)))
+    mapped_columns_are_there(path, columns, [name for raster in rasters for name in raster.columns])
+    tables = [in_channels(path, raster, machine, columns, all_known=False) for raster in rasters]
+    tables = [table for table in tables if names & set(table.columns)]
+    if not tables:
+        raise RecordingError(
+            f"{path}: has no channel of '{machine.name}'; name the channels as the machine file does, or give --map"
+        )
+    together: dict[str, object] = {}
+    for table in tables:
+        for name in table.columns:
+            if name in together and name != "time":
+                raise RecordingError(f"{path}: {name}: is there on two time bases; say which column with --map")
+            together[name] = None
+    checks.columns_fit(path, Table(dict.fromkeys(together, np.zeros(0)), {}, ""), machine)
+    return tables
+
+
+def _merged(rasters: Sequence[Table]) -> list[Table]:
+    """The same tables, those of one clock put together."""
+    result: list[Table] = []
+    for raster in rasters:
+        time = raster.columns.get("time")
+        same = [n for n, t in enumerate(result) if time is not None and np.array_equal(t.columns.get("time", ()), time)]
+        if not same:
+            result.append(raster)
+            continue
+        first = result[same[0]]
+        units = json.loads(first.metadata["hilfit.units"]) | json.loads(raster.metadata["hilfit.units"])
+        columns = {**raster.columns, **first.columns}
+        result[same[0]] = Table(columns, {**first.metadata, "hilfit.units": json.dumps(units)}, first.sha256)
+    return result
+
+
+def _is_other(table: Table, rate_hz: float) -> bool:
+    """Whether a table is of another rate, or of a clock that is too uneven to be taken as it is."""
+    time = np.asarray(table.columns["time"], dtype=np.float64)
+    return len(time) > 2 and bool(np.all(np.diff(time) > 0)) and not checks.runs_at(time, rate_hz)
+
+
+def _resampled(path: Path, machine: Machine, tables: Sequence[Table]) -> tuple[Table, tuple[str, ...]]:
+    times = []
+    for table in tables:
+        time = np.asarray(table.columns["time"], dtype=np.float64)
+        checks.time_increases(path, time)
+        if len(time) < 3:
+            raise RecordingError(f"{path}: time: has {len(time)} rows, too few to resample; record longer")
+        times.append(time)
+    at = grid(times, machine.rate_hz)
+    if len(at) < 2:
+        raise RecordingError(f"{path}: its channels were not recorded at the same time; export a common stretch")
+    done = [
+        resample(time, _measured(path, table, machine, time), machine.rate_hz, at)
+        for time, table in zip(times, tables, strict=True)
+    ]
+    values = {name: column for part in done for name, column in part.values.items()}
+    known = np.flatnonzero(np.any([np.isfinite(column) for column in values.values()], axis=0))
+    kept = slice(int(known[0]), int(known[-1]) + 1) if len(known) else slice(0, 0)
+    result: dict[str, npt.NDArray[np.float64] | npt.NDArray[np.int64]] = {"time": at[kept]}
+    for channel in machine.channels:
+        column = values[channel.name][kept]
+        result[channel.name] = column
+        if not np.all(np.isfinite(column)):
+            result[f"{channel.name}.quality"] = np.where(
+                np.isfinite(column), int(Quality.FRESH), int(Quality.MISSING)
+            ).astype(np.int64)
+    units: dict[str, str] = {}
+    for table in tables:
+        units |= json.loads(table.metadata.get("hilfit.units", "{}"))
+    metadata = {**tables[0].metadata, "hilfit.units": json.dumps(units)}
+    return Table(result, metadata, tables[0].sha256), (_said(path, machine, done),)
+
+
+def _measured(path: Path, table: Table, machine: Machine, time: FloatArray) -> dict[str, FloatArray]:
+    """The channels of a table as measured, NaN where they were not; what a low pass would hide is looked at first."""
+    found = {}
+    units = units_on_disk(path, table, machine)
+    for channel in machine.channels:
+        if channel.name not in table.columns:
+            continue
+        values = np.array(table.columns[channel.name], dtype=np.float64)
+        flags = table.columns.get(f"{channel.name}.quality")
+        checks.values_are_numbers(
+            path, channel.name, values, time, None if flags is None else np.asarray(flags, dtype=np.uint8)
+        )
+        if flags is not None:
+            values[~np.isin(flags, MEASURED)] = np.nan
+        checks.not_saturated(path, channel, machine, units[channel.name].to_si(values), time)
+        found[channel.name] = values
+    return found
+
+
+def _said(path: Path, machine: Machine, done: Sequence[Resampled]) -> str:
+    rates = ", ".join(dict.fromkeys(f"{part.rate_hz:.5g}" for part in done))
+    uneven = " with uneven steps" if any(part.uneven for part in done) else ""
+    slowest = min(part.rate_hz for part in done)
+    kept = PASSBAND * 0.5 * min(slowest, machine.rate_hz)
+    text = f"{path.name}: resampled from {rates} Hz{uneven} to {machine.rate_hz:g} Hz"
+    if any(not checks.same_rate(part.rate_hz, machine.rate_hz) for part in done):
+        text += f" with a zero-phase low pass, flat to {kept:.3g} Hz"
+    if slowest < machine.rate_hz and not checks.same_rate(slowest, machine.rate_hz):
+        text += f"; the file is slower than the machine, so nothing above {0.5 * slowest:.3g} Hz is in it"
+    lost = max(part.gap_seconds for part in done)
+    return text + (f"; {lost:.2g} s beside gaps and at the ends are left out" if lost > 0 else "")
+
+
+def import_file(
+    path: Path,
+    machine: Machine,
+    output: Path,
+    columns: ColumnMap | None = None,
+    *,
+    resampled: bool = False,
+    role: str | None = None,
+    shown: str | None = None,
+) -> tuple[int, tuple[str, ...]]:
+    """Write a file of any tool as a recording in the machine's channels and units; rows, and what was done to it.
+
+    Parameters
+    ----------
+    output : .parquet or .csv
+    role : what it is for, kept in the recording; None leaves that to whoever uses it
+    shown : the file's name for people, in what was done to it; its own if None
+
+    Raises
+    ------
+    RecordingError
+        One line: file, column, what to do. Nothing is written then.
+    """
+    table, notes = load_table(path, machine, columns, resampled=resampled)
+    notes = (*stored_notes(table), *(note.replace(path.name, shown or path.name) for note in notes))
+    if table.rows == 0:
+        raise RecordingError(f"{path}: has a header but no rows; export it again")
+    time = np.asarray(table.columns["time"], dtype=np.float64)
+    checks.time_runs(path, time, machine.rate_hz)
+    units = units_on_disk(path, table, machine)
+    arrays: dict[str, npt.NDArray[np.generic]] = {"time": time}
+    for channel in machine.channels:
+        values = np.asarray(table.columns[channel.name], dtype=np.float64)
+        flags = table.columns.get(f"{channel.name}.quality")
+        checks.values_are_numbers(
+            path, channel.name, values, time, None if flags is None else np.asarray(flags, dtype=np.uint8)
+        )
+        arrays[channel.name] = machine.conversion(channel).from_si(units[channel.name].to_si(values))
+    for name in table.columns:
+        if name not in arrays:
+            kind = np.int64 if name in ("cycle", "utc_ns") else np.uint8 if name.endswith(".quality") else np.float64
+            arrays[name] = np.asarray(table.columns[name]).astype(kind)
+    metadata = {
+        "hilfit.schema": "hilfit/recording/1",
+        "hilfit.machine": machine.name,
+        "hilfit.rate_hz": repr(machine.rate_hz),
+        "hilfit.units": json.dumps({channel.name: channel.unit for channel in machine.channels}),
+        **({} if role is None else {"hilfit.role": role}),
+        **({"hilfit.notes": json.dumps(notes)} if notes else {}),
+    }
+    write_table(output, pa.table(arrays).replace_schema_metadata(metadata))
+    return len(time), notes
+
+
+def stored_notes(table: Table) -> tuple[str, ...]:
+    """Lines that an earlier import left in the file of what it did; others' texts are cut to what a report can hold."""
+    try:
+        notes = json.loads(table.metadata.get("hilfit.notes", "[]"))
+    except ValueError:
+        return ()
+    texts = [note for note in notes if isinstance(note, str)] if isinstance(notes, list) else []
+    return tuple(" ".join(note.split())[:400] for note in texts[:8])
+
+
+def units_on_disk(path: Path, table: Table, machine: Machine) -> dict[str, Conversion]:
+    """Conversions of the file's columns: by the units that it carries, else by those that the machine file declares."""
+    text = table.metadata.get("hilfit.units")
+    try:
+        units = json.loads(text) if text is not None else {}
+    except ValueError:
+        units = None
+    if not isinstance(units, dict):
+        raise RecordingError(f"{path}: metadata 'hilfit.units' is damaged; record or export it again")
+    return {channel.name: _conversion(path, machine, channel, units) for channel in machine.channels}
+
+
+def _conversion(path: Path, machine: Machine, channel: Channel, units: Mapping[str, object]) -> Conversion:
+    unit = str(units.get(channel.name, channel.unit))
+    try:
+        return conversion(unit, machine.si_unit(channel))
+    except ValueError as error:
+        raise RecordingError(f"{path}: {channel.name}: {error}; correct the file's metadata 'hilfit.units'") from None

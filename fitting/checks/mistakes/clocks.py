@@ -1,0 +1,161 @@
+"""The clock of the efforts against that of the positions: an offset or a rate that all joints share.
+
+A late sensor is an effect; a bus whose clock is not that of the other one makes all of its channels late by the same
+time, or by one that grows. Both are estimated for each joint alone, with everything else of it free: an effort that is
+late by ``d0 + d1 t`` is, to first order, ``y - (d0 + d1 t) y'``; the efforts are moved by what was found and the rest
+is estimated again.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from fitting.arm.dynamics import rigid_body_regressor
+from fitting.checks.mistakes.hypothesis import CLEAR
+from fitting.checks.mistakes.physical import Trial, declared, friction, measured_effort, without
+from fitting.checks.mistakes.samples import EFFORTS, Samples
+
+FloatArray = npt.NDArray[np.float64]
+
+_ITERATIONS = 4
+#: s from which the estimate begins as well, where efforts are left unexplained by more than this (geometric mean).
+STARTS, _BADLY = (-1.5, -1.0, -0.6, -0.3, 0.3, 0.6, 1.0, 1.5), 0.1
+#: s; a common delay below is a filter of the transducers. One joint alone may have a late sensor of 0.1 s.
+OFFSET, OFFSET_ALONE = 0.06, 0.25
+#: s by which a clock has to run away over the longest recording.
+RUNS_AWAY = 0.12
+#: Joints agree within this share and so many standard errors; each that counts has this many.
+_AGREE, _SIGMAS, _OWN_SIGMAS = 0.3, 4.0, 5.0
+_COLOURED = 3.0
+#: What is left of the efforts has to fall by this factor (geometric mean of the joints).
+_FALLS = 1.3
+
+
+@dataclass(frozen=True)
+class Clock:
+    """Efforts late by ``offset + rate * t`` s, with the misfits (geometric means) before and after."""
+
+    offset: float
+    rate: float
+    before: float
+    after: float
+    samples: Samples
+
+
+def clock_of(trial: Trial) -> Clock | None:
+    """What all joints' efforts are late by; None if that is nothing that they share, or nothing much."""
+    samples = trial.samples
+    keys = [key for key in samples.dense if key[0] in EFFORTS]
+    begins = np.array(
+        [samples.time[samples.recording == k].min(initial=np.inf) for k in range(samples.recording.max() + 1)]
+    )
+    since = samples.time - begins[samples.recording]
+    length = float(since.max(initial=0.0))
+    bodies = _Bodies(trial)
+    first = bodies.estimates(samples, since)
+    if len(first) == 0:
+        return None
+    found = _from(0.0, bodies, samples, keys, since, first)
+    if np.exp(np.mean(np.log(first[:, 4]))) > _BADLY:
+        # The expansion holds for delays well below a period of the motion; beyond, it has to begin nearby.
+        starts = [_from(start, bodies, samples, keys, since, first) for start in STARTS]
+        found = min([own for own in (found, *starts) if own is not None], key=lambda own: own.after, default=None)
+    if found is None:
+        return None
+    least = OFFSET if len(first) > 1 else OFFSET_ALONE
+    runs_away = abs(found.rate) * length
+    falls = _FALLS if len(first) > 1 else CLEAR
+    if found.before < falls * found.after or (abs(found.offset) < least and runs_away < RUNS_AWAY):
+        return None
+    return found if runs_away > RUNS_AWAY else replace(found, rate=0.0)
+
+
+def _from(
+    start: float,
+    bodies: _Bodies,
+    samples: Samples,
+    keys: Sequence[tuple[str, int]],
+    since: FloatArray,
+    first: FloatArray,
+) -> Clock | None:
+    """The clock that is found from an offset to begin with; None if the joints do not share one."""
+    offset, rate = start, 0.0
+    moved = samples.moved(keys, offset) if start else samples
+    estimates = bodies.estimates(moved, since) if start else first
+    if not start and not _shared(estimates[:, 0], estimates[:, 1]) and not _shared(estimates[:, 2], estimates[:, 3]):
+        return None
+    for _ in range(_ITERATIONS):
+        if len(estimates) != len(first):
+            return None
+        faster = _middle(estimates[:, 2], estimates[:, 3])
+        offset += _middle(estimates[:, 0], estimates[:, 1]) - faster * float(since.mean())
+        rate += faster
+        if abs(offset) > 3.0 or abs(rate) > 0.1:
+            return None
+        moved = samples.moved(keys, offset + rate * since)
+        estimates = bodies.estimates(moved, since)
+    if len(estimates) != len(first):
+        return None
+    before, after = (float(np.exp(np.mean(np.log(m)))) for m in (first[:, 4], estimates[:, 4]))
+    return Clock(offset, rate, before, after, moved)
+
+
+def _middle(values: FloatArray, stds: FloatArray) -> float:
+    weights = 1.0 / np.maximum(stds, 1e-9) ** 2
+    return float(np.sum(weights * values) / np.sum(weights))
+
+
+def _shared(values: FloatArray, stds: FloatArray) -> bool:
+    """Whether all joints have the same number, within their errors, and it is not zero."""
+    middle = float(np.median(values))
+    near = np.abs(values - middle) < np.maximum(_AGREE * abs(middle), _SIGMAS * stds)
+    sure = np.abs(values) > _OWN_SIGMAS * stds
+    return bool(np.mean(near) >= 0.8 and np.mean(sure) >= 0.5)
+
+
+class _Bodies:
+    """Columns of the joints, which a shift of the efforts leaves as they are."""
+
+    def __init__(self, trial: Trial) -> None:
+        self._trial = trial
+        motion, samples = trial.motion, trial.samples
+        body = rigid_body_regressor(trial.machine, motion.q, motion.qd, motion.qdd)
+        self._rows, self._columns = [], []
+        for number, joint in enumerate(trial.machine.joints):
+            rows = motion.active[:, number] & samples.used & (samples.loaded | (joint.cylinder is not None))
+            own = np.where(samples.loaded[:, None], body[:, number] / motion.r[:, [number]], 0.0)
+            v, a, x = motion.v[:, number], motion.a[:, number], motion.x[:, number]
+            columns = np.column_stack([own, a, friction(v, motion.speed_noise[number]), np.ones(len(v)), x])
+            self._rows.append(rows)
+            self._columns.append(columns[rows])
+
+    def estimates(self, samples: Samples, since: FloatArray) -> FloatArray:
+        """Rows ``(d0, its error, d1, its error, misfit)`` of the joints that say something; ``d0`` at mid-time."""
+        result = []
+        trial = replace(self._trial, samples=samples)
+        for number in range(len(trial.machine.joints)):
+            rows, columns = self._rows[number], self._columns[number]
+            kept = samples.used[rows]
+            rows, columns = rows & samples.used, columns[kept]
+            if not declared(trial.machine, samples, number) or np.count_nonzero(rows) < 60:
+                continue
+            y, slope = measured_effort(trial, number)
+            middle = since - since.mean()
+            late = without(columns, np.column_stack([slope, slope * middle])[rows])
+            target = without(columns, y[rows])
+            gram = late.T @ late
+            freedom = np.count_nonzero(rows) - columns.shape[1]
+            if freedom < 50 or np.linalg.cond(gram) > 1e14:
+                continue
+            theta = np.linalg.solve(gram, late.T @ target)
+            left = target - late @ theta
+            errors = _COLOURED * np.linalg.norm(left) / np.sqrt(freedom) * np.sqrt(np.diag(np.linalg.inv(gram)))
+            # y is late: y = true - d y', so its coefficient is -d.
+            d0, error0, d1 = -theta[0], float(errors[0]), -theta[1]
+            misfit = float(np.linalg.norm(target) / np.linalg.norm(y[rows] - y[rows].mean()))
+            result.append((d0, error0, d1, float(errors[1]), misfit))
+        return np.array(result).reshape(-1, 5)

@@ -1,0 +1,39 @@
+"""Forces that another joint's motion causes at a joint: the other effect that can be most of a small joint's effort.
+
+It is no mistake either, so before an effort is called unexplained, it is tried: the joint's own model with functions of
+every other joint's position, speed and acceleration beside it.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from fitting.arm.dynamics import rigid_body_regressor
+from fitting.checks.mistakes.physical import Trial, declared, friction, measured_effort, without
+
+FloatArray = npt.NDArray[np.float64]
+
+#: Shares of the usual speed and acceleration at which a saturating coupling bends.
+_KNEES = (0.1, 0.3, 1.0)
+
+
+def with_couplings(trial: Trial, number: int) -> float:
+    """Misfit of one joint where the other joints' motion may push it; NaN if the joint says nothing."""
+    motion, samples, machine = trial.motion, trial.samples, trial.machine
+    rows = motion.active[:, number] & samples.loaded & samples.used
+    others = [k for k in range(len(machine.joints)) if k != number]
+    if not declared(machine, samples, number) or np.count_nonzero(rows) < 60 or not others:
+        return np.nan
+    y = measured_effort(trial, number)[0]
+    body = rigid_body_regressor(machine, motion.q, motion.qd, motion.qdd)[:, number] / motion.r[:, [number]]
+    columns = [body, motion.a[:, number], friction(motion.v[:, number], motion.speed_noise[number])]
+    columns += [np.ones(len(y)), motion.x[:, number]]
+    for other in others:
+        columns.append(motion.q[:, other])
+        for rate in (motion.qd[:, other], motion.qdd[:, other]):
+            usual = max(float(np.sqrt(np.mean(rate[rows] ** 2))), 1e-12)
+            columns += [rate / usual, *(np.tanh(rate / (knee * usual)) for knee in _KNEES)]
+    A, target = np.column_stack(columns)[rows], y[rows]
+    spread = float(np.linalg.norm(target - target.mean()))
+    return float(np.linalg.norm(without(A, target))) / spread if spread > 0 else np.nan

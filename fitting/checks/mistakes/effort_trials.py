@@ -1,0 +1,149 @@
+"""Trials of efforts: chambers swapped, signs, units, cables exchanged between joints, bore and rod, scale."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+
+import numpy as np
+
+from fitting.checks.mistakes.factors import gains
+from fitting.checks.mistakes.hypothesis import Build, Hypothesis, Targets
+from fitting.checks.mistakes.physical import Trial, declared
+
+
+def _weighted(number: int, change: Callable[[dict[str, float]], dict[str, float]]) -> Build:
+    def build(trial: Trial, targets: Targets) -> tuple[Trial, Targets]:
+        own = dict(targets.get(number) or declared(trial.machine, trial.samples, number))
+        return trial, {**targets, number: change(own)}
+
+    return build
+
+
+def efforts(trial: Trial, *, exchanges: bool = True) -> Iterator[Hypothesis]:
+    machine, samples = trial.machine, trial.samples
+    n = len(machine.joints)
+    for j, joint in enumerate(machine.joints):
+        if trial.blocks[j] is None:
+            continue
+        own = declared(machine, samples, j)
+        head, rod = f"head_pressure{j}", f"rod_pressure{j}"
+        if head in own and joint.cylinder is not None:
+            A1, A2 = joint.cylinder.head_area, joint.cylinder.rod_area
+            yield Hypothesis(
+                "swapped_chambers", (j,), "head and rod pressure look swapped",
+                "swap the two channels",
+                _weighted(j, lambda w, h=head, r=rod, a=A1, b=A2: {**w, h: -b, r: a}),  # type: ignore[misc]
+                ("head_pressure", "rod_pressure"), exact=True,
+            )  # fmt: skip
+            for name, quantity in ((head, "head_pressure"), (rod, "rod_pressure")):
+                signal = samples.get(quantity, j)
+                if signal is not None and np.median(signal.value) < 0:  # a pressure with the right sign is positive
+                    yield Hypothesis(
+                        "sign", (j,), "{channel} looks as if it had the wrong sign", "correct the sign of its scale",
+                        _weighted(j, lambda w, c=name: {**w, c: -w[c]}), (quantity,), factor=-1.0, price=1.2,  # type: ignore[misc]
+                        exact=True,
+                    )  # fmt: skip
+                channel = machine.channel(quantity, joint.name)
+                assert channel is not None
+                for gain, unit in gains("Pa", machine.conversion(channel).factor).items():
+                    yield Hypothesis(
+                        "unit", (j,), f"the values of {{channel}} look like {unit}", f"set its unit to '{unit}'",
+                        _weighted(j, lambda w, c=name, g=gain: {**w, c: g * w[c]}), (quantity,), factor=gain,  # type: ignore[misc]
+                    )  # fmt: skip
+        measured = next((q for q in ("cylinder_force", "joint_effort") if f"{q}{j}" in own), None)
+        yield Hypothesis(
+            "sign", (j,),
+            "the effort looks as if it had the wrong "
+            "sign" if measured is None else "{channel} looks as if it had the wrong sign",
+            "exchange the chambers' ends, or correct the direction in which the cylinder acts (linkage offset)"
+            if measured is None else "correct the sign of its scale",
+            _weighted(j, lambda w: {k: (v if k == "known" else -v) for k, v in w.items()}),
+            (measured,) if measured else ("head_pressure", "rod_pressure"), factor=-1.0, price=1.3,
+            exact=True,
+        )  # fmt: skip
+        if n > 1 and measured is not None:
+            channel = machine.channel(measured, joint.name)
+            assert channel is not None
+            for gain, unit in gains(machine.si_unit(channel), machine.conversion(channel).factor).items():
+                yield Hypothesis(
+                    "unit", (j,), f"the values of {{channel}} look like {unit}", f"set its unit to '{unit}'",
+                    _weighted(j, lambda w, g=gain: {k: g * v for k, v in w.items()}), (measured,), factor=gain,  # type: ignore[misc]
+                )  # fmt: skip
+        for other in range(n) if exchanges else ():
+            if other == j:
+                continue
+            yield from _exchanges(trial, j, other)
+
+
+def _exchanges(trial: Trial, j: int, other: int) -> Iterator[Hypothesis]:
+    """Channels of two joints exchanged: the whole effort, or one chamber; or one that is connected twice."""
+    machine, samples = trial.machine, trial.samples
+    own, theirs = declared(machine, samples, j), declared(machine, samples, other)
+    names = machine.joints[j].name, machine.joints[other].name
+    quantities = sorted(
+        {k.rstrip("0123456789") for k in own if k != "known"} & {k.rstrip("0123456789") for k in theirs}
+    )
+    if not quantities or trial.blocks[other] is None:
+        return
+    sets = [tuple(quantities)] + [(q,) for q in quantities if len(quantities) > 1]
+
+    def build_of(chosen: tuple[str, ...]) -> Build:
+        def renamed(weights: Mapping[str, float], a: int, b: int) -> dict[str, float]:
+            return {(k[: -len(str(a))] + str(b) if k != "known" and k.rstrip("0123456789") in chosen else k): v
+                    for k, v in weights.items()}  # fmt: skip
+
+        def build(trial: Trial, targets: Targets) -> tuple[Trial, Targets]:
+            first = targets.get(j) or declared(trial.machine, trial.samples, j)
+            second = targets.get(other) or declared(trial.machine, trial.samples, other)
+            return trial, {**targets, j: renamed(first, j, other), other: renamed(second, other, j)}
+
+        return build
+
+    if j < other:
+        for chosen in sets:
+            what = " and ".join(q.replace("_", " ") for q in chosen)
+            yield Hypothesis(
+                "exchanged_channels", (j, other), f"{what} of {names[0]} and {names[1]} look exchanged",
+                "exchange the channels' names or sources", build_of(chosen), chosen, price=1.1,
+                exact=True,
+            )  # fmt: skip
+
+
+def sizes(trial: Trial) -> Iterator[Hypothesis]:
+    """Another bore or rod: both areas estimated, with all other joints as the measure."""
+    for j, joint in enumerate(trial.machine.joints):
+        block = trial.blocks[j]
+        if block is None or joint.cylinder is None or f"head_pressure{j}" not in block.names:
+            continue
+        bore, rod = joint.cylinder.bore, joint.cylinder.rod
+        for factor in (0.1, 0.5, 0.63, 0.7, 0.794, 1.25, 1.4, 1.6, 2.0, 10.0):
+            for code, b, d in (("bore", factor * bore, rod), ("rod", bore, factor * rod)):
+                if not 0 < d < b:
+                    continue
+                A1, A2 = np.pi / 4 * b**2, np.pi / 4 * (b**2 - d**2)
+                old, new = (bore, b) if code == "bore" else (rod, d)
+                yield Hypothesis(
+                    code, (j,), f"the {code} looks like {1e3 * new:.3g} mm instead of {1e3 * old:.3g} mm",
+                    f"measure the {code} and correct it",
+                    _weighted(j, lambda w, h=f"head_pressure{j}", r=f"rod_pressure{j}", a=A1, c=A2: {**w, h: a, r: -c}),  # type: ignore[misc]
+                    key=("joints", j, "cylinder", code), factor=factor, price=1.5,
+                )  # fmt: skip
+
+
+#: Scales of a whole effort that are tried; a transducer's gain is an effect up to ten per cent.
+SCALES = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 1.25, 1.4, 1.6, 2.0, 2.5, 3.3, 5.0, 10.0)
+
+
+def scales(trial: Trial) -> Iterator[Hypothesis]:
+    """A joint's effort too large or too small as a whole, whatever the reason."""
+    for j in range(len(trial.machine.joints)):
+        if trial.blocks[j] is None or len(trial.machine.joints) < 2:
+            continue
+        for factor in SCALES:
+            yield Hypothesis(
+                "effort_scale", (j,), f"the effort looks {1 / factor:.2g} times as large as the other joints' "
+                "efforts allow",
+                "check bore, lever arm (linkage) and the scale of its pressures or torque",
+                _weighted(j, lambda w, g=factor: {k: (v if k == "known" else g * v) for k, v in w.items()}),  # type: ignore[misc]
+                key=("joints", j), factor=factor, price=1.75,
+            )  # fmt: skip

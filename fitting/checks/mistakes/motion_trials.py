@@ -1,0 +1,265 @@
+"""Trials of positions and clocks: signs, units, offsets, exchanged sensors, roles of recordings."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+import numpy.typing as npt
+
+from fitting.checks.mistakes.factors import gains
+from fitting.checks.mistakes.hypothesis import CLEAR, Build, Hypothesis, Targets
+from fitting.checks.mistakes.physical import Trial
+from fitting.checks.mistakes.samples import EFFORTS, Signal
+
+BoolArray = npt.NDArray[np.bool_]
+
+
+def mapped(key: tuple[str, int], gain: float, offset: float = 0.0) -> Build:
+    def build(trial: Trial, targets: Targets) -> tuple[Trial, Targets]:
+        signal = trial.samples.get(*key)
+        if signal is None:
+            raise ValueError("no such channel")
+        return trial.with_samples(trial.samples.replaced({key: signal.mapped(gain, offset)})), targets
+
+    return build
+
+
+#: Factors by which an encoder's counts are mistaken: edges of both tracks, one of two, diameters for radii.
+COUNTS = (0.25, 0.5, 2.0, 4.0)
+#: Shares of a stroke by which the zero of a piston's sensor is off.
+ZEROS = (-0.5, -0.33, -0.2, 0.2, 0.33, 0.5)
+
+
+def times_too(gain: float) -> str:
+    """``2 times too large`` for a factor that values have to be multiplied with."""
+    return f"{max(gain, 1 / gain):g} times too {'large' if gain < 1 else 'small'}"
+
+
+def motions(trial: Trial, *, exchanges: bool = True) -> Iterator[Hypothesis]:
+    machine, samples = trial.machine, trial.samples
+    for j, joint in enumerate(machine.joints):
+        quantity = trial.positions[j]
+        signal = samples.get(quantity, j)
+        channel = machine.channel(quantity, joint.name)
+        if signal is None or channel is None:
+            continue
+        piston = quantity == "piston_position"
+        about = joint.cylinder.stroke if piston and joint.cylinder is not None else 0.0
+        yield Hypothesis(
+            "sign", (j,), "{channel} looks as if it counted the other way",
+            "correct the sign of its scale" + (" (0 is fully retracted)" if piston else ""),
+            mapped((quantity, j), -1.0, about), (quantity,), factor=-1.0,
+        )  # fmt: skip
+        si = machine.si_unit(channel)
+        for gain, unit in gains(si, machine.conversion(channel).factor).items():
+            # A smaller position is tried only where the one as it is goes beyond what the joint can do.
+            if _fits(trial, j, signal.mapped(gain)) and (abs(gain) > 1 or not _fits(trial, j, signal)):
+                yield Hypothesis(
+                    "unit", (j,), f"the values of {{channel}} look like {unit}", f"set its unit to '{unit}'",
+                    mapped((quantity, j), gain), (quantity,), factor=gain,
+                )  # fmt: skip
+        if not piston and si == "rad":
+            for degrees in (90, -90, 180):
+                offset = float(np.deg2rad(degrees))
+                yield Hypothesis(
+                    "offset", (j,), f"{{channel}} looks {degrees} degrees off",
+                    "correct its offset, or theta of the joint", mapped((quantity, j), 1.0, offset), (quantity,),
+                    factor=offset, price=1.4,
+                )  # fmt: skip
+        if piston and joint.cylinder is not None:
+            for share in ZEROS:
+                offset = share * joint.cylinder.stroke
+                if _fits(trial, j, signal.mapped(1.0, offset)):
+                    way = "small" if offset > 0 else "large"
+                    yield Hypothesis(
+                        "offset", (j,), f"{{channel}} looks {1e3 * abs(offset):.3g} mm too {way}",
+                        "correct its offset (0 is fully retracted)", mapped((quantity, j), 1.0, offset), (quantity,),
+                        factor=offset, price=1.6,
+                    )  # fmt: skip
+        for gain in COUNTS if exchanges else ():
+            if _fits(trial, j, signal.mapped(gain)):
+                yield Hypothesis(
+                    "scale", (j,), f"{{channel}} looks {times_too(gain)}",
+
+                    "correct its scale (counts per turn, edges that are counted, gear ratio)",
+                    mapped((quantity, j), gain), (quantity,), factor=gain, price=1.65,
+                )  # fmt: skip
+        for other in range(j + 1, len(machine.joints)) if exchanges else ():
+            if samples.get(quantity, other) is not None and trial.positions[other] == quantity:
+                yield Hypothesis(
+                    "exchanged_channels", (j, other),
+                    f"{quantity.replace('_', ' ')} of {joint.name} and {machine.joints[other].name} look exchanged",
+                    "exchange the channels' names or sources", _exchanged(quantity, j, other), (quantity,), price=1.1,
+                )  # fmt: skip
+
+
+def _fits(trial: Trial, number: int, signal: Signal) -> bool:
+    """Whether a position stays within what the joint can do, half as much again."""
+    joint = trial.machine.joints[number]
+    low, high = joint.limits.position
+    if trial.positions[number] == "piston_position" and joint.cylinder is not None:
+        low, high = 0.0, joint.cylinder.stroke
+    slack = 0.5 * (high - low)
+    return bool(np.percentile(signal.value, 1) > low - slack and np.percentile(signal.value, 99) < high + slack)
+
+
+def _exchanged(quantity: str, j: int, other: int) -> Build:
+    def build(trial: Trial, targets: Targets) -> tuple[Trial, Targets]:
+        a, b = trial.samples.get(quantity, j), trial.samples.get(quantity, other)
+        assert a is not None and b is not None
+        return trial.with_samples(trial.samples.replaced({(quantity, j): b, (quantity, other): a})), targets
+
+    return build
+
+
+#: Delays that are tried, s: beyond the tens of milliseconds of a late sensor.
+DELAYS = (-2.0, -1.0, -0.5, -0.25, 0.25, 0.5, 1.0, 2.0)
+#: Clocks that run fast or slow against one another.
+RATES = (-0.02, -0.01, -0.005, -0.002, 0.002, 0.005, 0.01, 0.02)
+
+
+def times(trial: Trial) -> Iterator[Hypothesis]:
+    efforts = tuple(key for key in trial.samples.dense if key[0] in EFFORTS)
+    for delay in DELAYS:
+        yield Hypothesis(
+            "clock_offset", (), f"all efforts look {abs(delay):.2g} s {'late' if delay > 0 else 'early'} against "
+            "the positions",
+            "put both buses on one clock, or move the "
+            "columns", delayed(efforts, delay), EFFORTS, factor=delay, price=1.2,
+        )  # fmt: skip
+    for rate in RATES:
+        yield Hypothesis(
+            "clock_rate", (), f"the clock of the efforts runs {1e2 * abs(rate):.2g} % {'fast' if rate > 0 else 'slow'}"
+            " against that of the positions",
+            "put both buses on one clock", _stretched(efforts, rate), EFFORTS, factor=rate, price=1.3,
+        )  # fmt: skip
+    for factor in TRUE_RATES:
+        yield Hypothesis(
+            "wrong_rate", (), f"the motion looks {factor:g} times as fast as the time column says",
+            "correct the time column and rate_hz", _faster(factor), factor=factor, price=1.5,
+        )  # fmt: skip
+    for j in range(len(trial.machine.joints)):
+        own = tuple(key for key in efforts if key[1] == j)
+        if own and len(own) < len(efforts):
+            for delay in DELAYS:
+                yield Hypothesis(
+                    "late_channels", (j,), f"the effort looks {abs(delay):.2g} s {'late' if delay > 0 else 'early'}",
+                    "look after the delay of its device or bus", delayed(own, delay), EFFORTS, factor=delay, price=1.5,
+                )  # fmt: skip
+
+
+def delayed(keys: Sequence[tuple[str, int]], delay: float) -> Build:
+    """Builds a trial with some channels taken ``delay`` s later."""
+    return lambda trial, targets: (trial.with_samples(trial.samples.moved(keys, delay)), targets)
+
+
+#: Rates that a recorder may have run at instead, over the one that its time column says.
+TRUE_RATES = (0.1, 0.2, 0.5, 2.0, 5.0, 10.0)
+
+
+def _faster(factor: float) -> Build:
+    def build(trial: Trial, targets: Targets) -> tuple[Trial, Targets]:
+        changes = {
+            key: replace(
+                own, first=factor * own.first, second=factor**2 * own.second, speed_noise=factor * own.speed_noise
+            )
+            for key, own in trial.samples.signals.items()
+            if key[0] not in EFFORTS
+        }
+        return trial.with_samples(trial.samples.replaced(changes)), targets
+
+    return build
+
+
+def _stretched(keys: Sequence[tuple[str, int]], rate: float) -> Build:
+    def build(trial: Trial, targets: Targets) -> tuple[Trial, Targets]:
+        samples = trial.samples
+        begins = np.array([samples.time[samples.recording == k].min() for k in range(samples.recording.max() + 1)])
+        return trial.with_samples(samples.moved(keys, rate * (samples.time - begins[samples.recording]))), targets
+
+    return build
+
+
+def in_one_recording(trial: Trial, number: int) -> Iterator[Hypothesis]:
+    """What may have been wrong while one recording was made: chambers swapped, a position that counts the other way."""
+    machine, samples = trial.machine, trial.samples
+    rows = samples.recording == number
+    for j, joint in enumerate(machine.joints):
+        head, rod = samples.get("head_pressure", j), samples.get("rod_pressure", j)
+        if head is not None and rod is not None:
+            changes = {("head_pressure", j): _where(rows, rod, head), ("rod_pressure", j): _where(rows, head, rod)}
+            yield Hypothesis(
+                "swapped_chambers", (j,), "head and rod pressure look swapped in this recording alone",
+                "swap the two columns of this recording, and look whether the hoses or cables were changed",
+                _changed(changes), ("head_pressure", "rod_pressure"), recording=number, exact=True,
+            )  # fmt: skip
+        quantity = trial.positions[j]
+        signal = samples.get(quantity, j)
+        if signal is not None:
+            piston = quantity == "piston_position" and joint.cylinder is not None
+            about = joint.cylinder.stroke if piston and joint.cylinder is not None else 0.0
+            yield Hypothesis(
+                "sign", (j,), "{channel} looks as if it counted the other way in this recording alone",
+                "correct the sign of this column, and look whether the sensor was changed",
+                _changed({(quantity, j): _where(rows, signal.mapped(-1.0, about), signal)}), (quantity,),
+                recording=number, exact=True,
+            )  # fmt: skip
+
+
+def _where(rows: BoolArray, there: Signal, elsewhere: Signal) -> Signal:
+    return replace(
+        elsewhere,
+        value=np.where(rows, there.value, elsewhere.value),
+        first=np.where(rows, there.first, elsewhere.first),
+        second=np.where(rows, there.second, elsewhere.second),
+    )
+
+
+def _changed(changes: Mapping[tuple[str, int], Signal]) -> Build:
+    return lambda trial, targets: (trial.with_samples(trial.samples.replaced(changes)), targets)
+
+
+#: An arm on the rods never explains less where there is one; noise of a small arm leaves this much of the difference.
+_RODS_ON = 1.4
+#: Leaving a recording out is a trial that a payload or another oil also passes a little: it has to do more than others.
+_CLEARLY_ANOTHER = 3.5
+
+
+def recordings(trial: Trial) -> Iterator[Hypothesis]:
+    samples = trial.samples
+    numbers = np.unique(samples.recording)
+    for number in (int(k) for k in numbers):
+        own = samples.recording == number
+        loaded = bool(samples.loaded[own].all())
+        if np.count_nonzero(samples.loaded & ~own) >= 100 or not loaded:
+            yield Hypothesis(
+                "wrong_role", (), "looks as if the rods were off" if loaded else "looks as if the rods were on the arm",
+                "give it as unloaded" if loaded else "give it as train, or take the rods off and record again",
+                _changed_role(number, not loaded), recording=number, price=1.2, exact=True,
+                least=CLEAR if loaded else _RODS_ON,
+            )  # fmt: skip
+        if len(numbers) > 2 and np.count_nonzero(samples.loaded & ~own) >= 100:
+            yield Hypothesis(
+                "other_machine", (), "does not look like a recording of the machine of the other ones",
+                "look whether it is of this machine, and of this state of it", _left_out(number), recording=number,
+                price=1.6, least=_CLEARLY_ANOTHER,
+            )  # fmt: skip
+
+
+def _changed_role(number: int, loaded: bool) -> Build:
+    def build(trial: Trial, targets: Targets) -> tuple[Trial, Targets]:
+        samples = trial.samples
+        changed = np.where(samples.recording == number, loaded, samples.loaded)
+        return trial.with_samples(replace(samples, loaded=changed)), targets
+
+    return build
+
+
+def _left_out(number: int) -> Build:
+    def build(trial: Trial, targets: Targets) -> tuple[Trial, Targets]:
+        samples = trial.samples
+        return trial.with_samples(replace(samples, used=samples.used & (samples.recording != number))), targets
+
+    return build

@@ -1,0 +1,439 @@
+"""How well efforts can be explained by an arm that could exist: masses that are masses, friction that brakes.
+
+Every link is a cloud of point masses, none negative, on a grid in a box around the link; every joint has friction that
+takes power at any speed, a moving mass that is not negative, and, free in sign, a constant, a spring and a delay (a
+zero error, a gas spring and a late sensor are effects of the catalogue, and no mistakes)::
+
+    y_j = sum_k Y_j(q, q', q'') pi(p_k) mu_k / r_j + m a + sum_i c_i phi_i(v) sgn v + [x, 1, dy/dt] f,   mu, m, c >= 0
+
+(a moving mass or a spring far beyond a cylinder's size has its price, or either could stand for a whole arm),
+
+which is linear, so the best such arm is one non-negative least-squares problem (point masses as physically feasible
+parameters: Ayusawa and Nakamura, "Identification of standard inertial parameters for large-DOF robots considering
+physical consistency", IROS 2010). A wrong sign, a base that stands upside down or exchanged cables leave a least
+squares fit without such bounds as good as it was; this one they do not.
+
+The misfit of a joint is the root mean square of what is left, over that of the effort less its mean. It has no unit and
+does not change when the effort is scaled, so that trials in other units can be compared.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+import numpy.typing as npt
+from scipy import linalg
+from scipy.optimize import lsq_linear, nnls
+
+from daq.machine.machine_file import Machine
+from fitting.arm.dynamics import coupled_regressor, rigid_body_regressor
+from fitting.arm.expected import expected_sign
+from fitting.arm.geometry import Geometry, geometry_of
+from fitting.checks.mistakes.arm_motion import Motion, motion_of
+from fitting.checks.mistakes.samples import Samples
+from fitting.regression.prior import moving_mass
+
+FloatArray = npt.NDArray[np.float64]
+BoolArray = npt.NDArray[np.bool_]
+
+#: Points along each edge of a link's box. Three tell its mass, centre and spread.
+_GRID = 3
+#: How far a link's box reaches beyond its two axes: a share of its own length and of the arm's mean link.
+_OWN, _MEAN = 0.5, 0.35
+#: m; a link of an arm without lengths (all axes through one point) is at least so large.
+_LEAST_BOX = 0.1
+#: Speeds, as shares of a joint's largest, below which friction may be higher (Stribeck).
+_STRIBECK = 0.15
+#: Times the mass of a steel piston and rod that a cylinder's moving mass usually stays below; Pa over the head's area
+#: that a spring adds over the whole stroke at most (gas springs and hoses are effects of a few bar).
+_HEAVY, _STIFF = 5.0, 2.0e6
+#: Share of a column that compression loses.
+_LOST = 1e-6
+#: Misfits below this are alike: what thinning and filtering leave of a perfect fit.
+LEAST_MISFIT = 0.015
+
+
+@dataclass(frozen=True)
+class Block:
+    """One joint's rows, compressed: ``R`` of ``[body, drive, signals]`` with the free columns projected out.
+
+    Attributes
+    ----------
+    body : (k, b) columns of the standard parameters
+    drive : (k, d) columns whose coefficients may not be negative
+    signals : (k, s) what a target is put together from, by name in ``names``
+    centred : (s, s) products of the signals less their means
+    rows : how many rows there were
+    rivals : (k, 6) effects that resemble another area: four columns of valves, two of friction by pressure
+    usual : (d,) what the drive's coefficients usually stay below; infinite where nothing is known
+    """
+
+    body: FloatArray
+    drive: FloatArray
+    signals: FloatArray
+    names: tuple[str, ...]
+    centred: FloatArray
+    rows: int
+    usual: FloatArray
+    rivals: FloatArray
+
+    def target(self, weights: Mapping[str, float]) -> FloatArray:
+        """(s,) coefficients of a target."""
+        return np.array([weights.get(name, 0.0) for name in self.names])
+
+
+@dataclass(frozen=True)
+class Physical:
+    """The best arm that could exist.
+
+    Attributes
+    ----------
+    misfits : (n,) root mean square of what is left, over that of the effort; NaN for a joint that says nothing
+    free : the same for a least-squares fit without bounds
+    own : the same for a least-squares fit of that joint alone
+    shares : (n,) spread of the effort over the largest of all joints; per head area where there are cylinders
+    masses : (n,) kg of the links' point masses
+    rows : rows of each joint
+    """
+
+    misfits: FloatArray
+    free: FloatArray
+    own: FloatArray
+    shares: FloatArray
+    masses: FloatArray
+    rows: tuple[int, ...]
+
+    @property
+    def total(self) -> float:
+        """Root mean square of the joints' misfits."""
+        known = self.misfits[np.isfinite(self.misfits)]
+        return float(np.sqrt(np.mean(known**2))) if len(known) else np.nan
+
+    @property
+    def worst(self) -> int:
+        """Number of the joint with the largest misfit."""
+        return int(np.nanargmax(self.misfits))
+
+
+@dataclass(frozen=True)
+class Trial:
+    """A machine and samples as they are, or as a hypothesis has them; regression blocks are made when asked for.
+
+    Attributes
+    ----------
+    samples : of the recordings
+    machine : with the geometry and linkages to try
+    positions : quantity that tells each joint's position
+    exchange : also offer other joints' signals as targets
+    gravity : in place of the machine's, or None
+    joints : which joints' rows count; None: all
+    carried : (T,) 1 where the last link carries more than otherwise, or None
+    """
+
+    samples: Samples
+    machine: Machine
+    positions: tuple[str, ...]
+    exchange: bool = False
+    gravity: tuple[float, float, float] | None = None
+    joints: tuple[int, ...] | None = None
+    carried: FloatArray | None = None
+
+    @cached_property
+    def motion(self) -> Motion:
+        """Joints and pistons."""
+        return motion_of(self.machine, self.samples, self.positions)
+
+    @cached_property
+    def clouds(self) -> FloatArray:
+        """Standard parameters (10 n + 3 c, K) of unit point masses in each link's box."""
+        clouds = point_masses(geometry_of(self.machine))
+        if self.carried is None:
+            return clouds
+        n, last = len(self.machine.joints), _GRID**3
+        more = clouds[10 * n - 10 : 10 * n, (n - 1) * last : n * last]
+        return np.block([[clouds, np.zeros((len(clouds), last))], [np.zeros((10, clouds.shape[1])), more]])
+
+    @cached_property
+    def blocks(self) -> tuple[Block | None, ...]:
+        """Compressed rows of every joint; None for one that says nothing."""
+        return make_blocks(self)
+
+    def with_machine(self, machine: Machine) -> Trial:
+        """The same samples on another machine file."""
+        return replace(self, machine=machine)
+
+    def with_samples(self, samples: Samples) -> Trial:
+        """Other samples on the same machine file."""
+        return replace(self, samples=samples)
+
+
+def point_masses(geometry: Geometry) -> FloatArray:
+    """Standard parameters of unit point masses on a grid in every link's box, (10 n + 3 c, K), link by link.
+
+    The box spans the link's two axes, wider by half its own length and a third of the arm's mean link on every side.
+    """
+    n, c = geometry.joints, len(geometry.coupled)
+    begins, ends = geometry.ends
+    lengths = np.linalg.norm(ends - begins, axis=1)
+    mean = float(np.mean(lengths)) if n else 0.0
+    columns = []
+    for link in range(n):
+        wider = max(_OWN * lengths[link] + _MEAN * mean, _LEAST_BOX)
+        low = np.minimum(begins[link], ends[link]) - wider
+        high = np.maximum(begins[link], ends[link]) + wider
+        axes = [np.linspace(low[k], high[k], _GRID) for k in range(3)]
+        for p in np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3):
+            x, y, z = p
+            column = np.zeros(10 * n + 3 * c)
+            inertia = [y * y + z * z, -x * y, -x * z, x * x + z * z, -y * z, x * x + y * y]
+            column[10 * link : 10 * link + 10] = [1.0, x, y, z, *inertia]
+            columns.append(column)
+    for motor in range(3 * c):
+        column = np.zeros(10 * n + 3 * c)
+        column[10 * n + motor] = 1.0
+        columns.append(column)
+    return np.stack(columns, axis=1)
+
+
+def friction(v: FloatArray, noise: float) -> FloatArray:
+    """Columns (T, 5) of friction laws that brake at every speed: constant, cube root, viscous, square, Stribeck."""
+    top = max(float(np.percentile(np.abs(v), 99)), 1e-12)
+    u = np.abs(v) / top
+    sign = expected_sign(v, noise)
+    shapes = [np.ones_like(u), np.cbrt(u), u, u**2, np.maximum(0.0, 1.0 - u / _STRIBECK)]
+    return np.stack([sign * shape for shape in shapes], axis=1)
+
+
+#: Columns of :attr:`Block.rivals` of each effect.
+RIVALS = (slice(0, 4), slice(4, 6))
+
+
+def _rivals(trial: Trial, number: int, v: FloatArray) -> FloatArray:
+    """Columns (T, 6) of effects that resemble another ratio of areas.
+
+    Four of a force that grows with speed while the cylinder extends (what valves hold back), two of friction that grows
+    with the pressures (:data:`RIVALS`).
+    """
+    u = np.where(v > 0, v, 0.0) / max(float(np.percentile(np.abs(v), 99)), 1e-12)
+    columns = [(v > 0).astype(np.float64), np.sqrt(u), u, u**2]
+    for quantity in ("head_pressure", "rod_pressure"):
+        signal = trial.samples.get(quantity, number)
+        columns.append(np.zeros(len(v)) if signal is None else np.sign(v) * signal.value)
+    return np.stack(columns, axis=1)
+
+
+def make_blocks(trial: Trial) -> tuple[Block | None, ...]:
+    """Rows of every joint in which it moves, compressed by QR."""
+    samples, machine, motion = trial.samples, trial.machine, trial.motion
+    n = len(machine.joints)
+    gravity = trial.gravity
+    body = rigid_body_regressor(machine, motion.q, motion.qd, motion.qdd, gravity=gravity)
+    if any(j.drive is not None and j.drive.coupled for j in machine.joints):
+        more = coupled_regressor(machine, motion.qd, motion.qdd, speed_noise=motion.speed_noise)
+        body = np.concatenate([body, more], axis=2)
+    if trial.carried is not None:
+        body = np.concatenate([body, body[:, :, 10 * n - 10 : 10 * n] * trial.carried[:, None, None]], axis=2)
+    blocks: list[Block | None] = []
+    for number in range(n):
+        named = _signals(trial, number)
+        rows = (
+            motion.active[:, number] & (samples.loaded | (machine.joints[number].cylinder is not None)) & samples.used
+        )
+        if not named or np.count_nonzero(rows) < 60:
+            blocks.append(None)
+            continue
+        own = np.where(samples.loaded[:, None], body[:, number] / motion.r[:, [number]], 0.0)
+        v, a, x = motion.v[:, number], motion.a[:, number], motion.x[:, number]
+        drive = np.column_stack([a, friction(v, motion.speed_noise[number])])
+        cylinder = machine.joints[number].cylinder
+        usual = np.full(drive.shape[1], np.inf)
+        if cylinder is not None:
+            usual[0] = _HEAVY * moving_mass(cylinder)
+            stiff = _STIFF * cylinder.head_area / cylinder.stroke
+            usual = np.append(usual, [stiff, stiff])
+            drive = np.column_stack([drive, x - x[rows].mean(), x[rows].mean() - x])
+        free = [np.ones(len(v)), *(s for name, s in _slopes(trial, number))]
+        names = tuple(named)
+        S = np.stack([named[name] for name in names], axis=1)
+        A = np.column_stack([*free, own, drive, S, _rivals(trial, number, v)])[rows]
+        R = _triangle(A)[len(free) :, len(free) :]
+        b, d, s = own.shape[1], drive.shape[1], S.shape[1]
+        centred = S[rows] - S[rows].mean(axis=0)
+        blocks.append(
+            Block(
+                R[:, :b],
+                R[:, b : b + d],
+                R[:, b + d : b + d + s],
+                names,
+                centred.T @ centred,
+                int(np.count_nonzero(rows)),
+                usual,
+                R[:, b + d + s :],
+            )
+        )
+    return tuple(blocks)
+
+
+def _triangle(A: FloatArray) -> FloatArray:
+    """Upper triangle with the products of the columns of ``A``; a millionth of each column's size is lost.
+
+    By Cholesky's decomposition, ten times as fast as Householder's here, and misfits below a thousandth are alike.
+    """
+    scale = np.linalg.norm(A, axis=0)
+    scale = np.where(scale > 0, scale, 1.0)
+    unit = A / scale
+    gram = unit.T @ unit
+    gram[np.diag_indices_from(gram)] += _LOST**2
+    return np.asarray(linalg.cholesky(gram, check_finite=False)) * scale
+
+
+def _signals(trial: Trial, number: int) -> dict[str, FloatArray]:
+    """What a target of this joint may be put together from, in N at a cylinder, in the joint's unit elsewhere."""
+    samples, machine, motion = trial.samples, trial.machine, trial.motion
+    joint = machine.joints[number]
+    result: dict[str, FloatArray] = {}
+    others = range(len(machine.joints)) if trial.exchange else (number,)
+    for other in others:
+        head, rod = samples.get("head_pressure", other), samples.get("rod_pressure", other)
+        if joint.cylinder is not None:
+            if head is not None:
+                result[f"head_pressure{other}"] = head.value
+            if rod is not None:
+                result[f"rod_pressure{other}"] = rod.value
+        for quantity in ("cylinder_force", "joint_effort"):
+            signal = samples.get(quantity, other)
+            if signal is not None and not (joint.cylinder is None and quantity == "cylinder_force"):
+                torque = joint.cylinder is not None and quantity == "joint_effort"
+                result[f"{quantity}{other}"] = signal.value / motion.r[:, number] if torque else signal.value
+    if result and joint.cylinder is not None:
+        mass = joint.cylinder.moving_mass or 0.0
+        known = joint.cylinder.damping * motion.v[:, number] + mass * motion.a[:, number]
+        result["known"] = known + samples.external[:, number]
+    return result
+
+
+def _slopes(trial: Trial, number: int) -> list[tuple[str, FloatArray]]:
+    """Rate of the effort as it is declared: what a delay adds."""
+    weights = declared(trial.machine, trial.samples, number)
+    total = np.zeros(len(trial.samples))
+    for name, weight in weights.items():
+        if name != "known":
+            quantity = name.rstrip("0123456789")
+            signal = trial.samples.get(quantity, number)
+            if signal is not None:
+                total = total + weight * signal.first
+    return [("rate", total)] if np.any(total) else []
+
+
+def measured_effort(trial: Trial, number: int) -> tuple[FloatArray, FloatArray]:
+    """Effort (T,) of a joint as the machine file has it, and its rate: N at a cylinder, the joint's unit elsewhere."""
+    samples = trial.samples
+    value, rate = np.zeros(len(samples)), np.zeros(len(samples))
+    weights = declared(trial.machine, samples, number)
+    for name, weight in weights.items():
+        signal = None if name == "known" else samples.get(name.rstrip("0123456789"), number)
+        if signal is not None:
+            value, rate = value + weight * signal.value, rate + weight * signal.first
+    if f"joint_effort{number}" in weights and trial.machine.joints[number].cylinder is not None:
+        value, rate = value / trial.motion.r[:, number], rate / trial.motion.r[:, number]
+    return value, rate
+
+
+def declared(machine: Machine, samples: Samples, number: int) -> dict[str, float]:
+    """Weights of the signals that make a joint's effort by the machine file; empty where nothing is measured."""
+    joint = machine.joints[number]
+    head, rod = samples.get("head_pressure", number), samples.get("rod_pressure", number)
+    if joint.cylinder is not None and head is not None and rod is not None:
+        return {
+            f"head_pressure{number}": joint.cylinder.head_area,
+            f"rod_pressure{number}": -joint.cylinder.rod_area,
+            "known": -1.0,
+        }
+    for quantity in ("cylinder_force", "joint_effort"):
+        if samples.get(quantity, number) is not None:
+            return {f"{quantity}{number}": 1.0} | ({"known": -1.0} if joint.cylinder is not None else {})
+    return {}
+
+
+def fit(trial: Trial, targets: Mapping[int, Mapping[str, float]] | None = None, *, bounded: bool = True) -> Physical:
+    """The best arm for targets; those of the machine file where nothing else is said.
+
+    Parameters
+    ----------
+    targets : per joint the weights of its signals
+    bounded : False leaves the bounds out (cheaper, never a worse fit)
+    """
+    blocks, machine = trial.blocks, trial.machine
+    n = len(machine.joints)
+    chosen = [j for j in range(n) if blocks[j] is not None and (trial.joints is None or j in trial.joints)]
+    misfits, free, own, shares = (np.full(n, np.nan) for _ in range(4))
+    if not chosen:
+        return Physical(misfits, free, own, shares, np.full(n, np.nan), (0,) * n)
+    parts_body, parts_drive, parts_target, counts, measured, weights_of = [], [], [], [], [], []
+    for j in chosen:
+        block = blocks[j]
+        assert block is not None
+        weights = block.target((targets or {}).get(j) or declared(machine, trial.samples, j))
+        size = max(float(weights @ block.centred @ weights), 0.0) ** 0.5
+        size = size if size > 0 else 1.0
+        cylinder = machine.joints[j].cylinder
+        shares[j] = size / float(np.sqrt(block.rows)) / (cylinder.head_area if cylinder is not None else 1.0)
+        wanted = block.signals @ weights / size
+        # A joint that nothing explains must not bend the others: its weight is what its own rows alone leave.
+        alone = max(float(np.linalg.norm(without(np.hstack([block.body, block.drive]), wanted))), LEAST_MISFIT)
+        parts_body.append(block.body / (size * alone))
+        # A moving mass or a spring at the end of what is usual costs as much as the joint's misfit alone.
+        costs = np.diag(1.0 / block.usual)[np.isfinite(block.usual)]
+        parts_body[-1] = np.vstack([parts_body[-1], np.zeros((len(costs), block.body.shape[1]))])
+        parts_drive.append(np.vstack([block.drive / (size * alone), costs]))
+        parts_target.append(np.append(wanted / alone, np.zeros(len(costs))))
+        counts.append(len(block.body) + len(costs))
+        measured.append(len(block.body))
+        weights_of.append(alone)
+    ends = np.cumsum([0, *counts])
+    body, target = np.vstack(parts_body), np.concatenate(parts_target)
+    drive = np.zeros((len(target), sum(p.shape[1] for p in parts_drive)))
+    at = 0
+    for k, part in enumerate(parts_drive):
+        drive[ends[k] : ends[k + 1], at : at + part.shape[1]] = part
+        at += part.shape[1]
+    left_free = without(np.hstack([body, drive]), target)
+    left, masses = left_free, np.full(n, np.nan)
+    if bounded:
+        clouds = trial.clouds
+        left, mu = _bounded(np.hstack([body @ clouds, drive]), target)
+        k = _GRID**3
+        masses = mu[: k * n].reshape(n, k).sum(axis=1)
+    for k, j in enumerate(chosen):
+        mine = slice(int(ends[k]), int(ends[k]) + measured[k])
+        misfits[j] = weights_of[k] * float(np.linalg.norm(left[mine]))
+        free[j] = weights_of[k] * float(np.linalg.norm(left_free[mine]))
+        own[j] = weights_of[k]
+    rows = tuple(0 if b is None else b.rows for b in blocks)
+    return Physical(misfits, free, own, shares / np.nanmax(shares), masses, rows)
+
+
+def without(A: FloatArray, b: FloatArray) -> FloatArray:
+    """What least squares leave of ``b``; by normal equations with a ridge of 1e-9, which is enough for a misfit."""
+    scale = np.linalg.norm(A, axis=0)
+    used = scale > 1e-12 * scale.max(initial=0.0)
+    unit = A[:, used] / scale[used]
+    gram = unit.T @ unit
+    gram[np.diag_indices_from(gram)] += 1e-9
+    theta = linalg.solve(gram, unit.T @ b, assume_a="pos", check_finite=False)
+    return np.asarray(b - unit @ theta)
+
+
+def _bounded(A: FloatArray, b: FloatArray) -> tuple[FloatArray, FloatArray]:
+    scale = np.linalg.norm(A, axis=0)
+    scale = np.where(scale > 0, scale, 1.0)
+    # Compressed once more: as many rows as columns at most.
+    R = np.asarray(np.linalg.qr(np.column_stack([A / scale, b]), mode="r"))
+    try:
+        mu = nnls(R[:, :-1], R[:, -1], maxiter=20 * A.shape[1])[0]
+    except RuntimeError:
+        mu = lsq_linear(R[:, :-1], R[:, -1], (0, np.inf), max_iter=200).x
+    return np.asarray(b - (A / scale) @ mu), mu / scale

@@ -1,0 +1,248 @@
+"""A joint's two position sensors against each other through the linkage: no dynamics, so the sharpest test there is.
+
+Nominal is ``x = L(q)``. An offset of either sensor, pins that are a centimetre off and play are effects of the
+catalogue: up to some per cent of the stroke. What is more has to be explained by one trial after another (another unit,
+another sign, another joint's sensor, other pins, other clocks); each leaves its constant free, because an offset is the
+most ordinary thing of all.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from daq.machine.linkages import ThreePin
+from daq.machine.machine_file import Machine
+from fitting.arm.linkage import parameter_names
+from fitting.checks.mistakes.factors import gains
+from fitting.checks.mistakes.machine_trials import changed_joint
+from fitting.checks.mistakes.motion_trials import COUNTS, DELAYS, RATES, times_too
+from fitting.checks.mistakes.samples import Samples, Signal
+
+FloatArray = npt.NDArray[np.float64]
+
+#: Misfit (of the piston's spread) and distance (of the stroke) up to which two sensors agree: what effects do.
+AGREE, NEAR = 0.08, 0.15
+#: What is left after the right trial, and how much better it has to be.
+_LEFT, _CLEAR = 0.04, 3.0
+#: What leaves up to this many times as much as the one that is said, or less than this, explains as well.
+_THE_SAME, _LEAST, _MOST_ALTERNATIVES = 1.1, 0.002, 3
+
+
+@dataclass(frozen=True)
+class Disagreement:
+    """Two sensors that contradict each other, and what explains it (code None: nothing that was tried).
+
+    Attributes
+    ----------
+    joint, other : numbers of the joints
+    quantity : sensor to blame, or None for the linkage or for both
+    code, text, cure, key : of the finding
+    before, after : misfit over the piston's spread
+    machine, samples : with the mistake taken back
+    alternatives : what explains as much
+    """
+
+    joint: int
+    code: str | None
+    before: float
+    after: float
+    text: str = ""
+    cure: str = ""
+    quantity: str | None = None
+    other: int | None = None
+    key: tuple[str | int, ...] = ()
+    factor: float | None = None
+    machine: Machine | None = None
+    samples: Samples | None = None
+    alternatives: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class _Option:
+    code: str
+    text: str
+    cure: str
+    q: FloatArray
+    x: FloatArray
+    price: float = 1.0
+    quantity: str | None = None
+    other: int | None = None
+    key: tuple[str | int, ...] = ()
+    factor: float | None = None
+    machine: Machine | None = None
+    changes: Mapping[tuple[str, int], Signal] | None = None
+    samples: Samples | None = None
+
+
+def gap(machine: Machine, number: int, q: FloatArray, x: FloatArray) -> tuple[float, float]:
+    """Root mean square of ``x - L(q)`` less its median, over the larger of both spreads; that median in strokes."""
+    cylinder = machine.joints[number].cylinder
+    assert cylinder is not None
+    with np.errstate(all="ignore"):
+        y = cylinder.linkage.piston_position(q)
+    distance = x - y
+    if not np.all(np.isfinite(distance)):
+        return np.inf, np.inf
+    middle = float(np.median(distance))
+    spread = max(float(np.std(x)), float(np.std(y)), 1e-3 * cylinder.stroke)
+    # A third of the rows may be off (rods that are pinned late): they are another check's.
+    inner = np.sort(np.abs(distance - middle))[: max(10, round(0.9 * len(distance)))]
+    return float(np.sqrt(np.mean(inner**2))) / spread, middle / cylinder.stroke
+
+
+def disagreements(machine: Machine, samples: Samples) -> list[Disagreement]:
+    """Joints whose two sensors contradict each other."""
+    loaded = samples.loaded
+    found: list[Disagreement] = []
+    settled: set[int] = set()
+    if np.count_nonzero(loaded) < 50:
+        return []
+    bad = {}
+    for number, joint in enumerate(machine.joints):
+        if joint.cylinder is None or not all(samples.get(k, number) for k in ("joint_position", "piston_position")):
+            continue
+        q, x = (samples.signals[k, number].value[loaded] for k in ("joint_position", "piston_position"))
+        misfit, off = gap(machine, number, q, x)
+        if misfit > AGREE or abs(off) > NEAR:
+            bad[number] = (misfit, off)
+    for number, (misfit, off) in bad.items():
+        if number in settled:
+            continue
+        best = _explained(machine, samples, number, misfit, off, bad)
+        found.append(best or Disagreement(number, None, misfit, misfit))
+        if best is not None and best.other is not None:
+            settled.add(best.other)
+    return found
+
+
+def _explained(
+    machine: Machine, samples: Samples, number: int, misfit: float, off: float, bad: Mapping[int, object]
+) -> Disagreement | None:
+    loaded = samples.loaded
+    results = []
+    for option in _options(machine, samples, number, bad):
+        left, distance = gap(option.machine or machine, number, option.q[loaded], option.x[loaded])
+        if left < _LEFT and abs(distance) < NEAR and (left < misfit / _CLEAR or abs(off) > NEAR):
+            results.append((option.price * max(left, 0.004) * (1 + 4 * abs(distance)), left, option))
+    if not results:
+        return None
+    _, left, option = min(results, key=lambda item: item[0])
+    others = [own for _, near, own in results if own is not option and near < max(_THE_SAME * left, _LEAST)]
+    also = [own.text for own in others if own.code != option.code or own.quantity != option.quantity]
+    changed = option.samples or (samples.replaced(option.changes) if option.changes else None)
+    return Disagreement(
+        number, option.code, misfit, left, option.text, option.cure, option.quantity, option.other, option.key,
+        option.factor, option.machine, changed, tuple(dict.fromkeys(also))[:_MOST_ALTERNATIVES],
+    )  # fmt: skip
+
+
+def _options(machine: Machine, samples: Samples, number: int, bad: Mapping[int, object]) -> Iterator[_Option]:
+    joint = machine.joints[number]
+    assert joint.cylinder is not None
+    angle, piston = samples.signals["joint_position", number], samples.signals["piston_position", number]
+    q, x = angle.value, piston.value
+    for quantity, signal, about in (("joint_position", angle, 0.0), ("piston_position", piston, joint.cylinder.stroke)):
+        channel = machine.channel(quantity, joint.name)
+        assert channel is not None
+        mine = quantity == "joint_position"
+
+        def both(value: FloatArray, mine: bool = mine) -> tuple[FloatArray, FloatArray]:
+            return (value, x) if mine else (q, value)
+
+        def option(
+            code: str,
+            text: str,
+            cure: str,
+            new: Signal,
+            price: float,
+            factor: float | None = None,
+            quantity: str = quantity,
+            both: Callable[..., tuple[FloatArray, FloatArray]] = both,
+        ) -> _Option:
+            return _Option(
+                code, text, cure, *both(new.value), price, quantity, factor=factor, changes={(quantity, number): new}
+            )
+
+        yield option("sign", "{channel} looks as if it counted the other way",
+                     "correct the sign of its scale" + ("" if mine else " (0 is fully retracted)"),
+                     signal.mapped(-1.0, about), 1.0, -1.0)  # fmt: skip
+        for gain, unit in gains(machine.si_unit(channel), machine.conversion(channel).factor).items():
+            yield option("unit", f"the values of {{channel}} look like {unit}", f"set its unit to '{unit}'",
+                         signal.mapped(gain), 1.0, gain)  # fmt: skip
+        for gain in COUNTS:
+            yield option("scale", f"{{channel}} looks {times_too(gain)}",
+                         "correct its scale (counts per turn, edges that are counted, gear ratio)",
+                         signal.mapped(gain), 1.4, gain)  # fmt: skip
+        if mine:
+            for degrees in (90, -90, 180):
+                offset = float(np.deg2rad(degrees))
+                yield option("offset", f"{{channel}} looks {degrees} degrees off", "correct its offset",
+                             signal.mapped(1.0, offset), 1.5, offset)  # fmt: skip
+        for other in bad:
+            theirs = samples.get(quantity, other)
+            if other != number and theirs is not None:
+                value = theirs.value
+                yield _Option(
+                    "exchanged_channels",
+                    f"{quantity.replace('_', ' ')} of {joint.name} and {machine.joints[other].name} look exchanged",
+                    "exchange the channels' names or sources", *both(value), 1.0, quantity, other,
+                    changes={(quantity, number): theirs, (quantity, other): signal},
+                )  # fmt: skip
+    linkage = joint.cylinder.linkage
+    if isinstance(linkage, ThreePin):
+        yield from _pins(machine, samples, number, linkage)
+    for delay in (*DELAYS, -0.15, 0.15):
+        moved = samples.moved([("piston_position", number)], delay)
+        late = "late" if delay > 0 else "early"
+        yield _Option(
+            "clock_offset", f"{{channel}} looks {abs(delay):.2g} s {late} against the joint's sensor",
+            "put both buses on one clock, or move the columns", q, moved.signals["piston_position", number].value, 1.3,
+            "piston_position", factor=delay, samples=moved,
+        )  # fmt: skip
+    begins = np.array([samples.time[samples.recording == k].min() for k in range(samples.recording.max() + 1)])
+    since = samples.time - begins[samples.recording]
+    for rate in RATES:
+        moved = samples.moved([("piston_position", number)], rate * since)
+        yield _Option(
+            "clock_rate", f"the clock of {{channel}} runs {100 * abs(rate):.2g} % "
+            f"{'fast' if rate > 0 else 'slow'} against "
+            "that of the joint's sensor", "put both buses on one clock", q,
+            moved.signals["piston_position", number].value, 1.3, "piston_position", factor=rate, samples=moved,
+        )  # fmt: skip
+
+
+def _pins(machine: Machine, samples: Samples, number: int, linkage: ThreePin) -> Iterator[_Option]:
+    """One length or the offset of the pins estimated from both sensors."""
+    loaded = samples.loaded
+    q, x = samples.signals["joint_position", number].value, samples.signals["piston_position", number].value
+    for name in parameter_names(linkage):
+        value = float(getattr(linkage, name))
+        if name == "offset":
+            grid = value + np.linspace(-np.pi, np.pi, 73)
+        else:
+            grid = value * np.geomspace(0.08, 12.0, 61)
+        best: tuple[float, float] | None = None
+        for _ in range(3):
+            scored = []
+            for new in grid:
+                trial = changed_joint(machine, number, "linkage", {name: float(new)})
+                left, off = gap(trial, number, q[loaded], x[loaded])
+                scored.append((left + max(abs(off) - 0.02, 0.0), float(new)))
+            best = min(scored)
+            step = abs(grid[1] - grid[0]) if name == "offset" else best[1] * (grid[1] / grid[0] - 1)
+            grid = np.linspace(best[1] - step, best[1] + step, 9)
+        assert best is not None
+        # A centimetre, or six degrees, is linkage_geometry or encoder_offset.
+        if abs(best[1] - value) < (0.12 if name == "offset" else 0.1 * abs(value)):
+            continue
+        unit = "rad" if name == "offset" else "m"
+        yield _Option(
+            "linkage", f"linkage.{name} looks like {best[1]:.4g} instead of {value:.4g} {unit}",
+            f"measure the pins and correct linkage.{name}", q, x, 1.8,
+            key=("joints", number, "cylinder", "linkage", name), factor=best[1] / value if value else None,
+            machine=changed_joint(machine, number, "linkage", {name: best[1]}),
+        )  # fmt: skip

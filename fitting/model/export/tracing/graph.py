@@ -1,0 +1,290 @@
+"""Expressions of a model as one graph without duplicates, to be printed in any language.
+
+A :class:`Node` is a number, a variable, or an operation on nodes. A :class:`Graph` gives the same node for the same
+operation, so a common subexpression is computed once; zeros and ones are folded away. Nodes have Python's arithmetic
+and the methods that numpy calls on objects, so code that is written for arrays runs on arrays of nodes
+(:mod:`fitting.model.export.tracing.tracing`).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from scipy.interpolate import PPoly
+
+FloatArray = npt.NDArray[np.float64]
+
+#: Operations that any language has a word for, and what they do to numbers.
+UNARY: dict[str, Callable[[float], float]] = {
+    "sin": math.sin,
+    "cos": math.cos,
+    "exp": math.exp,
+    "expm1": math.expm1,
+    "tanh": math.tanh,
+    "sqrt": math.sqrt,
+    "abs": abs,
+    "erf": math.erf,
+    "sign": lambda x: float((x > 0) - (x < 0)),
+    "neg": lambda x: -x,
+}
+BINARY: dict[str, Callable[[float, float], float]] = {
+    "add": lambda a, b: a + b,
+    "sub": lambda a, b: a - b,
+    "mul": lambda a, b: a * b,
+    "div": lambda a, b: a / b,
+    "max": max,
+    "min": min,
+    "above": lambda a, b: float(a > b),
+    "at_least": lambda a, b: float(a >= b),
+    "hypot": math.hypot,
+    "power": lambda a, b: a**b,
+}
+
+
+class Node:
+    """A number, a variable, or an operation; made by a :class:`Graph` only."""
+
+    __slots__ = ("arguments", "graph", "number", "operation", "value")
+
+    def __init__(
+        self, graph: Graph, number: int, operation: str, arguments: tuple[Node, ...], value: float | str | None
+    ) -> None:
+        self.graph, self.number, self.operation = graph, number, operation
+        self.arguments, self.value = arguments, value
+
+    def is_number(self, value: float) -> bool:
+        """Whether this is the number ``value``."""
+        return self.operation == "number" and self.value == value
+
+    def __add__(self, other: Any) -> Any:
+        return self.graph.binary("add", self, other)
+
+    def __radd__(self, other: Any) -> Any:
+        return self.graph.binary("add", other, self)
+
+    def __sub__(self, other: Any) -> Any:
+        return self.graph.binary("sub", self, other)
+
+    def __rsub__(self, other: Any) -> Any:
+        return self.graph.binary("sub", other, self)
+
+    def __mul__(self, other: Any) -> Any:
+        return self.graph.binary("mul", self, other)
+
+    def __rmul__(self, other: Any) -> Any:
+        return self.graph.binary("mul", other, self)
+
+    def __truediv__(self, other: Any) -> Any:
+        return self.graph.binary("div", self, other)
+
+    def __rtruediv__(self, other: Any) -> Any:
+        return self.graph.binary("div", other, self)
+
+    def __pow__(self, other: Any) -> Any:
+        return self.graph.binary("power", self, other)
+
+    def __neg__(self) -> Any:
+        return self.graph.unary("neg", self)
+
+    def __abs__(self) -> Any:
+        return self.graph.unary("abs", self)
+
+    def __gt__(self, other: Any) -> Any:
+        return self.graph.binary("above", self, other)
+
+    def __ge__(self, other: Any) -> Any:
+        return self.graph.binary("at_least", self, other)
+
+    def __lt__(self, other: Any) -> Any:
+        return self.graph.binary("above", other, self)
+
+    def __le__(self, other: Any) -> Any:
+        return self.graph.binary("at_least", other, self)
+
+    def __bool__(self) -> bool:
+        raise TypeError("what this depends on is known only at run time")
+
+    def __float__(self) -> float:
+        if self.operation == "number":
+            assert isinstance(self.value, float)
+            return self.value
+        raise TypeError("this is known only at run time")
+
+    # The names by which numpy asks objects for its functions.
+    def sin(self) -> Any:
+        """Sine."""
+        return self.graph.unary("sin", self)
+
+    def cos(self) -> Any:
+        """Cosine."""
+        return self.graph.unary("cos", self)
+
+    def exp(self) -> Any:
+        """Exponential."""
+        return self.graph.unary("exp", self)
+
+    def expm1(self) -> Any:
+        """Exponential less one."""
+        return self.graph.unary("expm1", self)
+
+    def tanh(self) -> Any:
+        """Hyperbolic tangent."""
+        return self.graph.unary("tanh", self)
+
+    def sqrt(self) -> Any:
+        """Square root."""
+        return self.graph.unary("sqrt", self)
+
+    def hypot(self, other: Any) -> Any:
+        """Root of the sum of both squares."""
+        return self.graph.binary("hypot", self, other)
+
+
+@dataclass(frozen=True)
+class Curve:
+    """A piecewise cubic, constant beyond its ends.
+
+    Attributes
+    ----------
+    breaks : (m + 1,) where pieces begin and end
+    pieces : (m, 4) coefficients of each from its own beginning on, the cube's first
+    """
+
+    breaks: FloatArray
+    pieces: FloatArray
+
+
+def spline_curve(knots: FloatArray, values: FloatArray) -> Curve:
+    """A cubic spline as pieces."""
+    pieces = PPoly.from_spline((knots, values, 3))
+    inside = np.diff(pieces.x) > 0
+    return Curve(np.append(pieces.x[:-1][inside], pieces.x[-1]), pieces.c[:, inside].T)
+
+
+@dataclass
+class Graph:
+    """Nodes by what they are, in the order in which they were made: arguments come first."""
+
+    nodes: list[Node] = field(default_factory=list)
+    curves: list[Curve] = field(default_factory=list)
+    _numbers: dict[tuple[bytes, bytes], int] = field(default_factory=dict, repr=False)
+    _known: dict[tuple[Any, ...], Node] = field(default_factory=dict, repr=False)
+
+    def node(self, operation: str, arguments: tuple[Node, ...] = (), value: float | str | None = None) -> Node:
+        """The one node that is this."""
+        key = (operation, tuple(a.number for a in arguments), value)
+        if key not in self._known:
+            self._known[key] = Node(self, len(self.nodes), operation, arguments, value)
+            self.nodes.append(self._known[key])
+        return self._known[key]
+
+    def number(self, value: float) -> Node:
+        """A number; there is no negative zero."""
+        return self.node("number", (), float(value) + 0.0)
+
+    def variable(self, name: str) -> Node:
+        """A variable."""
+        return self.node("variable", (), name)
+
+    def curve(self, x: Any, curve: Curve) -> Node:
+        """A piecewise cubic of ``x``."""
+        key = (curve.breaks.tobytes(), curve.pieces.tobytes())
+        if key not in self._numbers:
+            self._numbers[key] = len(self.curves)
+            self.curves.append(curve)
+        return self.node("curve", (self.of(x),), str(self._numbers[key]))
+
+    def signed_power(self, speed: Any, noise: float, exponent: float) -> Node:
+        """``E[|v|^p sgn v]`` of a speed with noise: see :func:`fitting.arm.expected.expected_power`."""
+        return self.node("signed_power", (self.of(speed), self.number(noise), self.number(exponent)))
+
+    def of(self, value: Any) -> Node:
+        """A node as it is, a number as a node."""
+        return value if isinstance(value, Node) else self.number(float(value))
+
+    def unary(self, operation: str, value: Any) -> Node:
+        """An operation on one node."""
+        a = self.of(value)
+        if a.operation == "number":
+            return self.number(UNARY[operation](float(a)))
+        if operation == "neg" and a.operation == "neg":
+            return a.arguments[0]
+        return self.node(operation, (a,))
+
+    def binary(self, operation: str, a: Any, b: Any) -> Node:
+        """An operation on two nodes."""
+        a, b = self.of(a), self.of(b)
+        if a.operation == "number" and b.operation == "number":
+            return self.number(BINARY[operation](float(a), float(b)))
+        folded = self._folded(operation, a, b)
+        if folded is not None:
+            return folded
+        if operation in ("add", "mul") and a.number > b.number:  # a b and b a are one node
+            a, b = b, a
+        return self.node(operation, (a, b))
+
+    def _folded(self, operation: str, a: Node, b: Node) -> Node | None:
+        """What is simpler than the operation; None if nothing is."""
+        if operation == "add":
+            if a.is_number(0.0) or b.is_number(0.0):
+                return b if a.is_number(0.0) else a
+            if b.operation == "neg":
+                return self.binary("sub", a, b.arguments[0])
+            if a.operation == "neg":
+                return self.binary("sub", b, a.arguments[0])
+        elif operation == "sub":
+            if b.is_number(0.0):
+                return a
+            if a.is_number(0.0):
+                return self.unary("neg", b)
+            if a is b:
+                return self.number(0.0)
+            if b.operation == "neg":
+                return self.binary("add", a, b.arguments[0])
+        elif operation == "mul":
+            for one, other in ((a, b), (b, a)):
+                if one.is_number(0.0):
+                    return one
+                if one.is_number(1.0):
+                    return other
+                if one.is_number(-1.0):
+                    return self.unary("neg", other)
+        elif operation == "div":
+            if a.is_number(0.0) or b.is_number(1.0):
+                return a
+        elif operation == "power":
+            exponent = float(b) if b.operation == "number" else -1.0
+            if exponent in (0.0, 1.0, 2.0, 3.0):
+                product = self.number(1.0)
+                for _ in range(int(exponent)):
+                    product = self.binary("mul", a, product)
+                return product
+        return None
+
+
+def needed(outputs: Iterable[Node]) -> list[Node]:
+    """All nodes that some outputs are made of, arguments first."""
+    found: dict[int, Node] = {}
+    todo = list(outputs)
+    while todo:
+        node = todo.pop()
+        if node.number not in found:
+            found[node.number] = node
+            todo += node.arguments
+    return [found[number] for number in sorted(found)]
+
+
+def uses(nodes: Sequence[Node], outputs: Sequence[Node]) -> dict[int, int]:
+    """How often each node is an argument or an output."""
+    counts = dict.fromkeys((node.number for node in nodes), 0)
+    for node in nodes:
+        for argument in node.arguments:
+            counts[argument.number] += 1
+    for node in outputs:
+        counts[node.number] += 1
+    return counts

@@ -1,0 +1,317 @@
+"""What the loop found, as ``loop`` of report.json."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, replace
+from typing import Any
+
+import numpy as np
+
+from daq.machine.machine_file import Machine
+from fitting.effects import effect, line_effect
+from fitting.effects.base import Effect
+from fitting.loop.session import Session
+from fitting.pipeline.results.loop_results import (
+    AcceptedTerm,
+    Attributed,
+    Kinematic,
+    Resolution,
+    SpectralLine,
+    UnconfirmedLaw,
+)
+from fitting.pipeline.results.stage_results import Residual, StageResults
+from fitting.pipeline.verdict import verdict
+from fitting.regression.drive import effort_unit
+from fitting.report.drawing_data import law_curve
+from fitting.report.joint_words import in_own_units, own_unit
+from fitting.residual.findings import Hypothesis
+from fitting.residual.laws import Law
+from fitting.residual.surfaces import second_variable
+from fitting.residual.terms import Model, Term
+
+#: Where play is (shape ``sensor``), by the efforts; None of all other effects.
+_PLACES = {
+    None: "",
+    0.0: "; the efforts follow the piston's own speed, so the play is in a pin",
+    1.0: "; the efforts follow the joint's speed, so the play is in the piston's sensor",
+}
+_EVIDENCE = ("score", "gain", "held_out_gain", "held_out_z", "validate_gain", "surviving", "witness", "cutoffs")
+
+
+def loop_content(session: Session, results: StageResults, model: Model, terms: list[Term]) -> dict[str, Any]:
+    """``loop`` of report.json, of the final fit\'s ``model`` with these ``terms``."""
+    machine = session.machine
+    names = [joint.name for joint in machine.joints]
+    found, kinematics, effects, unexplained = results[Attributed], results[Residual].kinematics, [], []
+    for finding in kinematics:
+        effects.append(_kinematic_effect(machine, finding))
+    for number, (term, accepted) in enumerate(zip(terms, found.accepted, strict=True)):
+        evidence = _evidence(accepted)
+        part = model.term_slice(number)
+        if isinstance(term.content, Law):
+            unexplained.append(
+                in_own_units(
+                    machine,
+                    {
+                        "joint": names[term.joint or 0],
+                        "variable": term.content.variable(tuple(names)),
+                        "times_sign_of_speed": term.content.signed,
+                        "only_while": term.content.only or None,
+                        **second_variable(term.content, tuple(names)),
+                        "law": law_curve(term.content, model, part),
+                        "unit": term.content.unit,
+                        "amplitude": _amplitude(model, number),
+                        "added": True,
+                        "probability": accepted.probability,
+                        "could_be": _rivals(accepted, names),
+                        "evidence": evidence,
+                    },
+                )
+            )
+            continue
+        effects.append(
+            {
+                "id": term.id,
+                "joint": None if term.joint is None else names[term.joint],
+                "title": term.content.title,
+                "equation": term.content.equation,
+                "look_at": term.content.look_at,
+                "parameters": _term_parameters(term, model, part, machine),
+                "amplitude": _amplitude(model, number),
+                "indistinguishable_from": _rivals(accepted, names),
+                "probability": accepted.probability,
+                "evidence": evidence,
+            }
+        )
+    effects += [_line_effect(names, line) for line in found.lines if line.ripple and not line.in_band]
+    unexplained += [_unconfirmed(machine, item) for item in found.unconfirmed]
+    said, reasons = verdict(results, names)
+    designed, resolved = found.next_experiment, results.get(Resolution) or Resolution()
+    return {
+        "verdict": said,
+        "reasons": reasons,
+        "effects": effects,
+        "unexplained": unexplained,
+        "candidates": [
+            {
+                "id": finding.steps[0]["effect"],
+                "joint": names[finding.steps[0]["joint"]],
+                "score": finding.score,
+                "status": "accepted",
+                "reason": f"the two position sensors disagree by {finding.gap_before * 1e3:.3g} mm, afterwards by "
+                f"{finding.gap_after * 1e3:.3g} mm{_PLACES[finding.steps[0]['shape'].get('sensor')]}",
+            }
+            for finding in kinematics
+        ]
+        + [
+            {**asdict(c), "title": effect(c.id).title, "joint": None if c.joint is None else names[c.joint]}
+            for c in found.candidates
+        ],
+        "detection_limits": [
+            {
+                **asdict(limit),
+                "title": effect(limit.id).title,
+                "joint": None if limit.joint is None else names[limit.joint],
+                "unit": own_unit(machine, limit.joint, limit.unit),
+            }
+            for limit in found.limits
+        ],
+        "hypotheses": _hypotheses(found.hypotheses, names),
+        "changes": [asdict(change) for change in found.changes],
+        "looked": found.looked,
+        "next_experiment": _next_experiment(effects) if designed is None else designed.content,
+        "resolution": [
+            {"before": _hypotheses(step.before, names), "motion": step.motion, "after": _hypotheses(step.after, names)}
+            for step in resolved.steps
+        ],
+    }
+
+
+def _evidence(accepted: AcceptedTerm) -> dict[str, Any]:
+    """What speaks for a term; what was not measured is left out."""
+    content = asdict(replace(accepted, rivals=()))
+    evidence = {key: content[key] for key in _EVIDENCE if content[key] not in (None, "", ())}
+    if accepted.null is not None:
+        evidence |= {"replicas": accepted.null.draws, "inflation": accepted.null.inflation}
+    return evidence
+
+
+def _unconfirmed(machine: Machine, item: UnconfirmedLaw) -> dict[str, Any]:
+    """A law that was not added, as the report has it."""
+    content = asdict(item) | {"joint": machine.joints[item.joint].name, "added": False}
+    if item.second_variable is None:
+        del content["second_variable"]
+    return in_own_units(machine, content)
+
+
+def _rivals(accepted: AcceptedTerm, names: Sequence[str]) -> list[dict[str, Any]]:
+    """Effects that explain the same, with their probabilities."""
+    return [
+        {
+            "id": r.id,
+            "title": effect(r.id).title,
+            "joint": None if r.joint is None else names[r.joint],
+            "probability": r.probability,
+        }
+        for r in accepted.rivals
+    ]
+
+
+def _hypotheses(found: Sequence[Hypothesis], names: Sequence[str]) -> list[dict[str, Any]]:
+    """Explanations of the efforts, the most probable first; one without effects and laws is "nothing"."""
+    result = []
+    for hypothesis in found:
+        places = [None if term.joint is None else names[term.joint] for term in hypothesis.terms]
+        both = list(zip(hypothesis.terms, places, strict=True))
+        result.append(
+            {
+                "effects": [{"id": t.id, "joint": place} for t, place in both if not isinstance(t.content, Law)],
+                "laws": [
+                    {
+                        "joint": place,
+                        "variable": t.content.variable(tuple(names)),
+                        "times_sign_of_speed": t.content.signed,
+                        "only_while": t.content.only or None,
+                    }
+                    for t, place in both
+                    if isinstance(t.content, Law)
+                ],
+                "probability": hypothesis.probability,
+            }
+        )
+    return result
+
+
+def _kinematic_effect(machine: Machine, finding: Kinematic) -> dict[str, Any]:
+    first = finding.steps[0]
+    content = effect(first["effect"])
+    joint = machine.joints[first["joint"]].name
+    parameters: dict[str, Any] = {
+        p.name: {"value": value, "std": std, "unit": own_unit(machine, first["joint"], p.unit)}
+        for p, value, std in zip(content.parameters, finding.values, finding.stds, strict=True)
+    }
+    parameters.update(_shape_values(content, first["shape"], machine, first["joint"]))
+    return {
+        "id": content.id,
+        "joint": joint,
+        "title": content.title,
+        "equation": content.equation,
+        "look_at": content.look_at,
+        "parameters": parameters,
+        "indistinguishable_from": [
+            {"id": rival, "title": effect(rival).title, "joint": joint, "probability": share}
+            for rival, share in zip(finding.rivals, finding.rival_probabilities, strict=True)
+        ],
+        "probability": finding.probability,
+        "evidence": {key: getattr(finding, key) for key in ("score", "gain", "gap_before", "gap_after")},
+    }
+
+
+def _line_effect(names: list[str], line: SpectralLine) -> dict[str, Any]:
+    """A spectral line above the identification band: named, but there is nothing to add."""
+    content = line_effect()
+    (frequency, frequency_std), (amplitude, amplitude_std) = line.frequency, line.amplitude
+    return {
+        "id": content.id,
+        "joint": names[line.joint],
+        "title": content.title,
+        "equation": content.equation,
+        "look_at": content.look_at,
+        "parameters": {
+            "amplitude": {"value": amplitude, "std": amplitude_std, "unit": "N"},
+            "frequency": {"value": frequency, "std": frequency_std, "unit": "Hz"},
+        },
+        "indistinguishable_from": [],
+        "evidence": {"p": line.p, "outside_band": True},
+    }
+
+
+def _term_parameters(term: Term, model: Model, part: slice, machine: Machine) -> dict[str, Any]:
+    assert not isinstance(term.content, Law)
+    other = term.shape.get("other")
+    slides = other is not None and machine.joints[int(other)].type == "prismatic"
+    rebuilt = term.rebuilt or (0.0,) * len(term.content.parameters)
+    values = {
+        p.name: {
+            "value": float(value) + already,
+            "std": float(std),
+            # Per radian of another joint, or per metre where that one slides.
+            "unit": own_unit(machine, term.joint, p.unit.replace("/rad", "/m") if slides else p.unit),
+        }
+        for p, value, std, already, told in zip(
+            term.content.parameters,
+            model.fit.theta[part],
+            model.fit.std[part],
+            rebuilt,
+            model.fit.told[part],
+            strict=True,
+        )
+        if told  # a column that the base takes whole has no value of its own
+    }
+    view = model.views[model.fitted[0]][term.joint or 0]
+    references = {}
+    for name, (value, unit) in term.content.references(view, term.shape).items():
+        if other is not None:  # a pose of the other joint
+            unit = unit.replace("rad", "m") if slides else unit
+        else:
+            unit = own_unit(machine, term.joint, unit)
+        references[name] = {"value": value, "std": None, "unit": unit}
+    return {**values, **_shape_values(term.content, term.shape, machine, term.joint), **references}
+
+
+def _amplitude(model: Model, number: int) -> dict[str, Any]:
+    """How large a term is over the motions that were fitted: a size that does not depend on what a formula counts from.
+
+    ``largest`` is the 99th percentile of its magnitude over the moving samples, on the joint where it is largest; of a
+    delay what is left of it after the efforts were moved.
+    """
+    machine = model.design.machine
+    best = {"largest": 0.0, "rms": 0.0, "unit": "N", "joint": None}
+    for joint, own in enumerate(machine.joints):
+        if model.terms[number].joint not in (joint, None) and not model.terms[number].everywhere:
+            continue
+        parts = [
+            model.contribution(number, joint, index)[~model.design.segments[index].rest[:, joint]]
+            for index in model.fitted
+        ]
+        force = np.abs(np.concatenate(parts))
+        if len(force) and np.quantile(force, 0.99) > best["largest"]:
+            best = {
+                "largest": float(np.quantile(force, 0.99)),
+                "rms": float(np.sqrt(np.mean(force**2))),
+                "unit": effort_unit(own),
+                "joint": own.name,
+            }
+    return best
+
+
+def _shape_values(content: Effect, shape: Mapping[str, float], machine: Machine, joint: int | None) -> dict[str, Any]:
+    values: dict[str, Any] = {}
+    for key, value in shape.items():
+        without = "choice" if key in content.discrete_shapes else "1"
+        unit = own_unit(machine, joint, content.shape_units.get(key, without))
+        if key == "other":
+            values[f"other joint: {machine.joints[int(value)].name}"] = {"value": value, "std": None, "unit": "index"}
+        elif key == "sensor":
+            values[f"place: {'in the piston sensor' if value else 'in a pin'}"] = {
+                "value": value,
+                "std": None,
+                "unit": "choice",
+            }
+        else:
+            values[key] = {"value": value, "std": None, "unit": unit}
+    return values
+
+
+def _next_experiment(effects: list[dict[str, Any]]) -> dict[str, Any] | None:
+    for entry in effects:
+        if entry["indistinguishable_from"]:
+            rivals = [r["id"] for r in entry["indistinguishable_from"]]
+            return {
+                "motion": effect(entry["id"]).experiment,
+                "why": f"{entry['id']} and {', '.join(rivals)} leave the same trace in these recordings",
+                "separates": [entry["id"], *rivals],
+                "joint": entry["joint"],
+            }
+    return None

@@ -1,0 +1,368 @@
+"""From stage results to the report's content and what its figures draw."""
+
+from __future__ import annotations
+
+import platform
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from datetime import UTC, datetime
+from importlib.metadata import version
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from daq.machine.machine_file import Machine
+from fitting.loop.kinematic_check import corrections_from_json
+from fitting.loop.residual_loop import final_model
+from fitting.loop.session import Prepared, Session
+from fitting.pipeline.check_gate import for_report
+from fitting.pipeline.cylinder_stage import MOST_CONDITION
+from fitting.pipeline.results.loop_content import loop_content
+from fitting.pipeline.results.loop_results import Attributed, SpectralLine
+from fitting.pipeline.results.stage_results import (
+    Checked,
+    Cylinders,
+    Fitted,
+    Refitted,
+    Residual,
+    RigidBody,
+    Stacked,
+    StageResults,
+)
+from fitting.regression.drive import UNITS, direct_units, effort_unit
+from fitting.regression.flags import mark
+from fitting.regression.identifiability import Telling, statement, tellings
+from fitting.report.drawing_data import friction_curves, scatters, worst_seconds
+from fitting.report.joint_words import in_words_of
+from fitting.report.model import Figures
+from fitting.report.residual_diagnostics import diagnostics
+from fitting.residual.terms import Model, Term
+
+FloatArray = npt.NDArray[np.float64]
+
+#: What the joint refit's weights make it, and its deviations.
+_ESTIMATORS = {"whitened": "gls", "equal": "joint_ols"}
+_COVARIANCES = {"whitened": "whitened", "equal": "hac"}
+_CHANGED = {
+    "1": "the zero of the effort",
+    "f_c": "Coulomb friction",
+    "f_v": "viscous friction",
+    "K": "stiffness",
+    "load": "the load",
+}
+
+
+@dataclass(frozen=True)
+class Final:
+    """The final fit with everything that was found.
+
+    Attributes
+    ----------
+    steps : of the kinematic corrections, as JSON
+    terms : effects and laws
+    prepared, model : design and fit
+    """
+
+    steps: tuple[Mapping[str, Any], ...]
+    terms: list[Term]
+    prepared: Prepared
+    model: Model
+
+
+def final_fit(session: Session, results: StageResults) -> Final:
+    """The final fit again, from what the stages left."""
+    terms, steps = results[Attributed].terms, results[Residual].steps
+    prepared, final = final_model(session, corrections_from_json(session, steps), terms)
+    return Final(steps, terms, prepared, final.model)
+
+
+def build_report(session: Session, results: StageResults, final: Final | None = None) -> tuple[dict[str, Any], Figures]:
+    """Content of report.json (DESIGN 6) and the data of the page's figures; the ``final`` fit is made if not given."""
+    final = final or final_fit(session, results)
+    terms, prepared, model = final.terms, final.prepared, final.model
+    checked, refitted = results[Checked], results[Refitted]
+    content = {
+        "schema": "hilfit/report/1",
+        "machine": session.machine.name,
+        "created": datetime.now(UTC).isoformat(timespec="seconds"),
+        "software": {
+            "hilfit": version("hilfit"),
+            "python": platform.python_version(),
+            **{name: version(name) for name in ("numpy", "scipy")},
+        },
+        "data": [
+            {
+                "role": recording.role,
+                "file": recording.file,
+                "sha256": recording.sha256,
+                "samples": len(recording),
+                "events": [asdict(event) for event in recording.events],
+            }
+            for recording in session.recordings
+        ],
+        "bandwidth_hz": checked.bandwidth_hz,
+        "noise_floor_method": "repeat" if results[Residual].measured else "estimated",
+        "self_check": {"regressor_against_newton_euler": checked.self_check},
+        "reduction": {
+            "standard_parameters": checked.standard_parameters,
+            "base_parameters": checked.base_parameters,
+        },
+        "cylinders": _cylinders(session, results),
+        "rigid_body": _rigid_body(session, results),
+        "one_shot": _one_shot(session, results),
+        "errors": _errors(session, results),
+        "overall": refitted.overall,
+        "loop": loop_content(session, results, model, terms),
+        "estimation": refitted.estimation,
+        "plausibility": _plausibility(session, results),
+        "parameter_shifts": _shifts(session, results),
+        "identifiability": _identifiability(session),
+        "checks": for_report(checked.findings),
+        "warnings": _warnings(session, results),
+    }
+    for part in ("loop", "estimation", "plausibility", "warnings"):
+        content[part] = in_words_of(session.machine, content[part])
+    mark(content)
+    return content, _figures(session, results, prepared, model, terms)
+
+
+def _plausibility(session: Session, results: StageResults) -> dict[str, Any]:
+    """Parameters that cannot be, and beside them the fit that keeps to what can."""
+    found = results[Refitted].plausibility
+    if found.constrained is None:
+        return {"violations": []}
+    constrained, names = found.constrained, session.plain.design.parameters.names
+    errors = {
+        joint.name: {key: values[number] for key, values in constrained.errors.items()}
+        for number, joint in enumerate(session.machine.joints)
+    }
+    parameters = [
+        {"name": name, "value": value, "free": free}
+        for name, value, free in zip(names, constrained.theta, results[Refitted].after.theta, strict=False)
+    ]
+    return {
+        "violations": list(found.violations),
+        "constrained": {"errors": errors, "price_percent": constrained.price_percent, "parameters": parameters},
+    }
+
+
+def _cylinders(session: Session, results: StageResults) -> dict[str, Any]:
+    refit = results[Refitted]
+    cylinders = {}
+    for number, (joint, first) in enumerate(zip(session.machine.joints, results[Cylinders].cylinders, strict=True)):
+        part = session.plain.design.parameters.drive_slice(number)
+        units = UNITS if joint.cylinder is not None else direct_units(joint.effort_unit)
+        cylinders[joint.name] = {
+            "parameters": _values(first.names, refit.after.theta[part], refit.after.std[part], units),
+            "residual_std": refit.drive_residual_std[number],
+            "unit": effort_unit(joint),
+            "stage_1": _values(first.names, first.theta, first.std, units),
+            "stage_1_residual_std": first.residual_std,
+            "stage_1_in_situ": first.in_situ,
+        }
+    return cylinders
+
+
+def _values(names: Sequence[str], theta: FloatArray, std: FloatArray, units: Mapping[str, str]) -> dict[str, Any]:
+    return {
+        name: {"value": value, "std": deviation, "unit": units[name]}
+        for name, value, deviation in zip(names, theta.tolist(), std.tolist(), strict=True)
+    }
+
+
+def _rigid_body(session: Session, results: StageResults) -> dict[str, Any]:
+    base = session.base
+    part = session.plain.design.parameters.base_slice
+    refit, two_stage = results[Refitted], results[RigidBody].two_stage
+    chosen = refit.chosen
+    final = chosen or refit.after
+    joint_refit = _values_of(refit.after, part) if chosen else [{}] * len(base)
+    return {
+        "estimator": chosen.estimator if chosen else _ESTIMATORS[refit.weights],
+        "covariance": session.options.covariance if chosen else _COVARIANCES[refit.weights],
+        "condition_number": (chosen or refit).condition_number,
+        "parameters": [
+            {
+                "name": name,
+                "expression": expression,
+                "value": value if told else None,
+                "std": std if told else None,
+                "unit": unit,
+                "stage_2": {"value": first, "std": first_std},
+                **({"joint_refit": joint} if joint else {}),
+            }
+            for name, expression, unit, value, std, told, first, first_std, joint in zip(
+                base.names,
+                base.expressions,
+                base.units,
+                final.theta[part].tolist(),
+                final.std[part].tolist(),
+                final.told[part],
+                two_stage.theta[part].tolist(),
+                two_stage.std[part].tolist(),
+                joint_refit,
+                strict=True,
+            )
+        ],
+        "stage_2": {"estimator": two_stage.estimator, "condition_number": two_stage.condition_number},
+        **(_price(session, results, chosen) if chosen else {}),
+    }
+
+
+def _values_of(fitted: Fitted, part: slice) -> list[dict[str, Any]]:
+    both = zip(fitted.theta[part].tolist(), fitted.std[part].tolist(), strict=True)
+    return [{"value": value, "std": std} for value, std in both]
+
+
+def _price(session: Session, results: StageResults, chosen: Stacked) -> dict[str, Any]:
+    """What the estimator asked for costs in error against the joint refit, and what it had to say."""
+    after = results[Refitted].errors["after"]
+    errors = {
+        joint.name: {key: values[number] for key, values in chosen.errors.items()}
+        for number, joint in enumerate(session.machine.joints)
+    }
+    price = {}
+    for role in ("train", "validate"):
+        pairs = [
+            (a, b, f)
+            for a, b, f in zip(chosen.errors[role], after[role], results[Residual].noise_floor, strict=True)
+            if a is not None and b is not None and f > 0
+        ]
+        if pairs:
+            own, other = (np.mean([(pair[k] / pair[2]) ** 2 for pair in pairs]) for k in (0, 1))
+            price[role] = float(100.0 * (np.sqrt(own / other) - 1.0))
+    return {"errors": errors, "price_percent": price, "details": chosen.details}
+
+
+def _one_shot(session: Session, results: StageResults) -> dict[str, Any]:
+    one_shot = results[RigidBody].one_shot
+    return {
+        "comparison": results[Refitted].comparison,
+        "condition_number": one_shot.condition_number,
+        "errors": {
+            joint.name: {key: values[number] for key, values in one_shot.errors.items()}
+            for number, joint in enumerate(session.machine.joints)
+        },
+        "relative": one_shot.relative,
+    }
+
+
+def _errors(session: Session, results: StageResults) -> dict[str, Any]:
+    errors, residual = results[Refitted].errors, results[Residual]
+    two_stage = results[RigidBody].two_stage.errors
+    return {
+        joint.name: {
+            "unit": joint.effort_unit,
+            "noise_floor": residual.noise_floor[number],
+            "noise_floor_valid": residual.floor_valid[number],
+            "before": {key: values[number] for key, values in errors["before"].items()},
+            "after": {key: values[number] for key, values in errors["after"].items()},
+            "two_stage": {key: values[number] for key, values in two_stage.items()},
+        }
+        for number, joint in enumerate(session.machine.joints)
+    }
+
+
+def _shifts(session: Session, results: StageResults) -> list[dict[str, Any]]:
+    parameters = session.plain.design.parameters
+    before, after = results[Refitted].before, results[Refitted].after
+    shifts = []
+    for number, name in enumerate(parameters.names):
+        if not (before.told[number] and after.told[number]):
+            continue
+        first, second, std = (float(v[number]) for v in (before.theta, after.theta, after.std))
+        shifts.append(
+            {"name": name, "before": first, "after": second, "sigmas": (second - first) / std if std > 0 else None}
+        )
+    return shifts
+
+
+def _warnings(session: Session, results: StageResults) -> list[str]:
+    notes = dict.fromkeys(note for recording in session.recordings for note in recording.notes)
+    warnings = [*notes, *session.left_out, *results[Attributed].warnings]
+    if not results[Residual].measured:
+        warnings.append(
+            "no repeated motion: the noise floor is an estimate from residuals; record the training motion twice"
+        )
+    if not session.plain.validate:
+        warnings.append("no validation motion: errors are those of the training motion, which was fitted")
+    cylinders = results[Cylinders].cylinders
+    still = [c.joint for c in cylinders if c.rows == 0]
+    if still:
+        warnings.append(f"{', '.join(still)} never moved: nothing is known of its friction and stiffness")
+    refused = [c for c in cylinders if c.refused]
+    if refused:
+        listed = ", ".join(f"{c.joint} ({c.condition:.3g})" for c in refused)
+        warnings.append(
+            f"stage 1 with the arm attached is refused for {listed}: the load looks like the drive there "
+            f"(condition number above {MOST_CONDITION:g}); the values of the joint fit stand in its place"
+        )
+    in_situ = [c.joint for c in cylinders if c.in_situ and c.rows > 0 and not c.refused]
+    warnings += _in_situ_warnings(session, in_situ)
+    parameters = session.plain.design.parameters
+    untold = [n for n, told in zip(parameters.names, results[Refitted].after.told, strict=False) if not told]
+    if untold:
+        warnings.append(f"this motion cannot tell {', '.join(untold)}; they are left at zero")
+    for change in results[Attributed].changes:
+        warnings.append(
+            f"{change.joint}: {_CHANGED.get(change.of, change.of)} changed "
+            + ("at the beginning of" if change.time < 1.0 else f"{change.time:.1f} s into")
+            + (" every recording" if change.recording is None else f" recording {change.recording + 1}")
+        )
+    warnings += [_line_warning(session.machine, line) for line in results[Attributed].lines if not line.ripple]
+    if session.plain.design.indices("operation"):
+        warnings.append(statement(_tellings(session)))
+    return warnings
+
+
+def _in_situ_warnings(session: Session, joints: Sequence[str]) -> list[str]:
+    """Why friction of these joints was estimated with the arm attached."""
+    unloaded = any(recording.role == "unloaded" for recording in session.recordings)
+    hidden = set(session.machine.unseen_pistons()) if unloaded else set()
+    attached = "friction was estimated with the arm attached on"
+    reasons = (
+        ([j for j in joints if j not in hidden], "no unloaded recording of it"),
+        ([j for j in joints if j in hidden], "with the rods off only a piston_position channel shows the piston"),
+    )
+    return [f"{attached} {', '.join(own)}: {why}" for own, why in reasons if own]
+
+
+def _line_warning(machine: Machine, line: SpectralLine) -> str:
+    """What to do about a spectral line where no pump can have made it."""
+    joint = machine.joints[line.joint]
+    return (
+        f"{joint.name}: the effort oscillates at {line.frequency[0]:.4g} Hz with an amplitude of "
+        f"{line.amplitude[0]:.3g} {effort_unit(joint)}, which no motion explains; without a cylinder it is "
+        "no ripple of a pump: look at the controller, the power supply and resonances"
+    )
+
+
+def _tellings(session: Session) -> tuple[Telling, ...]:
+    plain = session.plain
+    theta = session.handed_base.model.fit.theta
+    return tellings(plain.design, plain.noise, plain.fitted, theta, session.prior)
+
+
+def _identifiability(session: Session) -> list[dict[str, Any]]:
+    """What these recordings tell of every parameter."""
+    return [
+        {
+            "name": t.name,
+            "verdict": t.verdict,
+            "std": t.std if np.isfinite(t.std) else None,
+            "relative": t.relative if np.isfinite(t.relative) else None,
+        }
+        for t in _tellings(session)
+    ]
+
+
+def _figures(session: Session, results: StageResults, prepared: Prepared, model: Model, terms: list[Term]) -> Figures:
+    before = session.base_with(results[Refitted].weights)
+    shown = session.plain.validate or session.plain.design.indices("train", "operation")
+    return Figures(
+        scatter=scatters(before, model, shown),
+        worst=worst_seconds(before, model, shown, results[Residual].noise_floor),
+        friction=friction_curves(before, model),
+        diagnostics=diagnostics(before, model, shown),
+    )

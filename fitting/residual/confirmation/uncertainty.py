@@ -1,0 +1,235 @@
+"""Uncertainty of the final model: what a joint fit with everything held fixed does not know.
+
+Three things make the standard deviations of a least-squares fit too small once a model was *found*:
+
+shapes
+    An effect's formula has parameters that are not linear (a Stribeck speed, an onset, a resonance), which were
+    searched; each gets a column, the formula's derivative by its relative change, so that linear parameters share its
+    doubt.
+laws
+    What part of a law of unknown physics lies in the base's own columns cannot be told, and is expected to be twice as
+    large as what was found beside them. And what parameters move by when the law is added is doubt as well: the law is
+    a spline, not nature's formula.
+noise
+    The spectrum that rows were whitened by was estimated (:mod:`fitting.regression.freedom`). And where a joint's
+    whitened residual is refused as white and normal noise, or an effect was found there whose formula need not be
+    nature's, its rows count with what their scores say of themselves (a sandwich, Newey and West's).
+
+Source: G. Seber and C. Wild, *Nonlinear Regression*, 1989, section 2.1 (linear approximation).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import numpy.typing as npt
+from scipy import stats
+
+from daq.recordings.recording_checks import runs
+from fitting.effects.base import Effect
+from fitting.estimators.covariance import series_scores
+from fitting.regression.design import Extra, WhiteRows
+from fitting.regression.freedom import coverage_factors, degrees_of_freedom
+from fitting.regression.prior import Prior
+from fitting.residual.laws import Law
+from fitting.residual.terms import Model, Term, extra_columns
+from fitting.signals.filters import FilterBank
+
+FloatArray = npt.NDArray[np.float64]
+
+#: Relative step of a shape's numerical derivative, and what is known of a shape beforehand, relative.
+_STEP, _SHAPE_STD = 0.004, 0.5
+#: The share of an unknown law that lies in the base's columns, in units of what lies beside them.
+_HIDDEN = 2.0
+#: Chance that white and normal noise is refused as such, and rows of a stretch that say something of its spectrum.
+REFUSED, _SHORTEST = 1e-3, 32
+#: Share of the bandwidth below which whitened noise is flat: the filter falls around it.
+_INSIDE = 0.9
+
+
+def with_doubts(model: Model, prior: Prior) -> Model:
+    """The model with a covariance that knows what was searched, what is unknown, and how well the noise is known.
+
+    Values do not change. Recordings that are too long for memory keep their covariance: shapes and spectra of hours
+    are known well.
+    """
+    if model.design.stored:
+        return model
+    rows = model.rows(prior)
+    covariance = _with_shapes(model, rows)
+    covariance = covariance + np.diag(law_variances(model, rows))
+    freedom = degrees_of_freedom(rows, model.fit.covariance, model.noise, model.design.bank.reduced_rate_hz)
+    factors = coverage_factors(freedom) * sandwich_factors(model, rows)
+    covariance = covariance * factors[:, None] * factors[None, :]
+    return replace(model, fit=replace(model.fit, covariance=covariance))
+
+
+def sandwich_factors(model: Model, rows: Sequence[WhiteRows]) -> FloatArray:
+    """Factors (p,), at least 1, that make deviations those of a sandwich on the joints that ask for it.
+
+    The variance of a parameter is ``c' S c`` with ``c`` its row of the covariance and ``S`` the sum over the joints of
+    ``A_j'A_j`` (unit noise), or of the long-run covariance of ``A_j' e_j`` where the noise is refused.
+    """
+    named = {term.joint for term in model.terms if not term.everywhere}
+    covariance = model.fit.covariance
+    more = np.zeros_like(covariance)
+    rng = np.random.default_rng(0)  # the sum over lags does not draw
+    for joint, (own, residual) in enumerate(zip(rows, model.fit.residual, strict=True)):
+        if not own.sections or not (joint in named or is_refused(own, residual, model.design.bank)):
+            continue
+        start = 0
+        for _, kept in own.sections:
+            part = slice(start, start := start + int(np.count_nonzero(kept)))
+            A, e = own.A[part], residual[part]
+            if len(e):
+                more += series_scores(A, e, "hac", rng) - A.T @ A
+    variance = np.diag(covariance)
+    raised = variance + np.einsum("ij,jk,ik->i", covariance, more, covariance)
+    return np.sqrt(np.where(variance > 0, np.maximum(raised, variance) / np.where(variance > 0, variance, 1.0), 1.0))
+
+
+def is_refused(rows: WhiteRows, residual: FloatArray, bank: FilterBank) -> bool:
+    """Whether a joint's whitened residual is refused as white inside the band and normal.
+
+    White: the cumulated periodogram of frequencies below the bandwidth is a straight line (Kolmogorov and Smirnov's
+    distance; M. S. Bartlett, *Stochastic Processes*, 1955, ch. 9); the filter leaves nothing beyond. Normal: skewness
+    and kurtosis (C. Jarque and A. Bera, Economics Letters 6, 1980), of as many values as the band leaves independent.
+    """
+    frequencies, powers, values, start = [], [], [], 0
+    for _, kept in rows.sections:
+        part = residual[start : start + int(np.count_nonzero(kept))]
+        start += len(part)
+        values.append(part)
+        ends = np.cumsum([run.stop - run.start for run in runs(kept)]) if len(part) else np.zeros(0, dtype=int)
+        for e in np.split(part, ends[:-1]):
+            if len(e) >= _SHORTEST:
+                own = np.fft.rfftfreq(len(e), 1.0 / bank.reduced_rate_hz)
+                inside = (own > 0) & (own <= _INSIDE * bank.bandwidth_hz)
+                frequencies.append(own[inside])
+                powers.append((np.abs(np.fft.rfft(e)) ** 2)[inside] / len(e))
+    if not powers or sum(map(len, powers)) < _SHORTEST:
+        return False
+    power = np.concatenate(powers)[np.argsort(np.concatenate(frequencies), kind="stable")]
+    lines = len(power)
+    distance = float(np.max(np.abs(np.cumsum(power) / power.sum() - np.arange(1, lines + 1) / lines)))
+    everything = np.concatenate(values)
+    everything = everything / np.sqrt(np.mean(everything**2))
+    skew, tail = float(np.mean(everything**3)), float(np.mean(everything**4)) - 3.0
+    share = min(1.0, 2.0 * bank.bandwidth_hz / bank.reduced_rate_hz)
+    bera = share * len(everything) / 6.0 * (skew**2 + tail**2 / 4.0)
+    return bool(stats.kstwobign.sf(distance * np.sqrt(lines)) < REFUSED / 2 or stats.chi2.sf(bera, 2) < REFUSED / 2)
+
+
+def _with_shapes(model: Model, rows: Sequence[WhiteRows]) -> FloatArray:
+    """Covariance (p, p) with the shapes of effects free to move."""
+    slopes = shape_columns(model)
+    told = model.fit.told
+    if slopes is None:
+        return model.fit.covariance
+    D = _white(model, slopes)
+    A = np.vstack([own.A[:, told] for own in rows])
+    # Of the covariance with D beside A: C + C A'D (D'D + P - D'A C A'D)^-1 D'A C.
+    C = model.fit.covariance[np.ix_(told, told)]
+    shift = C @ (A.T @ D)
+    left = D.T @ D + np.eye(D.shape[1]) / _SHAPE_STD**2 - (A.T @ D).T @ shift
+    covariance = model.fit.covariance.copy()
+    covariance[np.ix_(told, told)] += shift @ np.linalg.solve(left, shift.T)
+    return covariance
+
+
+def shape_columns(model: Model) -> Extra | None:
+    """Full-rate columns of how terms change with the logarithm of each of their shapes; None without any shape."""
+    names, parts = list[str](), list[list[list[FloatArray | None]]]()
+    for number, term in enumerate(model.terms):
+        if not isinstance(term.content, Effect) or term.rebuilt:
+            continue
+        values = model.fit.theta[model.term_slice(number)]
+        for key, value in term.shape.items():
+            if key in term.discrete or not value:
+                continue
+            slope = _slope(model, term, key, values)
+            found = [c for joint in slope for c in joint if c is not None]
+            if all(np.isfinite(c).all() for c in found) and any(c.any() for c in found):
+                names.append(f"{term.id}.{key}")
+                parts.append(slope)
+    if not names:
+        return None
+    joints, segments = range(len(model.design.machine.joints)), range(len(model.design.segments))
+    return Extra(tuple(names), [[_stacked([part[j][i] for part in parts]) for i in segments] for j in joints])
+
+
+def _slope(model: Model, term: Term, key: str, values: FloatArray) -> list[list[FloatArray | None]]:
+    """Derivative of a term's contribution by the logarithm of one shape, per joint and segment (N, 1)."""
+    up, down = (
+        extra_columns(
+            model.design, model.views, [replace(term, shape={**term.shape, key: term.shape[key] * factor})]
+        ).columns
+        for factor in (1 + _STEP, 1 - _STEP)
+    )
+    return [
+        [
+            None if first is None or second is None else ((first - second) @ values / (2 * _STEP))[:, None]
+            for first, second in zip(a, b, strict=True)
+        ]
+        for a, b in zip(up, down, strict=True)
+    ]
+
+
+def _stacked(columns: Sequence[FloatArray | None]) -> FloatArray | None:
+    """Columns (N, 1) side by side, zero where there is none."""
+    there = next((c for c in columns if c is not None), None)
+    if there is None:
+        return None
+    return np.hstack([np.zeros_like(there) if c is None else c for c in columns])
+
+
+def _white(model: Model, extra: Extra) -> FloatArray:
+    """Whitened columns in the rows of all joints, in the order of the fit's (a prior's row is 0)."""
+    parts = []
+    for joint in range(len(model.design.machine.joints)):
+        rows = np.zeros((len(model.fit.residual[joint]), len(extra.names)))
+        start = 0
+        for index in model.fitted:
+            kept = model.noise.kept(joint, model.design.blocks[joint][index].keep)
+            count, own = int(np.count_nonzero(kept)), extra.columns[joint][index]
+            if own is not None:
+                rows[start : start + count] = model.noise.whiten(joint, model.design.bank.reduce(own))[kept]
+            start += count
+        parts.append(rows)
+    return np.vstack(parts)
+
+
+def law_variances(model: Model, rows: Sequence[WhiteRows]) -> FloatArray:
+    """Variance (p,) that unknown laws add to the drive parameters of their joints."""
+    variances = np.zeros(len(model.fit.theta))
+    count = len(model.design.parameters)
+    if not any(isinstance(term.content, Law) for term in model.terms):
+        return variances
+    named = [
+        isinstance(term.content, Effect) for term in model.terms for _ in term.names(model.design.parameters.joints)
+    ]
+    without = np.flatnonzero(model.fit.told & np.concatenate([np.ones(count, dtype=bool), np.array(named)]))
+    A = np.vstack([own.A[:, without] for own in rows])
+    unit = np.linalg.norm(A, axis=0)
+    plain = np.linalg.lstsq(A / unit, np.concatenate([own.b for own in rows]), rcond=1e-12)[0] / unit
+    variances[without] += (model.fit.theta[without] - plain) ** 2
+    for number, term in enumerate(model.terms):
+        if not isinstance(term.content, Law) or term.joint is None:
+            continue
+        part, own = model.term_slice(number), rows[term.joint].A
+        law = own[:, part]
+        found = law @ model.fit.theta[part]
+        scale = np.linalg.norm(own[:, :count], axis=0)
+        there = np.flatnonzero(scale > 0)
+        base = own[:, there] / scale[there]
+        beside = found - base @ np.linalg.lstsq(base, found, rcond=1e-8)[0]
+        span = np.linalg.svd(law / max(float(np.linalg.norm(law)), 1e-300), full_matrices=False)
+        directions = span[0][:, span[1] > 1e-6 * span[1][0]]
+        drive = model.design.parameters.drive_slice(term.joint)
+        for place in range(drive.start, drive.stop):
+            if scale[place] > 0 and model.fit.told[place]:
+                share = float(np.sum((directions.T @ (own[:, place] / scale[place])) ** 2))
+                variances[place] += share * (_HIDDEN * float(np.linalg.norm(beside)) / scale[place]) ** 2
+    return variances

@@ -1,0 +1,1 @@
+"""EDS files of the simulated CANopen devices, one per kind (:mod:`sim_backends.devices.object_dictionaries`)."""

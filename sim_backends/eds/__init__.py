@@ -1,1 +1,0 @@
-"""EDS files of the simulated CANopen devices, one per kind (:mod:`sim_backends.object_dictionaries`)."""

@@ -1,0 +1,181 @@
+"""Faults of a script, begun and ended at their times on a running simulated machine."""
+
+from __future__ import annotations
+
+import heapq
+import json
+import threading
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+from daq.errors import HilfitError
+from daq.machine.machine_file import CanopenBus, CanSource, Machine, ModbusSource
+from sim_backends.devices.wiring import channel_signal
+from sim_backends.faults import faults
+from sim_backends.faults.fault_file import (
+    BiasStep,
+    BusOff,
+    ClockJump,
+    Corrupt,
+    Death,
+    Delay,
+    Drop,
+    DuplicateId,
+    EmcyStorm,
+    Fault,
+    HalfOpen,
+    NoiseBurst,
+    Saturate,
+    SignalFault,
+    SlowPeer,
+    SyncJitter,
+)
+from sim_backends.faults.faults import Orderable
+
+LOOK_S = 0.05  # between two looks whether acquisition has begun
+
+
+class FaultRunner:
+    """Runs a script beside a simulated machine, from its first SYNC on.
+
+    Parameters
+    ----------
+    machine : takes the orders
+    declared : its machine file
+    script : what is to happen
+    log : a line of JSON for everything that began or ended: ``utc_ns``, ``what`` (``begin`` or ``end``), ``fault``
+    say : told the same in words
+    """
+
+    def __init__(
+        self,
+        machine: Orderable,
+        declared: Machine,
+        script: Sequence[Fault],
+        log: Path | None = None,
+        say: Callable[[str], None] = lambda line: None,
+    ) -> None:
+        self._machine, self._declared = machine, declared
+        self._log, self._say = log, say
+        self._stopping = threading.Event()
+        # Time, a number that keeps the order of the file, the fault, and whether it begins.
+        self._due = [(fault.at, number, fault, True) for number, fault in enumerate(script)]
+        heapq.heapify(self._due)
+        self._thread = threading.Thread(target=self._run, name="faults", daemon=True)
+
+    def start(self) -> None:
+        """Wait for the first SYNC, in a thread."""
+        self._thread.start()
+
+    def stop(self) -> None:
+        """No more faults; those that have begun stay."""
+        self._stopping.set()
+        if self._thread.is_alive():
+            self._thread.join()
+
+    def _run(self) -> None:
+        try:
+            while not self._machine.order("hub", "counts")["sync"]:
+                if self._stopping.wait(LOOK_S):
+                    return
+            began = time.monotonic()
+            while self._due:
+                at, number, fault, begins = heapq.heappop(self._due)
+                if self._stopping.wait(max(0.0, began + at - time.monotonic())):
+                    return
+                (begin if begins else end)(self._machine, self._declared, fault)
+                self._tell(fault, begins)
+                if begins:
+                    heapq.heappush(self._due, (at + fault.seconds_long, number, fault, False))
+                elif fault.every is not None:
+                    heapq.heappush(self._due, (at - fault.seconds_long + fault.every, number, fault, True))
+        except HilfitError as error:  # the simulated machine was switched off, or one of its processes died
+            self._say(f"faults end here: {error}")
+
+    def _tell(self, fault: Fault, begins: bool) -> None:
+        content = fault.model_dump(mode="json", by_alias=True, exclude_none=True)
+        what = "begin" if begins else "end"
+        details = ", ".join(f"{key} {value}" for key, value in content.items() if key not in ("fault", "at", "every"))
+        self._say(f"{content['fault']} {what}s ({details})")
+        if self._log is not None:
+            with self._log.open("a", encoding="utf-8") as file:
+                file.write(json.dumps({"utc_ns": time.time_ns(), "what": what, "fault": content}) + "\n")
+
+
+def begin(machine: Orderable, declared: Machine, fault: Fault) -> None:
+    """Let a fault begin."""
+    _apply(machine, declared, fault, True)
+
+
+def end(machine: Orderable, declared: Machine, fault: Fault) -> None:
+    """Let a fault end."""
+    _apply(machine, declared, fault, False)
+
+
+def _apply(machine: Orderable, declared: Machine, fault: Fault, on: bool) -> None:
+    match fault:
+        case SignalFault():
+            _signal(machine, declared, fault, on)
+        case Death(node=None, unit=int(unit)):
+            faults.silence_unit(machine, fault.bus, unit, on)
+        case Death(node=int(node)):
+            (faults.kill_node if on else faults.revive_node)(machine, node)
+        case Drop() | Corrupt():
+            _share(machine, fault, fault.share if on else 0.0)
+        case Delay(node=None, unit=int(unit)):
+            faults.delay_unit(machine, fault.bus, unit, (fault.seconds or 0.0) if on else 0.0)
+        case Delay(node=int(node)):
+            faults.delay_tpdos(machine, node, (fault.syncs or 0) if on else 0)
+        case DuplicateId():
+            faults.double_node(machine, fault.node, on)
+        case EmcyStorm():
+            if on:
+                faults.emergency_storm(machine, fault.node, fault.count, fault.code)
+            else:
+                faults.emergency(machine, fault.node, 0, 0)
+        case BusOff():
+            machine.order("hub", "bus_off", on=on)
+        case SyncJitter():
+            machine.order("hub", "jitter", seconds=fault.seconds if on else 0.0)
+        case ClockJump():
+            for process in ("hub", "nodes"):
+                machine.order(process, "clock_jump", seconds=fault.seconds if on else 0.0)
+        case HalfOpen():
+            process, where = _bus(declared, fault.bus)
+            machine.order(process, "half_open", on=on, **where)
+        case SlowPeer():
+            process, where = _bus(declared, fault.bus)
+            machine.order(process, "slow", seconds=fault.seconds if on else 0.0, **where)
+        case _:
+            raise TypeError(f"no fault of a simulated machine: {type(fault).__name__}")
+
+
+def _bus(declared: Machine, name: str) -> tuple[str, dict[str, str]]:
+    can = any(bus.name == name and isinstance(bus, CanopenBus) for bus in declared.buses)
+    return ("hub", {}) if can else ("modbus", {"bus": name})
+
+
+def _share(machine: Orderable, fault: Drop | Corrupt, share: float) -> None:
+    if fault.node is not None:
+        machine.order("nodes", "fault", node=fault.node, kind=fault.fault, value=share)
+    else:
+        machine.order("modbus", "fault", bus=fault.bus, unit=fault.unit, kind=fault.fault, value=share)
+
+
+def _signal(machine: Orderable, declared: Machine, fault: SignalFault, on: bool) -> None:
+    column, channel = next((k, c) for k, c in enumerate(declared.channels) if c.name == fault.channel)
+    signal, unit = channel_signal(declared, channel, column), declared.conversion(channel)
+    size = 0.0
+    if isinstance(fault, NoiseBurst | BiasStep):
+        size = fault.size * unit.factor * signal.factor
+    elif isinstance(fault, Saturate):
+        assert channel.range is not None
+        size = signal.factor * float(unit.to_si(max(channel.range))) + signal.offset
+    what: Any = fault.model_dump()["fault"]
+    details = {"kind": "signal", "channel": fault.channel, "what": what, "size": size, "on": on}
+    if isinstance(channel.source, CanSource):
+        machine.order("nodes", "fault", node=channel.source.node, **details)
+    elif isinstance(channel.source, ModbusSource):
+        machine.order("modbus", "fault", bus=channel.source.bus, unit=channel.source.unit, **details)

@@ -1,0 +1,30 @@
+"""No folder of a package is a heap; those of a seam have one file for each of what is added there."""
+
+from __future__ import annotations
+
+from collections import Counter
+from pathlib import Path
+
+ROOT = Path(__file__).parents[2]
+PACKAGES = ("benchmarks", "daq", "fitting", "hilfit", "server", "sim_backends")
+#: What one looks over at a glance.
+MOST_MODULES = 15
+#: One file for each effect, each estimator.
+SEAMS = {"fitting/effects", "fitting/estimators"}
+
+
+def test_no_folder_has_more_modules_than_one_looks_over() -> None:
+    modules = [path for package in PACKAGES for path in (ROOT / package).rglob("*.py") if path.stem != "__init__"]
+    folders = Counter(path.parent.relative_to(ROOT).as_posix() for path in modules if "node_modules" not in path.parts)
+    assert len(folders) > 50
+    assert {folder for folder, count in folders.items() if count > MOST_MODULES} == SEAMS
+
+
+def test_every_room_says_what_it_holds() -> None:
+    rooms = {path.parent for package in PACKAGES for path in (ROOT / package).rglob("*.py")}
+    silent = [room for room in sorted(rooms) if "node_modules" not in room.parts and not _says(room / "__init__.py")]
+    assert [room.relative_to(ROOT).as_posix() for room in silent] == []
+
+
+def _says(path: Path) -> bool:
+    return path.exists() and path.read_text(encoding="utf-8").lstrip().startswith(('"""', 'r"""'))
