@@ -270,17 +270,22 @@ def other_bands(
     for number, factor in enumerate(SCREEN):
         progress(0.86 + 0.03 * number, "looking again with another bandwidth")
         cutoff = min(factor * session.bank.bandwidth_hz, session.machine.rate_hz / 5)
-        other = Session(session.machine, session.recordings, replace(session.options, bandwidth_hz=cutoff))
-        signals = SessionSignals(other, corrections)
-        validate = signals.prepared(()).validate
-        base = signals.refit(())
-        found = attribute(base, effects(), validate, signals)
-        if found.verdict != "nothing_missing" and session.options.bootstrap:
-            # Replicas take off what noise makes of the candidates: only asked where something stands out at all.
-            found = attribute(base, effects(), validate, signals, session.options.bootstrap)
-        scores = (*(item.score for item in found.accepted), *(item.score for item in found.unconfirmed))
-        result.append((cutoff, tuple(score.term.family for score in scores)))
+        result.append((cutoff, _found_at(session, corrections, cutoff)))
     return tuple(result)
+
+
+def _found_at(session: Session, corrections: Corrections, cutoff: float) -> tuple[Family, ...]:
+    """Families that the loop finds at another cut-off; all else is gone."""
+    other = Session(session.machine, session.recordings, replace(session.options, bandwidth_hz=cutoff))
+    signals = SessionSignals(other, corrections)
+    validate = signals.prepared(()).validate
+    base = signals.refit(())
+    found = attribute(base, effects(), validate, signals)
+    if found.verdict != "nothing_missing" and session.options.bootstrap:
+        # Replicas take off what noise makes of the candidates: only asked where something stands out at all.
+        found = attribute(base, effects(), validate, signals, session.options.bootstrap)
+    scores = (*(item.score for item in found.accepted), *(item.score for item in found.unconfirmed))
+    return tuple(score.term.family for score in scores)
 
 
 def _leading(model: Model, number: int) -> int:

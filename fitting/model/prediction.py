@@ -82,8 +82,14 @@ def load_recording(model: ArmModel, path: Path, *, columns: Path | None = None, 
     return read_recording(path, model.machine, "validate", columns=named, resample=resample)
 
 
-def on_recording(model: ArmModel, recording: Recording) -> tuple[Evaluated, tuple[str, ...]]:
+def on_recording(
+    model: ArmModel, recording: Recording, start: float | None = None
+) -> tuple[Evaluated, tuple[str, ...]]:
     """A model evaluated on a recording, and a line for each term that this recording cannot have.
+
+    Parameters
+    ----------
+    start : time at which its clock begins, s; None: at its first sample, as the recording is whole
 
     Raises
     ------
@@ -111,7 +117,8 @@ def on_recording(model: ArmModel, recording: Recording) -> tuple[Evaluated, tupl
         play=corrections.play,
     )
     kept = without(model, lost)
-    return evaluate(kept, [replace(segment, recording=number) for segment in segments]), (*lines, *said)
+    starts = None if start is None else {number: start}
+    return evaluate(kept, [replace(segment, recording=number) for segment in segments], starts), (*lines, *said)
 
 
 def require_arm(recording: Recording) -> None:

@@ -20,6 +20,7 @@ from fitting.excitation.motion import Motion, write_motion
 from fitting.model.arm_model import ArmModel
 from fitting.model.codec import model_from_json, model_to_json, save_model
 from fitting.model.handover import hand_over
+from fitting.model.prediction import on_recording
 from fitting.model.tails import Tail, excursions, tail_of
 from fitting.model.uses.energy import energy_of_motion, energy_of_recording
 from fitting.model.uses.feedforward import feedforward, path_of, write_feedforward
@@ -144,6 +145,27 @@ def test_tails_are_saved_with_the_model_and_files_without_them_are_read(model: A
         model_from_json(content)
     again = learn(model, [own for own in SESSION.recordings if own.role != "unloaded"])
     assert all(isinstance(own, Tail) for own in again)
+
+
+def test_scores_of_a_long_recording_are_learnt_in_pieces_on_its_own_clock(
+    model: ArmModel, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    seen = [own for own in SESSION.recordings if own.role != "unloaded"]
+    whole = learn(model, seen)
+    monkeypatch.setattr("fitting.model.uses.overload.PIECE_S", 5.0)
+    starts: list[float | None] = []
+
+    def watched(model: ArmModel, recording: Recording, start: float | None = None) -> Any:
+        starts.append(start)
+        return on_recording(model, recording, start)
+
+    monkeypatch.setattr("fitting.model.uses.overload.on_recording", watched)
+    for one, other in zip(learn(model, seen), whole, strict=True):
+        assert one.level == pytest.approx(other.level, rel=0.1)
+        assert one.threshold(1e-4) == pytest.approx(other.threshold(1e-4), rel=0.3)
+    assert starts.count(None) == len(seen)
+    assert len(starts) == sum(len(own) // (5 * round(own.rate_hz)) for own in seen) == 2 * len(seen)
+    assert set(starts) - {None} == {quick(model).bank.trimmed(own.time)[0] for own in seen}
 
 
 def test_the_payload_lies_within_its_stated_deviation() -> None:

@@ -19,6 +19,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.signal import savgol_coeffs
 
+from daq.errors import RecordingError
 from daq.recordings.recording import Recording
 from fitting.arm.expected import expected_sign
 from fitting.model.arm_model import ArmModel
@@ -36,6 +37,8 @@ SPAN_S = 0.12
 LASTS_S = 0.04
 #: Seconds without an exceedance after which another one is another alarm.
 QUIET_S = 0.5
+#: Seconds of a recording that are evaluated at once when scores are learned.
+PIECE_S = 60.0
 _FEWEST_SIDE = 2
 
 
@@ -142,6 +145,23 @@ def _coulomb(model: ArmModel, joint: int) -> float:
     return float(abs(values.get("f_c", 0.0)))
 
 
+def _scores_in_pieces(model: ArmModel, recording: Recording) -> list[Scores]:
+    """:func:`scores_of`, a minute at a time: what stands beside a long recording would not fit in memory."""
+    rows, start, found = round(PIECE_S * model.machine.rate_hz), None, list[Scores]()
+    count = max(1, len(recording) // rows)
+    for number in range(count):
+        end = len(recording) if number == count - 1 else (number + 1) * rows
+        try:
+            piece, _ = on_recording(model, recording.cut(slice(number * rows, end)), start)
+        except RecordingError:
+            if number == count - 1 and not found:
+                raise
+            continue  # nothing but a gap
+        start = next(iter(piece.starts.values())) if start is None else start
+        found += [scores_in(piece, index) for index in range(len(piece.design.segments))]
+    return found
+
+
 def learn(model: ArmModel, recordings: Sequence[Recording]) -> tuple[Tail, ...]:
     """What the scores of an unchanged machine do, per joint.
 
@@ -151,7 +171,7 @@ def learn(model: ArmModel, recordings: Sequence[Recording]) -> tuple[Tail, ...]:
         If the recordings are too short.
     """
     own = quick(model)
-    parts = [part.lasting for recording in recordings for part in scores_of(own, recording)]
+    parts = [part.lasting for recording in recordings for part in _scores_in_pieces(own, recording)]
     quiet = round(QUIET_S * model.machine.rate_hz)
     return tuple(
         tail_of([part[:, joint] for part in parts], model.machine.rate_hz, quiet) for joint in range(len(model.joints))
