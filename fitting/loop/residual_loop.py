@@ -139,7 +139,8 @@ class SessionSignals:
         if number in self._moved_alike:
             return self._session.with_efforts(self._moved_alike[number], recordings)
         design = model.design
-        session = Session(design.machine, recordings, Options(bandwidth_hz=design.bank.bandwidth_hz))
+        options = Options(bandwidth_hz=design.bank.bandwidth_hz)
+        session = Session(design.machine, recordings, options, in_memory=not design.stored)
         replica = session.prepared(Corrections(design.machine), noise=model.noise)
         if not replica.design.stored and (len(self._moved_alike) + 1) * replica.design.numbers < _MOST_NUMBERS:
             self._moved_alike[number] = replica
@@ -254,8 +255,7 @@ def _at_cutoff(
     session: Session, corrections: Corrections, terms: Sequence[Term], cutoff: float, places: Mapping[int, int]
 ) -> dict[int, tuple[float, float]]:
     """Values and deviations of parameters (per number of a term its place) at another cut-off; all else is gone."""
-    other = Session(session.machine, session.recordings, replace(session.options, bandwidth_hz=cutoff))
-    model = SessionSignals(other, corrections).refit(terms)
+    model = SessionSignals(session.at_bandwidth(cutoff), corrections).refit(terms)
     return {n: _value(model, n, place) for n, place in places.items()}
 
 
@@ -276,8 +276,7 @@ def other_bands(
 
 def _found_at(session: Session, corrections: Corrections, cutoff: float) -> tuple[Family, ...]:
     """Families that the loop finds at another cut-off; all else is gone."""
-    other = Session(session.machine, session.recordings, replace(session.options, bandwidth_hz=cutoff))
-    signals = SessionSignals(other, corrections)
+    signals = SessionSignals(session.at_bandwidth(cutoff), corrections)
     validate = signals.prepared(()).validate
     base = signals.refit(())
     found = attribute(base, effects(), validate, signals)

@@ -165,6 +165,7 @@ class Session:
     given : the recordings as they were given
     left_out : a line for each recording of which rows are left out
     file : the machine file, if it came from one
+    in_memory : True where signals and columns are kept in memory, however many they are
     """
 
     def __init__(
@@ -173,6 +174,8 @@ class Session:
         recordings: Sequence[Recording],
         options: Options | None = None,
         file: Path | None = None,
+        *,
+        in_memory: bool = False,
     ) -> None:
         options = options or Options()
         self.described = machine
@@ -183,6 +186,7 @@ class Session:
         self.recordings, self.left_out = with_rods_as_said(self.machine, measured)
         self.options = options
         self.file = file
+        self.in_memory = in_memory
 
     @classmethod
     def load(cls, request: Request) -> Session:
@@ -211,6 +215,11 @@ class Session:
     def with_recording(self, recording: Recording) -> Session:
         """The same machine and options with one recording more; everything is computed anew."""
         return Session(self.described, (*self.given, recording), self.options, self.file)
+
+    def at_bandwidth(self, bandwidth_hz: float) -> Session:
+        """The same recordings with another identification bandwidth; everything is computed anew."""
+        options = replace(self.options, bandwidth_hz=bandwidth_hz)
+        return Session(self.machine, self.recordings, options, in_memory=self.in_memory)
 
     @cached_property
     def bank(self) -> FilterBank:
@@ -254,10 +263,11 @@ class Session:
     def long(self) -> bool:
         """True where the recordings' signals and columns are too many to be kept in memory.
 
-        The loop has thousands of columns, so with it that is sooner; it may search pieces only (:attr:`search`).
+        The loop has thousands of columns, so with it that is sooner; it may search pieces only (:attr:`search`), which
+        are in memory even where the shortest that a filter allows are more than was asked for.
         """
         samples = sum(len(r) for r in self.recordings) * len(self.machine.joints)
-        return samples > (LOOP_SAMPLES if self.options.loop else LONG_SAMPLES)
+        return not self.in_memory and samples > (LOOP_SAMPLES if self.options.loop else LONG_SAMPLES)
 
     @cached_property
     def search(self) -> Search:
@@ -271,7 +281,7 @@ class Session:
         recordings = [thinned(self.recordings[own.number], own.pieces) for own in chosen]
         options = replace(self.options, bandwidth_hz=self.bank.bandwidth_hz)
         return Search(
-            Session(self.machine, recordings, options),
+            Session(self.machine, recordings, options, in_memory=True),
             tuple(own.number for own in chosen),
             sum(len(own.pieces) for own in chosen),
             sum(own.rows for own in chosen) / self.machine.rate_hz,

@@ -185,6 +185,19 @@ def test_what_fits_is_searched_as_it_is(hour: list[Recording]) -> None:
 
 
 @pytest.mark.slow
+def test_pieces_are_searched_in_memory_however_long_the_filters_make_them(
+    hour: list[Recording], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(fitting.loop.session, "LOOP_SAMPLES", 2000)
+    monkeypatch.setattr(fitting.loop.session, "SEARCH_SAMPLES", 1000)
+    session = Session(MACHINE, hour)
+    search = session.search
+    assert session.long
+    assert sum(map(len, search.session.recordings)) > 2000
+    assert not search.session.plain.design.stored
+    assert not search.session.at_bandwidth(2.5).plain.design.stored
+
+
 def test_an_effect_is_found_on_pieces_and_fitted_to_everything(hour: list[Recording], small: None) -> None:
     size = 400.0
     recordings = [
