@@ -198,6 +198,7 @@ def test_pieces_are_searched_in_memory_however_long_the_filters_make_them(
     assert not search.session.at_bandwidth(2.5).plain.design.stored
 
 
+@pytest.mark.slow
 def test_an_effect_is_found_on_pieces_and_fitted_to_everything(hour: list[Recording], small: None) -> None:
     size = 400.0
     recordings = [
