@@ -30,13 +30,13 @@ from sim_backends import (
     SimulationError,
     Truth,
     default_machine,
-    faults,
     folding_arm,
     random_motion,
     read_motion,
     simulated_machine,
     write_motion,
 )
+from sim_backends.faults import faults
 
 pytestmark = pytest.mark.slow
 
