@@ -165,7 +165,10 @@ def _read_long(path: Path, file: pa.parquet.ParquetFile, digest: str) -> Table:
 
 def _room_for(rows: int) -> None:
     """MemoryError where what the checks hold at once finds no room: before a small file has filled the disk."""
-    np.empty((_COLUMNS_AT_ONCE, rows))  # nothing is written there, so no memory is taken
+    try:
+        np.empty((_COLUMNS_AT_ONCE, rows))  # nothing is written there, so no memory is taken
+    except ValueError:  # more than an address can say: whoever wrote the file made its number of rows up
+        raise MemoryError from None
 
 
 def _nulls(metadata: pa.parquet.FileMetaData, column: int) -> bool:
