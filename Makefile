@@ -18,8 +18,9 @@ install = $(if $(LOCK),$(PIP) --require-hashes -r $(LOCK)/$(1).txt && $(PIP) --n
 # Of each target that is fuzzed; FUZZ names some of them, all without it.
 FUZZ_SECONDS ?= 60
 FUZZ ?=
-# Tests at once.
-JOBS ?= 2
+# Tests at once. One more than the two cores of the computer that this is measured on: many wait for a bus, a clock or a
+# process of theirs, and two workers left a third of two cores idle.
+JOBS ?= 3
 PYTEST := $(BIN)/pytest --dist loadfile --no-loadscope-reorder
 # Tests start hundreds of Python processes; none should compile again what another has compiled.
 unexport PYTHONDONTWRITEBYTECODE
@@ -37,7 +38,7 @@ test: check ## the checks, then every test; the slowest twenty are listed at the
 	$(PYTEST) -n $(JOBS) --durations 20
 
 test-quick: $(VENV)/.dev ## the tests that are not marked slow; says at the end which those are
-	$(PYTEST) -n 2 -m "not slow" --durations 5 -p no:schemathesis
+	$(PYTEST) -n $(JOBS) -m "not slow" --durations 5 -p no:schemathesis
 
 test-socketcan: $(VENV)/.dev ## the drivers on AF_CAN, in user-mode Linux with a virtual bus; two minutes at most
 	$(BIN)/python tests/daq/user_mode_linux.py

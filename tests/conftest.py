@@ -44,13 +44,17 @@ def _slow_as_a_whole(path: Path) -> bool:
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Begin with the files that take longest, those that ask for more time: no worker is left with one at the end."""
-    longest: dict[Path, float] = {}
+    """Begin with the files that take longest: no worker is left with one at the end.
+
+    Those are the ones that ask for more time, then the ones with most slow tests.
+    """
+    longest: dict[Path, tuple[float, int]] = {}
     for item in items:
         asked = item.get_closest_marker("timeout")
-        seconds = float(asked.args[0]) if asked else 0.0
-        longest[item.path] = max(longest.get(item.path, 0.0), seconds)
-    items.sort(key=lambda item: -longest[item.path])
+        seconds, slow = longest.get(item.path, (0.0, 0))
+        seconds = max(seconds, float(asked.args[0]) if asked else 0.0)
+        longest[item.path] = seconds, slow + (item.get_closest_marker("slow") is not None)
+    items.sort(key=lambda item: longest[item.path], reverse=True)
 
 
 def pytest_collection_finish() -> None:

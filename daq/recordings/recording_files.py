@@ -30,6 +30,8 @@ SUFFIXES = (".parquet", ".csv")
 #: Values of a Parquet file above which its columns are not kept in memory (32 MB; half an hour of six joints at 50 Hz).
 LONG_VALUES = 4_000_000
 _BATCH_ROWS = 1 << 13
+#: Columns that a check holds at once: time, its steps, and what is checked.
+_COLUMNS_AT_ONCE = 3
 _BUFFER = 1 << 20
 
 
@@ -151,6 +153,7 @@ def _read_long(path: Path, file: pa.parquet.ParquetFile, digest: str) -> Table:
     for number, name in enumerate(schema.names):
         whole = _is_numeric(path, name, schema.field(name).type) and not _nulls(file.metadata, number)
         places[name] = columns.reserve(name, rows, np.int64 if whole else np.float64)
+    _room_for(rows)
     start = 0
     with _whole_parquet(path):
         for batch in file.iter_batches(_BATCH_ROWS, use_threads=False):
@@ -159,6 +162,14 @@ def _read_long(path: Path, file: pa.parquet.ParquetFile, digest: str) -> Table:
                 columns.scratch.write(place, values.to_numpy(zero_copy_only=False), start)
             start += len(batch)
     return Table(columns, _metadata(schema), digest)
+
+
+def _room_for(rows: int) -> None:
+    """MemoryError where what the checks hold at once finds no room: before a small file has filled the disk."""
+    try:
+        np.empty((_COLUMNS_AT_ONCE, rows))  # nothing is written there, so no memory is taken
+    except ValueError:  # more than an address can say: whoever wrote the file made its number of rows up
+        raise MemoryError from None
 
 
 def _nulls(metadata: pa.parquet.FileMetaData, column: int) -> bool:

@@ -92,6 +92,7 @@ class SerialLine:
         self.port = os.ttyname(self._slave)
         self._seconds_per_byte = BITS / baudrate
         self._loop = asyncio.get_running_loop()
+        self._sent = 0.0  # loop time at which the last byte of what was written has left
         self._handler = wire.callback_new_connection()
         self._handler.connection_made(self)
         self._loop.add_reader(self._master, self._read)
@@ -104,8 +105,9 @@ class SerialLine:
         self._handler.data_received(data)
 
     def write(self, data: bytes) -> None:
-        """As an asyncio transport's; called by pymodbus with an answer."""
-        self._loop.call_later(self._seconds_per_byte * len(data), self._put, data)
+        """As an asyncio transport's; called by pymodbus with an answer. What is written later leaves later."""
+        self._sent = max(self._loop.time(), self._sent) + self._seconds_per_byte * len(data)
+        self._loop.call_at(self._sent, self._put, data)
 
     def _put(self, data: bytes) -> None:
         try:

@@ -145,6 +145,20 @@ def test_a_long_recording_is_refused_for_the_same_reasons_as_a_short_one(both: t
         read_recording(path, MACHINE, "train")
 
 
+@pytest.mark.parametrize("columns", [2**40, 2**60])
+def test_what_memory_never_holds_is_refused_before_the_disk_is_filled(
+    both: tuple[Path, pytest.MonkeyPatch], columns: int
+) -> None:
+    path, monkeypatch = both
+    written: list[object] = []
+    monkeypatch.setattr(recording_files, "LONG_VALUES", 1000)
+    monkeypatch.setattr(recording_files, "_COLUMNS_AT_ONCE", columns)
+    monkeypatch.setattr(Scratch, "write", lambda *what: written.append(what))
+    with pytest.raises(MemoryError):
+        read_recording(path, MACHINE, "train")
+    assert written == []
+
+
 def test_arrays_by_number_are_kept_and_replaced() -> None:
     arrays = ScratchArrays()
     first, second = np.arange(6.0).reshape(2, 3), np.ones((2, 3))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import os
+import select
 import threading
 from collections.abc import Iterator
 
@@ -75,6 +76,20 @@ def test_the_line_is_a_terminal_and_its_units_answer(line: Line, connection: Mod
 def test_an_answer_in_pieces_is_the_same_answer(line: Line, connection: ModbusConnection) -> None:
     line.wire.slow = 0.05
     assert connection.read(7, "holding", 0, 4).registers == tuple(WORDS)
+
+
+def test_pieces_that_are_late_do_not_overtake_each_other(line: Line) -> None:
+    """On a busy computer two pieces of an answer are sent in one turn of the loop; the shorter one is the last."""
+    port = os.open(line.line.port, os.O_RDWR | os.O_NOCTTY)
+    try:
+        line.loop.call_soon_threadsafe(lambda: [line.line.write(part) for part in (b"0123456789", b"ab", b"c")])
+        came = b""
+        while len(came) < 13:
+            assert select.select([port], [], [], 30)[0], came
+            came += os.read(port, 64)
+    finally:
+        os.close(port)
+    assert came == b"0123456789abc"
 
 
 def test_a_garbled_answer_is_none_and_a_whole_one_after_it_is_taken(line: Line) -> None:

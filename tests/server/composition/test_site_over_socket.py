@@ -11,6 +11,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
@@ -187,9 +188,10 @@ def test_a_site_from_design_to_recalibration(tmp_path: Path) -> None:
 
         plan = [("unloaded", "free cylinders"), ("train", "train"), ("repeat", "train"), ("validate", "validate")]
         recorded = [record(place, role, designs[name]) for role, name in plan]
-        with at_rest(who):
+        with at_rest(who), ThreadPoolExecutor(1) as beside:
+            exported = beside.submit(exports, who, recorded[1])
             first = recalibrate_by_hand(place, recorded)
-            exports(who, recorded[1])
+            exported.result()
         schedule_fires_twice(place, [designs["train"], designs["validate"]], first)
         a_days_work_is_compared(place, [designs["train"], designs["validate"]], first)
         assert place.admin.get("/audit/verification")["intact"]
