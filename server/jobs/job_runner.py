@@ -8,6 +8,9 @@ private business. Inputs and results are kept as JSON, never as pickles.
 from __future__ import annotations
 
 import contextvars
+import errno
+import os
+import shutil
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
@@ -24,7 +27,8 @@ from server.jobs.job_kinds import AT_MACHINES, NUMERICAL, JobError, JobKind, Sta
 from server.jobs.job_places import begin, place_name, tidy
 from server.jobs.job_store import FINAL, Job, Jobs, Result, State
 from server.platform.database.engine import Database
-from server.platform.database.patience import Value, away, patiently
+from server.platform.database.patience import PAUSE_S, Value, away, patiently
+from server.platform.disk import RESERVE_BYTES
 from server.platform.errors import ServiceStopping, TakenOver
 from server.platform.files import DataDirectory, sync_tree
 from server.platform.processes.children import GRACE_S, LOOK_S, Child, ChildResult
@@ -42,8 +46,12 @@ POLL_S = 0.25
 #: Times that a stage is begun whose process somebody else kills: it may be the victim of a large neighbour, or be too
 #: large itself.
 ATTEMPTS = 3
+#: Free bytes below which a stage that failed did so for want of room, whatever it says; and what it may say.
+NO_ROOM_BYTES = 2**20
+NO_ROOM_WORDS = (os.strerror(errno.ENOSPC), os.strerror(errno.EDQUOT), "disk is full")
 #: Held by the runner that has started the engine, which keeps its state in its module.
 _ENGINE = threading.Lock()
+NO_ROOM = "Waiting for room on the disk"
 _LOST = "the job broke off unexpectedly; order it again"
 _log = structlog.stdlib.get_logger(__name__)
 
@@ -254,17 +262,61 @@ class JobRunner:
             said = kind.words(stage)
             if not self._patiently(lambda: self._jobs.progress(row.id, stage, part[0] / part[1], said, claim)):
                 return {"outcome": "stopped", "stage": stage, "error": None, "place": before}
-            try:
-                whole = begin(directory, name, before)
-                result = self._work(row, claim, kind, stage, part, directory / name, whole, process)
-                sync_tree(directory / name)  # before it is recorded
-                if self._stopping.is_set() and result.outcome != "done":
-                    raise ServiceStopping
-            except OSError as error:
-                reason = f"its files cannot be kept ({error.strerror or error}); free some space and order it again"
-                result = ChildResult("failed", error=reason)
+            for attempt in range(1, ATTEMPTS + 1):
+                result = self._kept(row, claim, kind, stage, part, directory / name, before, process)
+                if result.outcome != "failed" or attempt == ATTEMPTS or not self._lacked_room(result):
+                    break
+                _log.warning("stage_without_room", job=row.id, stage=stage, error=result.error)
+                if not self._wait_for_room(row, claim, stage, part):
+                    return {"outcome": "stopped", "stage": stage, "error": None, "place": before}
+                shutil.rmtree(directory / name, ignore_errors=True)
         _log.info("stage_ended", job=row.id, stage=stage, outcome=result.outcome, error=result.error)
         return self._outcome(stage, result) | {"place": name}
+
+    def _kept(
+        self,
+        row: Job,
+        claim: Claim,
+        kind: JobKind,
+        stage: str,
+        part: tuple[int, int],
+        place: Path,
+        before: str | None,
+        process: Child,
+    ) -> ChildResult:
+        """Do a stage in its ``place``, and see to it that its files survive a power cut."""
+        try:
+            whole = begin(place.parent, place.name, before)
+            result = self._work(row, claim, kind, stage, part, place, whole, process)
+            sync_tree(place)  # before it is recorded
+        except OSError as error:
+            reason = f"its files cannot be kept ({error.strerror or error}); free some space and order it again"
+            result = ChildResult("failed", error=reason)
+        if self._stopping.is_set() and result.outcome != "done":
+            raise ServiceStopping
+        return result
+
+    def _free(self) -> int:
+        return shutil.disk_usage(self._files.root).free
+
+    def _lacked_room(self, result: ChildResult) -> bool:
+        return self._free() < NO_ROOM_BYTES or any(words in (result.error or "") for words in NO_ROOM_WORDS)
+
+    def _wait_for_room(self, job: Job, claim: Claim, stage: str, part: tuple[int, int]) -> bool:
+        """Wait until somebody made room; False if the job was cancelled meanwhile."""
+        told = False
+        while self._free() <= RESERVE_BYTES:
+            self._pause(PAUSE_S)
+            try:
+                if not told and not self._jobs.progress(job.id, stage, part[0] / part[1], NO_ROOM, claim):
+                    return False
+                told = True
+                if self._jobs.cancelling(job.id, claim):
+                    return False
+            except DBAPIError as error:
+                if not away(error):
+                    raise
+        return True
 
     def _work(
         self,

@@ -262,8 +262,8 @@ const SERVICE: Record<string, string> = {
   "there is nothing at {}; the resources are listed in /api/v1/openapi.json":
     "Bei $1 ist nichts; was es gibt, steht in /api/v1/openapi.json",
   "{} is not possible here; see the header Allow": "$1 ist hier nicht möglich; siehe Kopfzeile Allow",
-  "the store is busy, full or gone; try again, and see the log of the service":
-    "Die Datenbank ist beschäftigt, voll oder verschwunden; noch einmal versuchen und ins Protokoll des Dienstes sehen",
+  "the store is busy, full, read-only or gone; try again, and see the log of the service":
+    "Die Datenbank ist beschäftigt, voll, schreibgeschützt oder verschwunden; noch einmal versuchen und ins Protokoll des Dienstes sehen",
   "the disk is full; make room": "Der Datenträger ist voll; Platz schaffen",
   "the data directory cannot be used; the log says why":
     "Das Datenverzeichnis ist nicht verwendbar; das Protokoll sagt, warum",
