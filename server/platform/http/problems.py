@@ -17,6 +17,7 @@ from starlette.exceptions import HTTPException
 from starlette.routing import Match
 
 from daq.errors import AcquisitionError, HilfitError, InputError
+from daq.validation_words import in_words
 from server.platform.database.patience import away
 from server.platform.errors import ServiceError
 
@@ -111,7 +112,7 @@ async def _http_error(request: Request, error: Exception) -> JSONResponse:
 async def _validation_error(request: Request, error: Exception) -> JSONResponse:
     assert isinstance(error, RequestValidationError)
     errors = [
-        {"place": ".".join(str(part) for part in entry["loc"]), "text": str(entry["msg"])} for entry in error.errors()
+        {"place": ".".join(str(part) for part in entry["loc"]), "text": in_words(entry)} for entry in error.errors()
     ]
     first = errors[0] if errors else {"place": "request", "text": "cannot be read"}
     more = f" (and {len(errors) - 1} more)" if len(errors) > 1 else ""
