@@ -70,6 +70,8 @@ READY_S = 240.0
 #: identification takes long.
 QUIET_S = 180.0
 WORKERS = 2
+#: Seconds that the process of a job has to end after the last one.
+LEAVING_S = 30.0
 Say = Callable[[str], None]
 
 
@@ -190,7 +192,7 @@ class _Storm:
             # Stages have the lowest priority: a computer with other work may give them next to nothing.
             quiet = whole and _quiet(client, QUIET_S + 2 * real * took)
             say(f"quiet {time.monotonic() - before:.1f} s after the last kill")
-            left = {kind: len(pids) for kind, pids in herd.children().items()}
+            left = _left(herd)
             codes = herd.stop()
             with _database(files, url) as database:
                 checks = list(all_checks(database, files, told))
@@ -224,6 +226,16 @@ class _Storm:
                 Check("answers by status (0: none)", None, answers),
             ),
         )
+
+
+def _left(herd: Herd) -> dict[str, int]:
+    """Children of each kind; what stays for another job has some time to end."""
+    deadline = time.monotonic() + LEAVING_S
+    while True:
+        left = {kind: len(pids) for kind, pids in herd.children().items()}
+        if not left["real stage"] or time.monotonic() > deadline:
+            return left
+        time.sleep(0.3)
 
 
 def _weather(weather: Weather, herd: Herd, told: Told, revived: bool) -> Iterator[Check]:

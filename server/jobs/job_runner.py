@@ -46,6 +46,9 @@ POLL_S = 0.25
 #: Times that a stage is begun whose process somebody else kills: it may be the victim of a large neighbour, or be too
 #: large itself.
 ATTEMPTS = 3
+#: Seconds that the process of a numerical job stays for the next one: to load its libraries takes two, and what it
+#: keeps of its recordings is memory.
+WARM_S = 5.0
 #: Free bytes below which a stage that failed did so for want of room, whatever it says; and what it may say.
 NO_ROOM_BYTES = 2**20
 NO_ROOM_WORDS = (os.strerror(errno.ENOSPC), os.strerror(errno.EDQUOT), "disk is full")
@@ -54,6 +57,44 @@ _ENGINE = threading.Lock()
 NO_ROOM = "Waiting for room on the disk"
 _LOST = "the job broke off unexpectedly; order it again"
 _log = structlog.stdlib.get_logger(__name__)
+
+
+class WarmChild:
+    """The process of numerical jobs, which ends when there was no job for :data:`WARM_S`.
+
+    Parameters
+    ----------
+    used : held by whoever works with it
+    """
+
+    def __init__(self, used: threading.Lock) -> None:
+        self.child = Child()
+        self._used = used
+        self._lock = threading.Lock()
+        self._timer: threading.Timer | None = None
+
+    def cool(self) -> None:
+        """A job is over: end the process after a while, unless it is at work then, or another job was over since."""
+        with self._lock:
+            if self._timer is not None:
+                self._timer.cancel()
+            self._timer = threading.Timer(WARM_S, self._end)
+            self._timer.daemon = True
+            self._timer.start()
+
+    def close(self) -> None:
+        """End it now."""
+        with self._lock:
+            if self._timer is not None:
+                self._timer.cancel()
+        self._end()
+
+    def _end(self) -> None:
+        if self._used.acquire(blocking=False):  # else it is at work, and is asked again when that is over
+            try:
+                self.child.end()
+            finally:
+                self._used.release()
 
 
 class JobRunner:
@@ -87,6 +128,7 @@ class JobRunner:
         self._claims = Claims(database)
         self._stopping = threading.Event()
         self._one_at_a_time = threading.Lock()
+        self._warm = WarmChild(self._one_at_a_time)
         self._idle = threading.Condition()
         self._at_work = 0
         self._workflows: dict[str, Any] = {}
@@ -150,6 +192,7 @@ class JobRunner:
         # Whoever is at work is ending its child now; the engine and the store have to be there until then.
         with self._idle:
             self._idle.wait_for(lambda: self._at_work == 0, timeout=2 * GRACE_S + LOOK_S)
+        self._warm.close()
         if self._started:
             self._started = False
             DBOS.destroy(destroy_registry=True)
@@ -192,7 +235,7 @@ class JobRunner:
         claim = self._claim(job)
         result: dict[str, Any] = {"outcome": "done"}
         try:
-            with Child() as process:
+            with self._process(job) as process:
                 for index, stage in enumerate(stages):
                     part, before = (index, len(stages)), result.get("place")
                     result = DBOS.run_step({"name": stage}, self._run_stage, claim, stage, part, before, process)
@@ -204,6 +247,19 @@ class JobRunner:
             raise
         self._leave(claim)
         return state
+
+    @contextmanager
+    def _process(self, job: str) -> Iterator[Child]:
+        """For the stages of a job; that of numerical ones stays for a while, for the next job."""
+        row = self._patiently(lambda: self._jobs.get(job))
+        if self._kinds[row.kind].queue != NUMERICAL:
+            with Child() as process:
+                yield process
+            return
+        try:
+            yield self._warm.child
+        finally:
+            self._warm.cool()
 
     def _leave(self, claim: Claim) -> None:
         """Let go of a job; if it is over, remove the files that do not count, whoever wrote them."""
