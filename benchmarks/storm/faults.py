@@ -25,7 +25,7 @@ from benchmarks.storm.clock import SetClock
 #: The small disk: what the service keeps free (256 MiB), and room for the storm and PostgreSQL.
 DISK_BYTES = 900 * 2**20
 #: Seconds that a fault lasts, and between two of them.
-LASTS_S, CALM_S = (2.0, 5.0), (2.0, 5.0)
+LASTS_S, CALM_S = (2.0, 5.0), (4.0, 9.0)
 #: Seconds by which the clock is set, one after the other: less than what the schedules write down one by one.
 JUMPS_S = (1020.0, -1500.0, 660.0, -240.0)
 #: FS_IOC_GETFLAGS, FS_IOC_SETFLAGS and FS_IMMUTABLE_FL of linux/fs.h.

@@ -20,6 +20,7 @@ from server.composition.worker import work
 from server.identifications.identification_resource import STAGE_PROGRAM
 from server.identifications.stage_request import StageProgram
 from server.platform.parts import Key
+from server.platform.processes.leaving import leave
 from server.platform.settings import Settings
 from server.schedules.schedule_resource import CLOCK
 
@@ -65,3 +66,4 @@ def main(order: Path, worker: str | None, wrong_s: Callable[[], float]) -> None:
         serve(settings, say, parts)
     else:
         work(settings, worker, lambda: say("ready"), parts)
+    leave()
