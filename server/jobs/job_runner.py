@@ -14,6 +14,7 @@ import shutil
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -396,7 +397,11 @@ class JobRunner:
                 if not away(error):
                     raise
 
+        starved = False
+
         def should_stop() -> bool:
+            nonlocal starved
+            starved = starved or self._free() < NO_ROOM_BYTES  # it may have ended by the time that the stage has
             try:
                 return self._stopping.is_set() or self._jobs.cancelling(job.id, claim)
             except DBAPIError as error:
@@ -419,6 +424,8 @@ class JobRunner:
                     _log.error("stage_not_started", job=job.id, stage=stage, exc_info=error)
                     reason = f"cannot run ({error.strerror}); the log of the service says more"
                     return ChildResult("failed", error=reason)
+                if result.outcome == "failed" and not result.killed and starved:
+                    return replace(result, error=f"{result.error} (the disk is full)")
                 if not result.killed or attempt == ATTEMPTS or should_stop():
                     break
                 _log.warning("stage_killed", job=job.id, stage=stage, attempt=attempt)

@@ -215,3 +215,24 @@ def test_a_clock_that_was_wrong_by_years_stops_no_schedule_and_gives_no_slot_a_s
         assert site.clock.look() == ()
         assert site.later(1.5) == (), "this slot had its turn"
         assert len(site.later(1.0)) == 1, "and the next one has it"
+
+
+@pytest.mark.slow
+def test_a_disk_that_was_full_while_a_stage_ran_is_why_it_failed(
+    tmp_path: Path, csv: bytes, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    free = [2**40]
+    monkeypatch.setattr(shutil, "disk_usage", lambda _: SimpleNamespace(free=free[0]))
+    with running_service(tmp_path / "data", Fakes()) as running:
+        running.choices(csv)
+        steer = tmp_path / "data" / "steer.json"
+        steer.write_text('{"block": "cylinder_stage", "fail": ["cylinder_stage", 1, "odd"]}')
+        order = running.order(csv)
+        running.follow(order.job, lambda event: event["text"] == "Half of cylinder_stage")
+        free[0] = 0
+        time.sleep(1.0)  # some looks of the runner
+        free[0] = 2**40
+        steer.unlink()
+        (running.service.files.identifications / order.id / "go").touch()
+        assert running.follow(order.job)[-1]["state"] == "done"
+        assert ran(running, order.id) == ["check", "cylinder_stage", "cylinder_stage", "report"]
