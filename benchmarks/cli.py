@@ -470,6 +470,7 @@ def storm(
     seconds: Annotated[float, typer.Option(help="Seconds of killing.", min=2, max=600)] = 60.0,
     database: Annotated[str, typer.Option(help="sqlite, or postgresql (started from Debian's packages).")] = "sqlite",
     seed: Annotated[int, typer.Option(help="Of what is killed when.")] = 0,
+    kills_only: Annotated[bool, typer.Option(help="No full disk, no read-only store, no jumps of the clock.")] = False,
     json: Annotated[bool, typer.Option("--json", help="Print the checks as JSON.")] = False,
 ) -> None:
     """kill -9 of servers, workers, stages and acquisitions: nothing lost, nothing twice."""
@@ -478,9 +479,9 @@ def storm(
     kind = next((known for known in DATABASES if known == database), None)
     if kind is None:
         raise InputError(f"--database {database}: write {' or '.join(DATABASES)}")
-    _finish(
-        "storm", run(seconds, kind, seed, _shown(json), kills=round(seconds * 100 / 60), longest=10 * seconds), json
-    )
+    kills = round(seconds * 100 / 60)
+    outcome = run(seconds, kind, seed, _shown(json), kills=kills, longest=10 * seconds, faults=not kills_only)
+    _finish("storm", outcome, json)
 
 
 def throughput(

@@ -8,7 +8,7 @@ import shutil
 import socket
 import subprocess
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -31,9 +31,10 @@ class PostgreSQL:
     programs : directory of its programs
     """
 
-    def __init__(self, port: int, programs: Path) -> None:
+    def __init__(self, port: int, programs: Path, start: Callable[[], None] = lambda: None) -> None:
         self.programs = programs
         self._address = f"postgresql://{OWNER}@127.0.0.1:{port}"
+        self._start = start
         self._count = 0
 
     def new_database(self) -> str:
@@ -46,6 +47,28 @@ class PostgreSQL:
             connection.execute(f'CREATE DATABASE "{name}"'.encode())
         return f"{self._address}/{name}"
 
+    def set(self, name: str, value: str | None) -> None:
+        """Set an option of the whole server (None: as it was), from the next transaction of every session on."""
+        import psycopg
+
+        change = f"ALTER SYSTEM RESET {name}" if value is None else f"ALTER SYSTEM SET {name} = '{value}'"
+        with psycopg.connect(f"{self._address}/postgres", autocommit=True) as connection:
+            connection.execute(change.encode())
+            connection.execute(b"SELECT pg_reload_conf()")
+
+    def revive(self) -> bool:
+        """Start it again if it has ended by itself; whether it had."""
+        import psycopg
+
+        try:
+            psycopg.connect(f"{self._address}/postgres", connect_timeout=10).close()
+        except psycopg.OperationalError as error:
+            if "refused" not in str(error):  # it is busy with what a crash of one of its processes left
+                return False
+            self._start()
+            return True
+        return False
+
 
 def _free_port() -> int:
     with socket.socket() as probe:
@@ -54,8 +77,12 @@ def _free_port() -> int:
 
 
 @contextmanager
-def postgresql_server() -> Iterator[PostgreSQL]:
+def postgresql_server(parent: Path | None = None) -> Iterator[PostgreSQL]:
     """Start one in a temporary directory; stopped and removed at the end.
+
+    Parameters
+    ----------
+    parent : where that is made, a directory that other accounts may enter
 
     Raises
     ------
@@ -75,7 +102,7 @@ def postgresql_server() -> Iterator[PostgreSQL]:
         nobody = pwd.getpwnam("nobody")
         account = {"user": nobody.pw_uid, "group": nobody.pw_gid, "extra_groups": []}
     # Not below a directory of ours, which other accounts may not enter.
-    directory = Path(tempfile.mkdtemp(prefix="hilfit-postgresql-"))
+    directory = Path(tempfile.mkdtemp(prefix="hilfit-postgresql-", dir=parent))
 
     def run(name: str, *arguments: str) -> None:
         done = subprocess.run(
@@ -98,9 +125,13 @@ def postgresql_server() -> Iterator[PostgreSQL]:
         options = (
             f"-p {port} -c listen_addresses=127.0.0.1 -c unix_socket_directories= -c fsync=off -c max_connections=60"
         )
-        run("pg_ctl", "-D", str(data), "-w", "-t", "60", "-l", str(directory / "log"), "-o", options, "start")
+
+        def start() -> None:
+            run("pg_ctl", "-D", str(data), "-w", "-t", "60", "-l", str(directory / "log"), "-o", options, "start")
+
+        start()
         try:
-            yield PostgreSQL(port, programs)
+            yield PostgreSQL(port, programs, start)
         finally:
             run("pg_ctl", "-D", str(data), "-m", "immediate", "-w", "stop")
     finally:

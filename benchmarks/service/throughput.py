@@ -3,6 +3,9 @@
 A real server, real workers and a PostgreSQL of their own on this computer. The server works as well, so one worker is
 the server alone. The identifications are of uploaded recordings of one case, so all are the same work. Efficiency is
 jobs per hour beside as many times what one does.
+
+What the computer itself gives is measured beside it: as many plain ``hilfit identify`` at once, which share nothing but
+cores, caches and memory. So is the processor time of everything that is no identification.
 """
 
 from __future__ import annotations
@@ -14,6 +17,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -22,6 +26,7 @@ from typing import IO, Any
 import httpx2
 
 from benchmarks.service.postgresql import postgresql_server
+from benchmarks.service.start import children, cpu_s
 from benchmarks.targets import Check, Outcome
 from sim_backends import default_machine
 from sim_backends.plant.cases import make_case
@@ -51,15 +56,23 @@ def run(workers: Sequence[int], jobs: int, say: Say) -> Outcome:
         If PostgreSQL is not installed.
     """
     rates: dict[int, float] = {}
+    plain: dict[int, float] = {}
+    own: dict[int, float] = {}
     with postgresql_server() as server, tempfile.TemporaryDirectory(prefix="hilfit-throughput-") as name:
         directory = Path(name)
         make_case(directory / "case", default_machine(), 1, seconds=CASE_S)
         for count in workers:
+            if count <= (os.cpu_count() or 1):
+                plain[count] = _plain(directory, count, jobs)
+                say(f"{count} plain 'hilfit identify' at once: {plain[count]:.0f} an hour")
             with (directory / f"log-{count}").open("w") as log:
-                seconds = _measured(directory, server.new_database(), count, jobs * count, log)
+                seconds, own[count] = _measured(directory, server.new_database(), count, jobs * count, log)
             rates[count] = 3600.0 * jobs * count / seconds
             say(f"{count} workers: {jobs * count} identifications in {seconds:.1f} s")
-    return Outcome(tuple(_checks(rates)), (f"{os.cpu_count()} cores; load before the end {os.getloadavg()[0]:.1f}",))
+    return Outcome(
+        (*_checks(rates), *_ceiling(plain), *_beside(own)),
+        (f"{os.cpu_count()} cores; load before the end {os.getloadavg()[0]:.1f}",),
+    )
 
 
 def _checks(rates: dict[int, float]) -> Iterator[Check]:
@@ -73,10 +86,50 @@ def _checks(rates: dict[int, float]) -> Iterator[Check]:
             yield asked if count <= (os.cpu_count() or 1) else plain
 
 
-def _measured(directory: Path, url: str, workers: int, jobs: int, log: IO[str]) -> float:
-    """Seconds from the order of all jobs to the end of the last one; one before them has warmed everything up."""
+def _ceiling(rates: dict[int, float]) -> Iterator[Check]:
+    """What the computer gives to identifications that share nothing."""
+    first = min(rates, default=0)
+    for count, rate in rates.items():
+        if count > first:
+            share = rate / count / (rates[first] / first)
+            shown = f"{share:.0%} ({rate:.0f} an hour, {rates[first]:.0f} of {first})"
+            yield Check(f"efficiency of {count} plain 'hilfit identify' at once", share, shown)
+
+
+def _beside(own: dict[int, float]) -> Iterator[Check]:
+    for count, seconds in own.items():
+        yield Check(f"processor time of service and workers per job, {count} workers", seconds, f"{seconds:.2f} s")
+
+
+def _plain(directory: Path, count: int, jobs: int) -> float:
+    """Identifications per hour of so many processes at a time, each one after another."""
+    case = directory / "case"
+    command = [*_COMMAND, "identify", str(case / "machine.yaml"), "--train", str(case / "train-1.parquet")]
+    command += ["--validate", str(case / "validate.parquet"), "--output"]
+
+    def series(number: int) -> None:
+        for job in range(jobs):
+            output = directory / f"plain-{count}-{number}-{job}"
+            subprocess.run([*command, str(output)], check=True, capture_output=True, env=_environment(None))
+
+    began = time.monotonic()
+    with ThreadPoolExecutor(count) as pool:
+        list(pool.map(series, range(count)))
+    return 3600.0 * count * jobs / (time.monotonic() - began)
+
+
+def _environment(url: str | None) -> dict[str, str]:
+    database = {} if url is None else {"HILFIT_DATABASE_URL": url}
+    return os.environ | database | {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+
+
+def _measured(directory: Path, url: str, workers: int, jobs: int, log: IO[str]) -> tuple[float, float]:
+    """Seconds from the order of all jobs to the end of the last one, and s of processor time per job of all hosts.
+
+    One job before them has warmed everything up. The stages are processes of their own and not in the second number.
+    """
     data = directory / f"data-{workers}"
-    environment = os.environ | {"HILFIT_DATABASE_URL": url, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+    environment = _environment(url)
     server = ["serve", "--port", "0", "--data-dir", str(data), "--json"]
     names = [f"worker-{number}" for number in range(1, workers)]
     commands = [["worker", "--data-dir", str(data), "--name", name, "--json"] for name in names]
@@ -87,9 +140,14 @@ def _measured(directory: Path, url: str, workers: int, jobs: int, log: IO[str]) 
     ):
         order = _order(client, directory / "case")
         _wait(client, [_ordered(client, order, f"first {number}") for number in range(workers)])
-        began = time.monotonic()
+        hosts = [pid for pid in children(os.getpid()) if "command_line" in _command_of(pid)]
+        began, before = time.monotonic(), sum(map(cpu_s, hosts))
         _wait(client, [_ordered(client, order, f"job {number}") for number in range(jobs)])
-        return time.monotonic() - began
+        return time.monotonic() - began, (sum(map(cpu_s, hosts)) - before) / jobs
+
+
+def _command_of(pid: int) -> str:
+    return Path(f"/proc/{pid}/cmdline").read_text().replace("\0", " ")
 
 
 def _order(client: httpx2.Client, case: Path) -> dict[str, Any]:

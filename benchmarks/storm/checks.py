@@ -8,16 +8,15 @@ import subprocess
 from collections import Counter
 from collections.abc import Iterator
 from datetime import UTC, datetime, timedelta
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import pyarrow.parquet
 import sqlalchemy as sa
-from dbos import DBOSClient
 
 from benchmarks.service.postgresql import OWNER
-from benchmarks.storm.traffic import Told
+from benchmarks.storm.stages import STAGES
+from benchmarks.storm.traffic import CANCELLED_IN, Told
 from benchmarks.targets import Check, fact
 from server.audit.audit_log import Audit
 from server.identifications import identification_tables
@@ -33,25 +32,55 @@ from server.schedules import schedule_tables
 
 #: Counts every time that a result is stored, by a trigger that is none of the service's.
 COUNTED = "storm_results"
-_SQLITE = (
-    f"CREATE TABLE {COUNTED} (subject VARCHAR)",
-    f"CREATE TRIGGER storm_counts AFTER UPDATE OF verdict ON identifications BEGIN "
-    f"INSERT INTO {COUNTED} VALUES (NEW.id); END",
+#: When a finished step was recorded, ms of UNIX time: by the database's clock, which the storm does not set.
+STEPS = "storm_steps"
+#: Recalibrations that were ordered while another one was not over.
+TOGETHER = "storm_together"
+_OPEN = "SELECT NEW.id WHERE NEW.kind = 'recalibration' AND EXISTS (SELECT 1 FROM jobs AS other WHERE other.kind = \
+'recalibration' AND other.id <> NEW.id AND other.state IN ('queued', 'running'))"
+#: Trigger, table that it is on, when it fires, and what it stores (on SQLite, on PostgreSQL).
+_TRIGGERS = (
+    (COUNTED, "identifications", "UPDATE OF verdict", "SELECT NEW.id", "SELECT NEW.id"),
+    (TOGETHER, "jobs", "INSERT", _OPEN, _OPEN),
+    (
+        STEPS,
+        "operation_outputs",
+        "INSERT",
+        "SELECT NEW.workflow_uuid || ' ' || NEW.function_name || ' ' || "
+        "CAST((julianday('now') - 2440587.5) * 86400000 AS INTEGER)",
+        "SELECT NEW.workflow_uuid || ' ' || NEW.function_name || ' ' || "
+        "CAST(extract(epoch FROM clock_timestamp()) * 1000 AS BIGINT)",
+    ),
 )
-_POSTGRESQL = (
-    f"CREATE TABLE {COUNTED} (subject VARCHAR)",
-    f"CREATE FUNCTION storm_counts() RETURNS trigger LANGUAGE plpgsql AS "
-    f"$$ BEGIN INSERT INTO {COUNTED} VALUES (NEW.id); RETURN NEW; END $$",
-    "CREATE TRIGGER storm_counts AFTER UPDATE OF verdict ON identifications "
-    "FOR EACH ROW EXECUTE FUNCTION storm_counts()",
-)
+#: Schema of the engine's tables on PostgreSQL.
+_ENGINE = "dbos."
+#: Seconds after the acknowledgement of a cancel within which a stage may begin: one was being started.
+STARTING_S = 5.0
 
 
 def count_results(database: Database) -> None:
-    """Put the trigger there, before the storm."""
+    """Put the triggers there, before the storm."""
     with database.write() as connection:
-        for statement in _SQLITE if database.is_sqlite else _POSTGRESQL:
-            connection.exec_driver_sql(statement)
+        for name, table, when, sqlite, postgresql in _TRIGGERS:
+            connection.exec_driver_sql(f"CREATE TABLE {name} (subject VARCHAR)")
+            if database.is_sqlite:
+                connection.exec_driver_sql(
+                    f"CREATE TRIGGER {name}_counts AFTER {when} ON {table} BEGIN INSERT INTO {name} {sqlite}; END"
+                )
+                continue
+            connection.exec_driver_sql(
+                f"CREATE FUNCTION {name}_counts() RETURNS trigger LANGUAGE plpgsql AS "
+                f"$$ BEGIN INSERT INTO public.{name} {postgresql}; RETURN NEW; END $$"
+            )
+            place = table if table != "operation_outputs" else f"{_ENGINE}{table}"
+            connection.exec_driver_sql(
+                f"CREATE TRIGGER {name}_counts AFTER {when} ON {place} FOR EACH ROW EXECUTE FUNCTION {name}_counts()"
+            )
+
+
+def _counted(database: Database, name: str) -> list[str]:
+    with database.read() as connection:
+        return [str(found) for found in connection.execute(sa.text(f"SELECT subject FROM {name}")).scalars()]
 
 
 def _rows(database: Database, query: sa.Select[Any]) -> list[Any]:
@@ -66,7 +95,8 @@ def _none(name: str, what: list[str], of: int) -> Check:
 
 def all_checks(database: Database, files: DataDirectory, told: Told) -> Iterator[Check]:
     """Every check."""
-    yield from jobs(database)
+    yield from jobs(database, told)
+    yield from cancels(database, files, told)
     yield from results(database, told)
     yield from steps(database, files)
     if told.undisturbed:
@@ -76,7 +106,7 @@ def all_checks(database: Database, files: DataDirectory, told: Told) -> Iterator
     yield from integrity(database, told)
 
 
-def jobs(database: Database) -> Iterator[Check]:
+def jobs(database: Database, told: Told) -> Iterator[Check]:
     """Every job ended, and once; its events are numbered without a hole."""
     rows = _rows(database, sa.select(job_tables.jobs))
     events = _rows(
@@ -98,9 +128,37 @@ def jobs(database: Database) -> Iterator[Check]:
     yield Check(
         "jobs by end", len(rows), ", ".join(f"{n} {kind} {state}" for (kind, state), n in sorted(states.items()))
     )
-    # A stage that was killed three times is the only reason that the storm gives.
-    odd = [f"{row.id}: {row.error}" for row in rows if row.state != "done" and "SIGKILL" not in (row.error or "")]
+    # A stage that was killed three times, and a cancel, are the only reasons that the storm gives.
+    expected = [row for row in rows if row.state == "done" or "SIGKILL" in (row.error or "")]
+    expected += [row for row in rows if row.state == "cancelled" and row.id in told.cancels]
+    odd = [f"{row.id} {row.state}: {row.error}" for row in rows if row not in expected]
     yield _none("jobs that failed for no reason of the storm", odd, len(rows))
+
+
+def cancels(database: Database, files: DataDirectory, told: Told) -> Iterator[Check]:
+    """What was cancelled ended so, unless it was just ending; no stage of it began afterwards."""
+    states = {row.id: row.state for row in _rows(database, sa.select(job_tables.jobs.c.id, job_tables.jobs.c.state))}
+    wrong, late = [], 0
+    for job, cancel in told.cancels.items():
+        began = [float(run[1]) / 1e3 - cancel.at for run in _runs(files, cancel.identification)]
+        if any(seconds > STARTING_S for seconds in began):
+            wrong.append(f"{job}: a stage began {max(began):.1f} s after its cancel in {cancel.where}")
+        elif states[job] == "cancelled":
+            continue
+        elif cancel.where == STAGES[-1] or states[job] == "failed":
+            late += 1
+        else:
+            wrong.append(f"{job}: cancelled in {cancel.where}, and {states[job]}")
+    yield _none("cancelled jobs that went no further", wrong, len(told.cancels))
+    where = Counter(cancel.where for cancel in told.cancels.values())
+    shown = ", ".join(f"{where[place]} in {place}" for place in CANCELLED_IN if where[place])
+    yield Check("cancels by place", len(told.cancels), f"{shown}; {late} of them had just ended")
+
+
+def _runs(files: DataDirectory, identification: str) -> list[list[str]]:
+    """Stage, beginning (ms of UNIX time) and process of every stage that was begun."""
+    path = files.identifications / identification / "runs.txt"
+    return [line.split() for line in path.read_text().splitlines()] if path.is_file() else []
 
 
 def results(database: Database, told: Told) -> Iterator[Check]:
@@ -112,8 +170,7 @@ def results(database: Database, told: Told) -> Iterator[Check]:
     wrong = [key for key, id in told.orders.items() if id not in by_id or by_id[id].label != key]
     wrong += [label for label, count in labels.items() if count != 1]
     yield _none("acknowledged orders that made one job", wrong, len(told.orders))
-    with database.read() as connection:
-        stored = Counter(connection.execute(sa.text(f"SELECT subject FROM {COUNTED}")).scalars())
+    stored = Counter(_counted(database, COUNTED))
     wrong = []
     for row in rows:
         done = row.state == "done"
@@ -145,23 +202,19 @@ def undisturbed(database: Database, files: DataDirectory, told: Told) -> Check:
 
 def steps(database: Database, files: DataDirectory) -> Iterator[Check]:
     """No stage began again after the engine had recorded it as done."""
-    client = DBOSClient(system_database_url=database.url)
     wrong, begun, recorded = [], 0, 0
-    try:
-        for row in _rows(
-            database, sa.select(identification_tables.identifications.c.id, identification_tables.identifications.c.job)
-        ):
-            found = {step["function_name"]: step for step in client.list_workflow_steps(row.job)}
-            path = files.identifications / row.id / "runs.txt"
-            runs = [line.split() for line in path.read_text().splitlines()] if path.is_file() else []
-            begun += len(runs)
-            recorded += len(found)
-            for stage, began, _ in runs:
-                done = found.get(stage, {}).get("completed_at_epoch_ms")
-                if done is not None and int(began) > int(done):
-                    wrong.append(f"{row.id}: {stage} began {int(began) - int(done)} ms after it was done")
-    finally:
-        client.destroy()
+    done: dict[str, dict[str, int]] = {}
+    for text in _counted(database, STEPS):
+        job, stage, moment = text.split()
+        done.setdefault(job, {})[stage] = int(moment)
+    query = sa.select(identification_tables.identifications.c.id, identification_tables.identifications.c.job)
+    for row in _rows(database, query):
+        found, runs = done.get(row.job, {}), _runs(files, row.id)
+        begun += len(runs)
+        recorded += len(found)
+        for stage, began, _ in runs:
+            if stage in found and int(began) > found[stage]:
+                wrong.append(f"{row.id}: {stage} began {int(began) - found[stage]} ms after it was done")
     yield _none("finished steps done again", wrong, recorded)
     yield Check("stages begun", begun, f"{begun}, for {recorded} finished steps")
 
@@ -187,7 +240,9 @@ def recordings(database: Database, files: DataDirectory, told: Told) -> Iterator
     yield Check("acknowledged rows", safe, f"{safe} in {len(told.rows)} recordings")
     sealed = [row for row in rows.values() if row.state == "sealed"]
     wrong = [row.id for row in sealed if _sha256(files.recordings / f"{row.id}.{row.format}") != row.sha256]
-    wrong += [path.name for path in files.recordings.iterdir() if path.suffix == ".journal"]
+    # One that failed before a row of it was safe may leave the beginning of a journal.
+    failed = {f"{row.id}.{row.format}.journal" for row in rows.values() if row.state == "failed"}
+    wrong += [path.name for path in files.recordings.glob("*.journal") if path.name not in failed]
     yield _none("sealed recordings that are what the store says", wrong, len(sealed))
 
 
@@ -221,14 +276,8 @@ def schedules(database: Database) -> Iterator[Check]:
     yield _none("slots that had their turn once", wrong, len(slots))
     states = Counter(slot.state for slot in slots)
     yield Check("slots by state", len(slots), ", ".join(f"{count} {state}" for state, count in sorted(states.items())))
-    spans = _rows(database, sa.select(job_tables.jobs.c.created, job_tables.jobs.c.ended).where(
-        job_tables.jobs.c.kind == "recalibration").order_by(job_tables.jobs.c.number))  # fmt: skip
-    wrong = [
-        f"{later.created} before {one.ended}"
-        for one, later in pairwise(spans)
-        if not one.ended or later.created < one.ended
-    ]
-    yield _none("recalibrations one at a time", wrong, len(spans))
+    query = sa.select(job_tables.jobs.c.id).where(job_tables.jobs.c.kind == "recalibration")
+    yield _none("recalibrations one at a time", _counted(database, TOGETHER), len(_rows(database, query)))
 
 
 def integrity(database: Database, told: Told) -> Iterator[Check]:

@@ -1,4 +1,4 @@
-"""``python -m benchmarks.storm.host ORDER.json [WORKER]``: a server, or a worker, as installed but for two things.
+"""A server, or a worker, as installed but for two things; :mod:`benchmarks.storm.clock` is the program.
 
 Its identifications run the light stages of :mod:`benchmarks.storm.stages`, and its schedules go by a quick clock, so
 that a slot comes every few seconds. Acquisition, recorder, store, jobs and HTTP are those of ``hilfit serve``.
@@ -8,8 +8,9 @@ from __future__ import annotations
 
 import json
 import sys
+from collections.abc import Callable
 from dataclasses import dataclass
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +20,7 @@ from server.composition.worker import work
 from server.identifications.identification_resource import STAGE_PROGRAM
 from server.identifications.stage_request import StageProgram
 from server.platform.parts import Key
+from server.platform.processes.leaving import leave
 from server.platform.settings import Settings
 from server.schedules.schedule_resource import CLOCK
 
@@ -35,13 +37,18 @@ class HostOrder:
     began: str
 
 
-def quick(began: datetime, now: datetime) -> datetime:
-    """The schedules' clock."""
-    return began + HASTE * (now - began) if now > began else now
+def quick(began: datetime, now: datetime, wrong_s: float) -> datetime:
+    """The schedules' clock, given the true time and by how much the wall clock is wrong."""
+    return (began + HASTE * (now - began) if now > began else now) + timedelta(seconds=wrong_s)
 
 
-def main(order: Path, worker: str | None) -> None:
-    """Run until told to stop."""
+def main(order: Path, worker: str | None, wrong_s: Callable[[], float]) -> None:
+    """Run until told to stop.
+
+    Parameters
+    ----------
+    wrong_s : s by which the wall clock is wrong now
+    """
     content = HostOrder(**json.loads(order.read_text(encoding="utf-8")))
     began = datetime.fromisoformat(content.began)
     settings = Settings(data_dir=Path(content.data_dir), database_url=content.database_url, port=0)
@@ -49,7 +56,7 @@ def main(order: Path, worker: str | None) -> None:
     command = (sys.executable, "-I", "-S", str(Path(stages.__file__)))
     parts: dict[Key, Any] = {
         STAGE_PROGRAM: lambda: StageProgram(stages.STAGES, command),
-        CLOCK: lambda: quick(began, datetime.now(UTC)),
+        CLOCK: lambda: quick(began, datetime.now(UTC), wrong_s()),
     }
 
     def say(text: str) -> None:
@@ -59,7 +66,4 @@ def main(order: Path, worker: str | None) -> None:
         serve(settings, say, parts)
     else:
         work(settings, worker, lambda: say("ready"), parts)
-
-
-if __name__ == "__main__":
-    main(Path(sys.argv[1]), sys.argv[2] if len(sys.argv) > 2 else None)
+    leave()

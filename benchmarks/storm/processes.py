@@ -47,10 +47,12 @@ class Host:
     took: float = 0.0
     doom_s: float | None = None
     life_s: float = 0.0
+    killed: bool = False
 
     def start(self) -> None:
         """Start it; ``up`` is set once it says that it works."""
         self.up.clear()
+        self.killed = False
         self.began = time.monotonic()
         with self.log.open("ab") as errors:
             process = subprocess.Popen(
@@ -96,14 +98,21 @@ class Herd:
     ----------
     order : file that every host is told by (:class:`benchmarks.storm.host.HostOrder`)
     workers : how many workers beside the server
+
+    Attributes
+    ----------
+    died : hosts that worked and ended although nobody had killed them
+    refused : exit codes of those that ended by themselves before they worked
     """
 
     def __init__(self, order: Path, workers: int, logs: Path) -> None:
-        command = [sys.executable, "-m", "benchmarks.storm.host", str(order)]
+        command = [sys.executable, "-m", "benchmarks.storm.clock", str(order)]
         self.server = Host("server", command, logs / "server.log")
         names = [f"worker-{number + 1}" for number in range(workers)]
         self.workers = [Host("worker", [*command, name], logs / f"{name}.log") for name in names]
         self.starting = 0
+        self.died: list[str] = []
+        self.refused: Counter[int] = Counter()
         self.spared: dict[int, bool] = {}
         self.hits: Counter[str] = Counter()
         self._seen: dict[int, float] = {}
@@ -124,11 +133,21 @@ class Herd:
         started = []
         for host in self.hosts:
             if host.process is None or host.process.poll() is not None:
+                self._note_end(host)
                 if host.process is not None and host.process.stdout is not None:
                     host.process.stdout.close()
                 host.start()
                 started.append(host)
         return started
+
+    def _note_end(self, host: Host) -> None:
+        """Note a host that ended by itself."""
+        if host.process is None or host.killed:
+            return
+        if host.up.is_set():
+            self.died.append(f"{host.log.stem}, exit code {host.process.returncode}")
+        else:
+            self.refused[host.process.returncode] += 1
 
     def children(self) -> dict[str, list[int]]:
         """Descendants of the hosts by kind; those that are no target are left out."""
@@ -172,6 +191,7 @@ class Herd:
             return False
         self.starting += not host.up.is_set()
         host.up.clear()
+        host.killed = True
         host.process.kill()
         host.process.wait()
         self.killed[host.name] += 1

@@ -1,7 +1,8 @@
 """Kill servers, workers, stages and acquisitions at random for a while; then look whether anything was lost or doubled.
 
 The simulated machine is power and iron, not software of ours, so it is not killed: it is started here, and servers
-acquire from it over its buses. Everything else is killed, also while it starts.
+acquire from it over its buses. Everything else is killed, also while it starts. Meanwhile jobs are cancelled in every
+stage, the disk is full for some seconds, the store refuses to be written, and the clock is set forward and back.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ import tempfile
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext, suppress
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from functools import partial
 from pathlib import Path
@@ -20,8 +21,20 @@ from typing import Any, Literal
 
 from benchmarks.service.postgresql import PostgreSQL, postgresql_server
 from benchmarks.storm.checks import all_checks, amcheck, count_results
+from benchmarks.storm.clock import SetClock, clock_file
+from benchmarks.storm.faults import (
+    ClockSet,
+    Fault,
+    FullDisk,
+    ImmutableStore,
+    ReadOnlySessions,
+    Weather,
+    may_be_immutable,
+    small_disk,
+)
 from benchmarks.storm.host import HostOrder
 from benchmarks.storm.processes import Herd, Host, real_identification
+from benchmarks.storm.stages import STAGES
 from benchmarks.storm.traffic import Client, NoAnswerError, Told, Traffic
 from benchmarks.targets import Check, Outcome, fact
 from server.composition.declarations import TABLES
@@ -57,6 +70,8 @@ READY_S = 240.0
 #: identification takes long.
 QUIET_S = 180.0
 WORKERS = 2
+#: Seconds that the process of a job has to end after the last one.
+LEAVING_S = 30.0
 Say = Callable[[str], None]
 
 
@@ -69,6 +84,7 @@ def run(
     kills: int,
     longest: float,
     real: int = REAL,
+    faults: bool = True,
 ) -> Outcome:
     """The whole storm.
 
@@ -79,6 +95,8 @@ def run(
         until then
     longest : seconds that it goes on at most
     real : real identifications that are ordered after that, and hit; the others have light stages
+    faults : with a full disk, a read-only store and jumps of the clock; the storm goes on until each came, and until a
+        job was cancelled in each stage
 
     Raises
     ------
@@ -86,7 +104,8 @@ def run(
         If PostgreSQL is asked for and not installed.
     """
     with (
-        postgresql_server() if kind == "postgresql" else nullcontext() as server,
+        small_disk() if faults else nullcontext() as disk,
+        postgresql_server(disk) if kind == "postgresql" else nullcontext() as server,
         tempfile.TemporaryDirectory(prefix="hilfit-storm-") as name,
     ):
         directory = Path(name)
@@ -94,87 +113,146 @@ def run(
         with SimulatedMachine(machine, truth, speed=SPEED, workdir=directory / "machine") as simulated:
             if real:
                 make_case(directory / "case", (machine, truth), seed, seconds=REAL_S)
-            return _storm(directory, simulated.machine_path, server, seconds, longest, seed, say, kills, real)
+            files, clock = DataDirectory((disk or directory) / "data"), SetClock(clock_file(directory / "order.json"))
+            chance = random.Random(seed)
+            weather = Weather(_faults(files, disk, server, clock) if faults else (), random.Random(seed))
+            storm = _Storm(directory, simulated.machine_path, server, files, weather, chance, say)
+            return storm.run(seconds, longest, kills, real)
 
 
-def _storm(
-    directory: Path,
-    machine: Path,
-    postgresql: PostgreSQL | None,
-    seconds: float,
-    longest: float,
-    seed: int,
-    say: Say,
-    kills: int,
-    real: int,
-) -> Outcome:
-    url = None if postgresql is None else postgresql.new_database()
-    files = DataDirectory(directory / "data")
-    began = datetime.now(UTC)
-    order = directory / "order.json"
-    order.write_text(json.dumps(asdict(HostOrder(str(files.root), url, began.isoformat()))), encoding="utf-8")
-    herd, told = Herd(order, 0 if url is None else WORKERS, directory), Told()
-    client = Client(lambda: herd.server.said if herd.server.up.is_set() else None, told)
-    try:
-        with _database(files, url, herd) as database:
-            name, recording = _prepare(client, machine)
-            count_results(database)
-            order_of_real, took = dict[str, Any](), 0.0
+def _faults(files: DataDirectory, disk: Path | None, server: PostgreSQL | None, clock: SetClock) -> tuple[Fault, ...]:
+    """Those that this process may make."""
+    found: list[Fault] = [ClockSet(clock)]
+    if disk is not None:
+        found.append(FullDisk(disk))
+    if server is not None:
+        found.append(ReadOnlySessions(server))
+    elif may_be_immutable(files.root):
+        found.append(ImmutableStore(files.database))
+    return tuple(found)
+
+
+@dataclass(frozen=True)
+class _Storm:
+    """One storm."""
+
+    directory: Path
+    machine: Path
+    postgresql: PostgreSQL | None
+    files: DataDirectory
+    weather: Weather
+    chance: random.Random
+    say: Say
+
+    def run(self, seconds: float, longest: float, kills: int, real: int) -> Outcome:
+        """As :func:`run`."""
+        files, say, postgresql = self.files, self.say, self.postgresql
+        url = None if postgresql is None else postgresql.new_database()
+        order = self.directory / "order.json"
+        content = HostOrder(str(files.root), url, datetime.now(UTC).isoformat())
+        order.write_text(json.dumps(asdict(content)), encoding="utf-8")
+        herd, told = Herd(order, 0 if url is None else WORKERS, self.directory), Told()
+        client = Client(lambda: herd.server.said if herd.server.up.is_set() else None, told)
+        try:
+            with _database(files, url, herd) as database:
+                name, recording = _prepare(client, self.machine)
+                count_results(database)
+                order_of_real, took = dict[str, Any](), 0.0
+                if real:
+                    order_of_real = _real(client, name, self.directory / "case")
+                    say("a real identification, undisturbed")
+                    asked = time.monotonic()
+                    told.undisturbed = _undisturbed(client, order_of_real)
+                    took = time.monotonic() - asked
+                    say(f"it took {took:.1f} s")
+            traffic = Traffic(client, told, name, recording)
+            traffic.start()
+            say(f"{seconds:g} s of kill -9; light stages stand for those of an identification, all else is real")
+            killing = Killing(herd, self.chance, AIM * kills / seconds, say, self.weather)
+
+            def wanted(past: float) -> bool:
+                places = {cancel.where for cancel in told.cancels.values()}
+                weather = not self.weather.all_seen or not places.issuperset(STAGES)
+                return past < seconds or herd.total < kills or (bool(self.weather.faults) and weather)
+
+            killing.go_on(wanted, longest)
+            self.weather.clear()
+            revived = postgresql is not None and postgresql.revive()
+            total, counts, starting, lasted = herd.total, dict(herd.killed), herd.starting, killing.past
             if real:
-                order_of_real = _real(client, name, directory / "case")
-                say("a real identification, undisturbed")
-                asked = time.monotonic()
-                told.undisturbed = _undisturbed(client, order_of_real)
-                took = time.monotonic() - asked
-                say(f"it took {took:.1f} s")
-        traffic = Traffic(client, told, name, recording)
-        traffic.start()
-        say(f"{seconds:g} s of kill -9; light stages stand for those of an identification, all else is real")
-        killing = Killing(herd, random.Random(seed), AIM * kills / seconds, say)
-        killing.go_on(lambda past: past < seconds or herd.total < kills, longest)
-        total, counts, starting, lasted = herd.total, dict(herd.killed), herd.starting, killing.past
-        if real:
-            say(f"{real} real identifications, too")
-            herd.wait_up()
-            traffic.order_real(real, order_of_real)
-            killing.go_on(lambda _: sum(herd.hits.values()) < real * REAL_KILLS, longest)
-        after = herd.total - total
-        traffic.stop()
-        before = time.monotonic()
-        whole = herd.wait_up()
-        # Stages have the lowest priority: a computer with other work may give them next to nothing.
-        quiet = whole and _quiet(client, QUIET_S + 2 * real * took)
-        say(f"quiet {time.monotonic() - before:.1f} s after the last kill")
-        left = {kind: len(pids) for kind, pids in herd.children().items()}
-        codes = herd.stop()
-        with _database(files, url) as database:
-            checks = list(all_checks(database, files, told))
-        if url is not None and postgresql is not None:
-            checks.append(amcheck(url, postgresql.programs))
-    finally:
-        for host in herd.hosts:
-            if host.process is not None and host.process.poll() is None:
-                host.process.kill()
-                host.process.wait()
-    shown = ", ".join(f"{count} {kind}" for kind, count in counts.items() if count)
-    errors = ", ".join(f"{count} {event}" for event, count in sorted(herd.log_events().items())) or "none"
-    shown = f"{total} ({shown}; {starting} of them while they started) in {lasted:.0f} s"
-    starts = sum(host.starts for host in herd.hosts)
-    answers = ", ".join(f"{count} x {status}" for status, count in sorted(told.answers.items()))
-    return Outcome(
-        (
-            Check("processes killed", total, shown, "at least", float(kills), str(kills)),
-            *_killed_real(herd, real, after, killing.past - lasted),
-            fact("quiet in time", quiet, f"after {starts} starts"),
-            fact(
-                "one acquisition, no stage afterwards", left == dict.fromkeys(left, 0) | {"acquisition": 1}, str(left)
+                say(f"{real} real identifications, too")
+                herd.wait_up()
+                killing.weather = None
+                traffic.order_real(real, order_of_real)
+                killing.go_on(lambda _: sum(herd.hits.values()) < real * REAL_KILLS, longest)
+            after = herd.total - total
+            traffic.stop()
+            before = time.monotonic()
+            whole = herd.wait_up()
+            # Stages have the lowest priority: a computer with other work may give them next to nothing.
+            quiet = whole and _quiet(client, QUIET_S + 2 * real * took)
+            say(f"quiet {time.monotonic() - before:.1f} s after the last kill")
+            left = _left(herd)
+            codes = herd.stop()
+            with _database(files, url) as database:
+                checks = list(all_checks(database, files, told))
+            if url is not None and postgresql is not None:
+                checks.append(amcheck(url, postgresql.programs))
+        finally:
+            self.weather.clear()
+            for host in herd.hosts:
+                if host.process is not None and host.process.poll() is None:
+                    host.process.kill()
+                    host.process.wait()
+        shown = ", ".join(f"{count} {kind}" for kind, count in counts.items() if count)
+        errors = ", ".join(f"{count} {event}" for event, count in sorted(herd.log_events().items())) or "none"
+        shown = f"{total} ({shown}; {starting} of them while they started) in {lasted:.0f} s"
+        starts = sum(host.starts for host in herd.hosts)
+        answers = ", ".join(f"{count} x {status}" for status, count in sorted(told.answers.items()))
+        return Outcome(
+            (
+                Check("processes killed", total, shown, "at least", float(kills), str(kills)),
+                *_killed_real(herd, real, after, killing.past - lasted),
+                *_weather(self.weather, herd, told, revived),
+                fact("quiet in time", quiet, f"after {starts} starts"),
+                fact(
+                    "one acquisition, no stage afterwards",
+                    left == dict.fromkeys(left, 0) | {"acquisition": 1},
+                    str(left),
+                ),
+                fact("hosts stop in order", not any(codes), f"exit codes {codes}"),
+                *checks,
+                Check("errors in the logs", None, errors),
+                Check("answers by status (0: none)", None, answers),
             ),
-            fact("hosts stop in order", not any(codes), f"exit codes {codes}"),
-            *checks,
-            Check("errors in the logs", None, errors),
-            Check("answers by status (0: none)", None, answers),
-        ),
-    )
+        )
+
+
+def _left(herd: Herd) -> dict[str, int]:
+    """Children of each kind; what stays for another job has some time to end."""
+    deadline = time.monotonic() + LEAVING_S
+    while True:
+        left = {kind: len(pids) for kind, pids in herd.children().items()}
+        if not left["real stage"] or time.monotonic() > deadline:
+            return left
+        time.sleep(0.3)
+
+
+def _weather(weather: Weather, herd: Herd, told: Told, revived: bool) -> Iterator[Check]:
+    """What happened beside kills, and how the hosts took it."""
+    seen = ", ".join(f"{count} times {name}" for name, count in sorted(weather.seen.items())) or "none"
+    missing = [fault.name for fault in weather.faults if not weather.seen[fault.name]]
+    yield fact("faults", not missing, seen if not missing else f"{seen}; not {', '.join(missing)}")
+    shown = f"{len(herd.died)}" if not herd.died else f"{len(herd.died)}: {'; '.join(herd.died[:5])}"
+    yield Check("hosts that ended by themselves", len(herd.died), shown, "at most", 0, "0")
+    refused = ", ".join(f"{count} with exit code {code}" for code, count in sorted(herd.refused.items()))
+    yield Check("starts refused meanwhile", herd.refused.total(), refused or "none")
+    if revived:
+        yield Check("PostgreSQL", None, "ended by itself on the full disk, and was started again")
+    broke = told.answers.get(500, 0)
+    yield Check("answers 500", broke, f"{broke}", "at most", 0, "0")
+    poor = f"{len(told.poor)}" if not told.poor else f"{len(told.poor)}: {'; '.join(told.poor[:3])}"
+    yield Check("refusals that do not say what to do", len(told.poor), poor, "at most", 0, "0")
 
 
 @contextmanager
@@ -250,9 +328,11 @@ class Killing:
     Attributes
     ----------
     past : seconds since it began
+    weather : what else happens meanwhile
     """
 
-    def __init__(self, herd: Herd, chance: random.Random, rate: float, say: Say) -> None:
+    def __init__(self, herd: Herd, chance: random.Random, rate: float, say: Say, weather: Weather | None) -> None:
+        self.weather = weather
         self._herd, self._chance, self._rate, self._say = herd, chance, rate, say
         self._began = self._due = self._told = time.monotonic()
 
@@ -265,6 +345,8 @@ class Killing:
         """Kill while it is ``wanted`` (given the seconds since the beginning), for ``longest`` s at most."""
         start, chance = time.monotonic(), self._chance
         while wanted(self.past) and (now := time.monotonic()) - start < longest:
+            if self.weather is not None:
+                self.weather.go_on()
             for host in self._herd.revive():
                 host.doom_s = chance.uniform(0.0, DOOM_S) if chance.random() < DOOMED else None
                 host.life_s = chance.uniform(*LIFE_S) * _slowness(self._herd)
@@ -273,7 +355,8 @@ class Killing:
                 self._due = max(self._due + chance.expovariate(self._rate), now + BREATH_S)
             if now - self._told > 10.0:
                 self._told = now
-                self._say(f"{self.past:3.0f} s: {self._herd.total} killed")
+                seen = "" if self.weather is None else self.weather.said
+                self._say(f"{self.past:3.0f} s: {self._herd.total} killed{seen}")
             time.sleep(0.02)
 
 

@@ -1,10 +1,11 @@
-"""The clients of a storm: they order, record and note what they were told, and ask again where no answer came."""
+"""The clients of a storm: they order, cancel, record and note what they were told; no answer, and they ask again."""
 
 from __future__ import annotations
 
 import http.client
 import json
 import math
+import queue
 import threading
 import time
 from collections.abc import Callable
@@ -13,14 +14,34 @@ from functools import partial
 from typing import Any
 from urllib.parse import urlsplit
 
+from benchmarks.storm.stages import STAGES
+
 API = "/api/v1"
 #: Jobs that may be open before no more are ordered.
-MOST_OPEN = 6
+MOST_OPEN = 3
 PATIENCE_S = 15.0
+#: Where jobs are cancelled: before the first stage, and in each.
+CANCELLED_IN = ("queue", *STAGES)
 
 
 class NoAnswerError(Exception):
-    """The server was gone, or is still starting."""
+    """The server was gone, is still starting, or says that it cannot at the moment."""
+
+
+@dataclass(frozen=True)
+class Cancelled:
+    """A cancel that was acknowledged, of a job that had not ended.
+
+    Attributes
+    ----------
+    identification : of the job
+    at : s, UNIX time of the acknowledgement
+    where : the stage in which the job was, or ``queue``
+    """
+
+    identification: str
+    at: float
+    where: str
 
 
 @dataclass
@@ -32,6 +53,8 @@ class Told:
     orders : key of an order -> id of the identification that was made
     rows : id of a recording -> most rows that the server said were recorded
     answers : how many by status; 0: none came
+    poor : refusals that are no problem document in one line, or 503 without saying when to come again
+    cancels : by job
     real : keys of those orders whose identifications are real ones
     undisturbed : id of a real identification of the same input, from before the storm
     """
@@ -39,6 +62,8 @@ class Told:
     orders: dict[str, str] = field(default_factory=dict)
     rows: dict[str, int] = field(default_factory=dict)
     answers: dict[int, int] = field(default_factory=dict)
+    poor: list[str] = field(default_factory=list)
+    cancels: dict[str, Cancelled] = field(default_factory=dict)
     real: list[str] = field(default_factory=list)
     undisturbed: str = ""
 
@@ -65,12 +90,25 @@ class Client:
             answer = connection.getresponse()
             read = answer.read()
             self._count(answer.status)
-            return answer.status, json.loads(read) if read else None
+            found = json.loads(read) if read else None
+            if answer.status >= 400:
+                self._look(f"{method} {path}: {answer.status}", answer, found)
+            if answer.status >= 500:
+                raise NoAnswerError
+            return answer.status, found
         except (OSError, http.client.HTTPException, ValueError):
             self._count(0)
             raise NoAnswerError from None
         finally:
             connection.close()
+
+    def _look(self, what: str, answer: http.client.HTTPResponse, found: Any) -> None:
+        """Note a refusal that does not say what is wrong and what to do."""
+        detail = str(found.get("detail", "")) if isinstance(found, dict) else ""
+        if not detail or "\n" in detail or not str(found.get("type", "")).startswith("urn:hilfit:problem:"):
+            self._told.poor.append(f"{what}: {found}")
+        if answer.status == 503 and answer.getheader("Retry-After") is None:
+            self._told.poor.append(f"{what} without Retry-After: {detail}")
 
     def _count(self, status: int) -> None:
         with self._lock:
@@ -91,7 +129,8 @@ class Traffic:
         self._machine = machine
         self._recording = recording
         self._stop = threading.Event()
-        self._threads = [threading.Thread(target=run, daemon=True) for run in (self._order, self._record)]
+        self._to_cancel: queue.Queue[str] = queue.Queue()
+        self._threads = [threading.Thread(target=run, daemon=True) for run in (self._order, self._cancel, self._record)]
 
     def start(self) -> None:
         """Start."""
@@ -112,8 +151,39 @@ class Traffic:
             made = self._until(partial(self._ordered, key, body))
             if made is not None:
                 self._told.orders[key] = made
+                if number % 2:
+                    self._to_cancel.put(made)
                 number += 1
             self._stop.wait(0.3)
+
+    def _cancel(self) -> None:
+        """Cancel every other order, each somewhere else."""
+        number = 0
+        while not self._stop.is_set():
+            try:
+                made = self._to_cancel.get(timeout=0.2)
+            except queue.Empty:
+                continue
+            self._until(partial(self._cancelled, made, CANCELLED_IN[number % len(CANCELLED_IN)]))
+            number += 1
+
+    def _cancelled(self, identification: str, where: str) -> str | None:
+        """Cancel a job once it is where it should be cancelled, or further; its id when it was, or has ended."""
+        _, found = self._client.ask("GET", f"/identifications/{identification}")
+        job, asked = str(found["job"]), False
+        while not self._stop.is_set():
+            _, row = self._client.ask("GET", f"/jobs/{job}")
+            if row["state"] not in ("queued", "running"):
+                return job
+            there = row["stage"] if row["state"] == "running" and row["stage"] in STAGES else "queue"
+            if asked or CANCELLED_IN.index(there) >= CANCELLED_IN.index(where):
+                code, answer = self._client.ask("POST", f"/jobs/{job}/cancel")
+                asked = True
+                if code == 202 and answer["state"] in ("queued", "running", "cancelled"):
+                    self._told.cancels[job] = Cancelled(identification, time.time(), there)
+                    return job
+            time.sleep(0.03)
+        return None
 
     def order_real(self, count: int, order: dict[str, Any]) -> None:
         """Order so many real identifications; returns once there was an answer to each."""
@@ -161,7 +231,12 @@ class Traffic:
     def _follow(self, id: str) -> None:
         """Note how many rows the server says are safe, until the recording is over or the server is."""
         while not self._stop.is_set():
-            _, row = self._client.ask("GET", f"/recordings/{id}")
+            try:
+                _, row = self._client.ask("GET", f"/recordings/{id}")
+            except NoAnswerError:
+                if self._stop.wait(0.5):
+                    return
+                continue
             self._told.rows[id] = max(self._told.rows[id], int(row["statistics"].get("rows") or 0))
             if row["state"] != "recording":
                 return

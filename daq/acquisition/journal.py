@@ -83,7 +83,9 @@ class Journal:
             self._write(_SCHEMA, described)
             self._write(_SCHEMA, described)
         except StorageError:
-            self._file.close()
+            self._close()
+            with contextlib.suppress(OSError):
+                self._journal.unlink()  # there is no row in it
             raise
 
     def _write(self, kind: bytes, payload: bytes) -> None:

@@ -15,6 +15,7 @@ from daq.commissioning import SCAN_SCHEMA
 from daq.console import print_json
 from daq.errors import InputError
 from daq.machine.machine_file import CanopenBus, CanSignalsBus, ModbusRtuBus, ModbusSource, ModbusTcpBus, load_machine
+from daq.validation_words import in_words
 
 if TYPE_CHECKING:
     from daq.commissioning.can_scan import CanScan
@@ -121,7 +122,7 @@ def _described(
             )
     except ValidationError as error:
         first = error.errors()[0]
-        raise InputError(f"bus scan: {first['loc'][-1] if first['loc'] else 'bus'}: {first['msg']}") from None
+        raise InputError(f"bus scan: {first['loc'][-1] if first['loc'] else 'bus'}: {in_words(first)}") from None
     except ValueError:
         raise InputError(f"--tcp {tcp}: write HOST or HOST:PORT") from None
     return found

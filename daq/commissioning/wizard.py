@@ -18,6 +18,7 @@ from daq.commissioning.offers import Offer, of_dbc, of_eds, of_nodes, signals_bu
 from daq.errors import InputError, MachineFileError
 from daq.machine.machine_file import Channel, parse_machine, read_machine_text
 from daq.machine.quantities import JOINT_QUANTITIES
+from daq.validation_words import in_words
 
 _DEFAULT_JOINTS = 6
 
@@ -179,7 +180,7 @@ def _valid(channels: Sequence[Mapping[str, Any]]) -> None:
         try:
             Channel.model_validate(channel)
         except ValidationError as error:
-            raise InputError(f"channel {channel['name']}: {error.errors()[0]['msg']}") from None
+            raise InputError(f"channel {channel['name']}: {in_words(error.errors()[0])}") from None
 
 
 def _head(draft: Draft, *, whole: bool) -> list[str]:

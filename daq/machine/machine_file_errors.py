@@ -11,6 +11,8 @@ import yaml
 from pydantic import ValidationError
 from pydantic_core import ErrorDetails
 
+from daq.validation_words import in_words
+
 _UNION_TAGS = frozenset(
     (
         "three_pin",
@@ -78,7 +80,7 @@ def all_problems(
     result = []
     for problem in found:
         cause = (problem.get("ctx") or {}).get("error")
-        texts = getattr(cause, "texts", None) or (problem["msg"].removeprefix("Value error, "),)
+        texts = getattr(cause, "texts", None) or (in_words(problem),)
         result += [_problem(tree, problem, text, keys, tags) for text in texts]
     return result
 

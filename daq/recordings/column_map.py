@@ -28,6 +28,7 @@ from daq.machine.machine_file import Channel, Machine
 from daq.recordings.recording_files import Table
 from daq.recordings.time_columns import seconds
 from daq.units import conversion
+from daq.validation_words import in_words
 
 #: Bytes of a map's text; a machine of a thousand channels has a tenth of it.
 MAXIMUM_MAP = 1 << 20
@@ -148,7 +149,7 @@ def _source(name: str, channel: str, entry: Any) -> Source:
     except ValidationError as error:
         first = error.errors()[0]
         place = ".".join(str(part) for part in first["loc"])
-        raise InputError(f"{name}: {channel}: {place}: {first['msg']}; correct it") from None
+        raise InputError(f"{name}: {channel}: {place}: {in_words(first)}; correct it") from None
     if given.scale == 0:
         raise InputError(f"{name}: {channel}: scale is 0, so every value would be alike; correct it")
     return Source(given.column, given.unit, given.scale, given.offset)

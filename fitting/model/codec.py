@@ -18,6 +18,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from daq.errors import InputError
 from daq.machine.machine_file import Machine
 from daq.recordings.recording_files import replacing
+from daq.validation_words import in_words
 from fitting.arm.base_parameters import BaseParameters
 from fitting.effects.base import Ranges
 from fitting.loop.residual_loop import term_from_json, term_to_json
@@ -182,7 +183,7 @@ def model_from_json(content: Any, name: str = "model") -> ArmModel:
     except ValidationError as error:
         first = error.errors()[0]
         place = ".".join(map(str, first["loc"])) or "machine"
-        raise InputError(f"{name}: {place}: {first['msg']}; identify again, the file was changed") from None
+        raise InputError(f"{name}: {place}: {in_words(first)}; identify again, the file was changed") from None
     try:
         terms = tuple(term_from_json(term) for term in file.terms)
     except KeyError as error:

@@ -26,6 +26,7 @@ import yaml
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from daq.errors import InputError
+from daq.validation_words import in_words
 from fitting.arm.base_parameters import BaseParameters
 
 FloatArray = npt.NDArray[np.float64]
@@ -95,7 +96,7 @@ def _from_drawing(path: Path, content: Mapping[str, Any], base: BaseParameters) 
         drawing = _Drawing.model_validate(content)
     except ValidationError as error:
         first = error.errors()[0]
-        raise InputError(f"{path}: {'.'.join(str(p) for p in first['loc'])}: {first['msg']}") from None
+        raise InputError(f"{path}: {'.'.join(str(p) for p in first['loc'])}: {in_words(first)}") from None
     links = base.inertial_columns // 10
     if len(drawing.links) != links:
         raise InputError(f"{path}: links: {len(drawing.links)} are given, the machine has {links}")

@@ -135,11 +135,14 @@ class Backups:
 
     def daily(self) -> Backup | None:
         """Make one if the newest is a day old, and remove daily ones beyond :data:`KEPT`."""
-        found = self.list()
-        if found and self._now() - datetime.fromisoformat(found[0].created) < DAILY:
+        # One from a time that is still to come was made while the clock was wrong: it is no reason to wait.
+        ages = [self._now() - datetime.fromisoformat(backup.created) for backup in self.list()]
+        if any(timedelta(0) <= age < DAILY for age in ages):
             return None
         made = self.make("daily")
-        for old in [backup for backup in self.list() if backup.kind == "daily"][KEPT:]:
+        # By the clock as it is now: those of a time to come stay until it has come.
+        past = [backup for backup in self.list() if datetime.fromisoformat(backup.created) <= self._now()]
+        for old in [backup for backup in past if backup.kind == "daily"][KEPT:]:
             shutil.rmtree(self.directory / old.id, ignore_errors=True)
         return made
 
@@ -168,6 +171,8 @@ class DailyBackups:
                 self._backups.daily()
             except HilfitError as error:
                 _log.error("backup_failed", error=str(error))
+            except Exception as error:  # of a store or a disk that is away; the next look may do better
+                _log.error("backup_failed", exc_info=error)
 
 
 def manifest_of(backup: Path) -> dict[str, str]:

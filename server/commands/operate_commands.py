@@ -37,6 +37,7 @@ def worker(
 ) -> None:
     """Take numerical jobs of a service with PostgreSQL until stopped."""
     from server.composition.worker import work
+    from server.platform.processes.leaving import leave
 
     own = name or socket.gethostname()
     settings = _settings(config, data_dir=data_dir, database_url=database_url)
@@ -45,6 +46,7 @@ def worker(
         print(dumps({"worker": own}) if json else f"hilfit worker {own} takes jobs (Ctrl-C stops)", flush=True)
 
     work(settings, own, ready)
+    leave()
 
 
 def backup(

@@ -82,6 +82,9 @@ def serve(
         from server.composition.serve import serve as run
 
         run(settings, ready, given)
+    from server.platform.processes.leaving import leave
+
+    leave()
 
 
 def _was_given(context: typer.Context, name: str) -> bool:

@@ -8,9 +8,13 @@ private business. Inputs and results are kept as JSON, never as pickles.
 from __future__ import annotations
 
 import contextvars
+import errno
+import os
+import shutil
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +28,8 @@ from server.jobs.job_kinds import AT_MACHINES, NUMERICAL, JobError, JobKind, Sta
 from server.jobs.job_places import begin, place_name, tidy
 from server.jobs.job_store import FINAL, Job, Jobs, Result, State
 from server.platform.database.engine import Database
-from server.platform.database.patience import Value, away, patiently
+from server.platform.database.patience import PAUSE_S, Value, away, patiently
+from server.platform.disk import RESERVE_BYTES
 from server.platform.errors import ServiceStopping, TakenOver
 from server.platform.files import DataDirectory, sync_tree
 from server.platform.processes.children import GRACE_S, LOOK_S, Child, ChildResult
@@ -42,10 +47,55 @@ POLL_S = 0.25
 #: Times that a stage is begun whose process somebody else kills: it may be the victim of a large neighbour, or be too
 #: large itself.
 ATTEMPTS = 3
+#: Seconds that the process of a numerical job stays for the next one: to load its libraries takes two, and what it
+#: keeps of its recordings is memory.
+WARM_S = 5.0
+#: Free bytes below which a stage that failed did so for want of room, whatever it says; and what it may say.
+NO_ROOM_BYTES = 2**20
+NO_ROOM_WORDS = (os.strerror(errno.ENOSPC), os.strerror(errno.EDQUOT), "disk is full")
 #: Held by the runner that has started the engine, which keeps its state in its module.
 _ENGINE = threading.Lock()
+NO_ROOM = "Waiting for room on the disk"
 _LOST = "the job broke off unexpectedly; order it again"
 _log = structlog.stdlib.get_logger(__name__)
+
+
+class WarmChild:
+    """The process of numerical jobs, which ends when there was no job for :data:`WARM_S`.
+
+    Parameters
+    ----------
+    used : held by whoever works with it
+    """
+
+    def __init__(self, used: threading.Lock) -> None:
+        self.child = Child()
+        self._used = used
+        self._lock = threading.Lock()
+        self._timer: threading.Timer | None = None
+
+    def cool(self) -> None:
+        """A job is over: end the process after a while, unless it is at work then, or another job was over since."""
+        with self._lock:
+            if self._timer is not None:
+                self._timer.cancel()
+            self._timer = threading.Timer(WARM_S, self._end)
+            self._timer.daemon = True
+            self._timer.start()
+
+    def close(self) -> None:
+        """End it now."""
+        with self._lock:
+            if self._timer is not None:
+                self._timer.cancel()
+        self._end()
+
+    def _end(self) -> None:
+        if self._used.acquire(blocking=False):  # else it is at work, and is asked again when that is over
+            try:
+                self.child.end()
+            finally:
+                self._used.release()
 
 
 class JobRunner:
@@ -79,6 +129,7 @@ class JobRunner:
         self._claims = Claims(database)
         self._stopping = threading.Event()
         self._one_at_a_time = threading.Lock()
+        self._warm = WarmChild(self._one_at_a_time)
         self._idle = threading.Condition()
         self._at_work = 0
         self._workflows: dict[str, Any] = {}
@@ -142,6 +193,7 @@ class JobRunner:
         # Whoever is at work is ending its child now; the engine and the store have to be there until then.
         with self._idle:
             self._idle.wait_for(lambda: self._at_work == 0, timeout=2 * GRACE_S + LOOK_S)
+        self._warm.close()
         if self._started:
             self._started = False
             DBOS.destroy(destroy_registry=True)
@@ -184,7 +236,7 @@ class JobRunner:
         claim = self._claim(job)
         result: dict[str, Any] = {"outcome": "done"}
         try:
-            with Child() as process:
+            with self._process(job) as process:
                 for index, stage in enumerate(stages):
                     part, before = (index, len(stages)), result.get("place")
                     result = DBOS.run_step({"name": stage}, self._run_stage, claim, stage, part, before, process)
@@ -196,6 +248,19 @@ class JobRunner:
             raise
         self._leave(claim)
         return state
+
+    @contextmanager
+    def _process(self, job: str) -> Iterator[Child]:
+        """For the stages of a job; that of numerical ones stays for a while, for the next job."""
+        row = self._patiently(lambda: self._jobs.get(job))
+        if self._kinds[row.kind].queue != NUMERICAL:
+            with Child() as process:
+                yield process
+            return
+        try:
+            yield self._warm.child
+        finally:
+            self._warm.cool()
 
     def _leave(self, claim: Claim) -> None:
         """Let go of a job; if it is over, remove the files that do not count, whoever wrote them."""
@@ -254,17 +319,61 @@ class JobRunner:
             said = kind.words(stage)
             if not self._patiently(lambda: self._jobs.progress(row.id, stage, part[0] / part[1], said, claim)):
                 return {"outcome": "stopped", "stage": stage, "error": None, "place": before}
-            try:
-                whole = begin(directory, name, before)
-                result = self._work(row, claim, kind, stage, part, directory / name, whole, process)
-                sync_tree(directory / name)  # before it is recorded
-                if self._stopping.is_set() and result.outcome != "done":
-                    raise ServiceStopping
-            except OSError as error:
-                reason = f"its files cannot be kept ({error.strerror or error}); free some space and order it again"
-                result = ChildResult("failed", error=reason)
+            for attempt in range(1, ATTEMPTS + 1):
+                result = self._kept(row, claim, kind, stage, part, directory / name, before, process)
+                if result.outcome != "failed" or attempt == ATTEMPTS or not self._lacked_room(result):
+                    break
+                _log.warning("stage_without_room", job=row.id, stage=stage, error=result.error)
+                if not self._wait_for_room(row, claim, stage, part):
+                    return {"outcome": "stopped", "stage": stage, "error": None, "place": before}
+                shutil.rmtree(directory / name, ignore_errors=True)
         _log.info("stage_ended", job=row.id, stage=stage, outcome=result.outcome, error=result.error)
         return self._outcome(stage, result) | {"place": name}
+
+    def _kept(
+        self,
+        row: Job,
+        claim: Claim,
+        kind: JobKind,
+        stage: str,
+        part: tuple[int, int],
+        place: Path,
+        before: str | None,
+        process: Child,
+    ) -> ChildResult:
+        """Do a stage in its ``place``, and see to it that its files survive a power cut."""
+        try:
+            whole = begin(place.parent, place.name, before)
+            result = self._work(row, claim, kind, stage, part, place, whole, process)
+            sync_tree(place)  # before it is recorded
+        except OSError as error:
+            reason = f"its files cannot be kept ({error.strerror or error}); free some space and order it again"
+            result = ChildResult("failed", error=reason)
+        if self._stopping.is_set() and result.outcome != "done":
+            raise ServiceStopping
+        return result
+
+    def _free(self) -> int:
+        return shutil.disk_usage(self._files.root).free
+
+    def _lacked_room(self, result: ChildResult) -> bool:
+        return self._free() < NO_ROOM_BYTES or any(words in (result.error or "") for words in NO_ROOM_WORDS)
+
+    def _wait_for_room(self, job: Job, claim: Claim, stage: str, part: tuple[int, int]) -> bool:
+        """Wait until somebody made room; False if the job was cancelled meanwhile."""
+        told = False
+        while self._free() <= RESERVE_BYTES:
+            self._pause(PAUSE_S)
+            try:
+                if not told and not self._jobs.progress(job.id, stage, part[0] / part[1], NO_ROOM, claim):
+                    return False
+                told = True
+                if self._jobs.cancelling(job.id, claim):
+                    return False
+            except DBAPIError as error:
+                if not away(error):
+                    raise
+        return True
 
     def _work(
         self,
@@ -288,7 +397,11 @@ class JobRunner:
                 if not away(error):
                     raise
 
+        starved = False
+
         def should_stop() -> bool:
+            nonlocal starved
+            starved = starved or self._free() < NO_ROOM_BYTES  # it may have ended by the time that the stage has
             try:
                 return self._stopping.is_set() or self._jobs.cancelling(job.id, claim)
             except DBAPIError as error:
@@ -311,6 +424,8 @@ class JobRunner:
                     _log.error("stage_not_started", job=job.id, stage=stage, exc_info=error)
                     reason = f"cannot run ({error.strerror}); the log of the service says more"
                     return ChildResult("failed", error=reason)
+                if result.outcome == "failed" and not result.killed and starved:
+                    return replace(result, error=f"{result.error} (the disk is full)")
                 if not result.killed or attempt == ATTEMPTS or should_stop():
                     break
                 _log.warning("stage_killed", job=job.id, stage=stage, attempt=attempt)

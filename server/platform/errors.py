@@ -117,6 +117,7 @@ class UnavailableError(ServiceError):
     status = 503
     slug = "unavailable"
     title = "Unavailable"
+    headers = MappingProxyType({"Retry-After": "5"})
 
 
 class BusyError(UnavailableError):
@@ -124,7 +125,6 @@ class BusyError(UnavailableError):
 
     slug = "busy"
     title = "Busy"
-    headers = MappingProxyType({"Retry-After": "5"})
 
 
 class StartError(InputError):

@@ -1,4 +1,8 @@
-"""Recordings in progress: one thread each, from the ring buffer of a running acquisition to a sealed file."""
+"""Recordings in progress: one thread each, from the ring buffer of a running acquisition to a sealed file.
+
+Rows that were counted are in the journal. Where the disk has no room to seal it, or the store takes no writes, the
+thread waits until it does; if the service stops first, the next one goes on from there.
+"""
 
 from __future__ import annotations
 
@@ -8,6 +12,7 @@ import sys
 import threading
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -15,15 +20,23 @@ import pyarrow.parquet
 import structlog
 
 from daq import Machine
-from daq.errors import HilfitError
+from daq.acquisition.journal import journal_path
+from daq.errors import HilfitError, StorageError
 from server.machines.acquisition import Acquisition
 from server.machines.machine_store import Machines
 from server.platform.database.engine import Database
+from server.platform.database.patience import Value, patiently
 from server.platform.disk import Free, require_room
-from server.platform.errors import ConflictError
+from server.platform.errors import ConflictError, ServiceStopping, UnavailableError
 from server.platform.files import DataDirectory
 from server.recordings.recording_store import RecordingRow, Recordings
 
+#: With more free bytes than this, beyond what sealing takes, it is not the room that a journal lacks.
+ROOM_BYTES = 16 * 2**20
+#: Seconds between two tries to seal what the disk had no room for.
+PAUSE_S = 2.0
+#: Seconds that whoever stops a recording waits for its file.
+SEALING_S = 60.0
 _log = structlog.stdlib.get_logger(__name__)
 
 
@@ -88,6 +101,7 @@ class Sessions:
         self._recorder = recorder
         self._free = free
         self._lock = threading.Lock()
+        self._leaving = threading.Event()
         self._sessions: dict[str, _Session] = {}
 
     def start(self, machine: str, role: str, label: str, seconds: float | None) -> RecordingRow:
@@ -120,13 +134,14 @@ class Sessions:
                 self._sessions[recording.id].statistics = statistics
 
         order = RecordOrder(content, feed.ring_name, role, self._path(recording.id), seconds, stop, report)
-        thread = threading.Thread(
-            target=self._run, args=(recording.id, order), name=f"recording-{recording.id}", daemon=True
-        )
-        with self._lock:
-            self._sessions[recording.id] = _Session(stop, thread)
-        thread.start()
+        self._begin(recording.id, stop, lambda: self._record(recording.id, order))
         return recording
+
+    def _begin(self, id: str, stop: threading.Event, work: Callable[[], None]) -> None:
+        thread = threading.Thread(target=self._run, args=(id, work), name=f"recording-{id}", daemon=True)
+        with self._lock:
+            self._sessions[id] = _Session(stop, thread)
+        thread.start()
 
     def stop(self, id: str) -> RecordingRow:
         """Stop a recording and wait until its file is sealed.
@@ -135,6 +150,8 @@ class Sessions:
         ------
         NotFoundError, ConflictError
             If there is no such recording, or it has ended.
+        UnavailableError
+            If it ended and cannot be sealed at the moment.
         """
         state = self._recordings.get(id).state
         with self._lock:
@@ -142,7 +159,12 @@ class Sessions:
         if session is None:
             raise ConflictError(f"recording '{id}' is {state}; there is nothing to stop")
         session.stop.set()
-        session.thread.join()
+        session.thread.join(SEALING_S)
+        if session.thread.is_alive():
+            raise UnavailableError(
+                f"recording '{id}' has ended, its rows are safe, and it is sealed as soon as disk and store take it; "
+                "make room"
+            )
         return self._recordings.get(id)
 
     def statistics(self, id: str) -> dict[str, Any] | None:
@@ -158,7 +180,8 @@ class Sessions:
                 session.stop.set()
 
     def stop_all(self) -> None:
-        """Seal everything that is being recorded."""
+        """Seal everything that is being recorded; what cannot be sealed now is sealed after the next start."""
+        self._leaving.set()
         self.end_all()
         with self._lock:
             sessions = list(self._sessions.values())
@@ -174,31 +197,71 @@ class Sessions:
                 # Not among those that were sealed now: killed when its file was whole, and the store did not know yet.
                 found = rows[path] if path in rows else pyarrow.parquet.read_metadata(path).num_rows
                 self._seal(row.id, path, {"rows": found, "recovered": True})
+            elif journal_path(path).is_file():  # there is no room to seal it now
+                self._begin(row.id, threading.Event(), partial(self._recover_later, row.id, path))
             else:
                 self._recordings.fail(row.id, "the service ended before anything was recorded; record it again")
 
     def _path(self, id: str) -> Path:
         return self._files.recordings / f"{id}.parquet"
 
-    def _run(self, id: str, order: RecordOrder) -> None:
+    def _run(self, id: str, work: Callable[[], None]) -> None:
         try:
-            self._seal(id, order.path, self._recorder.record(order))
-        except HilfitError as error:
-            self._fail(id, error)
-        except Exception as error:
-            _log.error("recording_failed", recording=id, exc_info=error)
-            self._recordings.fail(id, "recording failed unexpectedly; the log of the service says why")
+            try:
+                work()
+            except HilfitError as error:
+                self._fail(id, error)
+            except Exception as error:
+                _log.error("recording_failed", recording=id, exc_info=error)
+                text = "recording failed unexpectedly; the log of the service says why"
+                self._patiently(lambda: self._recordings.fail(id, text))
+        except ServiceStopping:
+            _log.warning("recording_left", recording=id)  # the next start finds it
         finally:
             with self._lock:
                 del self._sessions[id]
 
+    def _record(self, id: str, order: RecordOrder) -> None:
+        try:
+            statistics = self._recorder.record(order)
+        except StorageError as error:
+            statistics = self._sealed_later(order.path, error) | {"ended_early": self._without_place(error)}
+        self._seal(id, order.path, statistics)
+
+    def _recover_later(self, id: str, path: Path) -> None:
+        full = StorageError(f"{path}: what a killed server left cannot be sealed; run 'hilfit recover'", "sealing")
+        self._seal(id, path, self._sealed_later(path, full) | {"recovered": True})
+
+    def _sealed_later(self, path: Path, error: StorageError) -> dict[str, Any]:
+        """Seal a journal as soon as there is room; raises ``error`` if that is not what is wrong with it."""
+        while journal_path(path).is_file():
+            before = self._free()
+            rows = self._recorder.recover(path.parent)
+            if path.is_file():
+                return {"rows": rows.get(path) or pyarrow.parquet.read_metadata(path).num_rows}
+            if min(before, self._free()) > ROOM_BYTES:
+                break
+            self._pause(PAUSE_S)
+        raise error
+
+    def _pause(self, seconds: float) -> None:
+        if self._leaving.wait(seconds):
+            raise ServiceStopping
+
+    def _patiently(self, do: Callable[[], Value]) -> Value:
+        return patiently(do, self._pause)
+
     def _seal(self, id: str, path: Path, statistics: dict[str, Any]) -> None:
         with path.open("rb") as file:
             digest = hashlib.file_digest(file, "sha256").hexdigest()
-        self._recordings.seal(id, bytes=path.stat().st_size, sha256=digest, statistics=statistics)
+        size = path.stat().st_size
+        self._patiently(lambda: self._recordings.seal(id, bytes=size, sha256=digest, statistics=statistics))
         _log.info("recording_sealed", recording=id)
 
+    def _without_place(self, error: HilfitError) -> str:
+        return str(error).replace(f"{self._files.recordings}/", "")
+
     def _fail(self, id: str, error: HilfitError) -> None:
-        text = str(error).replace(f"{self._files.recordings}/", "")
+        text = self._without_place(error)
         _log.warning("recording_failed", recording=id, error=text)
-        self._recordings.fail(id, text)
+        self._patiently(lambda: self._recordings.fail(id, text))

@@ -9,10 +9,9 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable
-from datetime import datetime
+from datetime import datetime, timedelta
 
 import structlog
-from sqlalchemy.exc import SQLAlchemyError
 
 from daq.errors import HilfitError
 from server.platform.database.engine import Database, as_stored
@@ -23,6 +22,8 @@ from server.schedules.schedule_store import Schedule, Schedules
 
 #: Seconds between two looks at the clock: how late a slot may begin.
 LOOK_S = 2.0
+#: How far ahead a schedule may have come: by more, the clock was wrong and has been set right.
+AHEAD = timedelta(days=1)
 #: Most missed slots that are written down one by one.
 KEPT = 50
 _TOGETHER = "had its turn together with a later slot"
@@ -68,7 +69,7 @@ class ScheduleClock:
         while not self._stop.is_set():
             try:
                 self.look()
-            except (HilfitError, SQLAlchemyError) as error:  # the next look may do better
+            except Exception as error:  # of the store or the engine; the next look may do better
                 _log.error("schedules_not_looked_at", exc_info=error)
             self._stop.wait(LOOK_S)
 
@@ -78,8 +79,12 @@ class ScheduleClock:
         return tuple(job for job in ordered if job is not None)
 
     def _turn(self, schedule: Schedule) -> str | None:
-        considered = datetime.fromisoformat(schedule.considered)
-        due = slots.due(schedule.cron, schedule.timezone, considered, self._now(), KEPT)
+        considered, now = datetime.fromisoformat(schedule.considered), self._now()
+        if considered > now + AHEAD:  # else it would wait for the time that the clock once showed
+            self._schedules.go_back(schedule, as_stored(now))
+            _log.warning("schedule_set_back", schedule=schedule.id, considered=schedule.considered)
+            return None
+        due = slots.due(schedule.cron, schedule.timezone, considered, now, KEPT)
         # While the machine is being recalibrated its slots wait, and have their turn together afterwards.
         if not due or self._schedules.busy(schedule.machine):
             return None

@@ -131,7 +131,8 @@ class Schedules:
 
         Returns
         -------
-        False if another process was quicker, or the schedule was changed; nothing is stored then.
+        False if another process was quicker, the schedule was changed, or the newest slot had its turn before the
+        clock was set back; nothing is ordered then.
 
         Raises
         ------
@@ -151,9 +152,15 @@ class Schedules:
             )
             if moved.rowcount == 0:
                 return False
+            known = sa.select(schedule_slots.c.slot).where(
+                schedule_slots.c.schedule == schedule.id, schedule_slots.c.slot >= slots[0]
+            )
+            had = set(connection.execute(known).scalars())
+            if newest in had:
+                return False
             if new is not None:
                 self._recalibrations.insert(connection, new)
-            for slot in slots:
+            for slot in (slot for slot in slots if slot not in had):
                 last = slot == newest
                 state = "coalesced" if not last else "missed" if new is None else "ordered"
                 connection.execute(
@@ -166,6 +173,19 @@ class Schedules:
                     )
                 )
         return True
+
+    def go_back(self, schedule: Schedule, moment: str) -> None:
+        """Let a schedule that came further than the time is go on from ``moment``; nothing if it was changed."""
+        with self._database.write("schedules") as connection:
+            connection.execute(
+                schedules.update()
+                .where(
+                    schedules.c.id == schedule.id,
+                    schedules.c.revision == schedule.revision,
+                    schedules.c.considered == schedule.considered,
+                )
+                .values(considered=moment)
+            )
 
     def slots(self, id: str, limit: int) -> tuple[Slot, ...]:
         """The newest slots, newest first."""

@@ -177,7 +177,7 @@ def test_all_errors_and_warnings_are_said_at_once(tmp_path: Path) -> None:
     assert result.machine is None
     said = "\n".join(finding.under("arm.yaml") for finding in result.findings)
     for words in (
-        "joints[0].cylinder.bore: input should be greater than 0",
+        "joints[0].cylinder.bore: must be greater than 0",
         "joints[1]: cylinder.linkage",
         "joints[2].cylinder.strok: unknown key; did you mean 'stroke'?",
         "unit 'kg' cannot be turned into Pa",

@@ -59,7 +59,7 @@ def test_the_example_shows_every_fault() -> None:
         ("fault: drop, bus: modbus, node: 31", "'modbus' is modbus_tcp; write 'unit'"),
         ("fault: drop, bus: can, unit: 4", "'can' is canopen; write 'node'"),
         ("fault: drop, bus: can", "give either 'node' (CANopen) or 'unit' (Modbus)"),
-        ("fault: drop, bus: can, node: 31, share: 3", "faults[0].share: input should be less than or equal to 1"),
+        ("fault: drop, bus: can, node: 31, share: 3", "faults[0].share: must be 1 or less"),
         ("fault: drop, bus: can, node: 31, shar: 0.3", "faults[0].shar: unknown key; did you mean 'share'?"),
         ("fault: delay, bus: can, node: 31, seconds: 1", "give 'syncs' for a node"),
         ("fault: bus_off, bus: modbus", "'modbus' is modbus_tcp; this fault needs a CANopen bus"),

@@ -13,6 +13,7 @@ from typing import Any, TypeVar
 from pydantic import TypeAdapter, ValidationError
 
 from daq.errors import HilfitError
+from daq.validation_words import in_words
 from fitting.checks.findings import Finding
 from fitting.loop.weighting import Weights
 from fitting.pipeline.cylinder_stage import CylinderEstimate
@@ -248,6 +249,7 @@ def from_json(kind: type[_T], content: Mapping[str, Any], place: str) -> _T:
         first = error.errors()[0]
         where = ".".join(str(part) for part in first["loc"])
         raise HilfitError(
-            f"{place}: {where}: {first['msg']}; it is of another version: remove the directory and run the stages again"
+            f"{place}: {where}: {in_words(first)}; "
+            "it is of another version: remove the directory and run the stages again"
         ) from None
     return result

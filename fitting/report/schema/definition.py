@@ -16,6 +16,7 @@ import numpy as np
 from pydantic import Field, ValidationError
 
 from daq.errors import HilfitError
+from daq.validation_words import in_words
 from fitting.report.schema.figures import FigureData, Summary
 from fitting.report.schema.loop import Loop
 from fitting.report.schema.parts import Part, Value
@@ -280,7 +281,7 @@ def validate_report(report: Mapping[str, Any]) -> dict[str, Any]:
         first = error.errors()[0]
         place = ".".join(str(part) for part in first["loc"])
         more = f" (and {error.error_count() - 1} more)" if error.error_count() > 1 else ""
-        raise ReportError(f"report.json: {place}: {first['msg']}{more}; write it as {SCHEMA} says") from None
+        raise ReportError(f"report.json: {place}: {in_words(first)}{more}; write it as {SCHEMA} says") from None
     return cleaned
 
 

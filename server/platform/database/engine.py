@@ -28,12 +28,29 @@ _SERVER = _WRITERS + 1
 FROZEN_S = 10
 #: s that a server waits for the session of the one before it, which the database may end later than the process.
 LEAVING_S = 3.0
+#: What a database says that takes no writes for a while: SQLite's primary result codes READONLY, IOERR, FULL and
+#: CANTOPEN, and PostgreSQL's read_only_sql_transaction and, by their class, insufficient resources.
+_SQLITE_REFUSES = (8, 10, 13, 14)
+_READ_ONLY, _INSUFFICIENT = "25006", "53"
 Item = TypeVar("Item")
 
 
+@sa.event.listens_for(sa.Engine, "handle_error")
+def _refusal_is_absence(context: sa.engine.ExceptionContext) -> None:
+    """Take a full disk or a read-only database for one that is away, in the workflow engine's connections too.
+
+    Both wait for one that is away. Whatever else a write was refused for, they take for the end of the job.
+    """
+    error = context.original_exception
+    code, state = getattr(error, "sqlite_errorcode", None), getattr(error, "sqlstate", None) or ""
+    if (code is not None and code & 0xFF in _SQLITE_REFUSES) or state == _READ_ONLY or state.startswith(_INSUFFICIENT):
+        context.is_disconnect = True  # this connection is made anew, and the others are none the worse
+        context.invalidate_pool_on_disconnect = False
+
+
 def utc_now() -> datetime:
-    """The clock of a running service."""
-    return datetime.now(UTC)
+    """The clock of a running service; all of it reads ``time.time``, the workflow engine too."""
+    return datetime.fromtimestamp(time.time(), UTC)
 
 
 def as_stored(moment: datetime) -> str:

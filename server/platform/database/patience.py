@@ -1,4 +1,4 @@
-"""Wait for a database that is away: being restarted, locked for long, or out of disk."""
+"""Wait for a database that is away: being restarted, locked for long, out of disk, or read-only."""
 
 from __future__ import annotations
 

@@ -12,11 +12,13 @@ from fastapi import FastAPI, Request
 from fastapi.exceptions import RequestValidationError
 from fastapi.responses import JSONResponse
 from pydantic import BaseModel
-from sqlalchemy.exc import OperationalError
+from sqlalchemy.exc import DBAPIError, OperationalError
 from starlette.exceptions import HTTPException
 from starlette.routing import Match
 
 from daq.errors import AcquisitionError, HilfitError, InputError
+from daq.validation_words import in_words
+from server.platform.database.patience import away
 from server.platform.errors import ServiceError
 
 INVALID = "Invalid content"
@@ -110,7 +112,7 @@ async def _http_error(request: Request, error: Exception) -> JSONResponse:
 async def _validation_error(request: Request, error: Exception) -> JSONResponse:
     assert isinstance(error, RequestValidationError)
     errors = [
-        {"place": ".".join(str(part) for part in entry["loc"]), "text": str(entry["msg"])} for entry in error.errors()
+        {"place": ".".join(str(part) for part in entry["loc"]), "text": in_words(entry)} for entry in error.errors()
     ]
     first = errors[0] if errors else {"place": "request", "text": "cannot be read"}
     more = f" (and {len(errors) - 1} more)" if len(errors) > 1 else ""
@@ -121,8 +123,13 @@ async def _validation_error(request: Request, error: Exception) -> JSONResponse:
 
 async def _store_unavailable(request: Request, error: Exception) -> JSONResponse:
     _log.error("store_unavailable", path=request.url.path, exc_info=error)
-    detail = "the store is busy, full or gone; try again, and see the log of the service"
+    detail = "the store is busy, full, read-only or gone; try again, and see the log of the service"
     return problem(request, 503, detail, slug="unavailable", title="Unavailable", headers={"Retry-After": "5"})
+
+
+async def _store_refused(request: Request, error: Exception) -> JSONResponse:
+    assert isinstance(error, DBAPIError)
+    return await (_store_unavailable if away(error) else _unexpected)(request, error)
 
 
 async def _storage_failed(request: Request, error: Exception) -> JSONResponse:
@@ -140,6 +147,8 @@ async def _not_text(request: Request, error: Exception) -> JSONResponse:
 
 
 async def _unexpected(request: Request, error: Exception) -> JSONResponse:
+    if isinstance(error, DBAPIError) and away(error):  # in a layer around the routes
+        return await _store_unavailable(request, error)
     # The text of an unexpected error may hold paths and values; it belongs in the log only.
     _log.error("request_failed", path=request.url.path, exc_info=error)
     detail = "the service failed on this request; its log says why"
@@ -154,6 +163,7 @@ _ANSWERS: dict[type[Exception], Callable[[Request, Exception], Awaitable[JSONRes
     HTTPException: _http_error,
     RequestValidationError: _validation_error,
     OperationalError: _store_unavailable,
+    DBAPIError: _store_refused,
     OSError: _storage_failed,
     UnicodeEncodeError: _not_text,
     Exception: _unexpected,

@@ -72,6 +72,10 @@ class Child:
         return self
 
     def __exit__(self, *_: object) -> None:
+        self.end()
+
+    def end(self) -> None:
+        """End the process that stayed, if one did; the next run starts another."""
         if self._staying is not None:
             _, process = self._staying
             self._staying = None

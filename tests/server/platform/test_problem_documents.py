@@ -90,6 +90,21 @@ def test_a_store_that_is_gone_is_503(running: Running, monkeypatch: pytest.Monke
     problem(running.client.get("/healthz"), 503)
 
 
+def test_a_database_that_is_read_only_is_503_whatever_the_driver_calls_it(
+    running: Running, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    import sqlalchemy as sa
+
+    def fail(*_: object, **__: object) -> None:
+        # psycopg has ReadOnlySqlTransaction below InternalError.
+        raise sa.exc.InternalError("INSERT", {}, Exception("read-only"), connection_invalidated=True)
+
+    monkeypatch.setattr(running.service[Jobs], "list", fail)
+    answer = running.client.get(f"{API}/jobs")
+    assert "read-only" in str(problem(answer, 503))
+    assert answer.headers["retry-after"] == "5"
+
+
 def test_health_and_headers(running: Running) -> None:
     response = running.client.get("/healthz")
     assert response.json() == {"status": "ok"}

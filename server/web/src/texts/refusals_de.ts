@@ -5,6 +5,8 @@
  * nothing else is.
  */
 
+import { FITTING } from "./fitting_de";
+
 /** What stands in sentences as a value: states, roles, kinds of things. */
 export const VALUES: Record<string, string> = {
   proposed: "vorgeschlagen",
@@ -262,8 +264,12 @@ const SERVICE: Record<string, string> = {
   "there is nothing at {}; the resources are listed in /api/v1/openapi.json":
     "Bei $1 ist nichts; was es gibt, steht in /api/v1/openapi.json",
   "{} is not possible here; see the header Allow": "$1 ist hier nicht möglich; siehe Kopfzeile Allow",
-  "the store is busy, full or gone; try again, and see the log of the service":
-    "Die Datenbank ist beschäftigt, voll oder verschwunden; noch einmal versuchen und ins Protokoll des Dienstes sehen",
+  "the store is busy, full, read-only or gone; try again, and see the log of the service":
+    "Die Datenbank ist beschäftigt, voll, schreibgeschützt oder verschwunden; noch einmal versuchen und ins Protokoll des Dienstes sehen",
+  "recording '{}' has ended, its rows are safe, and it is sealed as soon as disk and store take it; make room":
+    "Die Aufzeichnung „$1“ ist zu Ende, ihre Zeilen sind sicher, und sie wird abgeschlossen, sobald Datenträger und Datenbank sie nehmen; Platz schaffen",
+  "recording failed unexpectedly; the log of the service says why":
+    "Die Aufzeichnung ist unerwartet fehlgeschlagen; das Protokoll des Dienstes sagt, warum",
   "the disk is full; make room": "Der Datenträger ist voll; Platz schaffen",
   "the data directory cannot be used; the log says why":
     "Das Datenverzeichnis ist nicht verwendbar; das Protokoll sagt, warum",
@@ -438,4 +444,4 @@ const MACHINES: Record<string, string> = {
 };
 
 /** The sentence of a refusal. */
-export const REFUSALS: Record<string, string> = { ...SERVICE, ...RECORDINGS, ...MACHINES };
+export const REFUSALS: Record<string, string> = { ...SERVICE, ...RECORDINGS, ...MACHINES, ...FITTING };

@@ -7,6 +7,7 @@ export const SERVICE_FIXED: Record<string, string> = {
   "a force that grows with the load (a gain, or another load)":
     "eine Kraft, die mit der Last wächst (eine Empfindlichkeit oder eine andere Last)",
   "it is being started": "sie wird gestartet",
+  "Waiting for room on the disk": "Wartet auf Platz auf dem Datenträger",
   "Waiting for its turn": "Wartet, bis er an der Reihe ist",
   Done: "Fertig",
   done: "fertig",

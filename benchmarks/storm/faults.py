@@ -1,0 +1,239 @@
+"""What happens in a storm beside kills: a full disk, a store that refuses to be written, a clock that is set.
+
+A disk that can be filled is a file system of its own in memory, which only root may mount; so is the attribute that
+makes SQLite's file and folder immutable. Where this process may not, the storm goes without and says so.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import os
+import random
+import struct
+import subprocess
+import tempfile
+import time
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Protocol
+
+from benchmarks.service.postgresql import PostgreSQL
+from benchmarks.storm.clock import SetClock
+
+#: The small disk: what the service keeps free (256 MiB), and room for the storm and PostgreSQL.
+DISK_BYTES = 900 * 2**20
+#: Seconds that a fault lasts, and between two of them.
+LASTS_S, CALM_S = (2.0, 5.0), (4.0, 9.0)
+#: Seconds by which the clock is set, one after the other: less than what the schedules write down one by one.
+JUMPS_S = (1020.0, -1500.0, 660.0, -240.0)
+#: FS_IOC_GETFLAGS, FS_IOC_SETFLAGS and FS_IMMUTABLE_FL of linux/fs.h.
+_GET, _SET, _IMMUTABLE = 0x80086601, 0x40086602, 0x10
+
+
+class Fault(Protocol):
+    """Something that goes wrong for a while."""
+
+    name: str
+
+    def begin(self) -> None:
+        """Let it go wrong."""
+
+    def hold(self) -> None:
+        """Called again and again until it ends."""
+
+    def end(self) -> None:
+        """Put it right."""
+
+
+@contextmanager
+def small_disk() -> Iterator[Path | None]:
+    """A file system of :data:`DISK_BYTES`, removed at the end; None where this process may not mount one."""
+    place = Path(tempfile.mkdtemp(prefix="hilfit-storm-disk-"))
+    # PostgreSQL's account has to come through.
+    place.chmod(0o755)
+    options = f"size={DISK_BYTES},mode=0755"
+    mounted = _runs("mount", "-t", "tmpfs", "-o", options, "hilfit-storm", str(place))
+    try:
+        yield place if mounted else None
+    finally:
+        # Whatever still looks at it keeps it until then, unseen.
+        if mounted and not _runs("umount", str(place)):
+            _runs("umount", "-l", str(place))
+        place.rmdir()
+
+
+def _runs(*command: str) -> bool:
+    try:
+        return subprocess.run(command, capture_output=True, timeout=30, check=False).returncode == 0
+    except OSError:
+        return False
+
+
+class FullDisk:
+    """Takes every byte of a file system, and those that others give back meanwhile."""
+
+    name = "disk full"
+
+    def __init__(self, disk: Path) -> None:
+        self._ballast = disk / "ballast"
+
+    def begin(self) -> None:
+        """Fill it."""
+        self.hold()
+
+    def hold(self) -> None:
+        """Fill it again."""
+        with self._ballast.open("ab") as file:
+            found = os.fstatvfs(file.fileno())
+            step = found.f_bavail * found.f_frsize
+            while step >= found.f_frsize:
+                try:
+                    os.posix_fallocate(file.fileno(), os.fstat(file.fileno()).st_size, step)
+                    return
+                except OSError:  # somebody was quicker
+                    step //= 2
+
+    def end(self) -> None:
+        """Give all of it back."""
+        self._ballast.unlink(missing_ok=True)
+
+
+class ImmutableStore:
+    """SQLite's file, and the folder in which it makes its journal, cannot be changed."""
+
+    name = "store read-only"
+
+    def __init__(self, database: Path) -> None:
+        self._places = (database.parent, database)
+
+    def begin(self) -> None:
+        """Set the attribute."""
+        for place in self._places:
+            _immutable(place, True)
+
+    def hold(self) -> None:
+        """It stays so."""
+
+    def end(self) -> None:
+        """Take it away."""
+        for place in self._places:
+            _immutable(place, False)
+
+
+def may_be_immutable(place: Path) -> bool:
+    """Whether this process may set the attribute, and take it away."""
+    try:
+        _immutable(place, True)
+        _immutable(place, False)
+    except OSError:
+        return False
+    return True
+
+
+def _immutable(place: Path, wanted: bool) -> None:
+    descriptor = os.open(place, os.O_RDONLY)
+    try:
+        (flags,) = struct.unpack("l", fcntl.ioctl(descriptor, _GET, bytes(struct.calcsize("l"))))
+        flags = flags | _IMMUTABLE if wanted else flags & ~_IMMUTABLE
+        fcntl.ioctl(descriptor, _SET, struct.pack("l", flags))
+    finally:
+        os.close(descriptor)
+
+
+class ReadOnlySessions:
+    """PostgreSQL's transactions are read-only unless somebody says otherwise."""
+
+    name = "store read-only"
+
+    def __init__(self, server: PostgreSQL) -> None:
+        self._server = server
+
+    def begin(self) -> None:
+        """Set it for the whole server."""
+        self._server.set("default_transaction_read_only", "on")
+
+    def hold(self) -> None:
+        """It stays so."""
+
+    def end(self) -> None:
+        """Reset it."""
+        self._server.set("default_transaction_read_only", None)
+
+
+class ClockSet:
+    """The hosts' wall clock is set, forward and back; it is not put right until it is set again."""
+
+    name = "clock set"
+
+    def __init__(self, clock: SetClock) -> None:
+        self._clock = clock
+        self._count = 0
+
+    def begin(self) -> None:
+        """Set it."""
+        self._clock.seconds += JUMPS_S[self._count % len(JUMPS_S)]
+        self._count += 1
+
+    def hold(self) -> None:
+        """It goes on from there."""
+
+    def end(self) -> None:
+        """It goes on from there."""
+
+
+class Weather:
+    """One fault after another, with calm between them.
+
+    Parameters
+    ----------
+    faults : in an order of chance, each once before one comes again
+    chance : of order and lengths
+
+    Attributes
+    ----------
+    faults : all of them
+    seen : how often each began
+    """
+
+    def __init__(self, faults: Sequence[Fault], chance: random.Random) -> None:
+        self.faults = tuple(faults)
+        self._chance = chance
+        self._left: list[Fault] = []
+        self._now: Fault | None = None
+        self._until = time.monotonic() + chance.uniform(*CALM_S)
+        self.seen: Counter[str] = Counter()
+
+    @property
+    def all_seen(self) -> bool:
+        """Whether each fault came at least once, and none is there now."""
+        return self._now is None and all(self.seen[fault.name] for fault in self.faults)
+
+    @property
+    def said(self) -> str:
+        """What there is now, behind a comma."""
+        return "" if self._now is None else f", {self._now.name}"
+
+    def go_on(self) -> None:
+        """Begin, hold or end what is due; called often."""
+        if self._now is not None:
+            self._now.hold()
+        if not self.faults or time.monotonic() < self._until:
+            return
+        if self._now is not None:
+            self.clear()
+            return
+        if not self._left:
+            self._left = self._chance.sample(self.faults, len(self.faults))
+        self._now = self._left.pop()
+        self._until = time.monotonic() + self._chance.uniform(*LASTS_S)
+        self.seen[self._now.name] += 1
+        self._now.begin()
+
+    def clear(self) -> None:
+        """End what is there."""
+        over, self._now = self._now, None
+        if over is not None:
+            over.end()
+        self._until = time.monotonic() + self._chance.uniform(*CALM_S)
