@@ -163,7 +163,7 @@ function zoneAtAxis(read: () => string, colour: { text: string; font: string }):
         ctx.font = colour.font.replace(/^\d+px/, (size) => `${(parseFloat(size) - 1) * devicePixelRatio}px`);
         ctx.textAlign = "left";
         ctx.textBaseline = "top";
-        ctx.fillText(read(), 2 * devicePixelRatio, bbox.top + bbox.height + 8 * devicePixelRatio);
+        ctx.fillText(read(), 2 * devicePixelRatio, bbox.top + bbox.height + 12 * devicePixelRatio);
         ctx.restore();
       },
     },
