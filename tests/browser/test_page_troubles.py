@@ -166,3 +166,26 @@ def test_an_unknown_device_is_paired_by_the_address_of_the_code(browser: Any, tm
     finally:
         context.close()
         site.kill()
+
+
+@pytest.mark.parametrize(
+    ("language", "said", "offer"),
+    [
+        ("en", "The service was upgraded while this page was open", "Load the page again"),
+        ("de", "Der Dienst wurde aktualisiert, während diese Seite offen war", "Seite neu laden"),
+    ],
+)
+def test_a_view_of_the_old_version_after_an_upgrade(
+    page: Any, site: Site, language: str, said: str, offer: str
+) -> None:
+    page.forgiven += ["404", "Failed to load resource"]
+    page.add_init_script(f"localStorage.setItem('hilfit.language', '{language}')")
+    page.route("**/assets/history-*.js", lambda route: route.fulfill(status=404, body="gone"))
+    page.goto(f"{site.url}/")
+    page.locator(".strip canvas").first.wait_for()
+    page.route("**/index.html", lambda route: route.fulfill(body='<script src="./assets/page-n3wv3rsn.js"></script>'))
+    page.evaluate("location.hash = '#/history'")
+    page.get_by_role("alert").get_by_text(said).wait_for()
+    page.unroute_all()
+    page.get_by_role("button", name=offer).click()
+    page.locator(".timeline, .empty").first.wait_for()

@@ -2,11 +2,12 @@
  * Views that come after the first one: each is a file of its own, fetched when it is opened or once the page is at rest.
  *
  * A page that is kept open all day has all of them before its network may go; one that could not be fetched is tried
- * again when it is opened.
+ * again when it is opened. Where the service was upgraded meanwhile, its files of the old version are gone: the page says
+ * so and offers to be loaded again. It does not do that by itself, as an upload may be under way.
  */
 import type { ComponentType } from "preact";
 import { useEffect, useState } from "preact/hooks";
-import { Notice } from "./ui/controls";
+import { Button, Notice } from "./ui/controls";
 import { t } from "./texts";
 
 type Fetched = () => Promise<{ default: ComponentType }>;
@@ -14,6 +15,18 @@ type Fetched = () => Promise<{ default: ComponentType }>;
 /** Milliseconds after the start in which nothing else is fetched. */
 const QUIET_MS = 4000;
 const waiting: (() => Promise<unknown>)[] = [];
+
+/** Whether the service has another version of this page by now: its first script has another name. */
+async function upgraded(): Promise<boolean> {
+  const own = document.querySelector('script[type="module"][src]')?.getAttribute("src")?.split("/").pop();
+  if (own === undefined) return false;
+  try {
+    const answer = await fetch("./index.html", { cache: "no-store" });
+    return answer.ok && !(await answer.text()).includes(own);
+  } catch {
+    return false;
+  }
+}
 
 /** A view that is fetched when it is shown, or before by `fetchViews`. */
 export function later(fetched: Fetched): ComponentType {
@@ -24,19 +37,37 @@ export function later(fetched: Fetched): ComponentType {
   };
   waiting.push(come);
   return function Later() {
-    const [state, setState] = useState<ComponentType | "coming" | "failed">(() => View ?? "coming");
+    const [state, setState] = useState<ComponentType | "coming" | "failed" | "upgraded">(() => View ?? "coming");
     useEffect(() => {
       let here = true;
       if (state === "coming")
         come().then(
           (found) => here && setState(() => found),
-          () => here && setState("failed"),
+          async () => {
+            const found = (await upgraded()) ? "upgraded" : "failed";
+            if (here) setState(found);
+          },
         );
       return () => {
         here = false;
       };
     }, [state]);
-    if (state === "failed") return <Notice kind="bad">{t("common.serviceDidNotAnswer")}</Notice>;
+    if (state === "failed")
+      return (
+        <>
+          <Notice kind="bad">{t("common.serviceDidNotAnswer")}</Notice>
+          <Button onClick={() => setState("coming")}>{t("shell.tryAgain")}</Button>
+        </>
+      );
+    if (state === "upgraded")
+      return (
+        <>
+          <Notice kind="warning">{t("shell.serviceWasUpgraded")}</Notice>
+          <Button kind="primary" onClick={() => location.reload()}>
+            {t("shell.loadPageAgain")}
+          </Button>
+        </>
+      );
     if (state === "coming") return <p role="status">{t("common.reading")}</p>;
     const Shown = state;
     return <Shown />;

@@ -2,8 +2,10 @@
 import { useEffect, useRef } from "preact/hooks";
 import uPlot from "uplot";
 import { fixed, spelt } from "../ui/format";
+import { whileSeen } from "../ui/seen";
 import { colours, theme } from "../ui/theme";
 import { gestures, type Hands } from "./gestures";
+import { lines } from "./lines";
 import { overlays, type Overlays } from "./overlays";
 import type { Range } from "./range";
 import type { Value } from "./trace";
@@ -64,6 +66,7 @@ export function TimeChart(props: TimeChartProps) {
     draw();
     const forget = whileSeen(element, (seen) => {
       now.current.register(seen ? draw : null);
+      element.classList.toggle("unseen", !seen);
       if (seen) draw(); // as it is now, not as it was when it went out of sight
     });
     const observer = new ResizeObserver(() => {
@@ -81,27 +84,18 @@ export function TimeChart(props: TimeChartProps) {
   return <div ref={place} class="time-chart" style={{ minHeight: `${height}px` }} aria-hidden="true" />;
 }
 
-/** Tell whether an element is in sight, now and whenever that changes; what is not in sight needs no drawing. */
-function whileSeen(element: Element, tell: (seen: boolean) => void): () => void {
-  tell(true);
-  if (typeof IntersectionObserver === "undefined") return () => undefined;
-  let last = true;
-  const observer = new IntersectionObserver(
-    (entries) => {
-      const seen = entries[entries.length - 1]?.isIntersecting ?? true;
-      if (seen !== last) tell(seen);
-      last = seen;
-    },
-    { rootMargin: "50px" },
-  );
-  observer.observe(element);
-  return () => observer.disconnect();
-}
-
 function options(width: number, now: { current: TimeChartProps }): uPlot.Options {
   const colour = colours();
   const { series, height } = now.current;
   const decimals = Math.min(...series.map((one) => one.decimals));
+  const strokes = series.map((one, index) => {
+    const number = one.thin ? index - series.length / 2 : index;
+    return {
+      colour: colour.series[number % colour.series.length] as string,
+      width: one.thin ? 1 : 2,
+      dash: DASHES[number % DASHES.length] as number[],
+    };
+  });
   const axis: uPlot.Axis = {
     stroke: colour.text,
     grid: { stroke: colour.grid, width: 1 },
@@ -132,6 +126,7 @@ function options(width: number, now: { current: TimeChartProps }): uPlot.Options
       setCursor: [(plot) => now.current.onCursor((plot.cursor.left ?? -1) < 0 ? null : (plot.cursor.idx ?? null))],
     },
     plugins: [
+      lines(strokes),
       overlays(() => now.current.overlays(), colour),
       gestures(hands),
       zoneAtAxis(() => now.current.zone ?? "", colour),
@@ -148,16 +143,12 @@ function options(width: number, now: { current: TimeChartProps }): uPlot.Options
     ],
     series: [
       {},
-      ...series.map((one, index) => {
-        const number = one.thin ? index - series.length / 2 : index;
-        return {
-          label: one.label,
-          stroke: colour.series[number % colour.series.length] as string,
-          width: one.thin ? 1 : 2,
-          dash: DASHES[number % DASHES.length] as number[],
-          points: { show: false },
-        };
-      }),
+      ...series.map((one, index) => ({
+        label: one.label,
+        stroke: strokes[index]?.colour as string, // of the point at the cursor
+        paths: () => null,
+        points: { show: false },
+      })),
     ],
   };
 }
@@ -172,7 +163,7 @@ function zoneAtAxis(read: () => string, colour: { text: string; font: string }):
         ctx.font = colour.font.replace(/^\d+px/, (size) => `${(parseFloat(size) - 1) * devicePixelRatio}px`);
         ctx.textAlign = "left";
         ctx.textBaseline = "top";
-        ctx.fillText(read(), 2 * devicePixelRatio, bbox.top + bbox.height + 8 * devicePixelRatio);
+        ctx.fillText(read(), 2 * devicePixelRatio, bbox.top + bbox.height + 12 * devicePixelRatio);
         ctx.restore();
       },
     },

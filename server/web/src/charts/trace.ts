@@ -21,6 +21,10 @@ export class Trace {
   /** From when to when a channel's value was not measured. */
   readonly doubtful = new Map<string, Run[]>();
 
+  /** The values of the row that is added, and where they are among the names that it came with. */
+  private readonly row: Value[] = [];
+  private places: { names: string[]; at: number[] } = { names: [], at: [] };
+
   /** `moment`: s that a moment lasts; 0 for rows. */
   constructor(
     readonly names: string[],
@@ -56,8 +60,9 @@ export class Trace {
     const newest = this.t[this.t.length - 1];
     if (newest !== undefined && newest - this.moment - time > 1) this.clear();
     const end = this.t[this.t.length - 1];
-    const row = new Map(names.map((name, index) => [name, values[index] ?? null]));
-    const found = this.names.map((name) => row.get(name) ?? null);
+    const places = this.placesIn(names);
+    const found = this.row;
+    for (let index = 0; index < places.length; index += 1) found[index] = values[places[index] as number] ?? null;
     if (this.moment > 0) {
       const middle = (Math.floor(time / this.moment) + 0.5) * this.moment;
       const last = this.t[this.t.length - 2];
@@ -99,11 +104,21 @@ export class Trace {
     const both = this.moment > 0;
     this.t.push(first);
     if (both) this.t.push(second);
-    this.names.forEach((name, index) => {
-      const column = this.columns.get(name) as Value[];
+    let index = 0;
+    for (const column of this.columns.values()) {
       column.push(low?.[index] ?? null);
       if (both) column.push(high?.[index] ?? null);
-    });
+      index += 1;
+    }
+  }
+
+  /** Where each of our names is in a list; that of rows that come together is looked through once. */
+  private placesIn(names: string[]): number[] {
+    if (this.places.names !== names) {
+      const at = new Map(names.map((name, index) => [name, index]));
+      this.places = { names, at: this.names.map((name) => at.get(name) ?? -1) };
+    }
+    return this.places.at;
   }
 
   private widen(values: Value[]): void {

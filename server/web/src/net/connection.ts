@@ -124,9 +124,9 @@ export class Connection implements Session {
 
   /** The service is there: who are we for it, and what is there? */
   private async arrived(): Promise<void> {
-    const me = await this.client.get<Principal>("/access/me");
+    const [me, read] = await Promise.all([this.client.get<Principal>("/access/me"), this.readMachines()]);
     if (me.kind === "refused" && me.status === 401) return; // `rejected` has said so
-    if (me.kind !== "done" || !(await this.readMachines())) {
+    if (me.kind !== "done" || !read) {
       this.events?.fail(); // gone again, or too much at once: the stream tries until it is there
       return;
     }

@@ -4,6 +4,7 @@ import { useRoute } from "../routes";
 import { useResource } from "../resource";
 import { Icon } from "../ui/icons";
 import { t } from "../texts";
+import { said } from "../texts/report";
 
 type Alarm = components["schemas"]["AlarmResource"];
 
@@ -35,7 +36,7 @@ export function AlarmBanner() {
         <Icon name="alarm" />
         <span>
           <strong>{word}:</strong> {first.machine === null ? "" : `${first.machine}: `}
-          {first.text}
+          {said(first.text)}
           {first.state === "cleared" && t("shell.hasGoneNobodyHas")}
           {more}
         </span>

@@ -19,6 +19,10 @@ export const de: Record<Key, string> = {
   "shell.noConnectionService": "Keine Verbindung zum Dienst seit",
   "shell.aWhile": "einiger Zeit",
   "shell.whatShownOldPage": ". Das Gezeigte ist alt; die Seite verbindet sich von selbst wieder.",
+  "shell.tryAgain": "Noch einmal versuchen",
+  "shell.serviceWasUpgraded":
+    "Der Dienst wurde aktualisiert, während diese Seite offen war. Laden Sie die Seite neu, um diese Ansicht zu sehen.",
+  "shell.loadPageAgain": "Seite neu laden",
   "shell.signedInAs": "Angemeldet als {name}, {role}",
   "shell.thisComputer": "dieser Rechner",
   "shell.lightColours": "Helle Farben",

@@ -17,6 +17,10 @@ export const en = {
   "shell.noConnectionService": "No connection to the service for",
   "shell.aWhile": "a while",
   "shell.whatShownOldPage": ". What is shown is old; this page connects again by itself.",
+  "shell.tryAgain": "Try again",
+  "shell.serviceWasUpgraded":
+    "The service was upgraded while this page was open. Load the page again to see this view.",
+  "shell.loadPageAgain": "Load the page again",
   "shell.signedInAs": "Signed in as {name}, {role}",
   "shell.thisComputer": "this computer",
   "shell.lightColours": "Light colours",

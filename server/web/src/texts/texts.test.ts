@@ -1,9 +1,12 @@
 // @vitest-environment happy-dom
+import { setupI18n } from "@lingui/core";
+import { compileMessage } from "@lingui/message-utils/compileMessage";
 import { parse, type Token } from "@messageformat/parser";
 import { afterEach, describe, expect, it, vi } from "vitest";
 import { de } from "./de";
 import { en } from "./en";
 import { preferred } from "./language";
+import { simple } from "./simple";
 
 const entries = Object.entries(en);
 
@@ -51,6 +54,23 @@ describe("the tables of the two languages", () => {
     const straight = Object.entries(de).filter(([, text]) => /["”]|fuer|ueber|koenn|muess/.test(text));
     expect(straight).toEqual([]);
   });
+});
+
+it.each([
+  ["en", en],
+  ["de", de],
+] as const)("says in '%s' without a parser what a parser says", (name, table) => {
+  const i18n = setupI18n({ locale: name, messages: { [name]: table } });
+  i18n.setMessagesCompiler(compileMessage);
+  let without = 0;
+  for (const [key, text] of Object.entries(table)) {
+    const values = Object.fromEntries(valuesOf(text).map((one, number) => [one.split(" ")[1], `$& ${number}`]));
+    const said = simple(text, values);
+    if (said === null) continue;
+    without += 1;
+    expect(said).toBe(i18n._(key, values));
+  }
+  expect(without).toBeGreaterThan(0.8 * entries.length);
 });
 
 it("takes the first language of the browser that there is a table for", () => {

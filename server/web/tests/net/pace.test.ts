@@ -35,7 +35,7 @@ it("leaves a slow device most of its time", () => {
 });
 
 /** Parts that each take `cost` ms to draw, on a screen with a frame each 16 ms. */
-function parts(cost: number, count: number, shortest = 33) {
+function parts(cost: number, count: number, shortest = 33, idle: number[] = []) {
   const timers = new FakeTimers();
   let busy = 0;
   const now = (): number => timers.now() + busy;
@@ -47,8 +47,10 @@ function parts(cost: number, count: number, shortest = 33) {
   };
   const clock = { now, after: (ms: number, work: () => void) => void timers.after(ms, work), drawn: frame };
   const pieces = Array.from({ length: count }, (_, number) => () => {
+    if (idle.includes(number)) return false;
     drawn.push([number, timers.now()]);
     busy += cost;
+    return true;
   });
   return {
     timers,
@@ -71,6 +73,16 @@ it("draws one part in each frame, each part once", () => {
     [1, 16],
     [2, 32],
     [3, 48],
+  ]);
+});
+
+it("passes over a part that has nothing to draw in the same frame", () => {
+  const { timers, drawn, news } = parts(1, 4, 33, [1, 2]);
+  news();
+  timers.pass(200);
+  expect(drawn).toEqual([
+    [0, 0],
+    [3, 16],
   ]);
 });
 

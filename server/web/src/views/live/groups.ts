@@ -174,11 +174,12 @@ export function column(one: Line, trace: Trace): Value[] {
   const rows = trace.t.length;
   if (sources.length === 1) return sources[0] ?? new Array<null>(rows).fill(null);
   const found: Value[] = new Array(rows);
+  const values: Value[] = new Array(sources.length).fill(null);
   for (let row = 0; row < rows; row += 1) {
     const other = row % 2 === 0 ? row + 1 : row - 1;
-    found[row] = one.value(
-      sources.map((source, index) => source?.[trace.moment > 0 && one.falls[index] ? other : row] ?? null),
-    );
+    for (let index = 0; index < sources.length; index += 1)
+      values[index] = sources[index]?.[trace.moment > 0 && one.falls[index] ? other : row] ?? null;
+    found[row] = one.value(values);
   }
   return found;
 }

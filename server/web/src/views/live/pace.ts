@@ -41,18 +41,21 @@ export function paced(draw: () => void, clock: Clock = realClock, shortest = SHO
   };
 }
 
+/** Draws a part; false where there was nothing to draw. */
+export type Part = () => unknown;
+
 /** ms in which a frame that is not late has been shown. */
 const FRAME_MS = 1000 / 60;
 /** ms after which even a device that is busy with something else draws again. */
 const LONGEST_PAUSE_MS = 500;
 
 /**
- * As `paced`, for a drawing of several parts: one in each frame, so that none of these is dropped. To bring a part on the
+ * As `paced`, for a drawing of several parts (each plot, and the numbers below it): one in each frame, so that none of these is dropped. To bring a part on the
  * screen takes longer than to draw it, and is seen only in how late the next frame is. All parts are drawn before any is
  * drawn again. `shortest`: ms between two drawings of the same part.
  */
 export function sliced(
-  parts: () => (() => void)[],
+  parts: () => Part[],
   clock: Clock = realClock,
   shortest: () => number = () => SHORTEST_MS,
 ): () => void {
@@ -67,7 +70,7 @@ export function sliced(
       let worked = 0;
       const slice = (): void => {
         const begun = clock.now();
-        todo.shift()?.();
+        while (todo.length > 0 && todo.shift()?.() === false);
         const drew = clock.now() - begun;
         clock.drawn(() => {
           worked += Math.max(drew, clock.now() - begun - FRAME_MS);

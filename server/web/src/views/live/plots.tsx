@@ -1,4 +1,5 @@
 /** All plots of a machine that is measured now, on one line of time. */
+import { useSignalEffect } from "@preact/signals";
 import { useCallback, useEffect, useMemo, useRef, useState } from "preact/hooks";
 import type { Hands } from "../../charts/gestures";
 import type { ChartMark } from "../../charts/overlays";
@@ -12,7 +13,7 @@ import { ChannelChoice, chosen, Thresholds, useChoice } from "./choice";
 import { Diagnostics } from "./diagnostics";
 import type { Group } from "./groups";
 import { useMarks } from "./marks";
-import { realClock, sliced } from "./pace";
+import { type Part, realClock, sliced } from "./pace";
 import { Strip } from "./strip";
 import { useSignals } from "./use_signals";
 import type { Live } from "./use_live";
@@ -37,7 +38,9 @@ export function Plots({ machine, groups, live }: { machine: string; groups: Grou
     [drawn],
   );
   const marks = useMarks(machine);
-  const draws = useRef(new Map<string, () => void>());
+  const draws = useRef(new Map<string, Part>());
+  const writes = useRef(new Map<string, Part>());
+  const unwritten = useRef(false);
   const drawings = useRef(0);
   const period = Math.min(RAREST_MS, Math.max(OFTENEST_MS, (1000 * lengthOf(shown)) / PIXELS));
   const latestPeriod = useRef(period);
@@ -47,18 +50,23 @@ export function Plots({ machine, groups, live }: { machine: string; groups: Grou
       sliced(
         () => {
           drawings.current += 1;
-          return [...draws.current.values()];
+          const numbers = unwritten.current ? [...writes.current.values()] : [];
+          unwritten.current = false;
+          return [...draws.current.values(), ...numbers];
         },
         realClock,
         () => latestPeriod.current,
       ),
     [],
   );
+  useSignalEffect(() => {
+    void live.ticks.value;
+    unwritten.current = true;
+    draw();
+  });
   const signals = useSignals(machine, live.history, names, shown, live.link, draw);
-  const register = useCallback((name: string, one: (() => void) | null) => {
-    if (one === null) draws.current.delete(name);
-    else draws.current.set(name, one);
-  }, []);
+  const register = useCallback((name: string, one: Part | null) => put(draws.current, name, one), []);
+  const registerNumbers = useCallback((name: string, one: Part | null) => put(writes.current, name, one), []);
   useMoving(shown.kind === "live" && shown.span <= 120, period, draw);
   useEffect(draw, [shown, drawn, choice, marks.length]);
 
@@ -104,13 +112,13 @@ export function Plots({ machine, groups, live }: { machine: string; groups: Grou
             group={group}
             history={live.history}
             silence={live.silence}
-            ticks={live.ticks}
             trace={signals.trace}
             range={signals.range}
             marks={marks}
             thresholds={choice.thresholds[group.key] ?? []}
             hands={hands}
             register={register}
+            registerNumbers={registerNumbers}
           />
         ))}
       </div>
@@ -118,6 +126,11 @@ export function Plots({ machine, groups, live }: { machine: string; groups: Grou
       <Diagnostics draws={() => drawings.current} missed={() => live.history.missed} />
     </>
   );
+}
+
+function put(parts: Map<string, Part>, name: string, one: Part | null): void {
+  if (one === null) parts.delete(name);
+  else parts.set(name, one);
 }
 
 /** Seconds that are shown. */

@@ -1,6 +1,6 @@
 /** One drawing with the numbers below it; the numbers name the lines. */
-import { type ReadonlySignal, useComputed } from "@preact/signals";
-import { useMemo, useRef, useState } from "preact/hooks";
+import { type ReadonlySignal, useComputed, useSignal } from "@preact/signals";
+import { useEffect, useMemo, useRef, useState } from "preact/hooks";
 import type { Hands } from "../../charts/gestures";
 import type { ChartMark } from "../../charts/overlays";
 import type { Range } from "../../charts/range";
@@ -8,19 +8,22 @@ import { clock, clockLabels, DASHES, TimeChart } from "../../charts/time_chart";
 import type { Trace } from "../../charts/trace";
 import { Mark, type MarkKind } from "../../ui/controls";
 import { fixed, number, zone } from "../../ui/format";
+import { whileSeen } from "../../ui/seen";
 import { type Group, column, type Line, reading } from "./groups";
 import type { History } from "./history";
+import type { Part } from "./pace";
 import { mark, measured, SILENT_S } from "./quality";
 import { silenceOf } from "./use_live";
 import { t } from "../../texts";
 
 const HEIGHT = 150;
+/** ms after which numbers that are out of sight are written again: who hears a page reads there, too. */
+const UNSEEN_MS = 2000;
 
 export interface StripProps {
   group: Group;
   history: History;
   silence: number;
-  ticks: ReadonlySignal<number>;
   trace: () => Trace;
   range: () => Range;
   marks: ChartMark[];
@@ -28,10 +31,33 @@ export interface StripProps {
   thresholds: number[];
   hands: Hands;
   register: (name: string, draw: (() => void) | null) => void;
+  /** Is given what writes the numbers as they are now; false from it: it was not necessary. */
+  registerNumbers: (name: string, write: Part | null) => void;
 }
 
 export function Strip(props: StripProps) {
-  const { group, history, silence, ticks, thresholds } = props;
+  const { group, history, silence, thresholds, registerNumbers } = props;
+  const ticks = useSignal(0);
+  const place = useRef<HTMLElement>(null);
+  useEffect(() => {
+    let [seen, written] = [true, 0];
+    const write = (): boolean => {
+      const now = performance.now();
+      if (!seen && now - written < UNSEEN_MS) return false;
+      written = now;
+      ticks.value += 1;
+      return true;
+    };
+    registerNumbers(group.title, write);
+    const forget = whileSeen(place.current as HTMLElement, (now) => {
+      seen = now;
+      write();
+    });
+    return () => {
+      forget();
+      registerNumbers(group.title, null);
+    };
+  }, [group.title]);
   const [at, setAt] = useState<number | null>(null);
   const columns = useRef<(number | null)[][]>([]);
   const times = useRef<number[]>([]);
@@ -43,7 +69,7 @@ export function Strip(props: StripProps) {
   const time = at === null ? undefined : times.current[at];
   const old = silence >= SILENT_S;
   return (
-    <section class={old ? "strip stale" : "strip"} aria-label={group.title}>
+    <section ref={place} class={old ? "strip stale" : "strip"} aria-label={group.title}>
       <h3>
         {group.title} <span class="unit">{group.unit}</span>
         {time !== undefined && (

@@ -1,1 +1,0 @@
-import{B as e,W as t}from"./layout-CkhIrXqW.js";function n(n,r=400){let[i,a]=t(n);return e(()=>{let e=setTimeout(()=>a(n),r);return()=>clearTimeout(e)},[n,r]),i}export{n as t};

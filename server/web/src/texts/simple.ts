@@ -1,0 +1,10 @@
+/** Texts that need no parser: as they are, or with values put where their names are. Most are, and a parser takes its time. */
+
+const SIMPLE = /^(?:[^{}']|\{\w+\})*$/;
+const NAMED = /\{(\w+)\}/g;
+
+/** A text with its values, or null: it has plurals or quotes, which a parser has to look at. */
+export function simple(text: string, values: Record<string, string | number> = {}): string | null {
+  if (!SIMPLE.test(text)) return null;
+  return text.includes("{") ? text.replace(NAMED, (_whole, name: string) => String(values[name] ?? "")) : text;
+}
