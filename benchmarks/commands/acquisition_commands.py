@@ -6,6 +6,8 @@ from typing import Annotated
 
 import typer
 
+from benchmarks.commands.saying import finish, shown
+
 
 def faults(
     times: Annotated[int, typer.Option(help="That every fault comes.", min=1)] = 20,
@@ -18,12 +20,11 @@ def faults(
 ) -> None:
     """Every fault at random moments: what is lost, what is wrong, how soon it is over."""
     from benchmarks.acquisition.faults import run, scripts
-    from benchmarks.cli import _finish, _shown
     from daq.errors import InputError
 
     if only is not None and not any(only in name for name, _ in scripts()):
         raise InputError(f"--only {only}: is in no fault's name; there are {', '.join(name for name, _ in scripts())}")
-    _finish("faults", run(times, seed, only, real_time, _shown(json)), json)
+    finish("faults", run(times, seed, only, real_time, shown(json)), json)
 
 
 def channels(
@@ -33,13 +34,12 @@ def channels(
 ) -> None:
     """How many machines of 40 channels at 50 Hz one computer carries, and what each costs."""
     from benchmarks.acquisition.channels import run
-    from benchmarks.cli import _finish, _shown
     from daq.errors import InputError
 
     numbers = [int(word) if word.isdigit() else 0 for word in machines.split(",")]
     if numbers != sorted(set(numbers)) or numbers[0] < 1:
         raise InputError(f"--machines {machines}: write rising numbers of at least 1 with commas, as in 1,4,8")
-    _finish("channels", run(numbers, seconds, _shown(json)), json)
+    finish("channels", run(numbers, seconds, shown(json)), json)
 
 
 def soak(
@@ -49,6 +49,5 @@ def soak(
 ) -> None:
     """Hours of faults one after another: nothing lost, memory flat."""
     from benchmarks.acquisition.soak import run
-    from benchmarks.cli import _finish, _shown
 
-    _finish("soak", run(minutes, seed, _shown(json)), json)
+    finish("soak", run(minutes, seed, shown(json)), json)

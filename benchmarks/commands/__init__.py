@@ -1,0 +1,1 @@
+"""The commands below ``hilfit bench``, each benchmark's own options."""

@@ -1,0 +1,169 @@
+"""``hilfit bench attribution`` and ``resolve``: the loop on random arms."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+import typer
+
+from benchmarks.one_thread import one_blas_thread
+from daq.console import print_json
+from daq.errors import InputError
+
+if TYPE_CHECKING:
+    from sim_backends.machines import ArmKind
+
+#: Options of the benchmarks on random arms.
+ARMS: tuple[Literal["folding", "slewing"], ...] = ("folding", "slewing")
+Replicas = Annotated[
+    int | None, typer.Option(help="Most replicas of a null distribution, 0 for none; as 'identify' if absent.", min=0)
+]
+Length = Annotated[float, typer.Option(help="Length of each recording in s.", min=20.0)]
+
+
+def _counts(text: str) -> dict[str, int]:
+    from benchmarks.attribution.recipe import KINDS
+
+    counts: dict[str, int] = {}
+    for part in text.split(","):
+        kind, equals, number = part.strip().partition("=")
+        if kind not in KINDS or not equals or not number.isdigit():
+            raise InputError(f"--cases {part.strip()}: write CLASS=COUNT with CLASS one of {', '.join(KINDS)}")
+        counts[kind] = int(number)
+    return counts
+
+
+def _arms(text: str | None) -> tuple[ArmKind, ...]:
+    from sim_backends.machines import ARMS as ALL
+
+    chosen = [part.strip() for part in (text or "").split(",") if part.strip()]
+    for part in chosen:
+        if part not in ALL:
+            raise InputError(f"--arms {part}: is no kind of arm; one of {', '.join(ALL)}, with commas")
+    return tuple(kind for part in dict.fromkeys(chosen) for kind in ALL if kind == part)
+
+
+def attribution(
+    cases: Annotated[
+        str, typer.Option(help="How many of each class: null, large, medium, small, kinematic, outside, pairs.")
+    ] = "null=100,large=60,medium=40,small=20,kinematic=30,outside=40,pairs=30",
+    case: Annotated[str | None, typer.Option(help="One case alone, as CLASS:NUMBER.")] = None,
+    seed: Annotated[int, typer.Option(help="Seed of the run; a case is the same whatever else is run.")] = 0,
+    workers: Annotated[int, typer.Option(help="Processes, each with one BLAS thread.", min=1)] = 1,
+    output: Annotated[
+        Path | None, typer.Option("-o", "--output", help="Results, a line each; a run goes on where it stopped.")
+    ] = None,
+    compare: Annotated[Path | None, typer.Option(help="Results of another run: which cases changed.")] = None,
+    cache: Annotated[Path | None, typer.Option(help="Keep simulated cases here, and take them from here.")] = None,
+    only_make: Annotated[bool, typer.Option(help="Fill the cache and judge nothing.")] = False,
+    apart: Annotated[
+        bool, typer.Option(help="Also how far each case's data are from nothing and from other names of the catalogue.")
+    ] = False,
+    only: Annotated[str | None, typer.Option(help="Only this effect.")] = None,
+    arms: Annotated[
+        str | None,
+        typer.Option(
+            "--arms", "--arm", help="Only these arms, in turn: folding, slewing, excavator, telescope, with commas."
+        ),
+    ] = None,
+    recipe: Annotated[
+        int | None, typer.Option(help="Make the cases of an earlier recipe: 3 has folding and slewing arms only.")
+    ] = None,
+    seconds: Length = 60.0,
+    bootstrap: Replicas = None,
+    json: Annotated[bool, typer.Option("--json", help="Print checks and results as JSON.")] = False,
+) -> None:
+    """How often the loop is right on random arms, effects, joints and sizes."""
+    one_blas_thread()
+    from benchmarks.attribution import summary
+    from benchmarks.attribution.recipe import KINDS, RECIPE, RECIPES, CaseKey, Selection
+    from benchmarks.attribution.runs import Order, plan_of, read_lines, run
+    from benchmarks.targets import lines_of, missed
+    from fitting.loop.session import Options
+    from sim_backends.undeclared import UNDECLARED
+
+    if only is not None and only not in UNDECLARED:
+        raise InputError(f"--only {only}: is no effect of the plant; one of {', '.join(sorted(UNDECLARED))}")
+    if recipe is not None and recipe not in RECIPES:
+        raise InputError(f"--recipe {recipe}: is no recipe; one of {', '.join(map(str, RECIPES))}")
+    if only_make and cache is None:
+        raise InputError("--only-make: fills a cache; name it with --cache")
+    if compare is not None and not compare.is_file():
+        raise InputError(f"{compare}: no such file; give results of another run to --compare")
+    if case is not None:
+        kind, _, number = case.partition(":")
+        if kind not in KINDS or not number.isdigit():
+            raise InputError(f"--case {case}: write CLASS:NUMBER with CLASS one of {', '.join(KINDS)}")
+        keys = [CaseKey(kind, int(number), seed)]
+    else:
+        keys = plan_of(_counts(cases), seed)
+    selection = Selection(only, _arms(arms), seconds, recipe or RECIPE)
+    if cache is not None:
+        cache.mkdir(parents=True, exist_ok=True)
+    replicas = Options.bootstrap if bootstrap is None else bootstrap
+    orders = [Order(key, selection, cache, only_make, apart, replicas) for key in keys]
+
+    def show(line: dict[str, Any]) -> None:
+        if not json:
+            print(summary.case_text(line), flush=True)
+
+    lines = run(orders, workers, output, show)
+    checks = [] if only_make else summary.checks(lines)
+    if json:
+        content = {
+            "benchmark": "attribution",
+            "selection": selection.as_json(),
+            "checks": [check.as_json() for check in checks],
+            "found_against_lambda": summary.found_against_size(lines),
+            "cases": lines,
+        }
+        print_json(content)
+    else:
+        print("\n".join([*summary.text(lines), "", *lines_of(checks)]))
+        if compare is not None:
+            print("\n".join(["", *summary.compared(read_lines(compare), lines)]))
+    if missed(checks):
+        raise typer.Exit(1)
+
+
+def resolve(
+    cases: Annotated[int, typer.Option(help="Ambiguous cases to find and close.", min=1)] = 20,
+    seed: Annotated[int, typer.Option(help="Seed of the cases; those of 'attribution' with --only.")] = 0,
+    most: Annotated[int | None, typer.Option(help="Cases to look at, at most; ten for each if absent.", min=1)] = None,
+    output: Annotated[
+        Path | None, typer.Option("-o", "--output", help="Results, a line for each ambiguous case.")
+    ] = None,
+    seconds: Length = 60.0,
+    bootstrap: Replicas = None,
+    json: Annotated[bool, typer.Option("--json", help="Print checks and results as JSON.")] = False,
+) -> None:
+    """Ambiguous cases of effects that resemble others, closed by motions that the plant makes."""
+    one_blas_thread()
+    from benchmarks.attribution import resolving
+    from benchmarks.targets import lines_of, missed
+    from fitting.loop.session import Options
+
+    if output is not None and output.exists():
+        raise InputError(f"{output}: is there already; give another file to -o")
+    replicas = Options.bootstrap if bootstrap is None else bootstrap
+    lines: list[dict[str, Any]] = []
+    looked_at = 0
+    for line in resolving.ambiguous(seed, seconds, replicas, most or 10 * cases):
+        looked_at += 1
+        if line is None:
+            continue
+        lines.append(line)
+        if output is not None:
+            resolving.append(output, line)
+        if not json:
+            print(resolving.text(line), flush=True)
+        if len(lines) >= cases:
+            break
+    checks = resolving.checks(lines, looked_at)
+    if json:
+        print_json({"benchmark": "resolve", "checks": [check.as_json() for check in checks], "cases": lines})
+    else:
+        print("\n".join(lines_of(checks)))
+    if missed(checks):
+        raise typer.Exit(1)

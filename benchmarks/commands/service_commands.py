@@ -1,0 +1,88 @@
+"""``hilfit bench service``, ``page``, ``storm`` and ``throughput``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+import typer
+
+from benchmarks.commands.saying import finish, shown
+from daq.errors import InputError
+
+DATABASES: tuple[Literal["sqlite", "postgresql"], ...] = ("sqlite", "postgresql")
+
+
+def service(
+    tablets: Annotated[int, typer.Option(help="Clients of the live stream.", min=1, max=200)] = 20,
+    rate: Annotated[float, typer.Option(help="Requests per second.", min=1, max=2000)] = 200.0,
+    uploads: Annotated[int, typer.Option(help="Clients that upload recordings all the time.", min=0, max=100)] = 10,
+    seconds: Annotated[float, typer.Option(help="Seconds of load.", min=2, max=60)] = 30.0,
+    json: Annotated[bool, typer.Option("--json", help="Print the checks as JSON.")] = False,
+) -> None:
+    """Tablets, readers and uploads at the service while numerical work runs: latency, cycles lost."""
+    from benchmarks.service.service import run
+
+    finish("service", run(tablets, rate, uploads, seconds, shown(json)), json)
+
+
+def page(
+    cpu: Annotated[float, typer.Option(help="How many times slower than this computer the tablet is.", min=1)] = 4.0,
+    megabits: Annotated[float, typer.Option(help="Its network, Mbit/s.", min=0.1)] = 10.0,
+    times: Annotated[int, typer.Option(help="First views, each with an empty cache.", min=1)] = 5,
+    seconds: Annotated[float, typer.Option(help="Seconds of looking at the live view.", min=1)] = 30.0,
+    pictures: Annotated[
+        Path | None, typer.Option(help="Make pictures of every view in this directory instead.", file_okay=False)
+    ] = None,
+    only: Annotated[str | None, typer.Option(help="With --pictures: only this view.")] = None,
+    language: Annotated[str, typer.Option(help="With --pictures: en or de.")] = "en",
+    json: Annotated[bool, typer.Option("--json", help="Print the checks as JSON.")] = False,
+) -> None:
+    """The page on a slow tablet: first view, frames dropped at 50 Hz; pictures of every view (--pictures)."""
+    from benchmarks.page import measuring
+    from benchmarks.page.browser import Tablet
+    from benchmarks.page.pictures import PRESSED, VIEWS
+    from benchmarks.page.pictures import run as make_pictures
+
+    if only is not None and only not in VIEWS:
+        raise InputError(f"--only {only}: is no view; one of {', '.join(VIEWS)}")
+    if language not in PRESSED:
+        raise InputError(f"--language {language}: must be one of {', '.join(PRESSED)}")
+    if pictures is not None:
+        finish("page", make_pictures(pictures, only, shown(json), language), json)
+        return
+    finish("page", measuring.run(Tablet(cpu, megabits), times, seconds, shown(json)), json)
+
+
+def storm(
+    seconds: Annotated[float, typer.Option(help="Seconds of killing.", min=2, max=600)] = 60.0,
+    database: Annotated[str, typer.Option(help="sqlite, or postgresql (started from Debian's packages).")] = "sqlite",
+    seed: Annotated[int, typer.Option(help="Of what is killed when.")] = 0,
+    kills_only: Annotated[bool, typer.Option(help="No full disk, no read-only store, no jumps of the clock.")] = False,
+    json: Annotated[bool, typer.Option("--json", help="Print the checks as JSON.")] = False,
+) -> None:
+    """kill -9 of servers, workers, stages and acquisitions: nothing lost, nothing twice."""
+    from benchmarks.storm.run import run
+
+    kind = next((known for known in DATABASES if known == database), None)
+    if kind is None:
+        raise InputError(f"--database {database}: write {' or '.join(DATABASES)}")
+    kills = round(seconds * 100 / 60)
+    outcome = run(seconds, kind, seed, shown(json), kills=kills, longest=10 * seconds, faults=not kills_only)
+    finish("storm", outcome, json)
+
+
+def throughput(
+    workers: Annotated[
+        str, typer.Option(help="Numbers of processes that work, the server among them, with commas.")
+    ] = "1,2,4",
+    jobs: Annotated[int, typer.Option(help="Identifications per worker.", min=1, max=50)] = 4,
+    json: Annotated[bool, typer.Option("--json", help="Print the checks as JSON.")] = False,
+) -> None:
+    """Identifications per hour with several workers on PostgreSQL, and how well they share the work."""
+    from benchmarks.service.throughput import run
+
+    counts = [int(part) for part in workers.split(",") if part.strip().isdigit()]
+    if not counts or min(counts) < 1 or len(counts) != len(workers.split(",")):
+        raise InputError(f"--workers {workers}: write numbers from 1 on, as in 1,2,4")
+    finish("throughput", run(counts, jobs, shown(json)), json)
