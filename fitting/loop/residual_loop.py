@@ -165,20 +165,26 @@ class SessionSignals:
     def delay_gain(self, model: Model, trial: Model) -> float:
         """Chi-square that moving the effort of ``model`` gains, without what smoothing it gains.
 
-        Samples between samples have less noise, whichever way the effort is moved. Chi-square is a parabola of the
-        delay, so what was moved as far the other way has lost four times what the delay gains; the smoothing is in
-        both.
+        Chi-square is a parabola of the delay, so what was moved as far the other way has lost four times what the delay
+        gains.
         """
-        term = trial.terms[-1]
-        if not term.rebuilt:
+        if not trial.terms[-1].rebuilt:
             return model.fit.chi_square - trial.fit.chi_square
-        kept = self._prepared
-        found = []
-        for late in (sum(term.rebuilt), -sum(term.rebuilt)):
-            moved = self.prepared((*model.terms, replace(term, rebuilt=(late,))))
-            found.append(self._fitted(moved, model.terms).fit.chi_square)
+        other_way, moved = self.mirrored(model, trial)
+        return (other_way.fit.chi_square - moved.fit.chi_square) / 4.0
+
+    def mirrored(self, model: Model, trial: Model) -> tuple[Model, Model]:
+        """``model`` with its effort moved as far as the last term of ``trial`` says the other way, and as it says.
+
+        Samples between samples have less noise, whichever way the effort is moved, and another noise model. Both have
+        that here, and the same noise model.
+        """
+        term, kept = trial.terms[-1], self._prepared
+        late = sum(term.rebuilt)
+        moved = self.prepared((*model.terms, replace(term, rebuilt=(late,))))
+        other_way = replace(self.prepared((*model.terms, replace(term, rebuilt=(-late,)))), noise=moved.noise)
         self._prepared = kept
-        return (found[1] - found[0]) / 4.0
+        return self._fitted(other_way, model.terms), self._fitted(moved, model.terms)
 
     def _moved(self, model: Model, resampled: bool) -> Model:
         for _ in range(_REBUILDS):

@@ -13,8 +13,10 @@ from fitting.loop.residual_loop import SessionSignals
 from fitting.loop.session import Options, Prepared, Session
 from fitting.regression.design import Design
 from fitting.regression.noise import noise_model
-from fitting.residual.scoring import Candidates, catalogue_terms, law_terms
-from fitting.residual.terms import Term, fit_model
+from fitting.residual.confirmation.confirmation import OnValidate, validate_gain
+from fitting.residual.confirmation.trials import Trials
+from fitting.residual.scoring import Candidates, catalogue_terms, law_terms, score_terms
+from fitting.residual.terms import Model, Term, fit_model
 from fitting.signals.corrections import Corrections
 
 LATENCY = Term(effect("sensor_latency"), 1)
@@ -112,9 +114,9 @@ def chi_square(signals: SessionSignals, late: float) -> float:
     return fit_model(moved.design, moved.noise, moved.fitted, (), signals.prior).fit.chi_square
 
 
-@pytest.mark.slow
-def test_a_delay_gains_what_it_explains_and_not_what_smoothing_does() -> None:
-    """Late by one sample nothing is interpolated: that gain is the truth. What is in time gains nothing."""
+@pytest.fixture(scope="module")
+def arms() -> tuple[SessionSignals, SessionSignals, float]:
+    """Recordings in time, the same with the second effort late by one sample, and how long a sample is, s."""
     machine = planar_machine(2)
     recordings = make_recordings(machine, truth(2), ROLES)
     in_time = SessionSignals(Session(machine, recordings, Options(bandwidth_hz=3.0)), Corrections(machine))
@@ -125,7 +127,15 @@ def test_a_delay_gains_what_it_explains_and_not_what_smoothing_does() -> None:
             values[name] = np.concatenate([values[name][:1], values[name][:-1]])
         late.append(replace(recording, values=values))
     behind = SessionSignals(Session(machine, late, Options(bandwidth_hz=3.0)), Corrections(machine))
-    sample = 1.0 / machine.rate_hz
+    return in_time, behind, 1.0 / machine.rate_hz
+
+
+@pytest.mark.slow
+def test_a_delay_gains_what_it_explains_and_not_what_smoothing_does(
+    arms: tuple[SessionSignals, SessionSignals, float],
+) -> None:
+    """Late by one sample nothing is interpolated: that gain is the truth. What is in time gains nothing."""
+    in_time, behind, sample = arms
     model = behind.refit(())
     true = model.fit.chi_square - chi_square(behind, sample)
     gain = behind.delay_gain(model, behind.refit([replace(LATENCY, rebuilt=(sample,))]))
@@ -134,3 +144,28 @@ def test_a_delay_gains_what_it_explains_and_not_what_smoothing_does() -> None:
     lost = chi_square(in_time, 0.5 * sample) - model.fit.chi_square
     gain = in_time.delay_gain(model, in_time.refit([replace(LATENCY, rebuilt=(0.5 * sample,))]))
     assert abs(gain) < 0.1 * max(abs(lost), 100.0)
+
+
+@pytest.mark.slow
+def test_a_delay_is_judged_on_the_validation_motion_without_what_smoothing_does_to_its_noise(
+    arms: tuple[SessionSignals, SessionSignals, float],
+) -> None:
+    in_time, behind, sample = arms
+
+    def seen(signals: SessionSignals, late: float) -> tuple[Model, Model, OnValidate]:
+        model, trial = signals.refit(()), signals.refit([replace(LATENCY, rebuilt=(late,))])
+        (choice,) = score_terms(model, [LATENCY], [1])
+        _, found = Trials(signals, signals.prepared(()).validate).judged(choice, model, trial)
+        assert found is not None
+        return model, trial, found
+
+    model, trial, found = seen(behind, sample)
+    validate = behind.prepared(()).validate
+    true = validate_gain(replace(model, noise=trial.noise), trial, validate)
+    assert true > 50
+    assert found.gain == pytest.approx(true, rel=0.2)
+    assert abs(found.short) < 3.0
+    assert found.tells
+    # Half a sample too early or too late costs the same: nothing speaks for either.
+    _, _, nothing = seen(in_time, 0.5 * sample)
+    assert abs(nothing.gain) < 0.1 * true

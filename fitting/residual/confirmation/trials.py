@@ -45,6 +45,10 @@ class Signals(Protocol):
         """Chi-square that moving the effort gains, once the last term of ``trial`` is a delay that was moved."""
         ...
 
+    def mirrored(self, model: Model, trial: Model) -> tuple[Model, Model]:
+        """The model with its effort moved as far the other way as that delay says, and as it says; in one noise."""
+        ...
+
     def refit(self, terms: Sequence[Term]) -> Model:
         """A fresh fit with these terms, on signals corrected as they say."""
         ...
@@ -80,12 +84,22 @@ class Trials:
         rows, columns = self._last_rows(trial)
         held_out = held_out_gain(rows, columns, trial.design.bank.reduced_rate_hz, precision)
         # What is moved into the signals explains more than its column, which is its beginning only.
-        moved = before.fit.chi_square - trial.fit.chi_square if trial.terms[-1].rebuilt else 0.0
+        moved = self._signals.delay_gain(before, trial) if trial.terms[-1].rebuilt else 0.0
         own_noise = inflation(rows, columns, trial.fit.residual)
         held_out = replace(held_out, own_noise=own_noise, own_gain=max(choice.gain, moved) / own_noise)
         confirming = self._validate and not choice.term.confined
-        seen = on_validate(before, trial, self._validate) if confirming else None
-        return held_out, seen
+        return held_out, self._on_validate(before, trial) if confirming else None
+
+    def _on_validate(self, before: Model, trial: Model) -> OnValidate:
+        """What the validation motion says; of a delay, beside as long a one the other way.
+
+        Samples between samples have less noise, and a noise model of their own: beside efforts that were not moved,
+        that is what a chi-square shows first. The parabola of the delay is four times as high at the other one.
+        """
+        if not trial.terms[-1].rebuilt:
+            return on_validate(before, trial, self._validate)
+        seen = on_validate(*self._signals.mirrored(before, trial), self._validate)
+        return OnValidate(*(value / 4.0 for value in (seen.gain, seen.expected, seen.spread, seen.noise)))
 
     def _last_rows(self, trial: Model) -> tuple[tuple[WhiteRows, ...], int]:
         """Whitened rows with the trial's last term in the last columns, and how many those are."""
