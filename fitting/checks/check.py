@@ -34,7 +34,7 @@ from fitting.checks.mistakes.payload import with_payload
 from fitting.checks.mistakes.physical import Trial
 from fitting.checks.mistakes.samples import take_samples
 from fitting.checks.mistakes.trials import Accused, Searched, search
-from fitting.checks.mistakes.two_sensors import disagreements
+from fitting.checks.mistakes.two_sensors import Disagreement, disagreements
 from fitting.checks.motions import motion_findings
 from fitting.checks.places import Places
 from fitting.checks.reading import read_leniently
@@ -209,6 +209,41 @@ def _usable(
     return kept, any(r.role != "unloaded" for r in kept)
 
 
+def _of_positions(machine: Machine, own: Disagreement, places: Places) -> Finding:
+    """Two position sensors of a joint that contradict each other, with what explains it if anything does."""
+    names = tuple(machine.joints[k].name for k in (own.joint, *(() if own.other is None else (own.other,))))
+    if own.code is None:
+        return Finding(
+            "positions_disagree",
+            f"{names[0]}: joint and piston position contradict each other ({own.before:.0%} of the motion), and "
+            "nothing that was tried explains it",
+            "look at both sensors, at the linkage, and whether the recordings are of this machine",
+            joint=names[0],
+            before=own.before,
+            unit="of the motion",
+            strength=4.0,
+        )
+    channel = machine.channel(own.quantity, names[0]) if own.quantity else None
+    channels = [c.name for n in names if own.quantity and (c := machine.channel(own.quantity, n))]
+    where = places.channels(machine, channels) if channels else places.key(own.key)
+    text = own.text.format(channel=channel.name if channel else "", joint=names[0])
+    begins_itself = channel is not None and text.startswith((channel.name, "the values", "the clock"))
+    return Finding(
+        own.code,
+        f"{'' if begins_itself else names[0] + ': '}{text} (the two sensors disagree by {own.before:.0%} of the "
+        f"motion as it is, by {own.after:.1%} then)",
+        own.cure + where,
+        alternatives=tuple(_named(machine, names[0], own.quantity, other) for other in own.alternatives),
+        joint=names[0],
+        channel=channel.name if channel else None,
+        before=own.before,
+        after=own.after,
+        unit="of the motion",
+        factor=own.factor,
+        strength=8.0 + float(np.log(max(own.before, 1e-3) / max(own.after, 1e-3))),
+    )
+
+
 def _together(machine: Machine, recordings: Sequence[Recording], places: Places) -> list[Finding]:
     """Findings on two sensors and on the efforts."""
     machine, converted = at_joints(machine, [r for r in recordings if r.values])
@@ -219,50 +254,11 @@ def _together(machine: Machine, recordings: Sequence[Recording], places: Places)
     if samples is None or not samples.loaded.any():
         return found
     changed = machine
-    settled: set[int] = set()
     for own in disagreements(machine, samples):
-        names = tuple(machine.joints[k].name for k in (own.joint, *(() if own.other is None else (own.other,))))
-        if own.code is None:
-            found.append(
-                Finding(
-                    "positions_disagree",
-                    f"{names[0]}: joint and piston position contradict each other ({own.before:.0%} of the "
-                    "motion), and "
-                    "nothing that was tried explains it",
-                    "look at both sensors, at the linkage, and whether the recordings are of this machine",
-                    joint=names[0], before=own.before, unit="of the motion", strength=4.0,
-                )
-            )  # fmt: skip
-            continue
-        channel = machine.channel(own.quantity, names[0]) if own.quantity else None
-        channels = [c.name for n in names if own.quantity and (c := machine.channel(own.quantity, n))]
-        where = places.channels(machine, channels) if channels else places.key(own.key)
-        text = own.text.format(channel=channel.name if channel else "", joint=names[0])
-        lead = (
-            ""
-            if channel is not None and text.startswith((channel.name, "the values", "the clock"))
-            else f"{names[0]}: "
-        )
-        found.append(
-            Finding(
-                own.code,
-                f"{lead}{text} (the two sensors disagree by {own.before:.0%} of the motion as it is, by "
-                f"{own.after:.1%} then)",
-                own.cure + where,
-                alternatives=tuple(_named(machine, names[0], own.quantity, other) for other in own.alternatives),
-                joint=names[0],
-                channel=channel.name if channel else None,
-                before=own.before,
-                after=own.after,
-                unit="of the motion",
-                factor=own.factor,
-                strength=8.0 + float(np.log(max(own.before, 1e-3) / max(own.after, 1e-3))),
-            )
-        )
-        settled.add(own.joint)
-        if own.machine is not None:
+        found.append(_of_positions(machine, own, places))
+        if own.code is not None and own.machine is not None:
             changed = _merged(changed, own.machine, own.joint)
-        if own.samples is not None:
+        if own.code is not None and own.samples is not None:
             samples = samples.replaced({k: v for k, v in own.samples.signals.items() if v is not samples.signals[k]
                                         and k[1] in (own.joint, own.other)})  # fmt: skip
     if any(f.code == "positions_disagree" for f in found):

@@ -33,49 +33,63 @@ def repaired_time(time: FloatArray, rate_hz: float) -> FloatArray:
 
 def time_findings(machine: Machine, file: str, time: FloatArray, values: dict[str, FloatArray]) -> list[Finding]:
     """What is wrong with a time column; ``values`` tell whether the machine went on over a jump."""
-    rate, found = machine.rate_hz, []
     steps = np.diff(time)
     if len(steps) == 0 or not np.all(np.isfinite(time)):
         return []
+    return _backwards(file, time, steps) or _other_rate(machine, file, steps) or _holes(machine, file, time, values)
+
+
+def _backwards(file: str, time: FloatArray, steps: FloatArray) -> list[Finding]:
     backwards = np.flatnonzero(steps <= 0)
-    if len(backwards):
-        row = int(backwards[0])
-        return [
-            Finding(
-                "time_jump",
-                f"{file}: time: goes from {time[row]:.6g} to {time[row + 1]:.6g} s in row {row + 2}"
-                + (f", and so in {len(backwards) - 1} more rows" if len(backwards) > 1 else ""),
-                "sort the rows, or split the file there",
-                recording=file,
-                strength=9.0,
-            )
-        ]
+    if not len(backwards):
+        return []
+    row = int(backwards[0])
+    return [
+        Finding(
+            "time_jump",
+            f"{file}: time: goes from {time[row]:.6g} to {time[row + 1]:.6g} s in row {row + 2}"
+            + (f", and so in {len(backwards) - 1} more rows" if len(backwards) > 1 else ""),
+            "sort the rows, or split the file there",
+            recording=file,
+            strength=9.0,
+        )
+    ]
+
+
+def _other_rate(machine: Machine, file: str, steps: FloatArray) -> list[Finding]:
+    rate = machine.rate_hz
     ratio = float(np.median(steps)) * rate
-    if abs(ratio - 1) > RATE_TOLERANCE:
-        for size, name in _UNITS.items():
-            if abs(ratio / size - 1) < 0.02:
-                return [
-                    Finding(
-                        "time_unit",
-                        f"{file}: time: looks like {name} instead of seconds (steps of {np.median(steps):.6g})",
-                        f"divide the column by {size:g}, or write its unit" if size > 1 else "write it in seconds",
-                        recording=file,
-                        factor=1 / size,
-                        strength=9.0,
-                    )
-                ]
-        return [
-            Finding(
-                "wrong_rate",
-                f"{file}: time: {rate / ratio:.6g} rows in a second, the machine file says rate_hz {rate:g}",
-                "correct rate_hz, or the column if the recorder ran at another rate than it says",
-                recording=file,
-                before=rate / ratio,
-                after=rate,
-                unit="Hz",
-                strength=9.0,
-            )
-        ]
+    if abs(ratio - 1) <= RATE_TOLERANCE:
+        return []
+    for size, name in _UNITS.items():
+        if abs(ratio / size - 1) < 0.02:
+            return [
+                Finding(
+                    "time_unit",
+                    f"{file}: time: looks like {name} instead of seconds (steps of {np.median(steps):.6g})",
+                    f"divide the column by {size:g}, or write its unit" if size > 1 else "write it in seconds",
+                    recording=file,
+                    factor=1 / size,
+                    strength=9.0,
+                )
+            ]
+    return [
+        Finding(
+            "wrong_rate",
+            f"{file}: time: {rate / ratio:.6g} rows in a second, the machine file says rate_hz {rate:g}",
+            "correct rate_hz, or the column if the recorder ran at another rate than it says",
+            recording=file,
+            before=rate / ratio,
+            after=rate,
+            unit="Hz",
+            strength=9.0,
+        )
+    ]
+
+
+def _holes(machine: Machine, file: str, time: FloatArray, values: dict[str, FloatArray]) -> list[Finding]:
+    """A clock that was set, and rows that are lost."""
+    rate, steps, found = machine.rate_hz, np.diff(time), list[Finding]()
     odd = np.flatnonzero(~regular_steps(time, rate))
     if len(odd) == 0:
         return []
@@ -87,8 +101,7 @@ def time_findings(machine: Machine, file: str, time: FloatArray, values: dict[st
             Finding(
                 "time_jump",
                 f"{file}: time: jumps by {steps[k]:.4g} s at {time[k]:.6g} s, and the machine stands where it "
-                "stood: the clock "
-                "was set",
+                "stood: the clock was set",
                 "take the time of a clock that nobody sets, or split the file there",
                 recording=file,
                 before=float(steps[k]),

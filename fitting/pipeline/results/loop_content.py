@@ -47,43 +47,10 @@ def loop_content(session: Session, results: StageResults, model: Model, terms: l
     for finding in kinematics:
         effects.append(_kinematic_effect(machine, finding))
     for number, (term, accepted) in enumerate(zip(terms, found.accepted, strict=True)):
-        evidence = _evidence(accepted)
-        part = model.term_slice(number)
         if isinstance(term.content, Law):
-            unexplained.append(
-                in_own_units(
-                    machine,
-                    {
-                        "joint": names[term.joint or 0],
-                        "variable": term.content.variable(tuple(names)),
-                        "times_sign_of_speed": term.content.signed,
-                        "only_while": term.content.only or None,
-                        **second_variable(term.content, tuple(names)),
-                        "law": law_curve(term.content, model, part),
-                        "unit": term.content.unit,
-                        "amplitude": _amplitude(model, number),
-                        "added": True,
-                        "probability": accepted.probability,
-                        "could_be": _rivals(accepted, names),
-                        "evidence": evidence,
-                    },
-                )
-            )
-            continue
-        effects.append(
-            {
-                "id": term.id,
-                "joint": None if term.joint is None else names[term.joint],
-                "title": term.content.title,
-                "equation": term.content.equation,
-                "look_at": term.content.look_at,
-                "parameters": _term_parameters(term, model, part, machine),
-                "amplitude": _amplitude(model, number),
-                "indistinguishable_from": _rivals(accepted, names),
-                "probability": accepted.probability,
-                "evidence": evidence,
-            }
-        )
+            unexplained.append(_added_law(machine, term, term.content, model, number, accepted))
+        else:
+            effects.append(_added_effect(machine, term, term.content, model, number, accepted))
     effects += [_line_effect(names, line) for line in found.lines if line.ripple and not line.in_band]
     unexplained += [_unconfirmed(machine, item) for item in found.unconfirmed]
     said, reasons = verdict(results, names)
@@ -93,17 +60,7 @@ def loop_content(session: Session, results: StageResults, model: Model, terms: l
         "reasons": reasons,
         "effects": effects,
         "unexplained": unexplained,
-        "candidates": [
-            {
-                "id": finding.steps[0]["effect"],
-                "joint": names[finding.steps[0]["joint"]],
-                "score": finding.score,
-                "status": "accepted",
-                "reason": f"the two position sensors disagree by {finding.gap_before * 1e3:.3g} mm, afterwards by "
-                f"{finding.gap_after * 1e3:.3g} mm{_PLACES[finding.steps[0]['shape'].get('sensor')]}",
-            }
-            for finding in kinematics
-        ]
+        "candidates": [_kinematic_candidate(names, finding) for finding in kinematics]
         + [
             {**asdict(c), "title": effect(c.id).title, "joint": None if c.joint is None else names[c.joint]}
             for c in found.candidates
@@ -125,6 +82,62 @@ def loop_content(session: Session, results: StageResults, model: Model, terms: l
             {"before": _hypotheses(step.before, names), "motion": step.motion, "after": _hypotheses(step.after, names)}
             for step in resolved.steps
         ],
+    }
+
+
+def _added_law(
+    machine: Machine, term: Term, law: Law, model: Model, number: int, accepted: AcceptedTerm
+) -> dict[str, Any]:
+    """A law that was added to the model, as number ``number`` of its terms."""
+    names = tuple(joint.name for joint in machine.joints)
+    return in_own_units(
+        machine,
+        {
+            "joint": names[term.joint or 0],
+            "variable": law.variable(names),
+            "times_sign_of_speed": law.signed,
+            "only_while": law.only or None,
+            **second_variable(law, names),
+            "law": law_curve(law, model, model.term_slice(number)),
+            "unit": law.unit,
+            "amplitude": _amplitude(model, number),
+            "added": True,
+            "probability": accepted.probability,
+            "could_be": _rivals(accepted, list(names)),
+            "evidence": _evidence(accepted),
+        },
+    )
+
+
+def _added_effect(
+    machine: Machine, term: Term, content: Effect, model: Model, number: int, accepted: AcceptedTerm
+) -> dict[str, Any]:
+    """An effect of the catalogue that was added to the model, as number ``number`` of its terms."""
+    names = [joint.name for joint in machine.joints]
+    return {
+        "id": term.id,
+        "joint": None if term.joint is None else names[term.joint],
+        "title": content.title,
+        "equation": content.equation,
+        "look_at": content.look_at,
+        "parameters": _term_parameters(term, model, model.term_slice(number), machine),
+        "amplitude": _amplitude(model, number),
+        "indistinguishable_from": _rivals(accepted, names),
+        "probability": accepted.probability,
+        "evidence": _evidence(accepted),
+    }
+
+
+def _kinematic_candidate(names: Sequence[str], finding: Kinematic) -> dict[str, Any]:
+    """A correction of positions among the candidates that were tried."""
+    step = finding.steps[0]
+    return {
+        "id": step["effect"],
+        "joint": names[step["joint"]],
+        "score": finding.score,
+        "status": "accepted",
+        "reason": f"the two position sensors disagree by {finding.gap_before * 1e3:.3g} mm, afterwards by "
+        f"{finding.gap_after * 1e3:.3g} mm{_PLACES[step['shape'].get('sensor')]}",
     }
 
 
