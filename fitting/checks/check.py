@@ -227,11 +227,10 @@ def _of_positions(machine: Machine, own: Disagreement, places: Places) -> Findin
     channels = [c.name for n in names if own.quantity and (c := machine.channel(own.quantity, n))]
     where = places.channels(machine, channels) if channels else places.key(own.key)
     text = own.text.format(channel=channel.name if channel else "", joint=names[0])
-    begins_itself = channel is not None and text.startswith((channel.name, "the values", "the clock"))
+    lead = "" if channel is not None and text.startswith((channel.name, "the values", "the clock")) else f"{names[0]}: "
     return Finding(
         own.code,
-        f"{'' if begins_itself else names[0] + ': '}{text} (the two sensors disagree by {own.before:.0%} of the "
-        f"motion as it is, by {own.after:.1%} then)",
+        f"{lead}{text} (the two sensors disagree by {own.before:.0%} of the motion as it is, by {own.after:.1%} then)",
         own.cure + where,
         alternatives=tuple(_named(machine, names[0], own.quantity, other) for other in own.alternatives),
         joint=names[0],
