@@ -16,7 +16,7 @@ pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]
 @pytest.mark.parametrize("database", ["sqlite", "postgresql"])
 def test_nothing_is_lost_and_nothing_is_done_twice(database: Literal["sqlite", "postgresql"]) -> None:
     try:  # PostgreSQL with workers beside the server; each fault comes once
-        outcome = run(3.0, database, 7, lambda line: None, kills=3, longest=120.0, real=0)
+        outcome = run(3.0, database, 7, lambda line: None, kills=3, longest=30.0, real=0)
     except AbsentError as absent:
         pytest.skip(str(absent))
     assert not missed(outcome.checks), "\n".join(lines_of(outcome.checks))

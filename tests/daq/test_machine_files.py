@@ -89,7 +89,7 @@ def test_text_that_is_no_machine_file() -> None:
 
 def test_a_name_that_cannot_be_is_shown_short_with_what_it_may_be() -> None:
     refuse(re.sub("^name: .*$", "name: ../x y", plain(), flags=re.M), ":3: name: write letters, digits", "'../x y'")
-    refuse(re.sub("^name: .*$", f"name: {'n' * 300}", plain(), flags=re.M), "at most 80 characters", "nnn\u2026nnn")
+    refuse(re.sub("^name: .*$", f"name: {'n' * 300}", plain(), flags=re.M), "80 characters or fewer", "nnn\u2026nnn")
 
 
 def test_unknown_keys_are_named_with_their_line_and_a_guess() -> None:

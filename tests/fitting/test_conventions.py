@@ -194,5 +194,5 @@ def test_a_coupled_motor_is_felt_only_before_the_gears() -> None:
 
 def test_a_convention_that_is_none() -> None:
     text = yaml.safe_dump(planar_machine(kinds="r").model_dump(mode="json", by_alias=True))
-    with pytest.raises(MachineFileError, match=r"convention.*'standard' or 'modified'.*'craig'"):
+    with pytest.raises(MachineFileError, match=r"convention.*'standard', 'modified'.*'craig'"):
         parse_machine(text.replace("convention: standard", "convention: craig"))

@@ -331,7 +331,7 @@ def test_linkages_in_files_come_back_and_take_the_tables_angle():
         ({"coupler": 2.0}, "cannot close: at q"),
         ({"coupler": 0.2}, "dead centre.*the points, side or angle"),
         ({"retracted": 2.5}, "cannot close: .* stroke of 0.6 m; check retracted, the points, side or angle"),
-        ({"side": "up"}, "linkage.side.*'left' or 'right'"),
+        ({"side": "up"}, "linkage.side.*'left', 'right'"),
         ({"coupler_pin": [0.0, 0.0]}, "coupler_pin and link_pivot are the same point"),
         ({"rod_arm": -1.0}, "rod_arm.*greater than 0"),
     ],
