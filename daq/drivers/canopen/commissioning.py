@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import contextlib
 import struct
+import time
 from collections.abc import Callable, Iterable, Sequence
 from typing import Protocol
 
@@ -26,6 +27,8 @@ STOPPED = 0x02
 LEFT: dict[int | None, int] = {0x05: OPERATIONAL, 0x04: STOPPED}
 PDO_NOT_VALID = 0x8000_0000
 _NO_REMOTE = 0x4000_0000
+#: Seconds that a second device of one node-ID may take longer for its answer, waited for before the node is started.
+SECOND_ANSWER_S = 0.05
 SYNCHRONOUS_EVERY = 1  # transmission type: at every SYNC
 
 
@@ -93,7 +96,7 @@ def commission(
         _alone(sdo, place)
         keep(found, wanted, identity_of(sdo))
         write_objects(sdo, {k: v for k, v in wanted.items() if k in changed or _pdo(k) in pdos}, place)
-    _alone(sdo, place)
+    _alone(sdo, place, SECOND_ANSWER_S)
     learn(sdo)
     send_nmt(OPERATIONAL)
 
@@ -112,9 +115,11 @@ def _await_answer(sdo: SdoAccess, place: str, monotonic_ns: Callable[[], int], b
                 ) from None
 
 
-def _alone(sdo: SdoAccess, place: str) -> None:
+def _alone(sdo: SdoAccess, place: str, wait_s: float = 0.0) -> None:
     """Two devices with one node-ID both answer; nothing is written before this was asked for the first time."""
-    sdo.read_unsigned(0x1000)  # by now the second answer to the first request has come
+    sdo.read_unsigned(0x1000)  # by now the second answer to the first request has come, as a rule
+    if not sdo.surplus:
+        time.sleep(wait_s)
     if sdo.surplus:
         raise CommissioningError(
             f"{place}: two devices answer with this node-ID; give each one of its own, and connect them again"
