@@ -255,9 +255,9 @@ def _together(machine: Machine, recordings: Sequence[Recording], places: Places)
     changed = machine
     for own in disagreements(machine, samples):
         found.append(_of_positions(machine, own, places))
-        if own.code is not None and own.machine is not None:
+        if own.machine is not None:
             changed = _merged(changed, own.machine, own.joint)
-        if own.code is not None and own.samples is not None:
+        if own.samples is not None:
             samples = samples.replaced({k: v for k, v in own.samples.signals.items() if v is not samples.signals[k]
                                         and k[1] in (own.joint, own.other)})  # fmt: skip
     if any(f.code == "positions_disagree" for f in found):

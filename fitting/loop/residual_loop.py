@@ -21,6 +21,7 @@ from fitting.regression.prior import Prior
 from fitting.residual.change_points import ChangePoint, change_points, joint_rows, step_at
 from fitting.residual.confirmation.confirmation import Misfit, misfit, validate_gain
 from fitting.residual.confirmation.cross_validation import held_out_gain
+from fitting.residual.confirmation.trials import mirrored_gain
 from fitting.residual.confirmation.uncertainty import with_doubts
 from fitting.residual.findings import Accepted, Attribution, Family
 from fitting.residual.laws import Law
@@ -163,15 +164,10 @@ class SessionSignals:
         return best
 
     def delay_gain(self, model: Model, trial: Model) -> float:
-        """Chi-square that moving the effort of ``model`` gains, without what smoothing it gains.
-
-        Chi-square is a parabola of the delay, so what was moved as far the other way has lost four times what the delay
-        gains.
-        """
+        """Chi-square that moving the effort of ``model`` gains, without what smoothing it gains."""
         if not trial.terms[-1].rebuilt:
             return model.fit.chi_square - trial.fit.chi_square
-        other_way, moved = self.mirrored(model, trial)
-        return (other_way.fit.chi_square - moved.fit.chi_square) / 4.0
+        return mirrored_gain(*self.mirrored(model, trial))
 
     def mirrored(self, model: Model, trial: Model) -> tuple[Model, Model]:
         """``model`` with its effort moved as far as the last term of ``trial`` says the other way, and as it says.

@@ -21,6 +21,14 @@ from fitting.residual.terms import Model, Term
 FloatArray = npt.NDArray[np.float64]
 
 
+def mirrored_gain(other_way: Model, moved: Model) -> float:
+    """Chi-square that a delay gains, without what smoothing does, of :meth:`Signals.mirrored`.
+
+    Chi-square is a parabola of the delay, so what was moved as far the other way has lost four times what it gains.
+    """
+    return (other_way.fit.chi_square - moved.fit.chi_square) / 4.0
+
+
 class Signals(Protocol):
     """What can correct the signals themselves, for effects that a column cannot correct when they are large."""
 
@@ -83,23 +91,20 @@ class Trials:
         """
         rows, columns = self._last_rows(trial)
         held_out = held_out_gain(rows, columns, trial.design.bank.reduced_rate_hz, precision)
+        mirrored = self._signals.mirrored(before, trial) if trial.terms[-1].rebuilt else None
         # What is moved into the signals explains more than its column, which is its beginning only.
-        moved = self._signals.delay_gain(before, trial) if trial.terms[-1].rebuilt else 0.0
+        moved = 0.0 if mirrored is None else mirrored_gain(*mirrored)
         own_noise = inflation(rows, columns, trial.fit.residual)
         held_out = replace(held_out, own_noise=own_noise, own_gain=max(choice.gain, moved) / own_noise)
         confirming = self._validate and not choice.term.confined
-        return held_out, self._on_validate(before, trial) if confirming else None
-
-    def _on_validate(self, before: Model, trial: Model) -> OnValidate:
-        """What the validation motion says; of a delay, beside as long a one the other way.
-
-        Samples between samples have less noise, and a noise model of their own: beside efforts that were not moved,
-        that is what a chi-square shows first. The parabola of the delay is four times as high at the other one.
-        """
-        if not trial.terms[-1].rebuilt:
-            return on_validate(before, trial, self._validate)
-        seen = on_validate(*self._signals.mirrored(before, trial), self._validate)
-        return OnValidate(*(value / 4.0 for value in (seen.gain, seen.expected, seen.spread, seen.noise)))
+        if not confirming:
+            return held_out, None
+        if mirrored is None:
+            return held_out, on_validate(before, trial, self._validate)
+        # Samples between samples have less noise, and a noise model of their own: beside efforts that were not moved,
+        # that is what a chi-square shows first. The parabola of the delay is four times as high at the other one.
+        seen = on_validate(*mirrored, self._validate)
+        return held_out, OnValidate(*(value / 4.0 for value in (seen.gain, seen.expected, seen.spread, seen.noise)))
 
     def _last_rows(self, trial: Model) -> tuple[tuple[WhiteRows, ...], int]:
         """Whitened rows with the trial's last term in the last columns, and how many those are."""
