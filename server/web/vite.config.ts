@@ -1,3 +1,4 @@
+import { compileMessage } from "@lingui/message-utils/compileMessage";
 import { defineConfig, type Plugin } from "vite";
 import { fingerprint } from "./scripts/fingerprint.mjs";
 
@@ -13,10 +14,38 @@ function sources(): Plugin {
   };
 }
 
+/** What the page would need a parser for: plurals, and quotes. */
+const PARSED = /'|\{\w+,/;
+
+/** Texts with plurals are parsed here, so that the page needs no parser. */
+function messages(): Plugin {
+  return {
+    name: "messages",
+    apply: "build",
+    transform(code, id) {
+      if (!/\/texts\/[a-z]{2}\.ts$/.test(id)) return null;
+      const said: [number, number, string][] = [];
+      for (const node of this.parse(code).body) {
+        if (node.type !== "ExportNamedDeclaration" || node.declaration?.type !== "VariableDeclaration") continue;
+        const table = node.declaration.declarations[0]?.init;
+        if (table?.type !== "ObjectExpression") throw new Error(`${id}: a table of texts is an object`);
+        for (const entry of table.properties) {
+          const text = entry.type === "Property" && entry.value.type === "Literal" ? entry.value.value : null;
+          if (entry.type !== "Property" || typeof text !== "string") throw new Error(`${id}: a text is a string`);
+          if (PARSED.test(text)) said.push([entry.value.start, entry.value.end, JSON.stringify(compileMessage(text))]);
+        }
+      }
+      for (const [start, end, text] of said.reverse()) code = code.slice(0, start) + text + code.slice(end);
+      return { code, map: null };
+    },
+  };
+}
+
 // What is built is package data of the server and is committed: a site needs no Node.
-export default defineConfig({
+export default defineConfig(({ command }) => ({
   base: "./",
-  plugins: [sources()],
+  plugins: [sources(), messages()],
+  resolve: command === "build" ? {} : { alias: [{ find: "./table", replacement: "./table.source" }] },
   build: {
     outDir: "dist",
     emptyOutDir: true,
@@ -33,4 +62,4 @@ export default defineConfig({
     },
   },
   server: { proxy: { "/api": { target: "http://127.0.0.1:8350", ws: true, changeOrigin: true } } },
-});
+}));

@@ -10,7 +10,7 @@ import { useEffect, useState } from "preact/hooks";
 import { Button, Notice } from "./ui/controls";
 import { t } from "./texts";
 
-type Fetched = () => Promise<{ default: ComponentType }>;
+type Fetched<P> = () => Promise<{ default: ComponentType<P> }>;
 
 /** Milliseconds after the start in which nothing else is fetched. */
 const QUIET_MS = 4000;
@@ -28,16 +28,18 @@ async function upgraded(): Promise<boolean> {
   }
 }
 
-/** A view that is fetched when it is shown, or before by `fetchViews`. */
-export function later(fetched: Fetched): ComponentType {
-  let View: ComponentType | null = null;
+/** A view, or a part of one, that is fetched when it is shown, or before: by its `fetch`, or by `fetchViews`. */
+export function later<P extends object = object>(
+  fetched: Fetched<P>,
+): ComponentType<P> & { fetch: () => Promise<unknown> } {
+  let View: ComponentType<P> | null = null;
   const come = async () => {
     View ??= (await fetched()).default;
     return View;
   };
   waiting.push(come);
-  return function Later() {
-    const [state, setState] = useState<ComponentType | "coming" | "failed" | "upgraded">(() => View ?? "coming");
+  function Later(props: P) {
+    const [state, setState] = useState<ComponentType<P> | "coming" | "failed" | "upgraded">(() => View ?? "coming");
     useEffect(() => {
       let here = true;
       if (state === "coming")
@@ -70,8 +72,9 @@ export function later(fetched: Fetched): ComponentType {
       );
     if (state === "coming") return <p role="status">{t("common.reading")}</p>;
     const Shown = state;
-    return <Shown />;
-  };
+    return <Shown {...props} />;
+  }
+  return Object.assign(Later, { fetch: come });
 }
 
 /** Fetch all views, one after the other, once the first has had its time. */

@@ -7,7 +7,7 @@
 import { type ReadonlySignal, type Signal, batch, signal } from "@preact/signals";
 import { remember, remembered } from "../storage";
 import type { components } from "./api.gen";
-import { Client } from "./client";
+import { Client, type Outcome } from "./client";
 import { EventStream, type ServerEvent } from "./event_stream";
 import { type Timers, realTimers } from "./timers";
 
@@ -51,6 +51,8 @@ export class Connection implements Session {
   readonly renewals = signal(0);
   readonly client: Client;
   private events: EventStream | null = null;
+  /** What was asked while the stream was being opened. */
+  private asked: Promise<[Outcome<Principal>, boolean]> | null = null;
 
   constructor(
     private readonly timers: Timers = realTimers,
@@ -78,11 +80,13 @@ export class Connection implements Session {
       this.timers,
     );
     this.events.start();
+    this.asked = this.ask();
   }
 
   stop(): void {
     this.events?.stop();
     this.events = null;
+    this.asked = null;
   }
 
   /** Connections cannot be trusted any more: the device slept, or its network changed. */
@@ -122,9 +126,22 @@ export class Connection implements Session {
     this.stop();
   }
 
-  /** The service is there: who are we for it, and what is there? */
+  /** Who are we for the service, and which machines are there? */
+  private ask(): Promise<[Outcome<Principal>, boolean]> {
+    return Promise.all([this.client.get<Principal>("/access/me"), this.readMachines()]);
+  }
+
+  /** The service is there. */
   private async arrived(): Promise<void> {
-    const [me, read] = await Promise.all([this.client.get<Principal>("/access/me"), this.readMachines()]);
+    const { asked, events } = this;
+    this.asked = null;
+    let [me, read] = await (asked ?? this.ask());
+    if (asked !== null) {
+      if (me.kind === "unknown" || !read)
+        [me, read] = await this.ask(); // the service was only just coming up
+      else void this.readMachines(); // one that was added before the stream was there has no event
+    }
+    if (this.events !== events) return; // stopped or started anew meanwhile
     if (me.kind === "refused" && me.status === 401) return; // `rejected` has said so
     if (me.kind !== "done" || !read) {
       this.events?.fail(); // gone again, or too much at once: the stream tries until it is there

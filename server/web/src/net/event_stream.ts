@@ -102,7 +102,7 @@ export class EventStream {
       const headers: Record<string, string> = { ...this.headers(), Accept: "text/event-stream" };
       if (this.lastId !== null) headers["Last-Event-ID"] = this.lastId;
       const answer = await this.fetcher(API + this.path, { headers, signal: abort.signal, cache: "no-store" });
-      if (this.abort !== abort) return; // another one has taken over
+      if (this.abort !== abort || abort.signal.aborted) return; // another one has taken over, or nobody wants it
       if (answer.status === 404 || answer.status === 401 || answer.status === 403 || answer.body === null) {
         this.cancel();
         this.handlers.state("absent");

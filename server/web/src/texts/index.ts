@@ -1,13 +1,11 @@
 /** What the page says. A text is a key of the tables, one table per language; `t` gives it in the language shown. */
 import { setupI18n } from "@lingui/core";
-import { compileMessage } from "@lingui/message-utils/compileMessage";
-import { de } from "./de";
-import { en } from "./en";
+import type { en } from "./en";
 import { language } from "./language";
 import { simple } from "./simple";
+import { type Key, table } from "./table";
 
-/** The key of a text; one that is in no table does not compile. */
-export type Key = keyof typeof en;
+export type { Key } from "./table";
 
 /** The names in `{name}` and `{name, plural, ...}` of a text; the branches of a plural hold a space or `#`. */
 type Named<Inside extends string> = Inside extends `${infer Name},${string}`
@@ -22,14 +20,7 @@ export type Names<Text extends string> = Text extends `${string}{${infer Inside}
 export type PlainKey = { [K in Key]: [Names<(typeof en)[K]>] extends [never] ? K : never }[Key];
 type Values<K extends Key> = Record<Names<(typeof en)[K]>, string | number>;
 
-const tables = { en, de };
-const i18n = setupI18n({ locale: language, messages: tables });
-const compiled = new Map<string, ReturnType<typeof compileMessage>>();
-i18n.setMessagesCompiler((text) => {
-  const found = compiled.get(text) ?? compileMessage(text);
-  compiled.set(text, found);
-  return found;
-});
+const i18n = setupI18n();
 
 /** The text of a key with its values, all of which have to be given. Numbers are formatted by who calls (`ui/format`). */
 export function t<K extends Key>(
@@ -37,5 +28,9 @@ export function t<K extends Key>(
   ...values: [Names<(typeof en)[K]>] extends [never] ? [] : [Values<K>]
 ): string {
   const given: Record<string, string | number> | undefined = values[0];
-  return simple(tables[language][key], given) ?? i18n._(key, given);
+  const text = table[key];
+  const plain = typeof text === "string" ? simple(text, given) : null;
+  if (plain !== null) return plain;
+  if (i18n.locale !== language) i18n.loadAndActivate({ locale: language, messages: table });
+  return i18n._(key, given);
 }

@@ -3,8 +3,15 @@ import { type Language, language } from "../texts/language";
 
 export const DASH = "–";
 
-const DECIMAL =
-  new Intl.NumberFormat(language).formatToParts(0.5).find((part) => part.type === "decimal")?.value ?? ".";
+/** What is made when it is first needed: the browser's tables of a language take long on a slow tablet. */
+function once<T>(make: () => T): () => T {
+  let made: { value: T } | null = null;
+  return () => (made ??= { value: make() }).value;
+}
+
+const decimalSign = once(
+  () => new Intl.NumberFormat(language).formatToParts(0.5).find((part) => part.type === "decimal")?.value ?? ".",
+);
 /** Whose order of year, month and day: ISO 8601 in English, which has none that all its readers share. */
 const DATES: Record<Language, string> = { en: "sv-SE", de: "de-DE" };
 
@@ -16,8 +23,8 @@ const MINUTES = {
   minute: "2-digit",
   hourCycle: "h23",
 } as const;
-const TIME = new Intl.DateTimeFormat(DATES[language], { ...MINUTES, second: "2-digit" });
-/** Where `TIME` has month and day, and where year and month. */
+const times = once(() => new Intl.DateTimeFormat(DATES[language], { ...MINUTES, second: "2-digit" }));
+/** Where `times` has month and day, and where year and month. */
 const PARTS: Record<Language, { day: [number, number]; month: [number, number] }> = {
   en: { day: [5, 10], month: [0, 7] },
   de: { day: [0, 6], month: [3, 10] },
@@ -25,7 +32,7 @@ const PARTS: Record<Language, { day: [number, number]; month: [number, number] }
 
 /** Digits as programs write them with the decimal sign of the language and a real minus. */
 export function spelt(digits: string): string {
-  return minus(digits.replace(".", DECIMAL));
+  return minus(digits.replace(".", decimalSign()));
 }
 
 /** A number with so many significant digits; never an exponent between 1e-4 and 1e6. */
@@ -84,17 +91,21 @@ export function time(iso: string | null | undefined): string {
   if (!iso) return DASH;
   const date = new Date(iso);
   if (Number.isNaN(date.getTime())) return DASH;
-  return `${TIME.format(date)} ${zone(date)}`;
+  return `${times().format(date)} ${zone(date)}`;
 }
 
 /** A day and month. */
 export function dayMonth(date: Date): string {
-  return TIME.format(date).slice(...PARTS[language].day);
+  return times()
+    .format(date)
+    .slice(...PARTS[language].day);
 }
 
 /** A month of a year. */
 export function monthYear(date: Date): string {
-  return TIME.format(date).slice(...PARTS[language].month);
+  return times()
+    .format(date)
+    .slice(...PARTS[language].month);
 }
 
 /** A moment in a time zone with its day of the week: `Mon 2026-03-02 02:30`, `Mo 02.03.2026 02:30`. */

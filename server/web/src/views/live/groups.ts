@@ -2,7 +2,6 @@
 import type { Trace, Value } from "../../charts/trace";
 import type { Reading } from "./history";
 import { type PlainKey, t } from "../../texts";
-import { en } from "../../texts/en";
 
 export interface Spec {
   name: string;
@@ -33,7 +32,7 @@ export interface Line {
   value(values: (number | null)[]): number | null;
 }
 export interface Group {
-  /** Its title in English: what is kept of it on a device holds in every language. */
+  /** The key of its title, and its unit where two have it: what is kept of it on a device holds in every language. */
   key: string;
   title: string;
   unit: string;
@@ -75,11 +74,11 @@ export function groups(machine: MachineContent): Group[] {
     for (const unit of new Set(specs.map((spec) => spec.unit))) {
       const lines = specs.filter((spec) => spec.unit === unit).map(line);
       const suffix = lines.length === specs.length ? "" : ` (${unit})`;
-      found.push({ key: en[text] + suffix, title: t(text) + suffix, unit, lines });
+      found.push({ key: text + suffix, title: t(text) + suffix, unit, lines });
     }
   }
   const forces = machine.joints.map((joint) => force(machine, joint)).filter((one): one is Line => one !== null);
-  if (forces.length > 0) found.push({ key: en[FORCES], title: t(FORCES), unit: "kN", lines: forces });
+  if (forces.length > 0) found.push({ key: FORCES, title: t(FORCES), unit: "kN", lines: forces });
   return found;
 }
 

@@ -1,6 +1,7 @@
 /** What the machine does now. */
-import { useMemo } from "preact/hooks";
+import { useEffect, useMemo } from "preact/hooks";
 import type { components } from "../../net/api.gen";
+import { later } from "../../later";
 import { useResource } from "../../resource";
 import { useSession } from "../../session";
 import { Mark, Notice } from "../../ui/controls";
@@ -10,13 +11,14 @@ import { acquisitionWords } from "../../words";
 import { FaultPanel } from "./fault_panel";
 import { groups, type MachineContent } from "./groups";
 import { MonitorPanel } from "./monitor_panel";
-import { Plots } from "./plots";
 import { RecordPanel } from "./record_panel";
 import { SILENT_S } from "./quality";
 import { useLive } from "./use_live";
 import { t } from "../../texts";
 import { said } from "../../texts/report";
 
+/** They bring what draws: it takes its time on a slow tablet, and comes once the page around them is there. */
+const Plots = later(() => import("./plots"));
 type Detail = components["schemas"]["MachineDetail"];
 
 export default function LiveView() {
@@ -40,6 +42,7 @@ function LiveMachine({ machine }: { machine: string }) {
   const live = useLive(machine);
   const content = detail.value?.machine as unknown as MachineContent | undefined;
   const shown = useMemo(() => (content === undefined ? [] : groups(content)), [content]);
+  useEffect(() => void Plots.fetch().catch(() => undefined), []); // it says so itself when it is shown
   const state = live.history.acquisition ?? String(detail.value?.acquisition.state ?? "off");
   const known = live.history.acquisition !== null || detail.value !== null;
   const [kind, words] = known ? acquisitionWords(state) : (["info", t("live.askingWhatAcquisitionDoes")] as const);

@@ -27,7 +27,7 @@ const RAREST_MS = 200;
 const PIXELS = 320;
 const KEY = "hilfit.window";
 
-export function Plots({ machine, groups, live }: { machine: string; groups: Group[]; live: Live }) {
+export default function Plots({ machine, groups, live }: { machine: string; groups: Group[]; live: Live }) {
   const [span, setSpan] = useState(() => Number(remembered(KEY)) || 30);
   const [shown, setShown] = useState<Shown>({ kind: "live", span });
   const [choice, setChoice] = useChoice(machine);
