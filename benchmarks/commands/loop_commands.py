@@ -12,6 +12,7 @@ from daq.console import print_json
 from daq.errors import InputError
 
 if TYPE_CHECKING:
+    from benchmarks.attribution.recipe import CaseKey
     from sim_backends.machines import ArmKind
 
 #: Options of the benchmarks on random arms.
@@ -44,32 +45,39 @@ def _arms(text: str | None) -> tuple[ArmKind, ...]:
     return tuple(kind for part in dict.fromkeys(chosen) for kind in ALL if kind == part)
 
 
+Cases = Annotated[
+    str, typer.Option(help="How many of each class: null, large, medium, small, kinematic, outside, pairs.")
+]
+Results = Annotated[
+    Path | None, typer.Option("-o", "--output", help="Results, a line each; a run goes on where it stopped.")
+]
+Apart = Annotated[
+    bool, typer.Option(help="Also how far each case's data are from nothing and from other names of the catalogue.")
+]
+Arms = Annotated[
+    str | None,
+    typer.Option(
+        "--arms", "--arm", help="Only these arms, in turn: folding, slewing, excavator, telescope, with commas."
+    ),
+]
+Recipe = Annotated[
+    int | None, typer.Option(help="Make the cases of an earlier recipe: 3 has folding and slewing arms only.")
+]
+
+
 def attribution(
-    cases: Annotated[
-        str, typer.Option(help="How many of each class: null, large, medium, small, kinematic, outside, pairs.")
-    ] = "null=100,large=60,medium=40,small=20,kinematic=30,outside=40,pairs=30",
+    cases: Cases = "null=100,large=60,medium=40,small=20,kinematic=30,outside=40,pairs=30",
     case: Annotated[str | None, typer.Option(help="One case alone, as CLASS:NUMBER.")] = None,
     seed: Annotated[int, typer.Option(help="Seed of the run; a case is the same whatever else is run.")] = 0,
     workers: Annotated[int, typer.Option(help="Processes, each with one BLAS thread.", min=1)] = 1,
-    output: Annotated[
-        Path | None, typer.Option("-o", "--output", help="Results, a line each; a run goes on where it stopped.")
-    ] = None,
+    output: Results = None,
     compare: Annotated[Path | None, typer.Option(help="Results of another run: which cases changed.")] = None,
     cache: Annotated[Path | None, typer.Option(help="Keep simulated cases here, and take them from here.")] = None,
     only_make: Annotated[bool, typer.Option(help="Fill the cache and judge nothing.")] = False,
-    apart: Annotated[
-        bool, typer.Option(help="Also how far each case's data are from nothing and from other names of the catalogue.")
-    ] = False,
+    apart: Apart = False,
     only: Annotated[str | None, typer.Option(help="Only this effect.")] = None,
-    arms: Annotated[
-        str | None,
-        typer.Option(
-            "--arms", "--arm", help="Only these arms, in turn: folding, slewing, excavator, telescope, with commas."
-        ),
-    ] = None,
-    recipe: Annotated[
-        int | None, typer.Option(help="Make the cases of an earlier recipe: 3 has folding and slewing arms only.")
-    ] = None,
+    arms: Arms = None,
+    recipe: Recipe = None,
     seconds: Length = 60.0,
     bootstrap: Replicas = None,
     json: Annotated[bool, typer.Option("--json", help="Print checks and results as JSON.")] = False,
@@ -77,7 +85,7 @@ def attribution(
     """How often the loop is right on random arms, effects, joints and sizes."""
     one_blas_thread()
     from benchmarks.attribution import summary
-    from benchmarks.attribution.recipe import KINDS, RECIPE, RECIPES, CaseKey, Selection
+    from benchmarks.attribution.recipe import RECIPE, RECIPES, Selection
     from benchmarks.attribution.runs import Order, plan_of, read_lines, run
     from benchmarks.targets import lines_of, missed
     from fitting.loop.session import Options
@@ -91,24 +99,13 @@ def attribution(
         raise InputError("--only-make: fills a cache; name it with --cache")
     if compare is not None and not compare.is_file():
         raise InputError(f"{compare}: no such file; give results of another run to --compare")
-    if case is not None:
-        kind, _, number = case.partition(":")
-        if kind not in KINDS or not number.isdigit():
-            raise InputError(f"--case {case}: write CLASS:NUMBER with CLASS one of {', '.join(KINDS)}")
-        keys = [CaseKey(kind, int(number), seed)]
-    else:
-        keys = plan_of(_counts(cases), seed)
+    keys = plan_of(_counts(cases), seed) if case is None else [_key(case, seed)]
     selection = Selection(only, _arms(arms), seconds, recipe or RECIPE)
     if cache is not None:
         cache.mkdir(parents=True, exist_ok=True)
     replicas = Options.bootstrap if bootstrap is None else bootstrap
     orders = [Order(key, selection, cache, only_make, apart, replicas) for key in keys]
-
-    def show(line: dict[str, Any]) -> None:
-        if not json:
-            print(summary.case_text(line), flush=True)
-
-    lines = run(orders, workers, output, show)
+    lines = run(orders, workers, output, lambda line: None if json else print(summary.case_text(line), flush=True))
     checks = [] if only_make else summary.checks(lines)
     if json:
         content = {
@@ -125,6 +122,16 @@ def attribution(
             print("\n".join(["", *summary.compared(read_lines(compare), lines)]))
     if missed(checks):
         raise typer.Exit(1)
+
+
+def _key(case: str, seed: int) -> CaseKey:
+    """``CLASS:NUMBER`` as a case of a seed."""
+    from benchmarks.attribution.recipe import KINDS, CaseKey
+
+    kind, _, number = case.partition(":")
+    if kind not in KINDS or not number.isdigit():
+        raise InputError(f"--case {case}: write CLASS:NUMBER with CLASS one of {', '.join(KINDS)}")
+    return CaseKey(kind, int(number), seed)
 
 
 def resolve(

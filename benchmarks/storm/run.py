@@ -11,7 +11,7 @@ import json
 import random
 import tempfile
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
@@ -146,7 +146,7 @@ class _Storm:
 
     def run(self, seconds: float, longest: float, kills: int, real: int) -> Outcome:
         """As :func:`run`."""
-        files, say, postgresql = self.files, self.say, self.postgresql
+        files, postgresql = self.files, self.postgresql
         url = None if postgresql is None else postgresql.new_database()
         order = self.directory / "order.json"
         content = HostOrder(str(files.root), url, datetime.now(UTC).isoformat())
@@ -157,43 +157,12 @@ class _Storm:
             with _database(files, url, herd) as database:
                 name, recording = _prepare(client, self.machine)
                 count_results(database)
-                order_of_real, took = dict[str, Any](), 0.0
-                if real:
-                    order_of_real = _real(client, name, self.directory / "case")
-                    say("a real identification, undisturbed")
-                    asked = time.monotonic()
-                    told.undisturbed = _undisturbed(client, order_of_real)
-                    took = time.monotonic() - asked
-                    say(f"it took {took:.1f} s")
+                first = self._undisturbed(client, told, name) if real else _Undisturbed({}, 0.0)
             traffic = Traffic(client, told, name, recording)
             traffic.start()
-            say(f"{seconds:g} s of kill -9; light stages stand for those of an identification, all else is real")
-            killing = Killing(herd, self.chance, AIM * kills / seconds, say, self.weather)
-
-            def wanted(past: float) -> bool:
-                places = {cancel.where for cancel in told.cancels.values()}
-                weather = not self.weather.all_seen or not places.issuperset(STAGES)
-                return past < seconds or herd.total < kills or (bool(self.weather.faults) and weather)
-
-            killing.go_on(wanted, longest)
-            self.weather.clear()
-            revived = postgresql is not None and postgresql.revive()
-            total, counts, starting, lasted = herd.total, dict(herd.killed), herd.starting, killing.past
-            if real:
-                say(f"{real} real identifications, too")
-                herd.wait_up()
-                killing.weather = None
-                traffic.order_real(real, order_of_real)
-                killing.go_on(lambda _: sum(herd.hits.values()) < real * REAL_KILLS, longest)
-            after = herd.total - total
+            course = self._killed(herd, told, traffic, _Asked(seconds, longest, kills, real), first)
             traffic.stop()
-            before = time.monotonic()
-            whole = herd.wait_up()
-            # Stages have the lowest priority: a computer with other work may give them next to nothing.
-            quiet = whole and _quiet(client, QUIET_S + 2 * real * took)
-            say(f"quiet {time.monotonic() - before:.1f} s after the last kill")
-            left = _left(herd)
-            codes = herd.stop()
+            end = self._quiet(herd, client, QUIET_S + 2 * real * first.seconds)
             with _database(files, url) as database:
                 checks = list(all_checks(database, files, told))
             if url is not None and postgresql is not None:
@@ -204,28 +173,114 @@ class _Storm:
                 if host.process is not None and host.process.poll() is None:
                     host.process.kill()
                     host.process.wait()
-        shown = ", ".join(f"{count} {kind}" for kind, count in counts.items() if count)
-        errors = ", ".join(f"{count} {event}" for event, count in sorted(herd.log_events().items())) or "none"
-        shown = f"{total} ({shown}; {starting} of them while they started) in {lasted:.0f} s"
-        starts = sum(host.starts for host in herd.hosts)
-        answers = ", ".join(f"{count} x {status}" for status, count in sorted(told.answers.items()))
-        return Outcome(
-            (
-                Check("processes killed", total, shown, "at least", float(kills), str(kills)),
-                *_killed_real(herd, real, after, killing.past - lasted),
-                *_weather(self.weather, herd, told, revived),
-                fact("quiet in time", quiet, f"after {starts} starts"),
-                fact(
-                    "one acquisition, no stage afterwards",
-                    left == dict.fromkeys(left, 0) | {"acquisition": 1},
-                    str(left),
-                ),
-                fact("hosts stop in order", not any(codes), f"exit codes {codes}"),
-                *checks,
-                Check("errors in the logs", None, errors),
-                Check("answers by status (0: none)", None, answers),
-            ),
+        found = (
+            course.check(kills),
+            *_killed_real(herd, real, course.after, course.after_s),
+            *_weather(self.weather, herd, told, course.revived),
         )
+        return Outcome((*found, *end, *checks, *_said(herd, told)))
+
+    def _undisturbed(self, client: Client, told: Told, machine: str) -> _Undisturbed:
+        """Order a real identification that nothing hits, and wait for it."""
+        order = _real(client, machine, self.directory / "case")
+        self.say("a real identification, undisturbed")
+        asked = time.monotonic()
+        told.undisturbed = _undisturbed(client, order)
+        took = time.monotonic() - asked
+        self.say(f"it took {took:.1f} s")
+        return _Undisturbed(order, took)
+
+    def _killed(self, herd: Herd, told: Told, traffic: Traffic, asked: _Asked, first: _Undisturbed) -> _Course:
+        """Kill, with weather, until all that is asked for was seen; then while real identifications run."""
+        say, real = self.say, asked.real
+        say(f"{asked.seconds:g} s of kill -9; light stages stand for those of an identification, all else is real")
+        killing = Killing(herd, self.chance, AIM * asked.kills / asked.seconds, say, self.weather)
+
+        def wanted(past: float) -> bool:
+            places = {cancel.where for cancel in told.cancels.values()}
+            weather = not self.weather.all_seen or not places.issuperset(STAGES)
+            return past < asked.seconds or herd.total < asked.kills or (bool(self.weather.faults) and weather)
+
+        killing.go_on(wanted, asked.longest)
+        self.weather.clear()
+        revived = self.postgresql is not None and self.postgresql.revive()
+        total, counts, starting, lasted = herd.total, dict(herd.killed), herd.starting, killing.past
+        if real:
+            say(f"{real} real identifications, too")
+            herd.wait_up()
+            killing.weather = None
+            traffic.order_real(real, first.order)
+            killing.go_on(lambda _: sum(herd.hits.values()) < real * REAL_KILLS, asked.longest)
+        return _Course(total, counts, starting, lasted, revived, herd.total - total, killing.past - lasted)
+
+    def _quiet(self, herd: Herd, client: Client, longest: float) -> tuple[Check, ...]:
+        """Wait until nothing is under way any more, and stop all hosts."""
+        before = time.monotonic()
+        whole = herd.wait_up()
+        # Stages have the lowest priority: a computer with other work may give them next to nothing.
+        quiet = whole and _quiet(client, longest)
+        self.say(f"quiet {time.monotonic() - before:.1f} s after the last kill")
+        left = _left(herd)
+        codes = herd.stop()
+        starts = sum(host.starts for host in herd.hosts)
+        alone = left == dict.fromkeys(left, 0) | {"acquisition": 1}
+        return (
+            fact("quiet in time", quiet, f"after {starts} starts"),
+            fact("one acquisition, no stage afterwards", alone, str(left)),
+            fact("hosts stop in order", not any(codes), f"exit codes {codes}"),
+        )
+
+
+@dataclass(frozen=True)
+class _Asked:
+    """As the parameters of :func:`run`."""
+
+    seconds: float
+    longest: float
+    kills: int
+    real: int
+
+
+@dataclass(frozen=True)
+class _Undisturbed:
+    """A real identification that nothing hit: its order, and seconds that it took."""
+
+    order: dict[str, Any]
+    seconds: float
+
+
+@dataclass(frozen=True)
+class _Course:
+    """What was killed.
+
+    Attributes
+    ----------
+    total, counts, starting : processes before real identifications ran, by kind, and those that were starting
+    lasted : seconds until then
+    revived : whether the database was ended and came back
+    after, after_s : processes since, and seconds
+    """
+
+    total: int
+    counts: Mapping[str, int]
+    starting: int
+    lasted: float
+    revived: bool
+    after: int
+    after_s: float
+
+    def check(self, kills: int) -> Check:
+        """Against what was asked for."""
+        kinds = ", ".join(f"{count} {kind}" for kind, count in self.counts.items() if count)
+        shown = f"{self.total} ({kinds}; {self.starting} of them while they started) in {self.lasted:.0f} s"
+        return Check("processes killed", self.total, shown, "at least", float(kills), str(kills))
+
+
+def _said(herd: Herd, told: Told) -> tuple[Check, ...]:
+    """What the logs hold, and how requests were answered."""
+    errors = ", ".join(f"{count} {event}" for event, count in sorted(herd.log_events().items())) or "none"
+    answers = ", ".join(f"{count} x {status}" for status, count in sorted(told.answers.items()))
+    return Check("errors in the logs", None, errors), Check("answers by status (0: none)", None, answers)
 
 
 def _left(herd: Herd) -> dict[str, int]:

@@ -18,10 +18,21 @@ from daq.machine.machine_file import Machine, load_machine
 from daq.recordings.recording_files import SUFFIXES
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from daq.acquisition.acquisition import AcquisitionProcess
+    from daq.acquisition.recorder import RecordingSummary
 
 Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]
 MachineFile = Annotated[Path, typer.Argument(help="The machine file.", metavar="MACHINE")]
+
+Required = Annotated[
+    list[str] | None,
+    typer.Option("--require", metavar="CHANNEL", help="Only this channel (several times) has to be there."),
+]
+Trace = Annotated[
+    Path | None, typer.Option("--trace", help="Also write every CAN frame: .blf, .asc or .log, a file per bus.")
+]
 
 INTERRUPTED = 130  # exit code: stopped by Ctrl-C, what was recorded is there
 
@@ -55,16 +66,11 @@ def record(
     wait: Annotated[
         float, typer.Option(help="Seconds that pass before: the controller moves to the motion's beginning.", min=0.0)
     ] = 0.0,
-    require: Annotated[
-        list[str] | None,
-        typer.Option("--require", metavar="CHANNEL", help="Only this channel (several times) has to be there."),
-    ] = None,
+    require: Required = None,
     allow_missing: Annotated[
         bool, typer.Option("--allow-missing", help="Begin with what is there; the rest is taken in when it comes.")
     ] = False,
-    trace: Annotated[
-        Path | None, typer.Option("--trace", help="Also write every CAN frame: .blf, .asc or .log, a file per bus.")
-    ] = None,
+    trace: Trace = None,
     data_dir: cli_bus.DataDirectory = cli_bus.DATA_DIRECTORY,
     restore: Annotated[
         bool, typer.Option("--restore", help="At the end put CANopen nodes back to what they were.")
@@ -104,20 +110,25 @@ def record(
     restored = _restored(described, data_dir) if restore else []
     if json:
         print_json({"recording": asdict(summary), "acquisition": asdict(statistics), "restored": restored})
-        raise typer.Exit(INTERRUPTED if interrupted else 0)
+    else:
+        failures = [result["failure"] for result in restored if result["failure"]]
+        _print_summary(described, summary, (*statistics.warnings, *summary.warnings, *failures))
+        if interrupted:
+            print(f"interrupted before {seconds:g} s were over")
+    if interrupted:
+        raise typer.Exit(INTERRUPTED)
+
+
+def _print_summary(machine: Machine, summary: RecordingSummary, warnings: Sequence[str]) -> None:
     bad = sum(count for counts in summary.quality.values() for name, count in counts.items() if name != "held")
     print(
-        f"{summary.path}: {summary.rows} rows, {summary.seconds:g} s at {described.rate_hz:g} Hz, "
+        f"{summary.path}: {summary.rows} rows, {summary.seconds:g} s at {machine.rate_hz:g} Hz, "
         f"{summary.missed_cycles} cycles missed, {bad} values not fresh"
     )
     for event in summary.events:
         print(_told(event))
-    failures = [result["failure"] for result in restored if result["failure"]]
-    for warning in (*statistics.warnings, *summary.warnings, *failures):
+    for warning in warnings:
         print(f"warning: {warning}")
-    if interrupted:
-        print(f"interrupted before {seconds:g} s were over")
-        raise typer.Exit(INTERRUPTED)
 
 
 def _let_pass(acquisition: AcquisitionProcess, cycles: float) -> None:

@@ -43,6 +43,29 @@ Criterion = Literal["condition", "determinant"]
 _LITRES_PER_MINUTE = 1e-3 / 60  # m^3/s
 _BAR = 1e5  # Pa
 
+Gathered = Annotated[
+    list[Path] | None,
+    typer.Option(
+        "--after",
+        "--gathered",
+        help="Motion file or recording that is there already, to be complemented; may be given again.",
+    ),
+]
+MostFlow = Annotated[
+    float | None, typer.Option(help="Supply flow in l/min; hydraulics.pump_flow of the machine file.", min=1e-6)
+]
+MostPressure = Annotated[
+    float | None,
+    typer.Option(help="Chamber pressure in bar; hydraulics.supply_pressure of the machine file.", min=1e-6),
+]
+Parameters = Annotated[
+    Path | None,
+    typer.Option(help="report.json of an earlier identification, or a drawing, for pressures; guessed without."),
+]
+Forecast = Annotated[
+    bool, typer.Option("--effects", help="Also forecast how well each effect and each parameter will show.")
+]
+
 
 def register(app: typer.Typer) -> None:
     """Add the command to ``app``."""
@@ -78,25 +101,10 @@ def excite(
         str | None, typer.Option("--experiment", help=f"Instead, an experiment of one --joint: {', '.join(KINDS)}.")
     ] = None,
     count: Annotated[int, typer.Option(help="So many motions in sequence that complement each other.", min=1)] = 1,
-    after: Annotated[
-        list[Path] | None,
-        typer.Option(
-            "--after",
-            "--gathered",
-            help="Motion file or recording that is there already, to be complemented; may be given again.",
-        ),
-    ] = None,
-    max_flow: Annotated[
-        float | None, typer.Option(help="Supply flow in l/min; hydraulics.pump_flow of the machine file.", min=1e-6)
-    ] = None,
-    max_pressure: Annotated[
-        float | None,
-        typer.Option(help="Chamber pressure in bar; hydraulics.supply_pressure of the machine file.", min=1e-6),
-    ] = None,
-    parameters: Annotated[
-        Path | None,
-        typer.Option(help="report.json of an earlier identification, or a drawing, for pressures; guessed without."),
-    ] = None,
+    after: Gathered = None,
+    max_flow: MostFlow = None,
+    max_pressure: MostPressure = None,
+    parameters: Parameters = None,
     use: Annotated[float | None, typer.Option(help="Share of every limit to use; 0.95 pinned, 0.92 otherwise.")] = None,
     criterion: Annotated[
         str, typer.Option(help="condition (number of W) or determinant (D-optimality).")
@@ -104,17 +112,13 @@ def excite(
     max_frequency: Annotated[float | None, typer.Option(help="Highest frequency in Hz; 0.6.", min=1e-3)] = None,
     starts: Annotated[int | None, typer.Option(help="Random starts; 6 pinned, 3 unpinned.", min=1, max=100)] = None,
     seed: Annotated[int, typer.Option(help="Random seed of the starts.")] = 0,
-    effects: Annotated[
-        bool, typer.Option("--effects", help="Also forecast how well each effect and each parameter will show.")
-    ] = False,
+    effects: Forecast = False,
     json: Annotated[bool, typer.Option("--json", help="Print the result as JSON.")] = False,
 ) -> None:
     """Design a motion that tells the parameters: all joints, one joint's experiment, or free cylinders for stage 1."""
     described = load_machine(machine)
     base = reduce_parameters(geometry_of(described).uncoupled())
-    chosen: dict[str, Criterion] = {"condition": "condition", "determinant": "determinant"}
-    if criterion not in chosen:
-        raise InputError(f"--criterion {criterion}: write condition or determinant")
+    options = _options(criterion, max_frequency)
     if kind is not None and (unpinned or count > 1 or not joint or len(joint) != 1):
         raise InputError("--experiment: is a motion of one joint; give one --joint, and neither --unpinned nor --count")
     if unpinned and (count > 1 or max_pressure is not None or (after and not effects)):
@@ -133,27 +137,40 @@ def excite(
         elif unpinned:
             found, notes = [_free_cylinders(plan)], [*notes, *_unseen(described)]
         else:
-            options = replace(ExcitationOptions(), criterion=chosen[criterion])
-            if max_frequency is not None:
-                options = replace(options, max_frequency=max_frequency)
             found = _whole_arm(plan, options, count, there, effects)
-    files = [output] if count == 1 else [output.with_stem(f"{output.stem}-{k + 1}") for k in range(count)]
-    for path, (motion, _) in zip(files, found, strict=True):
-        write_motion(path, motion)
-    result = {
-        "file": str(files[0]),
-        "machine": described.name,
-        "rods": found[0][0].rods,
-        **found[-1][1],
-        "notes": notes,
-        "motions": [{"file": str(path), **content} for path, (_, content) in zip(files, found, strict=True)],
-    }
+    result = _written(output, described, found, notes)
     if effects:
         result["forecast"] = _forecast(described, base, [motion for motion, _ in found], guess, there)
     if json:
         print_json(result)
     else:
         show(result)
+
+
+def _options(criterion: str, max_frequency: float | None) -> ExcitationOptions:
+    chosen: dict[str, Criterion] = {"condition": "condition", "determinant": "determinant"}
+    if criterion not in chosen:
+        raise InputError(f"--criterion {criterion}: write condition or determinant")
+    options = replace(ExcitationOptions(), criterion=chosen[criterion])
+    return options if max_frequency is None else replace(options, max_frequency=max_frequency)
+
+
+def _written(
+    output: Path, machine: Machine, found: Sequence[tuple[Motion, dict[str, Any]]], notes: Sequence[str]
+) -> dict[str, Any]:
+    """Write the motions, and say which file holds which; the last one's figures are those of all together."""
+    several = len(found) > 1
+    files = [output.with_stem(f"{output.stem}-{k + 1}") if several else output for k in range(len(found))]
+    for path, (motion, _) in zip(files, found, strict=True):
+        write_motion(path, motion)
+    return {
+        "file": str(files[0]),
+        "machine": machine.name,
+        "rods": found[0][0].rods,
+        **found[-1][1],
+        "notes": notes,
+        "motions": [{"file": str(path), **content} for path, (_, content) in zip(files, found, strict=True)],
+    }
 
 
 def _guess(machine: Machine, base: BaseParameters, parameters: Path | None) -> Guess:

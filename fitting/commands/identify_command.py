@@ -22,6 +22,16 @@ def register(app: typer.Typer) -> None:
     app.add_typer(catalogue, name="effects")
 
 
+Estimator = Annotated[
+    str,
+    typer.Option(help="Estimator of the rigid body: gls (joint refit), ols, wls, huber, iv, rls, consistent, ridge."),
+]
+Columns = Annotated[
+    Path | None,
+    typer.Option("--map", help="YAML file: which column of the recordings is which channel (channel: column)."),
+]
+
+
 def identify(
     machine: Annotated[Path, typer.Argument(help="Machine file.")],
     train: Annotated[Files, typer.Option(help="Training recording; may be given several times.")] = None,
@@ -37,22 +47,14 @@ def identify(
     bandwidth: Annotated[
         float | None, typer.Option(help="Identification bandwidth in Hz; from the motion if absent.")
     ] = None,
-    estimator: Annotated[
-        str,
-        typer.Option(
-            help="Estimator of the rigid body: gls (joint refit), ols, wls, huber, iv, rls, consistent, ridge."
-        ),
-    ] = "gls",
+    estimator: Estimator = "gls",
     covariance: Annotated[
         str, typer.Option(help="Deviations for coloured residuals: hac, bootstrap or white.")
     ] = "hac",
     prior: Annotated[
         Path | None, typer.Option(help="Links from drawings, or an earlier report.json, for ridge and consistent.")
     ] = None,
-    columns: Annotated[
-        Path | None,
-        typer.Option("--map", help="YAML file: which column of the recordings is which channel (channel: column)."),
-    ] = None,
+    columns: Columns = None,
     resample: Annotated[
         bool, typer.Option("--resample", help="Bring recordings of another rate to the machine's; the report says so.")
     ] = False,

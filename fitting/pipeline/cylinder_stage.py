@@ -135,20 +135,8 @@ def _identify(
         )
     if condition is not None and condition > MOST_CONDITION and loaded is not None:
         return _from_joint_fit(design, joint, loaded.joint_fit, used, condition, len(b))
-    # The recursion works on unit columns; the estimate is scaled back.
-    scale = np.linalg.norm(own, axis=0)
-    scale[scale == 0] = 1.0
-    recursion = RecursiveLeastSquares(own.shape[1], forgetting=forgetting)
-    if "m" in names and np.isfinite(prior.mass[joint]):
-        row = np.zeros(own.shape[1])
-        row[names.index("m")] = 1.0 / prior.std[joint] / scale[names.index("m")]
-        recursion.update(row[None, :], np.array([prior.mass[joint] / prior.std[joint]]))
-    for row, value in zip(own / scale, b, strict=True):
-        recursion.update(row[None, :], np.array([value]))
-    theta = recursion.theta / scale
-    # Whitened rows have unit noise; the recursion's own covariance is scaled by its residual variance.
-    spread = recursion.covariance / max(recursion.residual_std**2, 1e-30)
-    covariance = spread / np.outer(scale, scale)
+    mass = (names.index("m"), float(prior.mass[joint]), float(prior.std[joint])) if "m" in names else None
+    theta, covariance = _recursively(own, b, forgetting, mass)
     if loaded is not None and loaded.coloured:
         covariance = hac_covariance(own, b - own @ theta)
     std = np.sqrt(np.maximum(np.diag(covariance), 0.0))
@@ -171,6 +159,29 @@ def _identify(
         own_covariance,
         condition,
     )
+
+
+def _recursively(
+    own: FloatArray, b: FloatArray, forgetting: float, mass: tuple[int, float, float] | None
+) -> tuple[FloatArray, FloatArray]:
+    """Estimate (k,) and covariance (k, k) from whitened rows (m, k) and (m,), one row after the other.
+
+    ``mass`` is the place of the moving mass with what is known of it before: value (NaN: nothing) and deviation, kg.
+    """
+    # The recursion works on unit columns; the estimate is scaled back.
+    scale = np.linalg.norm(own, axis=0)
+    scale[scale == 0] = 1.0
+    recursion = RecursiveLeastSquares(own.shape[1], forgetting=forgetting)
+    if mass is not None and np.isfinite(mass[1]):
+        place, value, std = mass
+        row = np.zeros(own.shape[1])
+        row[place] = 1.0 / std / scale[place]
+        recursion.update(row[None, :], np.array([value / std]))
+    for row, value in zip(own / scale, b, strict=True):
+        recursion.update(row[None, :], np.array([value]))
+    # Whitened rows have unit noise; the recursion's own covariance is scaled by its residual variance.
+    spread = recursion.covariance / max(recursion.residual_std**2, 1e-30)
+    return recursion.theta / scale, spread / np.outer(scale, scale)
 
 
 def _condition(drive: FloatArray, load: FloatArray) -> float:

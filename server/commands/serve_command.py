@@ -11,6 +11,7 @@ import typer
 
 if TYPE_CHECKING:
     from server.platform.parts import Key
+    from server.platform.settings import Settings
 
 
 def register(app: typer.Typer) -> None:
@@ -60,15 +61,7 @@ def serve(
         "faults": faults,
     }
     settings = load_settings(config, **{name: value for name, value in options.items() if _was_given(context, name)})
-    if settings.faults is not None:
-        from sim_backends import default_machine
-        from sim_backends.cli import checked_faults
-
-        if not settings.simulate:
-            from daq.errors import InputError
-
-            raise InputError("--faults: breaks a simulated machine; give --simulate as well")
-        checked_faults(settings.faults, default_machine()[0])
+    _check_faults(settings)
     with ExitStack() as stack:
         given: dict[Key, Any] = {}
         if settings.simulate:
@@ -85,6 +78,20 @@ def serve(
     from server.platform.processes.leaving import leave
 
     leave()
+
+
+def _check_faults(settings: Settings) -> None:
+    """Refuse a fault file that the simulated machine cannot follow, or without that machine."""
+    if settings.faults is None:
+        return
+    from sim_backends import default_machine
+    from sim_backends.cli import checked_faults
+
+    if not settings.simulate:
+        from daq.errors import InputError
+
+        raise InputError("--faults: breaks a simulated machine; give --simulate as well")
+    checked_faults(settings.faults, default_machine()[0])
 
 
 def _was_given(context: typer.Context, name: str) -> bool:

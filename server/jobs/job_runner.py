@@ -14,7 +14,6 @@ import shutil
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +26,7 @@ from server.jobs.claims import Claim, Claims
 from server.jobs.job_kinds import AT_MACHINES, NUMERICAL, JobError, JobKind, StageRun
 from server.jobs.job_places import begin, place_name, tidy
 from server.jobs.job_store import FINAL, Job, Jobs, Result, State
+from server.jobs.stage_work import ATTEMPTS, NO_ROOM_BYTES, StageWork, free_bytes
 from server.platform.database.engine import Database
 from server.platform.database.patience import PAUSE_S, Value, away, patiently
 from server.platform.disk import RESERVE_BYTES
@@ -44,14 +44,10 @@ WORKFLOW_VERSION = "hilfit-jobs-1"
 #: lock of the data directory sees to it that two servers never share it.
 EXECUTOR = "server"
 POLL_S = 0.25
-#: Times that a stage is begun whose process somebody else kills: it may be the victim of a large neighbour, or be too
-#: large itself.
-ATTEMPTS = 3
 #: Seconds that the process of a numerical job stays for the next one: to load its libraries takes two, and what it
 #: keeps of its recordings is memory.
 WARM_S = 5.0
-#: Free bytes below which a stage that failed did so for want of room, whatever it says; and what it may say.
-NO_ROOM_BYTES = 2**20
+#: What a stage may say that failed for want of room.
 NO_ROOM_WORDS = (os.strerror(errno.ENOSPC), os.strerror(errno.EDQUOT), "disk is full")
 #: Held by the runner that has started the engine, which keeps its state in its module.
 _ENGINE = threading.Lock()
@@ -353,16 +349,15 @@ class JobRunner:
             raise ServiceStopping
         return result
 
-    def _free(self) -> int:
-        return shutil.disk_usage(self._files.root).free
-
     def _lacked_room(self, result: ChildResult) -> bool:
-        return self._free() < NO_ROOM_BYTES or any(words in (result.error or "") for words in NO_ROOM_WORDS)
+        return free_bytes(self._files.root) < NO_ROOM_BYTES or any(
+            words in (result.error or "") for words in NO_ROOM_WORDS
+        )
 
     def _wait_for_room(self, job: Job, claim: Claim, stage: str, part: tuple[int, int]) -> bool:
         """Wait until somebody made room; False if the job was cancelled meanwhile."""
         told = False
-        while self._free() <= RESERVE_BYTES:
+        while free_bytes(self._files.root) <= RESERVE_BYTES:
             self._pause(PAUSE_S)
             try:
                 if not told and not self._jobs.progress(job.id, stage, part[0] / part[1], NO_ROOM, claim):
@@ -386,54 +381,22 @@ class JobRunner:
         whole: bool,
         process: Child,
     ) -> ChildResult:
-        words, (index, count) = kind.words(stage), part
-
-        # A database that is away does not end a stage: it goes on, and is recorded when the database is back.
-        def progress(fraction: float, text: str) -> None:
-            within = min(1.0, max(0.0, fraction))
-            try:
-                self._jobs.progress(job.id, stage, (index + within) / count, text or words, claim)
-            except DBAPIError as error:
-                if not away(error):
-                    raise
-
-        starved = False
-
-        def should_stop() -> bool:
-            nonlocal starved
-            starved = starved or self._free() < NO_ROOM_BYTES  # it may have ended by the time that the stage has
-            try:
-                return self._stopping.is_set() or self._jobs.cancelling(job.id, claim)
-            except DBAPIError as error:
-                if not away(error):
-                    raise
-                return False
-
-        def child(program: Sequence[str], arguments: Sequence[str], log: Path) -> ChildResult:
-            for attempt in range(1, ATTEMPTS + 1):
-                try:
-                    result = process.run(
-                        program,
-                        arguments,
-                        log=log,
-                        timeout_s=self._stage_timeout_s,
-                        progress=progress,
-                        should_stop=should_stop,
-                    )
-                except OSError as error:
-                    _log.error("stage_not_started", job=job.id, stage=stage, exc_info=error)
-                    reason = f"cannot run ({error.strerror}); the log of the service says more"
-                    return ChildResult("failed", error=reason)
-                if result.outcome == "failed" and not result.killed and starved:
-                    return replace(result, error=f"{result.error} (the disk is full)")
-                if not result.killed or attempt == ATTEMPTS or should_stop():
-                    break
-                _log.warning("stage_killed", job=job.id, stage=stage, attempt=attempt)
-            return result
-
+        work = StageWork(
+            self._jobs,
+            claim,
+            stage,
+            part,
+            kind.words(stage),
+            self._files.root,
+            self._stopping.is_set,
+            process,
+            self._stage_timeout_s,
+        )
         _log.info("stage_started", job=job.id, stage=stage)
         try:
-            return self._patiently(lambda: kind.run(StageRun(job, stage, progress, should_stop, child, place, whole)))
+            return self._patiently(
+                lambda: kind.run(StageRun(job, stage, work.progress, work.should_stop, work.child, place, whole))
+            )
         except HilfitError as error:
             return ChildResult("input", error=str(error))
         except Exception as error:  # whatever it is, the job has to end

@@ -8,7 +8,7 @@ most ordinary thing of all.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -141,60 +141,66 @@ def _explained(
 
 
 def _options(machine: Machine, samples: Samples, number: int, bad: Mapping[int, object]) -> Iterator[_Option]:
-    joint = machine.joints[number]
-    assert joint.cylinder is not None
-    angle, piston = samples.signals["joint_position", number], samples.signals["piston_position", number]
-    q, x = angle.value, piston.value
-    for quantity, signal, about in (("joint_position", angle, 0.0), ("piston_position", piston, joint.cylinder.stroke)):
-        channel = machine.channel(quantity, joint.name)
-        assert channel is not None
-        mine = quantity == "joint_position"
+    cylinder = machine.joints[number].cylinder
+    assert cylinder is not None
+    for quantity, about in (("joint_position", 0.0), ("piston_position", cylinder.stroke)):
+        yield from _of_channel(machine, samples, number, quantity, about)
+        yield from _exchanged(machine, samples, number, quantity, bad)
+    if isinstance(cylinder.linkage, ThreePin):
+        yield from _pins(machine, samples, number, cylinder.linkage)
+    yield from _of_clocks(samples, number)
 
-        def both(value: FloatArray, mine: bool = mine) -> tuple[FloatArray, FloatArray]:
-            return (value, x) if mine else (q, value)
 
-        def option(
-            code: str,
-            text: str,
-            cure: str,
-            new: Signal,
-            price: float,
-            factor: float | None = None,
-            quantity: str = quantity,
-            both: Callable[..., tuple[FloatArray, FloatArray]] = both,
-        ) -> _Option:
-            return _Option(
-                code, text, cure, *both(new.value), price, quantity, factor=factor, changes={(quantity, number): new}
-            )
+def _both(samples: Samples, number: int, quantity: str, value: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Joint and piston position with one of them replaced."""
+    own = {name: samples.signals[name, number].value for name in ("joint_position", "piston_position")}
+    own[quantity] = value
+    return own["joint_position"], own["piston_position"]
 
-        yield option("sign", "{channel} looks as if it counted the other way",
-                     "correct the sign of its scale" + ("" if mine else " (0 is fully retracted)"),
-                     signal.mapped(-1.0, about), 1.0, -1.0)  # fmt: skip
-        for gain, unit in gains(machine.si_unit(channel), machine.conversion(channel).factor).items():
-            yield option("unit", f"the values of {{channel}} look like {unit}", f"set its unit to '{unit}'",
-                         signal.mapped(gain), 1.0, gain)  # fmt: skip
-        for gain in COUNTS:
-            yield option("scale", f"{{channel}} looks {times_too(gain)}",
-                         "correct its scale (counts per turn, edges that are counted, gear ratio)",
-                         signal.mapped(gain), 1.4, gain)  # fmt: skip
-        if mine:
-            for degrees in (90, -90, 180):
-                offset = float(np.deg2rad(degrees))
-                yield option("offset", f"{{channel}} looks {degrees} degrees off", "correct its offset",
-                             signal.mapped(1.0, offset), 1.5, offset)  # fmt: skip
-        for other in bad:
-            theirs = samples.get(quantity, other)
-            if other != number and theirs is not None:
-                value = theirs.value
-                yield _Option(
-                    "exchanged_channels",
-                    f"{quantity.replace('_', ' ')} of {joint.name} and {machine.joints[other].name} look exchanged",
-                    "exchange the channels' names or sources", *both(value), 1.0, quantity, other,
-                    changes={(quantity, number): theirs, (quantity, other): signal},
-                )  # fmt: skip
-    linkage = joint.cylinder.linkage
-    if isinstance(linkage, ThreePin):
-        yield from _pins(machine, samples, number, linkage)
+
+def _of_channel(machine: Machine, samples: Samples, number: int, quantity: str, about: float) -> Iterator[_Option]:
+    """One sensor counts the other way (its zero is at ``about`` then), or has another unit, scale or offset."""
+    channel = machine.channel(quantity, machine.joints[number].name)
+    assert channel is not None
+    signal, mine = samples.signals[quantity, number], quantity == "joint_position"
+
+    def option(code: str, text: str, cure: str, new: Signal, price: float, factor: float) -> _Option:
+        q, x = _both(samples, number, quantity, new.value)
+        return _Option(code, text, cure, q, x, price, quantity, factor=factor, changes={(quantity, number): new})
+
+    yield option("sign", "{channel} looks as if it counted the other way",
+                 "correct the sign of its scale" + ("" if mine else " (0 is fully retracted)"),
+                 signal.mapped(-1.0, about), 1.0, -1.0)  # fmt: skip
+    for gain, unit in gains(machine.si_unit(channel), machine.conversion(channel).factor).items():
+        yield option("unit", f"the values of {{channel}} look like {unit}", f"set its unit to '{unit}'",
+                     signal.mapped(gain), 1.0, gain)  # fmt: skip
+    for gain in COUNTS:
+        yield option("scale", f"{{channel}} looks {times_too(gain)}",
+                     "correct its scale (counts per turn, edges that are counted, gear ratio)",
+                     signal.mapped(gain), 1.4, gain)  # fmt: skip
+    for degrees in (90, -90, 180) if mine else ():
+        offset = float(np.deg2rad(degrees))
+        yield option("offset", f"{{channel}} looks {degrees} degrees off", "correct its offset",
+                     signal.mapped(1.0, offset), 1.5, offset)  # fmt: skip
+
+
+def _exchanged(machine: Machine, samples: Samples, number: int, quantity: str, bad: Iterable[int]) -> Iterator[_Option]:
+    """It is exchanged with that of another joint whose sensors contradict each other as well."""
+    joint, signal = machine.joints[number], samples.signals[quantity, number]
+    for other in bad:
+        theirs = samples.get(quantity, other)
+        if other != number and theirs is not None:
+            yield _Option(
+                "exchanged_channels",
+                f"{quantity.replace('_', ' ')} of {joint.name} and {machine.joints[other].name} look exchanged",
+                "exchange the channels' names or sources", *_both(samples, number, quantity, theirs.value), 1.0,
+                quantity, other, changes={(quantity, number): theirs, (quantity, other): signal},
+            )  # fmt: skip
+
+
+def _of_clocks(samples: Samples, number: int) -> Iterator[_Option]:
+    """The clock of the piston's sensor is off, or runs at another rate."""
+    q = samples.signals["joint_position", number].value
     for delay in (*DELAYS, -0.15, 0.15):
         moved = samples.moved([("piston_position", number)], delay)
         late = "late" if delay > 0 else "early"
