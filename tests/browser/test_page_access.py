@@ -186,3 +186,25 @@ def test_the_language_is_the_browsers_until_somebody_chooses_and_is_kept(browser
     page.reload()
     page.get_by_role("heading", name="Alarms").wait_for()
     context.close()
+
+
+#: Views that show what the service says of the machine as it is, with what is there when they are whole.
+SAID = {"live": ".strip canvas", "fleet": "table", "machines": "table", "jobs": ".panel", "service/log": ".panel"}
+#: Words of no German text; names of machines, channels and devices have none of them.
+ENGLISH = re.compile(r"\b(the|and|is|of|not|with|that|has|no|to|from|node|unit)\b", re.IGNORECASE)
+
+
+@pytest.mark.parametrize("view", SAID)
+def test_no_english_is_left_on_a_german_page(browser: Any, site: Site, view: str) -> None:
+    context = browser.new_context(locale="de-DE")
+    context.set_default_timeout(60_000)
+    page = context.new_page()
+    page.goto(f"{site.url}/#/{view}")
+    page.locator(SAID[view]).first.wait_for()
+    page.wait_for_timeout(1000)  # the service's own sentences come after the table that has their German
+    page.evaluate("document.querySelectorAll('details').forEach((one) => { one.open = true; })")
+    lines = page.evaluate("document.querySelector('main').innerText").splitlines()
+    # The log's own lines are for who looks after the service: they are English as in its file.
+    told = [line for line in lines if ENGLISH.search(line) and not re.match(r"\d\d:\d\d|.*=", line)]
+    assert told == []
+    context.close()

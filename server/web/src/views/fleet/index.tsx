@@ -9,6 +9,7 @@ import { Empty, Panel, Table } from "../../ui/layout";
 import { acquisitionWords, monitorWords } from "../../words";
 import "./fleet.css";
 import { t } from "../../texts";
+import { said } from "../../texts/report";
 
 type Fleet = components["schemas"]["Fleet"];
 type Machine = components["schemas"]["FleetMachine"];
@@ -101,7 +102,9 @@ function Residual({ machine }: { machine: Machine }) {
   const used = share(machine);
   const joint = machine.joint;
   if (used === null || joint === null)
-    return <span class="hint reason">{machine.reason ?? t("fleet.noJointWatchedYet")}</span>;
+    return (
+      <span class="hint reason">{machine.reason === null ? t("fleet.noJointWatchedYet") : said(machine.reason)}</span>
+    );
   const tone = used >= 1 ? "bad" : used >= 0.5 ? "warning" : "good";
   const measured = joint.residual === null ? t("common.atRest") : `${number(joint.residual, 3)} ${joint.unit}`;
   return (

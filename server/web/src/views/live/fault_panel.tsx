@@ -6,7 +6,7 @@ import { useResource } from "../../resource";
 import { useSession } from "../../session";
 import { Button, Field, Mark, type InputEvent, type SelectEvent } from "../../ui/controls";
 import { Panel } from "../../ui/layout";
-import { asked, faultWords, grouped, leftOf, type Broken } from "./faults";
+import { asked, type Broken, faultWords, grouped, leftOf, targetWords } from "./faults";
 import { t } from "../../texts";
 
 type Faults = components["schemas"]["MachineFaults"];
@@ -71,7 +71,7 @@ export function FaultPanel({ machine }: { machine: string }) {
             >
               {targets.map((offer) => (
                 <option key={offer.target} value={offer.target}>
-                  {offer.target}
+                  {targetWords(offer)}
                 </option>
               ))}
             </select>

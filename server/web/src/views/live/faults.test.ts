@@ -1,5 +1,5 @@
 import { describe, expect, it } from "vitest";
-import { asked, faultWords, grouped, leftOf, type Offer } from "./faults";
+import { asked, faultWords, grouped, leftOf, type Offer, targetWords } from "./faults";
 
 const DEATH: Offer = {
   fault: "node_death",
@@ -8,6 +8,16 @@ const DEATH: Offer = {
 };
 
 describe("faults", () => {
+  it("say what they are of in the language of the page, with the channels behind it", () => {
+    expect(targetWords({ ...DEATH, target: "node 31 on can (joint1.head_pressure, …)" })).toBe(
+      "node 31 on can (joint1.head_pressure, …)",
+    );
+    const unit = { fault: "drop", target: "unit 4 on modbus", entry: { fault: "drop", bus: "modbus", unit: 4 } };
+    expect(targetWords(unit)).toBe("unit 4 on modbus");
+    expect(targetWords({ fault: "nan", target: "oil", entry: { fault: "nan", channel: "oil" } })).toBe("oil");
+    expect(targetWords({ fault: "bus_off", target: "can", entry: { fault: "bus_off", bus: "can" } })).toBe("can");
+  });
+
   it("keep the order of the offers", () => {
     const other = { ...DEATH, target: "unit 4 on modbus" };
     const found = grouped([DEATH, { ...DEATH, fault: "drop" }, other]);

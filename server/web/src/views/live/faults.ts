@@ -52,16 +52,25 @@ export function asked(offer: Offer, seconds: string, longest: number): Record<st
   return { ...offer.entry, at: 0, for: long };
 }
 
+/** What a fault is of, in words; `named` are channels behind it, in brackets as the service has them. */
+function placeOf(one: Partial<Broken>, named = ""): string {
+  if (one.channel !== undefined) return one.channel;
+  const bus = one.bus ?? "";
+  if (one.node !== undefined) return t("live.nodeOn", { node: one.node, bus }) + named;
+  if (one.unit !== undefined) return t("live.unitOn", { unit: one.unit, bus }) + named;
+  return bus;
+}
+
+/** What an offer is of. */
+export function targetWords(offer: Offer): string {
+  return placeOf(offer.entry, / \(.*\)$/.exec(offer.target)?.[0]) || offer.target;
+}
+
 /** A running fault in a line. */
 export function leftOf(one: Broken): string {
-  const device =
-    one.node !== undefined
-      ? t("live.nodeOn", { node: one.node, bus: one.bus ?? "" })
-      : t("live.unitOn", { unit: one.unit ?? "", bus: one.bus ?? "" });
-  const bus = one.node === undefined && one.unit === undefined ? one.bus : device;
   return t("live.sMore", {
     fault: faultWords(one.fault),
-    channel: one.channel ?? bus ?? "",
+    channel: placeOf(one),
     leftS: Math.ceil(one.left_s),
   });
 }

@@ -9,6 +9,7 @@ import { saveFile } from "../../ui/save";
 import type { Role } from "../../words";
 import type { Guide } from "./progress";
 import { t } from "../../texts";
+import { said } from "../../texts/report";
 
 type List = components["schemas"]["ExcitationList"];
 type Job = components["schemas"]["JobResource"];
@@ -108,5 +109,6 @@ export function MotionChoice({ machine, role, guide, onMotion }: MotionProps) {
 
 function Designing({ job: id }: { job: string }) {
   const job = useResource<Job>(`/jobs/${id}`, "jobs");
-  return <Progress fraction={job.value?.fraction ?? 0} text={job.value?.text ?? t("recalibrate.designingAMotion")} />;
+  const text = job.value === null ? t("recalibrate.designingAMotion") : said(job.value.text);
+  return <Progress fraction={job.value?.fraction ?? 0} text={text} />;
 }

@@ -17,6 +17,7 @@ const NAME = /(?<![\w.])[a-z]+(?:_[a-z]+)+(?!\w)/g;
 export function unit(text: string | null | undefined): string {
   return (text === "1" ? "" : (text ?? ""))
     .replace("^(1/3)", "¹⁄³")
+    .replace(" or ", t("results.or"))
     .replace(/\^([2-6])/g, (_all, power: string) => SUPERSCRIPT[power] ?? power);
 }
 
