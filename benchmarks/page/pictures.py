@@ -73,7 +73,11 @@ def run(target: Path, only: str | None, say: Callable[[str], None], language: st
 
 
 def _picture(page: Any, there: str, path: Path) -> Check:
-    page.locator(there).first.wait_for()
+    whole = page.locator(there).first
+    whole.wait_for(state="attached")
+    if not whole.is_visible():  # what is out of sight is not drawn
+        whole.evaluate("(element) => element.scrollIntoView({ block: 'nearest' })")
+        whole.wait_for()
     page.wait_for_timeout(700)  # drawings follow what they draw
     wider = int(page.evaluate(_WIDER))
     page.screenshot(path=str(path), full_page=False)

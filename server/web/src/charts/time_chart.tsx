@@ -134,7 +134,7 @@ function options(width: number, now: { current: TimeChartProps }): uPlot.Options
     axes: [
       {
         ...axis,
-        size: 26,
+        size: 31, // ticks, gap, and a line of text with what hangs below it
         space: 90,
         incrs: INCREMENTS,
         values: (plot, places) => now.current.timeLabels(places, (plot.scales.x?.max ?? 0) - (plot.scales.x?.min ?? 0)),
