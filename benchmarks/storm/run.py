@@ -157,12 +157,12 @@ class _Storm:
             with _database(files, url, herd) as database:
                 name, recording = _prepare(client, self.machine)
                 count_results(database)
-                first = self._undisturbed(client, told, name) if real else _Undisturbed({}, 0.0)
+                first = self._first_real(client, told, name) if real else _Undisturbed({}, 0.0)
             traffic = Traffic(client, told, name, recording)
             traffic.start()
             course = self._killed(herd, told, traffic, _Asked(seconds, longest, kills, real), first)
             traffic.stop()
-            end = self._quiet(herd, client, QUIET_S + 2 * real * first.seconds)
+            end = self._ended(herd, client, QUIET_S + 2 * real * first.seconds)
             with _database(files, url) as database:
                 checks = list(all_checks(database, files, told))
             if url is not None and postgresql is not None:
@@ -180,7 +180,7 @@ class _Storm:
         )
         return Outcome((*found, *end, *checks, *_said(herd, told)))
 
-    def _undisturbed(self, client: Client, told: Told, machine: str) -> _Undisturbed:
+    def _first_real(self, client: Client, told: Told, machine: str) -> _Undisturbed:
         """Order a real identification that nothing hits, and wait for it."""
         order = _real(client, machine, self.directory / "case")
         self.say("a real identification, undisturbed")
@@ -213,7 +213,7 @@ class _Storm:
             killing.go_on(lambda _: sum(herd.hits.values()) < real * REAL_KILLS, asked.longest)
         return _Course(total, counts, starting, lasted, revived, herd.total - total, killing.past - lasted)
 
-    def _quiet(self, herd: Herd, client: Client, longest: float) -> tuple[Check, ...]:
+    def _ended(self, herd: Herd, client: Client, longest: float) -> tuple[Check, ...]:
         """Wait until nothing is under way any more, and stop all hosts."""
         before = time.monotonic()
         whole = herd.wait_up()

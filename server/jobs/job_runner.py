@@ -26,7 +26,7 @@ from server.jobs.claims import Claim, Claims
 from server.jobs.job_kinds import AT_MACHINES, NUMERICAL, JobError, JobKind, StageRun
 from server.jobs.job_places import begin, place_name, tidy
 from server.jobs.job_store import FINAL, Job, Jobs, Result, State
-from server.jobs.stage_work import ATTEMPTS, NO_ROOM_BYTES, StageWork, free_bytes
+from server.jobs.stage_work import ATTEMPTS, NO_ROOM_BYTES, StageWork
 from server.platform.database.engine import Database
 from server.platform.database.patience import PAUSE_S, Value, away, patiently
 from server.platform.disk import RESERVE_BYTES
@@ -349,15 +349,16 @@ class JobRunner:
             raise ServiceStopping
         return result
 
+    def _free(self) -> int:
+        return shutil.disk_usage(self._files.root).free
+
     def _lacked_room(self, result: ChildResult) -> bool:
-        return free_bytes(self._files.root) < NO_ROOM_BYTES or any(
-            words in (result.error or "") for words in NO_ROOM_WORDS
-        )
+        return self._free() < NO_ROOM_BYTES or any(words in (result.error or "") for words in NO_ROOM_WORDS)
 
     def _wait_for_room(self, job: Job, claim: Claim, stage: str, part: tuple[int, int]) -> bool:
         """Wait until somebody made room; False if the job was cancelled meanwhile."""
         told = False
-        while free_bytes(self._files.root) <= RESERVE_BYTES:
+        while self._free() <= RESERVE_BYTES:
             self._pause(PAUSE_S)
             try:
                 if not told and not self._jobs.progress(job.id, stage, part[0] / part[1], NO_ROOM, claim):
@@ -387,7 +388,7 @@ class JobRunner:
             stage,
             part,
             kind.words(stage),
-            self._files.root,
+            self._free,
             self._stopping.is_set,
             process,
             self._stage_timeout_s,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -13,6 +12,7 @@ from sqlalchemy.exc import DBAPIError
 from server.jobs.claims import Claim
 from server.jobs.job_store import Jobs
 from server.platform.database.patience import away
+from server.platform.disk import Free
 from server.platform.processes.children import Child, ChildResult
 
 #: Times that a stage is begun whose process somebody else kills: it may be the victim of a large neighbour, or be too
@@ -23,11 +23,6 @@ NO_ROOM_BYTES = 2**20
 _log = structlog.stdlib.get_logger(__name__)
 
 
-def free_bytes(place: Path) -> int:
-    """Free bytes of the file system of a place."""
-    return shutil.disk_usage(place).free
-
-
 @dataclass
 class StageWork:
     """A stage while it is done.
@@ -36,7 +31,7 @@ class StageWork:
     ----------
     part : which of how many stages it is
     words : what it says of itself where it has nothing better
-    root : the data directory, whose room it takes
+    free : free bytes where its files are
     stopping : whether the service is being stopped
     process : in which its program runs
     timeout_s : most seconds that this may take
@@ -47,7 +42,7 @@ class StageWork:
     stage: str
     part: tuple[int, int]
     words: str
-    root: Path
+    free: Free
     stopping: Callable[[], bool]
     process: Child
     timeout_s: float
@@ -68,7 +63,7 @@ class StageWork:
     def should_stop(self) -> bool:
         """Whether the service is stopped, or the job cancelled."""
         # It may have ended, and left its room, by the time that the stage has.
-        self._starved = self._starved or free_bytes(self.root) < NO_ROOM_BYTES
+        self._starved = self._starved or self.free() < NO_ROOM_BYTES
         try:
             return self.stopping() or self.jobs.cancelling(self.claim.job, self.claim)
         except DBAPIError as error:

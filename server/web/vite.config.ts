@@ -1,6 +1,7 @@
 import { compileMessage } from "@lingui/message-utils/compileMessage";
 import { defineConfig, type Plugin } from "vite";
 import { fingerprint } from "./scripts/fingerprint.mjs";
+import { isSimple } from "./src/texts/simple.ts";
 
 /** Leaves `sources.json` beside what was built. */
 function sources(): Plugin {
@@ -14,10 +15,7 @@ function sources(): Plugin {
   };
 }
 
-/** What the page would need a parser for: plurals, and quotes. */
-const PARSED = /'|\{\w+,/;
-
-/** Texts with plurals are parsed here, so that the page needs no parser. */
+/** Texts with plurals or quotes are parsed here, so that the page needs no parser. */
 function messages(): Plugin {
   return {
     name: "messages",
@@ -32,7 +30,7 @@ function messages(): Plugin {
         for (const entry of table.properties) {
           const text = entry.type === "Property" && entry.value.type === "Literal" ? entry.value.value : null;
           if (entry.type !== "Property" || typeof text !== "string") throw new Error(`${id}: a text is a string`);
-          if (PARSED.test(text)) said.push([entry.value.start, entry.value.end, JSON.stringify(compileMessage(text))]);
+          if (!isSimple(text)) said.push([entry.value.start, entry.value.end, JSON.stringify(compileMessage(text))]);
         }
       }
       for (const [start, end, text] of said.reverse()) code = code.slice(0, start) + text + code.slice(end);

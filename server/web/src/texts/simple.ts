@@ -3,8 +3,13 @@
 const SIMPLE = /^(?:[^{}']|\{\w+\})*$/;
 const NAMED = /\{(\w+)\}/g;
 
+/** Whether a text needs no parser. */
+export function isSimple(text: string): boolean {
+  return SIMPLE.test(text);
+}
+
 /** A text with its values, or null: it has plurals or quotes, which a parser has to look at. */
 export function simple(text: string, values: Record<string, string | number> = {}): string | null {
-  if (!SIMPLE.test(text)) return null;
+  if (!isSimple(text)) return null;
   return text.includes("{") ? text.replace(NAMED, (_whole, name: string) => String(values[name] ?? "")) : text;
 }
