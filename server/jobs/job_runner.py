@@ -14,6 +14,7 @@ import shutil
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -54,6 +55,10 @@ _ENGINE = threading.Lock()
 NO_ROOM = "Waiting for room on the disk"
 _LOST = "the job broke off unexpectedly; order it again"
 _log = structlog.stdlib.get_logger(__name__)
+
+
+def _register(queue: str, count: int) -> None:
+    DBOS.register_queue(queue, worker_concurrency=count, polling_interval_sec=POLL_S, on_conflict="always_update")
 
 
 class WarmChild:
@@ -136,7 +141,7 @@ class JobRunner:
         if not _ENGINE.acquire(blocking=False):
             raise RuntimeError("the workflow engine exists once per process, and another service has it")
         self._started = True
-        self._claims.release(self._executor)
+        self._patiently(lambda: self._claims.release(self._executor))
         DBOS(
             config={
                 "name": "hilfit",
@@ -154,12 +159,10 @@ class JobRunner:
         DBOS.listen_queues(list(self._queues))
         DBOS.launch()
         for queue, count in QUEUES.items():
-            DBOS.register_queue(
-                queue, worker_concurrency=count, polling_interval_sec=POLL_S, on_conflict="always_update"
-            )
+            self._patiently(partial(_register, queue, count))
         if self._executor == EXECUTOR:  # whoever stores jobs also sees to it that they are queued
-            for job in self._jobs.unfinished():
-                self._take_up(job)
+            for job in self._patiently(self._jobs.unfinished):
+                self._patiently(partial(self._take_up, job))
 
     def _workflow(self, name: str) -> Any:
         def workflow(job: str, stages: list[str]) -> str:

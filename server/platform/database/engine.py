@@ -6,7 +6,7 @@ import sqlite3
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -40,10 +40,17 @@ def _refusal_is_absence(context: sa.engine.ExceptionContext) -> None:
     """Take a full disk or a read-only database for one that is away, in the workflow engine's connections too.
 
     Both wait for one that is away. Whatever else a write was refused for, they take for the end of the job.
+
+    The transaction is rolled back here: SQLite keeps the lock of a closed connection until the last of its statements
+    is gone, and an error that somebody holds has them in its traceback.
     """
     error = context.original_exception
     code, state = getattr(error, "sqlite_errorcode", None), getattr(error, "sqlstate", None) or ""
     if (code is not None and code & 0xFF in _SQLITE_REFUSES) or state == _READ_ONLY or state.startswith(_INSUFFICIENT):
+        driver = None if context.connection is None else context.connection.connection.dbapi_connection
+        if driver is not None:
+            with suppress(Exception):  # it is closed in any case
+                driver.rollback()
         context.is_disconnect = True  # this connection is made anew, and the others are none the worse
         context.invalidate_pool_on_disconnect = False
 

@@ -6,7 +6,7 @@ import shutil
 import sqlite3
 import time
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from types import SimpleNamespace
@@ -39,6 +39,22 @@ def nothing() -> None:
 
 def pragma(connection: sqlite3.Connection, text: str) -> None:
     connection.execute(f"PRAGMA {text}")
+
+
+def test_the_error_of_a_refused_write_holds_no_lock(tmp_path: Path) -> None:
+    # A full disk ends the statement, not the transaction, where a statement writes several rows.
+    many = "WITH RECURSIVE n(i) AS (SELECT 1 UNION ALL SELECT i + 1 FROM n WHERE i < 1000) INSERT INTO revisions "
+    place = tmp_path / "store.sqlite"
+    database = Database(place, TABLES, changed=nothing)
+    with pytest.raises(sa.exc.DBAPIError) as caught, database.write() as connection:
+        connection.exec_driver_sql("PRAGMA max_page_count=1")
+        half_read = connection.execute(sa.text("SELECT 1 UNION ALL SELECT 2"))
+        assert half_read.fetchone() == (1,)
+        connection.exec_driver_sql(f"{many} SELECT i || hex(randomblob(500)), 1 FROM n")
+    assert away(caught.value), "and its traceback holds the statements"
+    with closing(sqlite3.connect(place, timeout=0.1)) as other:
+        other.execute("BEGIN IMMEDIATE")
+    database.close()
 
 
 @pytest.mark.parametrize("text", ["query_only=ON", "max_page_count=1"])
@@ -136,6 +152,25 @@ def test_a_stage_that_found_the_disk_full_is_begun_again_when_there_is_room(
         running.client.post(f"{API}/jobs/{second.job}/cancel")
         assert running.follow(second.job)[-1]["state"] == "cancelled"
         until(lambda: DBOS.get_workflow_status(second.job).status == "SUCCESS")
+
+
+@pytest.mark.slow
+def test_a_service_that_starts_on_a_full_disk_waits_for_room(
+    tmp_path: Path, csv: bytes, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    register = DBOS.register_queue
+    refused: list[Any] = []
+
+    def refusing(*names: Any, **settings: Any) -> Any:
+        if len(refused) < 2:
+            refused.append(names)
+            raise sa.exc.OperationalError("INSERT", {}, sqlite3.OperationalError("database or disk is full"))
+        return register(*names, **settings)
+
+    monkeypatch.setattr(DBOS, "register_queue", refusing)
+    with running_service(tmp_path / "data", Fakes()) as running:
+        assert len(refused) == 2
+        assert running.follow(running.order(csv).job)[-1]["state"] == "done"
 
 
 class FullRecorder:
