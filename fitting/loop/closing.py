@@ -14,8 +14,8 @@ from typing import Protocol, Self, TypeVar
 from daq.recordings.recording import Recording
 from fitting.effects.base import Effect
 from fitting.excitation.motion import Motion
+from fitting.loop.attribution import attributed
 from fitting.loop.kinematic_check import KinematicFinding, kinematic_findings
-from fitting.loop.residual_loop import run_attribution
 from fitting.loop.session import Session
 from fitting.planning.next_experiment import NextExperiment, design_next, term_label
 from fitting.residual.findings import Accepted, Attribution, Hypothesis
@@ -152,8 +152,8 @@ class Examined:
     @classmethod
     def of(cls, session: Session) -> Self:
         """Run the loop."""
-        findings, corrections = kinematic_findings(session)
-        return cls(session, findings, corrections, run_attribution(session, corrections))
+        findings, corrections = kinematic_findings(session.search.session)
+        return cls(session, findings, corrections, attributed(session, corrections))
 
     @property
     def hypotheses(self) -> tuple[Hypothesis, ...]:

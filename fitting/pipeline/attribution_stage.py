@@ -7,15 +7,11 @@ from itertools import zip_longest
 
 import numpy as np
 
+from fitting.loop.attribution import attributed
 from fitting.loop.closing import next_experiment
-from fitting.loop.effort_confirmation import confirmed_in_effort
-from fitting.loop.everything import held_against_everything, said
+from fitting.loop.everything import said
 from fitting.loop.kinematic_check import corrections_from_json
-from fitting.loop.residual_loop import (
-    is_ripple,
-    other_bands,
-    run_attribution,
-)
+from fitting.loop.residual_loop import is_ripple, other_bands
 from fitting.loop.session import Session
 from fitting.pipeline.results.loop_results import (
     AcceptedTerm,
@@ -54,12 +50,8 @@ def attribution(session: Session, results: StageResults, progress: Progress) -> 
     if not session.options.loop:
         return Attributed("not_examined", looked=False)
     corrections, search = found_corrections(session, results), session.search
-    found = run_attribution(search.session, corrections, progress)
-    warnings = list(found.warnings)
-    if not search.whole:
-        found = held_against_everything(session, corrections, search, found, progress)
-        warnings.append(said(search))
-    found = confirmed_in_effort(session, corrections, found)
+    found = attributed(session, corrections, progress)
+    warnings = [*found.warnings, *([] if search.whole else [said(search)])]
     silent = found.verdict == "nothing_missing" and not results[Residual].kinematics
     others = other_bands(search.session, corrections, progress) if silent else ()
     progress(0.92, "designing the experiment that tells rivals apart")

@@ -321,7 +321,7 @@ class Fit:
     theta: FloatArray
     covariance: FloatArray
     told: BoolArray
-    orthonormal: tuple[FloatArray, ...]
+    orthonormal: Sequence[FloatArray]
     residual: tuple[FloatArray, ...]
     condition_number: float
     extra_names: tuple[str, ...] = field(default=())

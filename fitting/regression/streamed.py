@@ -11,8 +11,9 @@ parallel and sequential QR and LU factorizations", SIAM J. Sci. Comput. 34, 2012
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import fields
+from dataclasses import replace
 from functools import cached_property
+from typing import overload
 
 import numpy as np
 import numpy.typing as npt
@@ -54,7 +55,7 @@ def fit_rows(
         return solve(closing(whitened(design, noise, fitted, extra)), names)
     walk = _Walk(design, noise, tuple(fitted), extra, closing)
     R = _folded(walk)
-    return _LongFit(solve([WhiteRows(R[:, :-1], R[:, -1], ())], names), R[:, :-1], walk)
+    return _long_fit(solve([WhiteRows(R[:, :-1], R[:, -1], ())], names), R[:, :-1], walk)
 
 
 def folded(
@@ -83,20 +84,42 @@ class _Walk:
             yield self._closing(rows) if index == self._fitted[-1] else rows
 
 
-class _LongFit(Fit):
-    """A fit whose orthonormal basis, as large as all rows together, is made when it is asked for."""
+def _long_fit(found: Fit, R: FloatArray, walk: _Walk) -> Fit:
+    """The fit of the rows that ``found`` is of the triangle of: with their residual, and their basis when it is asked
+    for.
+    """
+    parts = [[r.b - r.A @ found.theta for r in rows] for rows in walk]
+    return replace(
+        found,
+        residual=tuple(np.concatenate(joint) for joint in zip(*parts, strict=True)),
+        orthonormal=_LateBasis(found, R, walk),
+    )
+
+
+class _LateBasis(Sequence[FloatArray]):
+    """Orthonormal basis of a fit's rows, joint by joint. It is as large as all rows together, and rarely needed.
+
+    ``Q = A U`` on the whole rows with the ``U`` of the triangle, whose own basis the fit of that has.
+    """
 
     def __init__(self, found: Fit, R: FloatArray, walk: _Walk) -> None:
-        own = {item.name: getattr(found, item.name) for item in fields(Fit) if item.name != "orthonormal"}
-        parts = [[r.b - r.A @ found.theta for r in rows] for rows in walk]
-        own["residual"] = tuple(np.concatenate(joint) for joint in zip(*parts, strict=True))
-        # Q = A U on the whole rows with U of the triangle, whose own basis the small fit has.
-        own["_basis"] = np.linalg.lstsq(R[:, found.told], found.orthonormal[0], rcond=None)[0]
-        own["_walk"] = walk
-        self.__dict__.update(own)  # the class is frozen
+        self._walk = walk
+        self._told = found.told
+        self._in_columns = np.linalg.lstsq(R[:, found.told], found.orthonormal[0], rcond=None)[0]
 
     @cached_property
-    def orthonormal(self) -> tuple[FloatArray, ...]:
-        """Per joint (R_j, rank) rows of an orthonormal basis of the column space."""
-        parts = [[r.A[:, self.told] @ self.__dict__["_basis"] for r in rows] for rows in self.__dict__["_walk"]]
+    def _joints(self) -> tuple[FloatArray, ...]:
+        parts = [[r.A[:, self._told] @ self._in_columns for r in rows] for rows in self._walk]
         return tuple(np.vstack(joint) for joint in zip(*parts, strict=True))
+
+    def __len__(self) -> int:
+        return len(self._joints)
+
+    @overload
+    def __getitem__(self, place: int) -> FloatArray: ...
+
+    @overload
+    def __getitem__(self, place: slice) -> Sequence[FloatArray]: ...
+
+    def __getitem__(self, place: int | slice) -> FloatArray | Sequence[FloatArray]:
+        return self._joints[place]

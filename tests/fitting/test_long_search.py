@@ -17,6 +17,7 @@ from daq.recordings.recording import Recording
 from daq.scratch import Scratch
 from fitting.arm.dynamics import rigid_body_regressor
 from fitting.effects import effect
+from fitting.loop.attribution import attributed
 from fitting.loop.everything import held_against_everything, on_the_pieces, on_the_whole, said, worth
 from fitting.loop.residual_loop import SessionSignals, run_attribution
 from fitting.loop.search_pieces import _level, choose_pieces, thinned
@@ -31,6 +32,7 @@ from fitting.residual.scoring import score_terms
 from fitting.residual.stored_views import StoredColumns, StoredViews
 from fitting.residual.terms import Model, Term, extra_columns, fit_model
 from fitting.residual.views import build_views
+from fitting.selection.search import beside
 from fitting.signals.corrections import Corrections
 from fitting.signals.filters import filter_bank
 from fitting.signals.preparation import segments_of
@@ -171,6 +173,15 @@ def test_effects_are_fitted_from_the_file_as_in_memory(both: tuple[Design, Desig
     assert np.allclose(first.contribution(0, 1, 1), second.contribution(0, 1, 1), rtol=1e-5)
 
 
+def test_a_term_is_held_beside_a_fit_from_the_file_as_in_memory(both: tuple[Design, Design]) -> None:
+    noise, prior = white_noise_model(2), mass_prior(MACHINE)
+    fitted, more = (fit_model(d, noise, FITTED, TERMS[1:2], prior) for d in both), TERMS[0]
+    first, second = (beside(model, more).fit for model in fitted)
+    assert second.rows == first.rows and second.chi_square == pytest.approx(first.chi_square, rel=1e-6)
+    for own, same in zip(first.orthonormal, second.orthonormal, strict=True):
+        assert np.allclose(own @ own.T, same @ same.T, atol=1e-6)
+
+
 @pytest.fixture
 def small(monkeypatch: pytest.MonkeyPatch) -> None:
     """Budgets at which minutes are long."""
@@ -212,7 +223,7 @@ def test_an_effect_is_found_on_pieces_and_fitted_to_everything(hour: list[Record
     assert search.seconds < 0.4 * search.of_seconds and "pieces" in said(search)
     corrections = Corrections(MACHINE)
     pieces = run_attribution(search.session, corrections)
-    found = held_against_everything(session, corrections, search, pieces)
+    found = attributed(session, corrections)
     assert [(a.score.term.id, a.score.term.joint) for a in found.accepted] == [("position_dependent_friction", 1)]
     assert found.accepted[0].validate_gain is not None and found.accepted[0].validate_gain > 100
     terms = [a.score.term for a in found.accepted]
