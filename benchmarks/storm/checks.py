@@ -27,8 +27,10 @@ from server.jobs.job_store import FINAL
 from server.platform.database.engine import Database
 from server.platform.files import DataDirectory
 from server.recalibrations import recalibration_tables
+from server.recalibrations.recalibration_recording import TRIES
 from server.recordings import recording_tables
 from server.schedules import schedule_tables
+from server.schedules.schedule_clock import KEPT
 
 #: Counts every time that a result is stored, by a trigger that is none of the service's.
 COUNTED = "storm_results"
@@ -128,9 +130,10 @@ def jobs(database: Database, told: Told) -> Iterator[Check]:
     yield Check(
         "jobs by end", len(rows), ", ".join(f"{n} {kind} {state}" for (kind, state), n in sorted(states.items()))
     )
-    # A stage that was killed three times, and a cancel, are the only reasons that the storm gives.
-    expected = [row for row in rows if row.state == "done" or "SIGKILL" in (row.error or "")]
-    expected += [row for row in rows if row.state == "cancelled" and row.id in told.cancels]
+    # The storm's reasons: a stage or an acquisition that was killed several times over, and a cancel.
+    reasons = ("SIGKILL", f"ended early, {TRIES} times over")
+    expected = [row for row in rows if row.state == "done" or any(text in (row.error or "") for text in reasons)]
+    expected += [row for row in rows if row.state == "cancelled" and row.id in told.asked]
     odd = [f"{row.id} {row.state}: {row.error}" for row in rows if row not in expected]
     yield _none("jobs that failed for no reason of the storm", odd, len(rows))
 
@@ -263,7 +266,11 @@ def schedules(database: Database) -> Iterator[Check]:
         moment += timedelta(minutes=1)
         if moment.minute % 5 == 0:
             expected.append(moment.astimezone(UTC).isoformat(timespec="milliseconds").replace("+00:00", "Z"))
-    wrong = sorted(set(expected) ^ set(found)) + [slot for slot, count in Counter(found).items() if count != 1]
+    wrong = sorted(set(found) - set(expected)) + [slot for slot, count in Counter(found).items() if count != 1]
+    for slot in sorted(set(expected) - set(found)):
+        later = [row.state for row in slots if row.slot > slot][: KEPT - 1]
+        if later != ["coalesced"] * (KEPT - 1):  # else it was one of so many missed at once that only these are kept
+            wrong.append(slot)
     ordered = [slot.job for slot in slots if slot.state == "ordered"]
     made = _rows(
         database,

@@ -26,7 +26,7 @@ from benchmarks.storm import stages
 CHILDREN: Mapping[str, str] = {
     "daq.acquisition.acquisition_child": "acquisition",
     "storm/stages.py": "stage",
-    "fitting.pipeline.stage_program": "real stage",
+    "benchmarks.storm.real_stages": "real stage",
 }
 START_S = 90.0
 

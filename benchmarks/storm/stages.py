@@ -1,7 +1,7 @@
 """``python stages.py REQUEST.json STAGE``: a stage that does nothing but take its time, and leaves a line for each run.
 
 An identification that has a recording in the role ``train`` is a real one: this process becomes
-:mod:`fitting.pipeline.stage_program`, and stays for its other stages, which leave no line.
+:mod:`benchmarks.storm.real_stages`, whose stages leave no line.
 
 A line of ``runs.txt``, beside the places of the stages, is the stage, when it began (UNIX time in ms) and the process.
 It never answers from a result that is there already, so a finished stage that is run again shows. Standard library
@@ -35,14 +35,16 @@ def is_real(request: dict[str, Any]) -> bool:
 def main(request: Path, stage: str) -> None:
     """Run one stage."""
     content = json.loads(request.read_text())
-    output = Path(content["output"])
+    if is_real(content):
+        os.execv(sys.executable, [sys.executable, "-P", "-m", "benchmarks.storm.real_stages", str(request), stage])
+    print(json.dumps({"summary": run_light(content, stage)}), flush=True)
+
+
+def run_light(request: dict[str, Any], stage: str) -> dict[str, Any]:
+    """Run a stage that is not a real one; what it found."""
+    output = Path(request["output"])
     with (output.parent / "runs.txt").open("a") as file:
         file.write(f"{stage} {time.time_ns() // 1_000_000} {os.getpid()}\n")
-    if is_real(content):
-        os.execv(
-            sys.executable,
-            [sys.executable, "-P", "-m", "fitting.pipeline.stage_program", "--stay", str(request), stage],
-        )
     for part in range(1, 4):
         time.sleep(WORK_S / 3)
         print(json.dumps({"fraction": part / 4, "text": f"{stage} {part}"}), flush=True)
@@ -50,7 +52,7 @@ def main(request: Path, stage: str) -> None:
         partial = output / ".report.json.partial"
         partial.write_text(json.dumps(REPORT))
         partial.replace(output / "report.json")
-    print(json.dumps({"summary": {"stage": stage}}), flush=True)
+    return {"stage": stage}
 
 
 if __name__ == "__main__":

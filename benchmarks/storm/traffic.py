@@ -56,6 +56,7 @@ class Told:
     poor : refusals that are no problem document in one line, or 503 without saying when to come again
     cancels : by job
     real : keys of those orders whose identifications are real ones
+    asked : jobs that were to be cancelled, also where no answer came
     undisturbed : id of a real identification of the same input, from before the storm
     """
 
@@ -65,6 +66,7 @@ class Told:
     poor: list[str] = field(default_factory=list)
     cancels: dict[str, Cancelled] = field(default_factory=dict)
     real: list[str] = field(default_factory=list)
+    asked: set[str] = field(default_factory=set)
     undisturbed: str = ""
 
 
@@ -177,8 +179,9 @@ class Traffic:
                 return job
             there = row["stage"] if row["state"] == "running" and row["stage"] in STAGES else "queue"
             if asked or CANCELLED_IN.index(there) >= CANCELLED_IN.index(where):
-                code, answer = self._client.ask("POST", f"/jobs/{job}/cancel")
                 asked = True
+                self._told.asked.add(job)
+                code, answer = self._client.ask("POST", f"/jobs/{job}/cancel")
                 if code == 202 and answer["state"] in ("queued", "running", "cancelled"):
                     self._told.cancels[job] = Cancelled(identification, time.time(), there)
                     return job
