@@ -19,8 +19,9 @@ import numpy.typing as npt
 from scipy import stats
 
 from fitting.estimators.covariance import series_scores
-from fitting.regression.design import Design, Extra, Factor, Fit, factor
+from fitting.regression.design import Design, Extra
 from fitting.regression.prior import Prior, prior_row
+from fitting.regression.solving import Factor, Fit, factor
 from fitting.regression.streamed import triangle
 
 FloatArray = npt.NDArray[np.float64]

@@ -27,8 +27,9 @@ import numpy as np
 import numpy.typing as npt
 
 from fitting.estimators.effort_fit import EffortRows
-from fitting.regression.design import Extra, Fit, WhiteRows
+from fitting.regression.design import Extra
 from fitting.regression.prior import Prior
+from fitting.regression.solving import Fit, WhiteRows
 from fitting.residual.confirmation.uncertainty import law_variances, shape_columns, with_doubts
 from fitting.residual.terms import Model
 

@@ -24,8 +24,9 @@ import numpy.typing as npt
 from fitting.estimators.covariance import hac_covariance
 from fitting.estimators.recursive import RecursiveLeastSquares
 from fitting.pipeline.results.stored_types import Numbers, stored
-from fitting.regression.design import Design, Fit, NoiseModel, factor, reduced_residual
+from fitting.regression.design import Design, NoiseModel, reduced_residual
 from fitting.regression.prior import Prior
+from fitting.regression.solving import Fit, factor
 
 FloatArray = npt.NDArray[np.float64]
 

@@ -23,7 +23,8 @@ from scipy.stats import chi2, ncx2
 
 from daq.machine.machine_file import Machine
 from fitting.effects.base import DriveView, Effect
-from fitting.regression.design import Design, NoiseModel, WhiteRows
+from fitting.regression.design import Design, NoiseModel
+from fitting.regression.solving import WhiteRows
 from fitting.residual.laws import Law
 from fitting.residual.terms import Term
 from fitting.residual.views import Views

@@ -28,7 +28,7 @@ import numpy.typing as npt
 from scipy import linalg
 from scipy.special import ndtr
 
-from fitting.regression.design import WhiteRows
+from fitting.regression.solving import WhiteRows
 from fitting.residual.laws import Law
 from fitting.residual.scoring import Score
 from fitting.residual.terms import Term

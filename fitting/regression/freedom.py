@@ -18,7 +18,8 @@ import numpy as np
 import numpy.typing as npt
 from scipy import stats
 
-from fitting.regression.design import NoiseModel, WhiteRows
+from fitting.regression.design import NoiseModel
+from fitting.regression.solving import WhiteRows
 
 FloatArray = npt.NDArray[np.float64]
 

@@ -23,8 +23,9 @@ import numpy as np
 import numpy.typing as npt
 from scipy import linalg
 
-from fitting.regression.design import Design, NoiseModel, WhiteRows, whitened
+from fitting.regression.design import Design, NoiseModel, whitened
 from fitting.regression.prior import Prior, with_prior
+from fitting.regression.solving import WhiteRows
 
 FloatArray = npt.NDArray[np.float64]
 Verdict = Literal["told", "poorly told", "not told", "assumed"]

@@ -20,8 +20,9 @@ import numpy as np
 import numpy.typing as npt
 
 from daq.machine.machine_file import Cylinder, Machine
-from fitting.regression.design import Parameters, WhiteRows
+from fitting.regression.design import Parameters
 from fitting.regression.drive import drive_names
+from fitting.regression.solving import WhiteRows
 
 FloatArray = npt.NDArray[np.float64]
 

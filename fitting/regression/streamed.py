@@ -18,7 +18,8 @@ from typing import overload
 import numpy as np
 import numpy.typing as npt
 
-from fitting.regression.design import Design, Extra, Fit, NoiseModel, WhiteRows, solve, whitened
+from fitting.regression.design import Design, Extra, NoiseModel, whitened
+from fitting.regression.solving import Fit, WhiteRows, solve
 
 FloatArray = npt.NDArray[np.float64]
 #: What is put under the whitened rows of all joints: a prior's.
@@ -42,7 +43,7 @@ def fit_rows(
     extra: Extra | None = None,
     closing: Closing = lambda rows: rows,
 ) -> Fit:
-    """Joint fit of the whitened rows of some segments (:func:`fitting.regression.design.solve`), in the memory that
+    """Joint fit of the whitened rows of some segments (:func:`fitting.regression.solving.solve`), in the memory that
     there is.
 
     Parameters

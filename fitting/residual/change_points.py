@@ -33,7 +33,8 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
-from fitting.regression.design import Design, Fit, NoiseModel
+from fitting.regression.design import Design, NoiseModel
+from fitting.regression.solving import Fit
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]

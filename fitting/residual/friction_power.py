@@ -19,7 +19,7 @@ import numpy.typing as npt
 from scipy import stats
 
 from fitting.effects.base import Effect, Parity
-from fitting.regression.design import Fit
+from fitting.regression.solving import Fit
 from fitting.residual.laws import Law
 from fitting.residual.terms import Model, Term
 

@@ -9,8 +9,9 @@ import numpy as np
 import numpy.typing as npt
 
 from fitting.effects.base import DriveView, Effect, FoundBy, Shape
-from fitting.regression.design import Design, Extra, Fit, NoiseModel, Parameters, WhiteRows, whitened
+from fitting.regression.design import Design, Extra, NoiseModel, Parameters, whitened
 from fitting.regression.prior import Late, Prior, with_prior
+from fitting.regression.solving import Fit, WhiteRows
 from fitting.regression.streamed import fit_rows
 from fitting.residual.laws import Law
 from fitting.residual.stored_views import StoredViews, stored_columns

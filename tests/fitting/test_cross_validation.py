@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from fitting.regression.design import WhiteRows
+from fitting.regression.solving import WhiteRows
 from fitting.residual.confirmation.cross_validation import BLOCK_SECONDS, FOLDS, GUARD_SECONDS, held_out_gain
 
 RATE = 8.0

@@ -24,9 +24,10 @@ from fitting.excitation.motion import Motion
 from fitting.planning.detection import Visibility, typical_terms, visibilities, visible_size
 from fitting.planning.forecast import forecast, forecast_to_json, white_noise
 from fitting.planning.guess import default_guess
-from fitting.regression.design import solve, whitened
+from fitting.regression.design import whitened
 from fitting.regression.identifiability import Telling, parameter_sizes, statement, tellings
 from fitting.regression.prior import mass_prior, with_prior
+from fitting.regression.solving import solve
 from fitting.residual.terms import Term, extra_columns
 from fitting.signals.filters import filter_bank
 

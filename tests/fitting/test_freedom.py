@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 from scipy import signal, stats
 
-from fitting.regression.design import NoiseModel, WhiteRows, solve
+from fitting.regression.design import NoiseModel
 from fitting.regression.freedom import SIGMAS, coverage_factors, degrees_of_freedom
+from fitting.regression.solving import WhiteRows, solve
 from fitting.signals.filters import filter_bank
 from fitting.signals.spectrum import unit_whitening, whitening
 

@@ -20,8 +20,9 @@ from fitting.excitation.motion import Motion, read_motion, write_motion
 from fitting.loop.session import Session
 from fitting.planning.next_experiment import NextExperiment, design_next, supply_of
 from fitting.planning.separation import Lead, Rival, leads, products, projected, separation
-from fitting.regression.design import build_design, solve, whitened
+from fitting.regression.design import build_design, whitened
 from fitting.regression.prior import with_prior
+from fitting.regression.solving import solve
 from fitting.residual.terms import Model, Term, extra_columns, fit_model
 from fitting.residual.views import build_views
 from fitting.signals.preparation import prepare

@@ -10,14 +10,13 @@ from synthetic_arm import clean_session, exact_design, force, make_motion, plana
 from fitting.regression.design import (
     Extra,
     NoiseModel,
-    WhiteRows,
     effort_errors,
     full_residual,
     predicted_effort,
-    solve,
     white_noise_model,
     whitened,
 )
+from fitting.regression.solving import WhiteRows, solve
 from fitting.signals.spectrum import Whitening
 
 PHI, SIGMA = 0.7, 2.5

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import signal
 
-from fitting.regression.design import WhiteRows
+from fitting.regression.solving import WhiteRows
 from fitting.residual.confirmation.robustness import inflation
 
 ROWS = 4000

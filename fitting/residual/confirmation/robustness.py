@@ -21,7 +21,7 @@ import numpy as np
 import numpy.typing as npt
 
 from fitting.estimators.covariance import series_scores
-from fitting.regression.design import WhiteRows
+from fitting.regression.solving import WhiteRows
 from fitting.residual.confirmation.cross_validation import solve_gram, unit_columns
 
 FloatArray = npt.NDArray[np.float64]

@@ -9,8 +9,8 @@ from typing import Protocol
 import numpy as np
 import numpy.typing as npt
 
-from fitting.regression.design import WhiteRows
 from fitting.regression.prior import Prior
+from fitting.regression.solving import WhiteRows
 from fitting.residual.confirmation.confirmation import Misfit, OnValidate, on_validate
 from fitting.residual.confirmation.cross_validation import HeldOut, held_out_gain
 from fitting.residual.confirmation.robustness import inflation

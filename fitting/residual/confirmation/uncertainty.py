@@ -30,9 +30,10 @@ from scipy import stats
 from daq.recordings.recording_checks import runs
 from fitting.effects.base import Effect
 from fitting.estimators.covariance import series_scores
-from fitting.regression.design import Extra, WhiteRows
+from fitting.regression.design import Extra
 from fitting.regression.freedom import coverage_factors, degrees_of_freedom
 from fitting.regression.prior import Prior
+from fitting.regression.solving import WhiteRows
 from fitting.residual.laws import Law
 from fitting.residual.terms import Model, Term, extra_columns
 from fitting.signals.filters import FilterBank

@@ -1,0 +1,135 @@
+"""Least squares of whitened rows: the rank is decided, and what the rows cannot tell is left out.
+
+Source: G. Golub and C. Van Loan, *Matrix Computations*, 2013, section 5.4 (QR with column pivoting).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+import numpy.typing as npt
+from scipy import linalg
+
+FloatArray = npt.NDArray[np.float64]
+BoolArray = npt.NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class WhiteRows:
+    """Whitened rows of one joint over the fitted segments.
+
+    Attributes
+    ----------
+    A : (R, p) base columns, then the extra ones
+    b : (R,) target
+    sections : per fitted segment (index in the design, rows kept by position in the whitened series)
+    """
+
+    A: FloatArray
+    b: FloatArray
+    sections: tuple[tuple[int, BoolArray], ...]
+
+
+@dataclass(frozen=True)
+class Fit:
+    """Generalised least-squares fit of a design.
+
+    Attributes
+    ----------
+    theta : (p,) parameters: drive, base, extra
+    covariance : (p, p), from the whitened rows (unit noise)
+    told : (p,) False for parameters that these rows cannot tell (their value is 0)
+    orthonormal : per joint (R_j, rank) rows of an orthonormal basis of the column space
+    residual : per joint (R_j,) whitened residual
+    condition_number : of the column-scaled whitened matrix
+    """
+
+    theta: FloatArray
+    covariance: FloatArray
+    told: BoolArray
+    orthonormal: Sequence[FloatArray]
+    residual: tuple[FloatArray, ...]
+    condition_number: float
+    extra_names: tuple[str, ...] = field(default=())
+
+    @property
+    def std(self) -> FloatArray:
+        """Standard deviations of the parameters."""
+        return np.sqrt(np.diag(self.covariance))
+
+    @property
+    def chi_square(self) -> float:
+        """Sum of squares of the whitened residual."""
+        return float(sum(r @ r for r in self.residual))
+
+    @property
+    def rows(self) -> int:
+        """Number of whitened rows."""
+        return sum(len(r) for r in self.residual)
+
+
+@dataclass(frozen=True)
+class Factor:
+    """Pivoted QR of a least-squares problem, rank decided.
+
+    Attributes
+    ----------
+    Q, R : (N, rank), (rank, rank) of the columns that are told, at unit norm, in the order of ``told``
+    told : (rank,) numbers of these columns
+    root : (p, rank) with ``(A'A)^-1 = root root'`` on them, zero rows for the others
+    """
+
+    Q: FloatArray
+    R: FloatArray
+    told: npt.NDArray[np.intp]
+    root: FloatArray
+
+    @property
+    def condition_number(self) -> float:
+        """Of the columns that are told, each at unit norm."""
+        if not len(self.R):
+            return 1.0
+        singular = linalg.svdvals(self.R / np.linalg.norm(self.R, axis=0))
+        return float(singular[0] / singular[-1])
+
+
+def factor(A: FloatArray, extra: int = 0) -> Factor:
+    """Pivoted QR of ``A`` (N, p); columns that the rows cannot tell are left out, not guessed.
+
+    The rank is decided on unit columns at 1e-9 of the largest pivot; the last ``extra`` columns come last.
+    """
+    p = A.shape[1]
+    scale = np.linalg.norm(A, axis=0)
+    used = np.flatnonzero(scale > 0)
+    # Effects come last: where a law could stand in for a base column, the base keeps its meaning.
+    scale = np.where(np.arange(p) < p - extra, scale, 1e3 * scale)
+    Q, R, order = linalg.qr(A[:, used] / scale[used], mode="economic", pivoting=True)
+    pivots = np.abs(np.diag(R))
+    rank = int(np.count_nonzero(pivots > 1e-9 * pivots[0])) if len(pivots) else 0
+    Q, R, told = Q[:, :rank], R[:rank, :rank], used[order[:rank]]
+    root = np.zeros((p, rank))
+    root[told] = linalg.solve_triangular(R, np.eye(rank)) / scale[told][:, None]
+    return Factor(Q, R, told, root)
+
+
+def solve(rows: Sequence[WhiteRows], extra_names: tuple[str, ...] = ()) -> Fit:
+    """Least squares on whitened rows (:func:`factor`)."""
+    A = np.vstack([r.A for r in rows])
+    b = np.concatenate([r.b for r in rows])
+    found = factor(A, len(extra_names))
+    projected = found.Q.T @ b
+    told = np.zeros(A.shape[1], dtype=bool)
+    told[found.told] = True
+    residual = b - found.Q @ projected
+    ends = np.cumsum([len(r.b) for r in rows])[:-1]
+    return Fit(
+        theta=found.root @ projected,
+        covariance=found.root @ found.root.T,
+        told=told,
+        orthonormal=tuple(np.split(found.Q, ends)),
+        residual=tuple(np.split(residual, ends)),
+        condition_number=found.condition_number,
+        extra_names=extra_names,
+    )
