@@ -33,11 +33,10 @@ from fitting.regression.streamed import triangle
 from fitting.residual.terms import Model, fit_model
 from fitting.signals.bus_delays import expected_delays
 from fitting.signals.corrections import Corrections
-from fitting.signals.filters import FilterBank, edge_frequency, filter_bank, white_noise_std
+from fitting.signals.filters import FilterBank, filter_bank
+from fitting.signals.motion_frequency import motion_frequency
 from fitting.signals.preparation import (
-    PIECE_SAMPLES,
     PositionNoise,
-    pieces,
     position_noise,
     segments_of,
     with_delays,
@@ -237,27 +236,8 @@ class Session:
 
     @cached_property
     def motion_frequency(self) -> float:
-        """Frequency in Hz below which 99 % of the fastest joint's speed is, its sensor's noise taken off."""
-        rate = self.machine.rate_hz
-        smooth = filter_bank(rate, min(8.0, rate / 8))
-        highest = 0.0
-        for recording in self.recordings:
-            if recording.role == "unloaded":
-                continue
-            for joint in self.machine.joints:
-                channel = self.machine.channel("joint_position", joint.name) or self.machine.channel(
-                    "piston_position", joint.name
-                )
-                assert channel is not None
-                values = recording.values[channel.name]
-                for part in recording.segments([channel.name]):
-                    if part.stop - part.start < 4 * smooth.margin:
-                        continue
-                    parts = pieces(part, smooth, PIECE_SAMPLES) if self.long else [part]
-                    speeds = [smooth.smooth(values[piece])[1] for piece in parts]
-                    noise = white_noise_std(values[part])
-                    highest = max(highest, edge_frequency(speeds, rate, 0.99, noise, smooth.first))
-        return highest
+        """Frequency in Hz below which the motion is (:func:`fitting.signals.motion_frequency.motion_frequency`)."""
+        return motion_frequency(self.machine, self.recordings, in_pieces=self.long)
 
     @property
     def long(self) -> bool:

@@ -1,0 +1,66 @@
+"""How fast a machine moves: what its identification bandwidth is chosen by."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from daq.machine.machine_file import Machine
+from daq.recordings.recording import Recording
+from fitting.signals.filters import edge_frequency, filter_bank, white_noise_std
+from fitting.signals.preparation import PIECE_SAMPLES, pieces
+
+FloatArray = npt.NDArray[np.float64]
+
+#: Share of a motion's power that counts; what is beyond it is no motion.
+SHARE = 0.99
+#: Speed, of a joint's range and of that of the joint that moves most of its range, below which one only trembles.
+TREMBLES = 0.01
+
+
+def motion_frequency(machine: Machine, recordings: Sequence[Recording], in_pieces: bool) -> float:
+    """Frequency in Hz below which :data:`SHARE` of the speed of the joint that moves the fastest is; 0 of nothing.
+
+    The sensors' noise is taken off. A joint that is held while others move trembles with them, at their structure's
+    frequencies: it counts where it has a hundredth of the power that it has in its liveliest recording.
+
+    Parameters
+    ----------
+    recordings : those in the role ``unloaded`` do not count
+    in_pieces : smooth one piece after another, in little memory
+    """
+    smooth = filter_bank(machine.rate_hz, min(8.0, machine.rate_hz / 8))
+
+    def parts_of(name: str) -> Iterator[FloatArray]:
+        for recording in recordings:
+            if recording.role == "unloaded":
+                continue
+            values = recording.values[name]
+            for part in recording.segments([name]):
+                if part.stop - part.start >= 4 * smooth.margin:
+                    yield values[part]
+
+    found: list[tuple[FloatArray, FloatArray]] = []
+    for joint in machine.joints:
+        channel = machine.channel("joint_position", joint.name) or machine.channel("piston_position", joint.name)
+        assert channel is not None
+        if channel.quantity == "piston_position" and joint.cylinder is not None:
+            reach = joint.cylinder.stroke
+        else:
+            reach = float(np.ptp(joint.limits.position))
+        edges, powers = [], []
+        for part in parts_of(channel.name):
+            cut = pieces(slice(0, len(part)), smooth, PIECE_SAMPLES) if in_pieces else [slice(0, len(part))]
+            speeds = [smooth.smooth(part[piece])[1] for piece in cut]
+            noise = white_noise_std(part)
+            edges.append(edge_frequency(speeds, machine.rate_hz, SHARE, noise, smooth.first))
+            powers.append(float(np.mean(np.concatenate(speeds) ** 2)) / reach**2)
+        found.append((np.array(edges), np.array(powers)))
+    liveliest = max((float(powers.max(initial=0.0)) for _, powers in found), default=0.0)
+    counted = [
+        edges[(powers >= (1 - SHARE) * powers.max(initial=0.0)) & (powers >= TREMBLES**2 * liveliest)]
+        for edges, powers in found
+    ]
+    return float(max((own.max(initial=0.0) for own in counted), default=0.0))
