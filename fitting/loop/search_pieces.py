@@ -90,7 +90,7 @@ def choose_pieces(machine: Machine, recordings: Sequence[Recording], bank: Filte
         some are left out, evenly.
     """
     length = _LOSSES * 2 * (bank.margin + bank.half)
-    numbers = _kept(recordings, max(1, budget // (_LEAST_PIECES * length)))
+    numbers = _kept(recordings, budget, length)
     partners = _partners(machine, recordings, numbers, length)
     chosen: dict[int, tuple[slice, ...]] = {}
     levels: dict[str, float] = {}
@@ -143,16 +143,29 @@ def thinned(recording: Recording, pieces: Sequence[slice]) -> Recording:
     )
 
 
-def _kept(recordings: Sequence[Recording], most: int) -> list[int]:
-    """Numbers of at most about ``most`` recordings, evenly taken from every role."""
-    if len(recordings) <= most:
-        return list(range(len(recordings)))
-    kept: list[int] = []
-    for role in dict.fromkeys(r.role for r in recordings):
-        own = [n for n, r in enumerate(recordings) if r.role == role]
-        count = max(1, most * len(own) // len(recordings))
-        kept += [own[round(k)] for k in np.linspace(0, len(own) - 1, count)]
-    return sorted(kept)
+def _kept(recordings: Sequence[Recording], budget: int, length: int) -> list[int]:
+    """Numbers of the recordings that share ``budget`` rows.
+
+    Each has to hold some pieces of ``length``, or all that there is of it. Where that is too much, recordings are left
+    out, one after another, in the group of roles that is the furthest beyond its share and the role that has the most.
+    Those that stay are evenly spread, and the last is one of them: somebody has just made it for what is not known yet.
+    """
+    need = [min(len(recording), _LEAST_PIECES * length) for recording in recordings]
+    kept = {role: [n for n, r in enumerate(recordings) if r.role == role] for group in _GROUPS for role in group}
+    spread = dict(kept)
+    while sum(need[n] for own in spread.values() for n in own) > budget:
+        several = [role for role, own in spread.items() if len(own) > 1]
+        if not several:
+            break
+        rows = {group: sum(need[n] for role in group for n in spread[role]) for group in _GROUPS}
+        role = max(several, key=lambda one: (rows[_group(one)] / _GROUPS[_group(one)], len(spread[one])))
+        places = np.linspace(len(kept[role]) - 1, 0, len(spread[role]) - 1)
+        spread[role] = [kept[role][round(place)] for place in places]
+    return sorted(n for own in spread.values() for n in own)
+
+
+def _group(role: str) -> tuple[str, ...]:
+    return next(group for group in _GROUPS if role in group)
 
 
 def _shares(lengths: Sequence[int], budget: int) -> list[float]:

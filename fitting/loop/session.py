@@ -58,7 +58,9 @@ _LEAST_BANDWIDTH = 3.0
 LONG_SAMPLES = 150_000
 #: The same with the loop, whose candidates' columns take some 6 kB for each in memory (five minutes of six joints).
 LOOP_SAMPLES = 90_000
-#: Samples of all joints together in the pieces of longer ones that the loop searches (3.2 minutes of six joints).
+#: Samples of all joints together in the pieces of hours that the loop searches (3.2 minutes of six joints): what else
+#: is kept of ten hours takes the room of the rest. Up to twice `LOOP_SAMPLES` so many are searched as of shorter ones:
+#: whoever adds a motion, to tell two effects apart, has no less searched than before.
 SEARCH_SAMPLES = 57_600
 
 
@@ -256,7 +258,9 @@ class Session:
         seconds = sum(r.duration for r in self.recordings)
         if not self.long:
             return Search(self, numbers, len(numbers), seconds, seconds)
-        budget = SEARCH_SAMPLES // len(self.machine.joints)
+        joints = len(self.machine.joints)
+        samples = sum(len(r) for r in self.recordings) * joints
+        budget = (LOOP_SAMPLES if samples <= 2 * LOOP_SAMPLES else SEARCH_SAMPLES) // joints
         chosen = choose_pieces(self.machine, self.recordings, self.bank, budget)
         recordings = [thinned(self.recordings[own.number], own.pieces) for own in chosen]
         options = replace(self.options, bandwidth_hz=self.bank.bandwidth_hz)

@@ -97,6 +97,15 @@ def test_very_many_recordings_are_thinned_out_by_role() -> None:
     assert [own.number for own in chosen] == sorted(own.number for own in chosen)
 
 
+def test_a_recording_more_than_fits_leaves_out_no_more_than_one_and_not_itself() -> None:
+    roles = ["unloaded", "train", "train", "repeat", "validate"]
+    usual = [recording(role, 2, 60.0, n) for n, role in enumerate(roles)]
+    for more in ("train", "unloaded"):
+        chosen = choose_pieces(MACHINE, [*usual, recording(more, 3, 60.0, 5)], BANK, 5 * 3000)
+        assert len(chosen) == 5 and 5 in [own.number for own in chosen]
+        assert all(own.pieces == (slice(0, 3000),) for own in chosen)
+
+
 def test_a_pose_that_is_seen_once_is_among_the_pieces(hour: list[Recording]) -> None:
     train = hour[1]
     values = {name: value.copy() for name, value in train.values.items()}
@@ -188,6 +197,16 @@ def small(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(fitting.loop.session, "LOOP_SAMPLES", 2 * 16_000)
     monkeypatch.setattr(fitting.loop.session, "SEARCH_SAMPLES", 2 * 16_000)
     monkeypatch.setattr(fitting.signals.preparation, "PIECE_SAMPLES", 2 * 4000)
+
+
+def test_a_motion_more_has_no_less_searched(hour: list[Recording], monkeypatch: pytest.MonkeyPatch) -> None:
+    short = [hour[0], hour[3], replace(hour[3], role="train")]
+    rows = sum(len(own) for own in short)
+    monkeypatch.setattr(fitting.loop.session, "LOOP_SAMPLES", rows * 2)
+    monkeypatch.setattr(fitting.loop.session, "SEARCH_SAMPLES", rows)
+    before, after = Session(MACHINE, short), Session(MACHINE, [*short, replace(hour[3], role="repeat")])
+    assert not before.long and after.long
+    assert after.search.seconds >= 0.9 * before.search.seconds
 
 
 def test_what_fits_is_searched_as_it_is(hour: list[Recording]) -> None:
