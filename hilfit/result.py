@@ -40,6 +40,7 @@ def identify(
     *,
     operation: Files = (),
     output: str | Path | None = None,
+    language: str = "en",
     **options: Any,
 ) -> Result:
     """Identify an arm from recordings and find what its model lacks: ``hilfit identify``.
@@ -49,12 +50,13 @@ def identify(
     machine : machine or its file
     unloaded, train, repeat, validate, operation : recordings, or their files, by role
     output : folder that keeps ``report.json``, ``report.html`` and ``model.json``; None keeps nothing
+    language : of ``report.html``, ``en`` or ``de``
     options : fields of :class:`fitting.Options`: ``loop``, ``bandwidth_hz``, ``bootstrap``, ``estimator``, ...
 
     Raises
     ------
     InputError
-        One line about the machine file or a recording.
+        One line about the machine file, a recording or the language.
     TypeError
         For an option that there is not.
     """
@@ -63,9 +65,9 @@ def identify(
     path = machine.path if isinstance(machine, Machine) else Path(machine)
     chosen = Options(**options)
     if output is not None:
-        return _done(Request(path, files, Path(output), chosen))
+        return _done(Request(path, files, Path(output), chosen, (language,)))
     with tempfile.TemporaryDirectory(prefix="hilfit-") as place:
-        return _done(Request(path, files, Path(place), chosen))
+        return _done(Request(path, files, Path(place), chosen, (language,)))
 
 
 def _path(file: str | Path | Recording) -> Path:

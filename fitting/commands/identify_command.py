@@ -9,6 +9,7 @@ import typer
 
 from daq.console import print_json, progress_bar, reported
 from daq.errors import InputError
+from fitting.pipeline.stage_names import ReportLanguage
 
 Files = list[Path] | None
 
@@ -26,6 +27,7 @@ Estimator = Annotated[
     str,
     typer.Option(help="Estimator of the rigid body: gls (joint refit), ols, wls, huber, iv, rls, consistent, ridge."),
 ]
+Spoken = Annotated[ReportLanguage, typer.Option(help="Language of report.html.")]
 Columns = Annotated[
     Path | None,
     typer.Option("--map", help="YAML file: which column of the recordings is which channel (channel: column)."),
@@ -58,6 +60,7 @@ def identify(
     resample: Annotated[
         bool, typer.Option("--resample", help="Bring recordings of another rate to the machine's; the report says so.")
     ] = False,
+    language: Spoken = "en",
     json: Annotated[bool, typer.Option("--json", help="Print report.json on standard output.")] = False,
 ) -> None:
     """Identify an arm from recordings, find what the model lacks, and write report.json and report.html."""
@@ -80,7 +83,7 @@ def identify(
         columns=None if columns is None else str(columns),
         resample=resample,
     )
-    request = Request(machine, recordings, output, options)
+    request = Request(machine, recordings, output, options, (language,))
     with progress_bar("identify", show=not json) as bar:
         content = run(request, lambda fraction, text: bar(fraction, 1.0, text))
     if json:

@@ -103,12 +103,14 @@ class Request:
     recordings : (role, file) in any order
     output : directory of the results
     options : choices
+    languages : codes of the languages of `report.html`; it has the first, `report.<code>.html` each of the others
     """
 
     machine: Path
     recordings: tuple[tuple[str, Path], ...]
     output: Path
     options: Options = field(default_factory=Options)
+    languages: tuple[str, ...] = ("en",)
 
 
 @dataclass(frozen=True)

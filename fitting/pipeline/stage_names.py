@@ -1,5 +1,7 @@
 """Names of an identification's stages, apart from the code that runs them: importing this loads no numerics."""
 
+from typing import Literal
+
 #: Stage to what is said while it runs.
 WORDS = {
     "check": "checking recordings and equations",
@@ -13,3 +15,5 @@ WORDS = {
 STAGES: tuple[str, ...] = tuple(WORDS)
 #: File that the last stage leaves beside the report if it designed a motion.
 NEXT_MOTION = "next-experiment.csv"
+#: Languages that the last stage can write its page in (:mod:`fitting.report.languages`).
+ReportLanguage = Literal["en", "de"]

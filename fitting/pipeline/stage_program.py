@@ -24,7 +24,7 @@ from fitting.pipeline.stages import run_stage
 
 
 def load_request(path: Path) -> Request:
-    """Read a request file: keys ``machine, recordings, options, output``."""
+    """Read a request file: keys ``machine, recordings, options, output, languages``."""
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
         return Request(
@@ -32,6 +32,7 @@ def load_request(path: Path) -> Request:
             recordings=tuple((str(role), Path(file)) for role, file in content["recordings"]),
             output=Path(content["output"]),
             options=Options(**content.get("options", {})),
+            languages=tuple(str(code) for code in content.get("languages", Request.languages)),
         )
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise InputError(f"{path}: not a request of an identification ({error})") from None

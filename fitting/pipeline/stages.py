@@ -56,6 +56,7 @@ from fitting.regression.design import Design, reduced_residual
 from fitting.regression.error_sizes import ROLES, errors_of, independent_rows, overall_errors
 from fitting.regression.noise import effort_floor
 from fitting.report import presented, write_report
+from fitting.report.languages import language
 from fitting.residual.confirmation.confirmation import overall_change
 from fitting.residual.terms import Model
 
@@ -215,6 +216,8 @@ def opened(request: Request) -> Session:
         As :func:`identify` does.
     """
     require_writable(request.output)
+    for code in request.languages:
+        language(code)  # a wrong one is said before any work
     session = with_explanation(request, lambda: Session.load(request))
     choice(session)  # a wrong option is said before any work
     return session
@@ -232,7 +235,7 @@ def computed(
 def reported(request: Request, session: Session, results: StageResults, progress: Progress) -> dict[str, Any]:
     """The report of these results, written to ``request.output``."""
     progress((len(STAGES) - 1) / len(STAGES), WORDS["report"])
-    content, _, _ = _write_results(session, results, request.output)
+    content, _, _ = _write_results(request, session, results)
     progress(1.0, "done")
     return content
 
@@ -245,12 +248,13 @@ def _computed(stage: str, request: Request, session: Session, results: StageResu
     return with_explanation(request, lambda: compute(session, results, progress))
 
 
-def _write_results(session: Session, results: StageResults, output: Path) -> tuple[dict[str, Any], Path, Path]:
-    """The report, its page, the model, and the next experiment's motion if one was designed."""
+def _write_results(request: Request, session: Session, results: StageResults) -> tuple[dict[str, Any], Path, Path]:
+    """The report, its pages, the model, and the next experiment's motion if one was designed."""
+    output, (first, *others) = request.output, request.languages
     final = final_fit(session, results)
     content, figures = build_report(session, results, final)
     content = presented(content, figures)
-    paths = write_report(content, figures, output)
+    paths = write_report(content, figures, output, language=first, others=others)
     save_model(output / MODEL_FILE, hand_over(session, final.steps, final.model, content))
     experiment = results[Attributed].next_experiment
     if experiment is not None and experiment.program is not None and experiment.content.get("motion_file"):
@@ -318,7 +322,7 @@ def run_stage(
     progress(0.0, WORDS[stage])
     session = with_explanation(request, lambda: load(request))
     if stage == "report":
-        _, json_path, html_path = _write_results(session, results, request.output)
+        _, json_path, html_path = _write_results(request, session, results)
         result: Any = Written(json_path.name, html_path.name)
     else:
         result = _computed(stage, request, session, results, progress)

@@ -6,9 +6,11 @@ Text stays text. The output depends on the input alone.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 
 import numpy as np
 
+from fitting.report.languages import ENGLISH, Language
 from fitting.report.model import FloatArray, FrictionCurve, JointDiagnostics, Scatter, Worst
 from fitting.report.plot import (
     AFTER,
@@ -21,12 +23,11 @@ from fitting.report.plot import (
     Axis,
     Entry,
     Panel,
-    axis,
     drawing,
     legend,
     text_width,
 )
-from fitting.report.text import number, unit, words
+from fitting.report.plot import axis as plain_axis
 
 _WIDTH = 690.0
 #: Points drawn per cloud at most: more only makes the file larger.
@@ -55,8 +56,8 @@ def _binned(x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
     return np.array([x[p].mean() for p in parts]), np.array([y[p].mean() for p in parts])
 
 
-def _labelled(name: str, units: str) -> str:
-    return f"{words(name)} [{unit(units)}]" if units else words(name)
+def _labelled(name: str, units: str, language: Language) -> str:
+    return f"{name} [{language.unit(units)}]" if units else name
 
 
 def _gutter(*axes: Axis) -> float:
@@ -64,12 +65,13 @@ def _gutter(*axes: Axis) -> float:
     return _LABEL + max(y.label_width for y in axes)
 
 
-def draw_scatter(scatter: Scatter, units: str, prefix: str) -> str:
+def draw_scatter(scatter: Scatter, units: str, prefix: str, language: Language = ENGLISH) -> str:
     """What the law has to explain beside what is left, against the blamed variable, on one scale."""
+    say, axis = language.say, partial(plain_axis, decimal=language.decimal)
     first, name = (scatter.before, "before") if scatter.partial is None else (scatter.partial, "without the law")
     way = np.ones(len(scatter.x)) if scatter.direction is None else np.asarray(scatter.direction, dtype=float)
     x, before, after, way = _finite(scatter.x, first, scatter.after, way)
-    laws = _laws(scatter)
+    laws = _laws(scatter, language)
     y_axis = axis(
         before, after, _NOTHING, *(edge for _, _, y, std in laws for edge in (y - 2 * std, y + 2 * std)), marks=9
     )
@@ -77,11 +79,11 @@ def draw_scatter(scatter: Scatter, units: str, prefix: str) -> str:
     left, top, bottom, height, gap = _gutter(y_axis), 22.0, 58.0, 284.0, 20.0
     width = (_WIDTH - left - gap - 8) / 2
     parts, entries = [], []
-    for column, (y, colour, title) in enumerate(((before, BEFORE, name), (after, AFTER, "after"))):
+    for column, (y, colour, title) in enumerate(((before, BEFORE, say(name)), (after, AFTER, say("after")))):
         panel = Panel(
             left + column * (width + gap), top, width, height - top - bottom, x_axis, y_axis, f"{prefix}-{column}"
         )
-        inside, named = _cloud(panel, x, y, way, colour, both=scatter.direction is not None)
+        inside, named = _cloud(panel, x, y, way, colour, language, both=scatter.direction is not None)
         inside.insert(0, panel.level(0.0))
         if column == 0:
             entries = named
@@ -89,25 +91,27 @@ def draw_scatter(scatter: Scatter, units: str, prefix: str) -> str:
                 inside.append(panel.band(law_x, law - 2 * std, law + 2 * std, LAW, 0.25))
                 inside.append(panel.line(law_x, law, LAW, width=entry.width, dash=entry.dash))
                 entries.append(entry)
-        spread = f": standard deviation {number(float(np.std(y)))} {unit(units)}" if len(x) else ""
+        size = language.number(float(np.std(y))) if len(x) else ""
+        spread = say(": standard deviation {} {}", size, language.unit(units)) if len(x) else ""
         parts.append(
             panel.frame(
                 inside,
                 title=title + spread,
-                x_label=_labelled(scatter.variable, scatter.unit),
-                y_label=_labelled("measured \u2212 predicted", units) if column == 0 else "",
+                x_label=_labelled(language.words(scatter.variable), scatter.unit, language),
+                y_label=_labelled(say("measured \u2212 predicted"), units, language) if column == 0 else "",
                 y_marks=column == 0,
             )
         )
     parts.append(legend(entries, left, height - 12, centred=_WIDTH / 2))
-    return drawing(_WIDTH, height, f"Residual of {scatter.joint} against {words(scatter.variable)}", parts)
+    label = say("Residual of {} against {}", scatter.joint, language.words(scatter.variable))
+    return drawing(_WIDTH, height, label, parts)
 
 
 def _cloud(
-    panel: Panel, x: FloatArray, y: FloatArray, way: FloatArray, colour: str, *, both: bool
+    panel: Panel, x: FloatArray, y: FloatArray, way: FloatArray, colour: str, language: Language, *, both: bool
 ) -> tuple[list[str], list[Entry]]:
     """Points, and their mean along the variable; filled and solid at positive speed, hollow and dashed at negative."""
-    suffix = {1: ", speed > 0" if both else "", -1: ", speed < 0"}
+    names = {1: "mean, speed > 0" if both else "mean", -1: "mean, speed < 0"}
     clouds, means, entries = [], [], []
     for sign, dash in ((1, ""), (-1, DASHED)):
         chosen = way == sign if both else np.full(len(x), sign == 1)
@@ -116,11 +120,11 @@ def _cloud(
         u, v = _thinned(x[chosen], y[chosen], most=_POINTS // 2 if both else _POINTS)
         clouds.append(panel.dots(u, v, colour, radius=1.3, opacity=0.42, hollow=sign == -1))
         means.append(panel.line(*_binned(x[chosen], y[chosen]), INK, dash=dash))
-        entries.append(Entry(f"mean{suffix[sign]}", INK, dash))
+        entries.append(Entry(language.say(names[sign]), INK, dash))
     return [*clouds, *means], entries
 
 
-def _laws(scatter: Scatter) -> list[tuple[Entry, FloatArray, FloatArray, FloatArray]]:
+def _laws(scatter: Scatter, language: Language) -> list[tuple[Entry, FloatArray, FloatArray, FloatArray]]:
     """The law that was found, one or one each way: how it is drawn, where, its values and their deviation."""
     if not len(scatter.law_x):
         return []
@@ -130,18 +134,19 @@ def _laws(scatter: Scatter) -> list[tuple[Entry, FloatArray, FloatArray, FloatAr
     drawn = []
     for law, dash, label in ways:
         x, y, std = _finite(scatter.law_x, law, scatter.law_std)
-        drawn.append((Entry(label, LAW, dash, 2.4), x, y, std))
+        drawn.append((Entry(language.say(label), LAW, dash, 2.4), x, y, std))
     return drawn
 
 
-def draw_worst(worst: Worst, prefix: str) -> str:
+def draw_worst(worst: Worst, prefix: str, language: Language = ENGLISH) -> str:
     """Measured and predicted effort above, their differences below; one prediction where nothing was added."""
+    say, axis = language.say, partial(plain_axis, decimal=language.decimal)
     time, measured, before, after = _finite(worst.time, worst.measured, worst.before, worst.after)
-    predictions = [(after, Entry("predicted", AFTER))]
+    predictions = [(after, Entry(say("predicted"), AFTER))]
     if not np.array_equal(before, after):
         predictions = [
-            (before, Entry("predicted before", BEFORE, DASHED)),
-            (after, Entry("predicted after", AFTER)),
+            (before, Entry(say("predicted before"), BEFORE, DASHED)),
+            (after, Entry(say("predicted after"), AFTER)),
         ]
     x_axis = axis(time, marks=8, margin=0.01)
     efforts = axis(measured, *(predicted for predicted, _ in predictions), marks=6)
@@ -157,17 +162,18 @@ def draw_worst(worst: Worst, prefix: str) -> str:
     return drawing(
         _WIDTH,
         height,
-        f"Measured and predicted effort of {worst.joint}",
+        say("Measured and predicted effort of {}", worst.joint),
         [
-            legend([Entry("measured", INK, width=2.2), *(entry for _, entry in predictions)], left, 10),
-            upper.frame(above, y_label=_labelled("effort", worst.unit), x_marks=False),
-            lower.frame(below, y_label=_labelled("error", worst.unit), x_label="time [s]"),
+            legend([Entry(say("measured"), INK, width=2.2), *(entry for _, entry in predictions)], left, 10),
+            upper.frame(above, y_label=_labelled(say("effort"), worst.unit, language), x_marks=False),
+            lower.frame(below, y_label=_labelled(say("error"), worst.unit, language), x_label=f"{say('time')} [s]"),
         ],
     )
 
 
-def draw_friction(curves: Sequence[FrictionCurve], prefix: str) -> str:
+def draw_friction(curves: Sequence[FrictionCurve], prefix: str, language: Language = ENGLISH) -> str:
     """Friction over speed, one panel per joint."""
+    say, axis = language.say, partial(plain_axis, decimal=language.decimal)
     columns = min(3, len(curves))
     rows = -(-len(curves) // columns)
     finite = [_finite(curve.speed, curve.force, curve.std) for curve in curves]
@@ -206,25 +212,26 @@ def draw_friction(curves: Sequence[FrictionCurve], prefix: str) -> str:
             panel.frame(
                 inside,
                 title=curve.joint,
-                x_label=_labelled("speed", curve.unit_x),
-                y_label=_labelled("friction", curve.unit_y),
+                x_label=_labelled(say("speed"), curve.unit_x, language),
+                y_label=_labelled(say("friction"), curve.unit_y, language),
             )
         )
-    entries = [Entry("before, \u00b12 std", BEFORE)]
+    entries = [Entry(say("before, \u00b12 std"), BEFORE)]
     if any(after is not None for after in later):
-        entries.append(Entry("after", AFTER, DASHED))
+        entries.append(Entry(say("after"), AFTER, DASHED))
     height = rows * row_height + _LINE
     parts.append(legend(entries, 0.0, height - 10, centred=_WIDTH / 2))
-    return drawing(_WIDTH, height, "Friction of each joint over speed", parts)
+    return drawing(_WIDTH, height, say("Friction of each joint over speed"), parts)
 
 
-def draw_diagnostics(own: JointDiagnostics, prefix: str) -> str:
+def draw_diagnostics(own: JointDiagnostics, prefix: str, language: Language = ENGLISH) -> str:
     """Correlation of what is left with its own past and with the speed, with the bound of white noise; its spectrum."""
+    say, axis = language.say, partial(plain_axis, decimal=language.decimal)
     power = np.log10(np.maximum(own.density_after, 1e-300))
     drawn = (
-        (own.lag, own.auto, own.bound, "with itself", "lag [s]", "correlation"),
-        (own.cross_lag, own.cross, own.bound, "with the speed", "lag [s]", "correlation"),
-        (own.frequency, power, 0.0, "spectrum", "frequency [Hz]", f"log10 of ({own.unit})\u00b2/Hz"),
+        (own.lag, own.auto, own.bound, say("with itself"), say("lag [s]"), say("correlation")),
+        (own.cross_lag, own.cross, own.bound, say("with the speed"), say("lag [s]"), say("correlation")),
+        (own.frequency, power, 0.0, say("spectrum"), say("frequency [Hz]"), say("log10 of ({})\u00b2/Hz", own.unit)),
     )
     width, height, top = _WIDTH / 3, 210.0, 22.0
     parts = []
@@ -247,16 +254,18 @@ def draw_diagnostics(own: JointDiagnostics, prefix: str) -> str:
             inside = [panel.band(x, -edge, edge, BEFORE, 0.28), panel.level(0.0), *inside]
         name = f"{own.joint} {title}" if column == 0 else title
         parts.append(panel.frame(inside, title=name, x_label=x_label, y_label=y_label))
-    return drawing(_WIDTH, height, f"Correlations and spectrum of what is left at {own.joint}", parts)
+    return drawing(_WIDTH, height, say("Correlations and spectrum of what is left at {}", own.joint), parts)
 
 
-def draw_errors(rows: Sequence[tuple[str, float, float]], prefix: str) -> str:
+def draw_errors(rows: Sequence[tuple[str, float, float]], prefix: str, language: Language = ENGLISH) -> str:
     """Validation error in units of the noise floor, per joint: (joint, before, after)."""
+    say = language.say
     place = np.arange(len(rows), dtype=float)[::-1]
     before = np.array([row[1] for row in rows])
     after = np.array([row[2] for row in rows])
     same = np.array_equal(before, after)
-    x_axis = axis(marks=9, ends=(0.0, 1.08 * max(1.0, float(before.max()), float(after.max()))))
+    ends = (0.0, 1.08 * max(1.0, float(before.max()), float(after.max())))
+    x_axis = plain_axis(marks=9, ends=ends, decimal=language.decimal)
     y_axis = Axis(-0.6, len(rows) - 0.4, tuple(place.tolist()), tuple(row[0] for row in rows))
     left, top = 12 + max(text_width(row[0]) for row in rows), 28.0
     panel = Panel(left, top, _WIDTH - left - 8, 24.5 * len(rows), x_axis, y_axis, f"{prefix}-errors")
@@ -264,16 +273,16 @@ def draw_errors(rows: Sequence[tuple[str, float, float]], prefix: str) -> str:
         panel.upright(1.0, INK, 1.2, DOTTED),
         panel.bars(np.minimum(before, after), np.maximum(before, after), place, RULE, width=3),
     ]
-    entries = [Entry("error" if same else "after", AFTER, kind="diamond")]
+    entries = [Entry(say("error" if same else "after"), AFTER, kind="diamond")]
     if not same:
         inside.append(panel.dots(before, place, BEFORE, radius=4))
-        entries.insert(0, Entry("before", BEFORE, kind="dot"))
+        entries.insert(0, Entry(say("before"), BEFORE, kind="dot"))
     inside.append(panel.diamonds(after, place, AFTER, radius=4.9))
-    entries.append(Entry("measurement noise", INK, DOTTED, 1.2))
-    label = "error on the validation motion, in multiples of the measurement noise"
+    entries.append(Entry(say("measurement noise"), INK, DOTTED, 1.2))
+    label = say("error on the validation motion, in multiples of the measurement noise")
     return drawing(
         _WIDTH,
         top + panel.height + 36,
-        "Error of each joint before and after, in multiples of its measurement noise",
+        say("Error of each joint before and after, in multiples of its measurement noise"),
         [legend(entries, left, 10), panel.frame(inside, x_label=label, rules=False)],
     )

@@ -6,27 +6,38 @@ import json
 import os
 import re
 import tempfile
-from collections.abc import Mapping
-from functools import cache
+from collections.abc import Callable, Mapping, Sequence
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
 import jinja2
-from markupsafe import Markup
+from markupsafe import Markup, escape
 
 from fitting.regression.flags import FLAG_PERCENT
 from fitting.report import text, wording
 from fitting.report.drawing import draw_diagnostics, draw_errors, draw_friction, draw_scatter, draw_worst
+from fitting.report.languages import ENGLISH, Language
+from fitting.report.languages import language as language_of
 from fitting.report.model import Figures
 from fitting.report.schema import ReportError, validate_report
 
+#: The page's file.
+PAGE = "report.html"
 #: Where the list of contents goes.
 CONTENTS = "<!-- contents -->"
 #: A parameter that moved by more than so many standard deviations is flagged.
 FLAG_SIGMAS = 3.0
 
 
-def write_report(report: Mapping[str, Any], figures: Figures, directory: Path) -> tuple[Path, Path]:
+def write_report(
+    report: Mapping[str, Any],
+    figures: Figures,
+    directory: Path,
+    *,
+    language: str = ENGLISH.code,
+    others: Sequence[str] = (),
+) -> tuple[Path, Path]:
     """Write ``report.json`` and a self-contained ``report.html``.
 
     Both are rendered completely first, written beside their places, and then renamed: a failure leaves what was
@@ -37,6 +48,8 @@ def write_report(report: Mapping[str, Any], figures: Figures, directory: Path) -
     report : report of schema `hilfit/report/1`; numbers may be numpy's, NaN becomes null
     figures : what to draw
     directory : made if absent
+    language : code of the page's language, ``en`` or ``de``; ``report.json`` is English always
+    others : codes of languages that the page is written in as well, to ``report.<code>.html``
 
     Returns
     -------
@@ -46,12 +59,13 @@ def write_report(report: Mapping[str, Any], figures: Figures, directory: Path) -
     ------
     ReportError
         If the report is not what the schema says, or the directory cannot be written.
+    InputError
+        If there is no such language.
     """
+    pages = {PAGE: language_of(language)} | {page_name(code): language_of(code) for code in others}
     cleaned = validate_report(report)
-    contents = {
-        "report.json": json.dumps(cleaned, indent=1, ensure_ascii=False, allow_nan=False) + "\n",
-        "report.html": render_html(cleaned, figures),
-    }
+    contents = {"report.json": json.dumps(cleaned, indent=1, ensure_ascii=False, allow_nan=False) + "\n"}
+    contents |= {name: render_html(cleaned, figures, spoken) for name, spoken in pages.items()}
     waiting: list[tuple[Path, Path]] = []
     try:
         directory.mkdir(parents=True, exist_ok=True)
@@ -73,13 +87,18 @@ def write_report(report: Mapping[str, Any], figures: Figures, directory: Path) -
     finally:
         for temporary_path, _ in waiting:
             temporary_path.unlink(missing_ok=True)
-    return directory / "report.json", directory / "report.html"
+    return directory / "report.json", directory / PAGE
 
 
-def render_html(report: Mapping[str, Any], figures: Figures) -> str:
+def page_name(code: str) -> str:
+    """File of a page that is written in a further language: ``report.de.html``."""
+    return f"report.{code}.html"
+
+
+def render_html(report: Mapping[str, Any], figures: Figures, language: Language = ENGLISH) -> str:
     """The page of a checked report (see :func:`fitting.report.schema.validate_report`)."""
     named = [
-        (str(entry["id"]), str(entry["title"]), entry.get("joint"))
+        (str(entry["id"]), language.said(str(entry["title"])), entry.get("joint"))
         for entry in (*(report["loop"].get("candidates") or []), *(report["loop"].get("effects") or []))
         if entry.get("title")
     ]
@@ -90,20 +109,17 @@ def render_html(report: Mapping[str, Any], figures: Figures) -> str:
         return titles | {id: title for id, title, where in named if where == joint}
 
     page = (
-        _environment()
+        _environment(language)
         .get_template("report.html.j2")
         .render(
             report=report,
             result=report["loop"],
-            sentence=wording.verdict_sentence(report, titles),
-            label=wording.label(report["loop"]),
+            sentence=wording.verdict_sentence(report, titles, language),
+            label=wording.label(report["loop"], language),
             titles=titles,
             titles_at=titles_at,
-            drawn=_drawn(report, figures),
+            drawn=_drawn(report, figures, language),
             over_noise=wording.over_noise,
-            alternatives=wording.alternatives,
-            explanation=wording.explanation,
-            resolution=wording.resolution,
             meanings=wording.MEANINGS,
             statuses=wording.STATUSES,
             noise_floor=wording.NOISE_FLOOR,
@@ -120,10 +136,10 @@ def render_html(report: Mapping[str, Any], figures: Figures) -> str:
             diagnostics=figures.diagnostics,
         )
     )
-    return with_contents(page)
+    return with_contents(page, language)
 
 
-def with_contents(page: str) -> str:
+def with_contents(page: str, language: Language = ENGLISH) -> str:
     """The page with a list of its headings where it says so, each a link."""
     titles: list[str] = []
 
@@ -133,11 +149,12 @@ def with_contents(page: str) -> str:
 
     page = re.sub(r"<h2>(.*?)</h2>", numbered, page)
     links = "".join(f'<li><a href="#part-{n}">{title}</a></li>' for n, title in enumerate(titles, 1))
-    return page.replace(CONTENTS, f'<nav class="contents" aria-label="Contents"><ol>{links}</ol></nav>', 1)
+    label = escape(language.say("Contents"))
+    return page.replace(CONTENTS, f'<nav class="contents" aria-label="{label}"><ol>{links}</ol></nav>', 1)
 
 
 @cache
-def _environment() -> jinja2.Environment:
+def _environment(language: Language) -> jinja2.Environment:
     """The template's surroundings; kept, because compiling the page's template takes longer than filling it in."""
     environment = jinja2.Environment(
         loader=jinja2.PackageLoader("fitting.report", ""),
@@ -146,52 +163,74 @@ def _environment() -> jinja2.Environment:
         lstrip_blocks=True,
         undefined=jinja2.ChainableUndefined,
     )
+
+    def say(english: str, *values: object) -> Markup:
+        """A text that stands in the template, so it may hold markup; what is put in is escaped."""
+        return Markup(language.say(english, *(str(escape(value)) for value in values)))
+
+    environment.globals.update(
+        say=say,
+        language=language.code,
+        alternatives=_in(language, wording.alternatives),
+        explanation=_in(language, wording.explanation),
+        resolution=_in(language, wording.resolution),
+    )
     environment.filters.update(
-        number=lambda value, digits=3: text.number(_defined(value), digits),
+        number=lambda value, digits=3: language.number(_defined(value), digits),
+        fixed=lambda value, decimals: language.numeral(f"{value:.{decimals}f}"),
         count_of=lambda value: text.count(int(value)),
-        percent=lambda value: text.percent(_defined(value)),
-        share=lambda value: text.share(_defined(value)),
-        unit=text.unit,
-        words=lambda value: text.words(str(value)),
-        title_of=wording.title,
+        percent=lambda value: language.percent(_defined(value)),
+        share=lambda value: language.share(_defined(value)),
+        unit=language.unit,
+        words=lambda value: language.words(str(value)),
+        own=lambda value: language.say(str(value)),
+        said=lambda value: language.said(str(value)),
+        said_each=lambda value: language.said_each(str(value)),
+        title_of=_in(language, wording.title),
         capital=wording.capital,
-        follows=wording.follows,
-        nearest=wording.nearest,
-        lower_first=wording.lower,
-        place=wording.place,
-        chance=wording.as_chance,
-        readable=wording.readable,
-        evidence=wording.evidence,
-        moment=text.moment,
-        listed=text.listed,
-        plain=plain,
-        value=lambda entry: text.with_std(_defined(entry.get("value")), _defined(entry.get("std"))),
+        follows=_in(language, wording.follows),
+        nearest=_in(language, wording.nearest),
+        told_apart=lambda item, titles: wording.told_apart(plain(item, language), titles, language),
+        chance=_in(language, wording.as_chance),
+        readable=_in(language, wording.readable),
+        evidence=_in(language, wording.evidence),
+        formula=language.formula,
+        moment=language.moment,
+        listed=language.listed,
+        plain=lambda value: plain(value, language),
+        value=lambda entry: language.with_std(_defined(entry.get("value")), _defined(entry.get("std"))),
     )
     return environment
+
+
+def _in(language: Language, speaks: Callable[..., Any]) -> Callable[..., Any]:
+    """A function of the wording, in a language."""
+    return partial(speaks, language=language)
 
 
 def _defined(value: Any) -> Any:
     return None if isinstance(value, jinja2.Undefined) else value
 
 
-def plain(value: Any) -> str:
+def plain(value: Any, language: Language = ENGLISH) -> str:
     """Any JSON value as a short text."""
     if value is None or isinstance(value, jinja2.Undefined):
         return text.NONE
     if isinstance(value, bool):
-        return "yes" if value else "no"
+        return language.say("yes" if value else "no")
     if isinstance(value, int):
         return text.count(value)
     if isinstance(value, float):
-        return text.number(value)
+        return language.number(value)
     if isinstance(value, Mapping):
-        return "; ".join(f"{text.words(str(key))}: {plain(entry)}" for key, entry in value.items()) or text.NONE
+        said = (f"{language.words(str(key))}: {plain(entry, language)}" for key, entry in value.items())
+        return "; ".join(said) or text.NONE
     if isinstance(value, list):
-        return ", ".join(plain(entry) for entry in value) or text.NONE
-    return str(value)
+        return language.say(", ").join(plain(entry, language) for entry in value) or text.NONE
+    return language.said(str(value))
 
 
-def _drawn(report: Mapping[str, Any], figures: Figures) -> dict[str, Any]:
+def _drawn(report: Mapping[str, Any], figures: Figures, language: Language) -> dict[str, Any]:
     """The figures as SVG; what is given to Markup is our own drawing, in which texts are escaped."""
     errors = report["errors"]
 
@@ -205,13 +244,15 @@ def _drawn(report: Mapping[str, Any], figures: Figures) -> dict[str, Any]:
         if before is not None and after is not None:
             overview.append((joint, before, after))
     return {
-        "overview": Markup(draw_errors(overview, "overview")) if overview else None,
+        "overview": Markup(draw_errors(overview, "overview", language)) if overview else None,
         "scatter": [
-            (item, Markup(draw_scatter(item, item.effort_unit or effort_unit(item.joint), f"scatter{i}")))
+            (item, Markup(draw_scatter(item, item.effort_unit or effort_unit(item.joint), f"scatter{i}", language)))
             for i, item in enumerate(figures.scatter)
         ],
-        "worst": Markup(draw_worst(figures.worst, "worst")) if figures.worst else None,
+        "worst": Markup(draw_worst(figures.worst, "worst", language)) if figures.worst else None,
         "worst_data": figures.worst,
-        "diagnostics": [Markup(draw_diagnostics(own, f"diagnostics{i}")) for i, own in enumerate(figures.diagnostics)],
-        "friction": Markup(draw_friction(figures.friction, "friction")) if figures.friction else None,
+        "diagnostics": [
+            Markup(draw_diagnostics(own, f"diagnostics{i}", language)) for i, own in enumerate(figures.diagnostics)
+        ],
+        "friction": Markup(draw_friction(figures.friction, "friction", language)) if figures.friction else None,
     }

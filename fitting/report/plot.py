@@ -61,7 +61,13 @@ class Axis:
         return max((text_width(label) for label in self.labels), default=0.0)
 
 
-def axis(*values: FloatArray, marks: int, margin: float = 0.05, ends: tuple[float, float] | None = None) -> Axis:
+def axis(
+    *values: FloatArray,
+    marks: int,
+    margin: float = 0.05,
+    ends: tuple[float, float] | None = None,
+    decimal: str = ".",
+) -> Axis:
     """An axis that holds all values (or reaches from end to end), marked at most ``marks`` times at round numbers."""
     if ends is None:
         parts = [part for part in values if len(part)]
@@ -80,7 +86,7 @@ def axis(*values: FloatArray, marks: int, margin: float = 0.05, ends: tuple[floa
     taken = 0 if -4 < exponent < 5 else exponent
     shown = step / 10.0**taken
     decimals = next(d for d in range(17) if d == 16 or abs(shown * 10**d - round(shown * 10**d)) < 1e-6)
-    labels = tuple(f"{tick / 10.0**taken:.{decimals}f}".replace("-", _MINUS) for tick in ticks)
+    labels = tuple(f"{tick / 10.0**taken:.{decimals}f}".replace("-", _MINUS).replace(".", decimal) for tick in ticks)
     return Axis(low, high, ticks, labels, scientific(taken) if taken else "")
 
 

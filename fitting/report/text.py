@@ -10,7 +10,7 @@ from typing import Any
 _MINUS = "\u2212"
 _SUPERSCRIPT = str.maketrans("-0123456789", "\u207b\u2070\u00b9\u00b2\u00b3\u2074\u2075\u2076\u2077\u2078\u2079")
 # Not from the locale: the same report has to give the same page everywhere.
-_MONTHS = (
+MONTHS = (
     "January", "February", "March", "April", "May", "June", "July", "August", "September", "October", "November",
     "December",
 )  # fmt: skip
@@ -112,23 +112,23 @@ def relative_std(value: float | None, std: float | None) -> float | None:
 
 
 def moved(value: float | None) -> str:
-    """A change in percent in words: ``fell by 46 %``, ``rose by 5.3 %``, ``did not change``."""
+    """How a change in percent is said: ``fell by {}``, ``rose by {}``, ``did not change``, ``is not known``."""
     if value is None or not math.isfinite(value):
         return "is not known"
     if f"{value:.1f}" in ("0.0", "-0.0"):
         return "did not change"
-    return f"{'fell' if value < 0 else 'rose'} by {percent(abs(value)).removeprefix('+')}"
+    return "fell by {}" if value < 0 else "rose by {}"
 
 
-def moment(stamp: str) -> str:
+def moment(stamp: str, months: Sequence[str] = MONTHS, date: str = "{day} {month} {year}") -> str:
     """``2026-03-02T09:14:05Z`` as ``2 March 2026, 09:14 UTC``; anything else as it is."""
     try:
         time = datetime.fromisoformat(stamp)
     except ValueError:
         return stamp
-    month = _MONTHS[time.month - 1]
     zone = f" {time.tzname()}" if time.tzinfo is not None else ""
-    return f"{time.day} {month} {time.year}, {time:%H:%M}{zone}"
+    said = date.format(day=time.day, month=months[time.month - 1], year=time.year)
+    return f"{said}, {time:%H:%M}{zone}"
 
 
 def words(name: str) -> str:

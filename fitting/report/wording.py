@@ -1,4 +1,7 @@
-"""What the report says in sentences: the verdict, what was found, what to do next."""
+"""What the report says in sentences: the verdict, what was found, what to do next.
+
+Sentences are made in English; each part goes through the ``language`` before values stand in it.
+"""
 
 from __future__ import annotations
 
@@ -7,8 +10,9 @@ import re
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from fitting.report.languages import ENGLISH, Language
 from fitting.report.schema import looked
-from fitting.report.text import change, listed, moved, number, percent, unit, with_std, words
+from fitting.report.text import change, moved, number
 
 LABELS = {
     "nothing_missing": "Nothing is missing",
@@ -109,25 +113,31 @@ def is_offset(mean: float | None, rms: float | None) -> bool:
     return mean is not None and rms is not None and mean**2 > 0.5 * rms**2
 
 
-def title(effect: Mapping[str, Any]) -> str:
+def title(effect: Mapping[str, Any], language: Language = ENGLISH) -> str:
     """Name of an effect for people."""
-    return str(effect.get("title") or words(str(effect["id"])))
+    return language.said(str(effect["title"])) if effect.get("title") else language.words(str(effect["id"]))
 
 
-def lower(text: str) -> str:
-    """Text with a small first letter, for the middle of a sentence; ``IDIM`` and ``K x`` stay."""
-    return text[:1].lower() + text[1:] if text[1:2].islower() else text
-
-
-def readable(text: str, titles: Mapping[str, str] | None = None) -> str:
-    """Names of signals in a text with spaces, effects by their titles.
+def readable(text: str, titles: Mapping[str, str] | None = None, language: Language = ENGLISH) -> str:
+    """A text of the report with names of signals in words, and effects by their titles.
 
     ``joint2.piston_position`` becomes ``joint2 piston position``, and ``load_dependent_friction`` what ``titles`` (of
-    effect ids) calls it; names that are neither stay.
+    effect ids, in this language) calls it; names that are neither stay.
     """
+    text = language.said(text)
     if titles:
-        text = _NAME.sub(lambda found: lower(titles.get(found[0], found[0])), text)
-    return _SIGNAL.sub(lambda found: words(found[0]), re.sub(rf"(?<=\w)\.(?={_SIGNAL.pattern})", " ", text))
+        text = _NAME.sub(
+            lambda found: language.quoted(language.lower(titles[found[0]])) if found[0] in titles else found[0], text
+        )
+    return _SIGNAL.sub(lambda found: language.words(found[0]), re.sub(rf"(?<=\w)\.(?={_SIGNAL.pattern})", " ", text))
+
+
+def told_apart(item: str, titles: Mapping[str, str], language: Language = ENGLISH) -> str:
+    """What an experiment separates, for a list: an effect by its title, or the law of a signal."""
+    signal = item.removeprefix("law of ")
+    if signal != item:
+        return language.say("law of {}", language.words(signal))
+    return language.lower(titles.get(item) or language.words(item))
 
 
 def capital(text: str) -> str:
@@ -135,45 +145,50 @@ def capital(text: str) -> str:
     return text[:1].upper() + text[1:]
 
 
-def evidence(entries: Mapping[str, Any]) -> dict[str, Any]:
+def evidence(entries: Mapping[str, Any], language: Language = ENGLISH) -> dict[str, Any]:
     """What speaks for an effect, by names for people."""
-    return {EVIDENCE.get(key, key): _cutoffs(entry) if key == "cutoffs" else entry for key, entry in entries.items()}
+    shown = {key: _cutoffs(entry, language) if key == "cutoffs" else entry for key, entry in entries.items()}
+    return {language.say(EVIDENCE[key]) if key in EVIDENCE else key: entry for key, entry in shown.items()}
 
 
-def _cutoffs(entries: Sequence[Mapping[str, Any]]) -> list[str]:
+def _cutoffs(entries: Sequence[Mapping[str, Any]], language: Language) -> list[str]:
     """``0.0141 \u00b1 0.0001 at 3.0 Hz`` each."""
-    return [f"{with_std(e.get('value'), e.get('std'))} at {number(e.get('hz'), 2)} Hz" for e in entries]
+    return [
+        language.say("{} at {} Hz", language.with_std(e.get("value"), e.get("std")), language.number(e.get("hz"), 2))
+        for e in entries
+    ]
 
 
-def place(joint: str | None) -> str:
+def place(joint: str | None, language: Language = ENGLISH) -> str:
     """``at joint2``, or the whole machine."""
-    return f"at {joint}" if joint else "of the whole machine"
+    return language.say("at {}", joint) if joint else language.say("of the whole machine")
 
 
-def at(effect: Mapping[str, Any]) -> str:
-    """``friction that depends on position at joint2``."""
-    return f"{lower(title(effect))} {place(effect.get('joint'))}"
+def at(effect: Mapping[str, Any], language: Language = ENGLISH, sizes: str = "") -> str:
+    """``friction that depends on position at joint2 (k1 = 312 N/m)``."""
+    named, where = language.lower(title(effect, language)), place(effect.get("joint"), language)
+    return language.say("{} {} ({})", named, where, sizes) if sizes else language.say("{} {}", named, where)
 
 
-def alternatives(effect: Mapping[str, Any], titles: Mapping[str, str]) -> list[str]:
+def alternatives(effect: Mapping[str, Any], titles: Mapping[str, str], language: Language = ENGLISH) -> list[str]:
     """Effects that these recordings cannot tell from ``effect``, as people name them, with place where it differs."""
     names = []
     for other in effect.get("indistinguishable_from") or []:
         entry = {"id": other, "joint": effect.get("joint")} if isinstance(other, str) else dict(other)
         entry["title"] = entry.get("title") or titles.get(str(entry["id"]))
         same = entry.get("joint") == effect.get("joint")
-        names.append(lower(title(entry)) if same else at(entry))
+        names.append(language.lower(title(entry, language)) if same else at(entry, language))
     return names
 
 
-def sizes(parameters: Mapping[str, Any] | None, most: int = 4) -> str:
+def sizes(parameters: Mapping[str, Any] | None, most: int = 4, language: Language = ENGLISH) -> str:
     """``k1 = 312 \u00b1 12 N/m``: the first few parameters of an effect."""
     parts = [
-        f"{name} = {with_std(entry.get('value'), entry.get('std'))} {unit(entry.get('unit'))}".strip()
+        f"{name} = {language.with_std(entry.get('value'), entry.get('std'))} {language.unit(entry.get('unit'))}".strip()
         for name, entry in list((parameters or {}).items())[:most]
         if entry.get("value") is not None and entry.get("unit") not in _NO_SIZES
     ]
-    return ", ".join(parts)
+    return language.say(", ").join(parts)
 
 
 def validate(entry: Mapping[str, Any] | None) -> float | None:
@@ -191,72 +206,91 @@ def over_noise(report: Mapping[str, Any], which: str) -> float | None:
     return math.sqrt(sum(squares) / len(squares)) if squares else None
 
 
-def interval(ci: Sequence[float] | None) -> str:
+def interval(ci: Sequence[float] | None, language: Language = ENGLISH) -> str:
     """``(95 % interval \u221266 % to \u221252 %)`` or nothing."""
-    return f" (95\u202f% interval {percent(ci[0])} to {percent(ci[1])})" if ci else ""
+    if not ci:
+        return ""
+    return language.say(" (95\u202f% interval {} to {})", language.percent(ci[0]), language.percent(ci[1]))
 
 
-def improvement(report: Mapping[str, Any], joints: Sequence[str | None]) -> str:
+def improvement(report: Mapping[str, Any], joints: Sequence[str | None], language: Language = ENGLISH) -> str:
     """How the error changed on the validation motion: at one joint where one is concerned, and altogether."""
-    parts = []
     chosen = [joint for joint in dict.fromkeys(joints) if joint in report["errors"]]
-    if len(chosen) == 1 and chosen[0] is not None:
-        entry = report["errors"][chosen[0]]
-        before, after = validate(entry["before"]), validate(entry["after"])
-        if before is not None and after is not None and before != after:
-            error = f"the error of {chosen[0]} on the validation motion"
-            if number(before) == number(after):
-                parts.append(f"{error} stayed at {number(after)} {unit(entry['unit'])}")
-            else:
-                parts.append(
-                    f"{error} {'fell' if after < before else 'rose'} from {number(before)} to {number(after)} "
-                    f"{unit(entry['unit'])} ({percent(change(before, after))})"
-                )
+    own = _improvement_at(report, chosen[0], language) if len(chosen) == 1 and chosen[0] is not None else ""
     overall = report["overall"]
-    if overall.get("change_percent"):
-        where = "that of all joints together" if parts else "the error of all joints on the validation motion"
-        parts.append(f"{where} {moved(overall['change_percent'])}{interval(overall.get('ci95_percent'))}")
-    return " and ".join(parts)
+    if not overall.get("change_percent"):
+        return own
+    where = "that of all joints together" if own else "the error of all joints on the validation motion"
+    how = moved(overall["change_percent"])
+    size = [language.percent(abs(overall["change_percent"])).removeprefix("+")] if "{}" in how else []
+    altogether = language.say(f"{where} {how}{{}}", *size, interval(overall.get("ci95_percent"), language))
+    return language.say("{} and {}", own, altogether) if own else altogether
 
 
-def _signals(law: Mapping[str, Any]) -> str:
+def _improvement_at(report: Mapping[str, Any], joint: str, language: Language) -> str:
+    """How the error of one joint changed; nothing if it did not, or is not known."""
+    entry = report["errors"][joint]
+    before, after = validate(entry["before"]), validate(entry["after"])
+    if before is None or after is None or before == after:
+        return ""
+    last, unit = language.number(after), language.unit(entry["unit"])
+    error = "the error of {} on the validation motion"
+    if number(before) == number(after):
+        return language.say(f"{error} stayed at {{}} {{}}", joint, last, unit)
+    percent = language.percent(change(before, after))
+    way = "fell" if after < before else "rose"
+    return language.say(
+        f"{error} {way} from {{}} to {{}} {{}} ({{}})", joint, language.number(before), last, unit, percent
+    )
+
+
+def _signals(law: Mapping[str, Any], language: Language) -> str:
     """What a law is a law of, in words."""
-    second = law.get("second_variable")
-    return words(str(law["variable"])) + (f" together with the {words(str(second))}" if second else "")
+    first, second = language.words(str(law["variable"])), law.get("second_variable")
+    return language.say("{} together with the {}", first, language.words(str(second))) if second else first
 
 
-def follows(law: Mapping[str, Any]) -> str:
+def follows(law: Mapping[str, Any], language: Language = ENGLISH) -> str:
     """``the error at joint1 follows the piston position``: what an unexplained law says."""
     way = law.get("only_while")
-    turns = ", and turns its sign with the direction of motion" if law.get("times_sign_of_speed") else ""
-    turns = f", only while the speed of the joint is {way}" if way else turns
-    return f"the error {place(law.get('joint'))} follows the {_signals(law)}{turns}"
+    turns = language.say(", and turns its sign with the direction of motion") if law.get("times_sign_of_speed") else ""
+    turns = language.say(f", only while the speed of the joint is {way}") if way else turns
+    where = place(law.get("joint"), language)
+    return language.say("the error {} follows the {}{}", where, _signals(law, language), turns)
 
 
-def nearest(law: Mapping[str, Any]) -> str:
+#: Simple formulas, by what they are and whether they rise.
+_FORMULAS = {
+    ("power", None): "a power of the {} with the exponent {}",
+    ("threshold", True): "a straight line above a threshold of {}",
+    ("threshold", False): "a straight line below a threshold of {}",
+    ("exponential", True): "an exponential that rises over {}",
+    ("exponential", False): "an exponential that falls over {}",
+    ("sine", None): "a sine with the wavelength {}",
+    ("step", None): "a step at {}",
+}
+
+
+def nearest(law: Mapping[str, Any], language: Language = ENGLISH) -> str:
     """The simple formula that comes nearest to a measured law, in a sentence; nothing where there is none."""
     formula = law["law"].get("formula")
     if formula is None:
         return ""
-    signal, shape = words(str(law["variable"])), number(formula["shape"])
-    place_ = f"{shape} {unit(law['unit'])}".rstrip() if law.get("unit") else shape
+    shape = language.number(formula["shape"])
+    place_ = f"{shape} {language.unit(law['unit'])}".rstrip() if law.get("unit") else shape
     kind = str(formula["kind"])
     if kind == "power":
-        said = f"a power of the {signal} with the exponent {shape}"
-    elif kind == "threshold":
-        said = f"a straight line {'above' if formula['rising'] else 'below'} a threshold of {place_}"
-    elif kind == "exponential":
-        said = f"an exponential that {'rises' if formula['rising'] else 'falls'} over {place_}"
-    elif kind == "sine":
-        said = f"a sine with the wavelength {place_}"
+        said = language.say(_FORMULAS[kind, None], language.words(str(law["variable"])), shape)
     else:
-        said = f"a step at {place_}"
-    return f"The nearest simple formula is {said}; it explains {100 * formula['share']:.0f} % of the curve."
+        way = bool(formula["rising"]) if kind in ("threshold", "exponential") else None
+        said = language.say(_FORMULAS.get((kind, way), _FORMULAS["step", None]), place_)
+    share = f"{100 * formula['share']:.0f}"
+    return language.say("The nearest simple formula is {}; it explains {} % of the curve.", said, share)
 
 
-def label(loop: Mapping[str, Any]) -> str:
+def label(loop: Mapping[str, Any], language: Language = ENGLISH) -> str:
     """The verdict in a few words, of the report's ``loop``."""
-    return LABELS[loop["verdict"] if looked(loop) else _unlooked(loop)]
+    return language.say(LABELS[loop["verdict"] if looked(loop) else _unlooked(loop)])
 
 
 def _unlooked(loop: Mapping[str, Any]) -> str:
@@ -265,48 +299,55 @@ def _unlooked(loop: Mapping[str, Any]) -> str:
     return "not_examined" if verdict == "nothing_missing" else verdict
 
 
-def verdict_sentence(report: Mapping[str, Any], titles: Mapping[str, str]) -> str:
+def verdict_sentence(report: Mapping[str, Any], titles: Mapping[str, str], language: Language = ENGLISH) -> str:
     """The verdict in a few sentences; every effect and law that was found is in it.
 
     Parameters
     ----------
     report : a checked report
-    titles : effect id to title, for effects that are only named
+    titles : effect id to title in this language, for effects that are only named
     """
     loop = report["loop"]
     verdict = loop["verdict"] if looked(loop) else _unlooked(loop)
-    reasons = [str(reason) for reason in loop.get("reasons") or []]
-    times = over_noise(report, "after")
-    if verdict == "nothing_missing":
-        noise = f": on the validation motion the error is {number(times)} times that noise" if times else ""
-        return f"No joint shows anything above its measurement noise that the model does not explain{noise}."
-    if verdict == "not_examined":
-        error = f": on the validation motion the error is {number(times)} times the noise" if times else ""
-        return f"The model was fitted, and nobody looked for what it may lack{error}."
-    found = _found(report, titles)
+    reasons = [language.said(str(reason)) for reason in loop.get("reasons") or []]
+    if verdict in ("nothing_missing", "not_examined"):
+        return _nothing(verdict, over_noise(report, "after"), language)
+    found = _found(report, titles, language)
+    said = [f"{capital(reason)}." for reason in reasons]
     if verdict == "check_input":
-        return " ".join(["A mistake is more likely than any effect.", *(f"{capital(r)}." for r in reasons), *found])
+        return " ".join([language.say("A mistake is more likely than any effect."), *said, *found])
     if verdict == "implausible":
-        violations = (report.get("plausibility") or {}).get("violations") or []
-        said = [f"{capital(impossible(v))}. Usual cause: {v['cause']}." for v in violations[:_MOST_SAID]]
-        more = len(violations) - _MOST_SAID
-        rest = [f"{more} more parameters are impossible too."] if more > 0 else []
-        return " ".join([*said, *rest, *found])
+        return " ".join([*_impossible(report, language), *found])
     if found:
-        return " ".join([*found, *(f"{capital(r)}." for r in reasons)])
-    because = f": {listed(reasons)}" if reasons else " that no known effect explains"
-    return f"{'It cannot be said that nothing is missing' if reasons else 'Structure is left in the error'}{because}."
+        return " ".join([*found, *said])
+    if reasons:
+        return language.say("It cannot be said that nothing is missing: {}.", language.listed(reasons))
+    return language.say("Structure is left in the error that no known effect explains.")
 
 
-def as_chance(probability: float) -> str:
+def _nothing(verdict: str, times: float | None, language: Language) -> str:
+    """What is said where nothing was found, or nobody looked."""
+    size = language.number(times)
+    if verdict == "nothing_missing":
+        noise = language.say(": on the validation motion the error is {} times that noise", size) if times else ""
+        return language.say(
+            "No joint shows anything above its measurement noise that the model does not explain{}.", noise
+        )
+    error = language.say(": on the validation motion the error is {} times the noise", size) if times else ""
+    return language.say("The model was fitted, and nobody looked for what it may lack{}.", error)
+
+
+def as_chance(probability: float, language: Language = ENGLISH) -> str:
     """A probability as far as one can be trusted: ``84 %``, ``more than 99 %``, ``less than 1 %``."""
     rounded = round(100 * probability)
-    return "more than 99 %" if rounded > 99 else "less than 1 %" if rounded < 1 else f"{rounded} %"
+    if 1 <= rounded <= 99:
+        return f"{rounded} %"
+    return language.say("more than 99 %" if rounded > 99 else "less than 1 %")
 
 
-def chance(probability: object) -> str:
+def chance(probability: object, language: Language = ENGLISH) -> str:
     """A probability in brackets, `` (84 %)``; nothing if it is not known."""
-    return f" ({as_chance(probability)})" if isinstance(probability, float) else ""
+    return f" ({as_chance(probability, language)})" if isinstance(probability, float) else ""
 
 
 def doubtful(entry: Mapping[str, Any]) -> bool:
@@ -316,94 +357,134 @@ def doubtful(entry: Mapping[str, Any]) -> bool:
     return isinstance(own, float) and own + sum(p for p in rivals if isinstance(p, float)) < 0.5
 
 
-def explanation(hypothesis: Mapping[str, Any], titles: Mapping[str, str]) -> str:
+def explanation(hypothesis: Mapping[str, Any], titles: Mapping[str, str], language: Language = ENGLISH) -> str:
     """A hypothesis in words: its effects and laws with their places, or that nothing is missing."""
-    parts = [at({**entry, "title": titles.get(str(entry["id"]))}) for entry in hypothesis.get("effects") or []]
-    laws = list(dict.fromkeys(follows(law) for law in hypothesis.get("laws") or []))
+    parts = [
+        at({**entry, "title": titles.get(str(entry["id"]))}, language) for entry in hypothesis.get("effects") or []
+    ]
+    laws = list(dict.fromkeys(follows(law, language) for law in hypothesis.get("laws") or []))
     if laws:
-        parts.append(f"{listed(laws)}{',' if len(laws) > 1 else ''} as no known effect does")
-    return listed(parts) if parts else "nothing is missing"
+        said = "{}, as no known effect does" if len(laws) > 1 else "{} as no known effect does"
+        parts.append(language.say(said, language.listed(laws)))
+    return language.listed(parts) if parts else language.say("nothing is missing")
 
 
 #: Explanations that a step of the resolution names, and the least probability of those after the first.
 _LISTED, _WORTH_NAMING = 3, 0.02
 
 
-def resolution(loop: Mapping[str, Any], titles: Mapping[str, str]) -> list[dict[str, str]]:
+def resolution(
+    loop: Mapping[str, Any], titles: Mapping[str, str], language: Language = ENGLISH
+) -> list[dict[str, str]]:
     """What was done about an ambiguity, of the report's ``loop``: per motion ``before``, ``motion`` and ``after``."""
     return [
         {
-            "before": _explanations(step["before"], titles),
-            "motion": f"{step['motion']['text']}, {number(step['motion']['seconds'], 2)} s",
-            "after": _explanations(step["after"], titles),
+            "before": _explanations(step["before"], titles, language),
+            "motion": f"{readable(step['motion']['text'], titles, language)}, "
+            f"{language.number(step['motion']['seconds'], 2)} s",
+            "after": _explanations(step["after"], titles, language),
         }
         for step in loop.get("resolution") or []
     ]
 
 
-def _explanations(hypotheses: Sequence[Mapping[str, Any]], titles: Mapping[str, str]) -> str:
+def _explanations(hypotheses: Sequence[Mapping[str, Any]], titles: Mapping[str, str], language: Language) -> str:
     """``X at joint2 (53 %) or Y at joint2 (44 %)``."""
     named = [h for n, h in enumerate(hypotheses[:_LISTED]) if n == 0 or h["probability"] >= _WORTH_NAMING]
-    return listed([explanation(h, titles) + chance(h["probability"]) for h in named], "or") or "nothing is known"
+    said = [explanation(h, titles, language) + chance(h["probability"], language) for h in named]
+    return language.listed(said, "or") or language.say("nothing is known")
 
 
 #: Impossible parameters that a verdict names one by one.
 _MOST_SAID = 3
 
 
-def impossible(violation: Mapping[str, Any]) -> str:
+def _impossible(report: Mapping[str, Any], language: Language) -> list[str]:
+    """What cannot be, in sentences."""
+    violations = (report.get("plausibility") or {}).get("violations") or []
+    said = [
+        language.say("{}. Usual cause: {}.", capital(impossible(v, language)), language.said(v["cause"]))
+        for v in violations[:_MOST_SAID]
+    ]
+    more = len(violations) - _MOST_SAID
+    return [*said, *([language.say("{} more parameters are impossible too.", str(more))] if more > 0 else [])]
+
+
+def impossible(violation: Mapping[str, Any], language: Language = ENGLISH) -> str:
     """A violation with its numbers: ``the stiffness of joint1 is negative (-2260 +- 5 N/m)``."""
-    size = f"{with_std(violation.get('value'), violation.get('std'))} {unit(violation.get('unit'))}".strip()
-    return f"{violation['text']} ({size})"
+    value = language.with_std(violation.get("value"), violation.get("std"))
+    size = f"{value} {language.unit(violation.get('unit'))}".strip()
+    return f"{language.said(violation['text'])} ({size})"
 
 
-def _found(report: Mapping[str, Any], titles: Mapping[str, str]) -> list[str]:
+def _found(report: Mapping[str, Any], titles: Mapping[str, str], language: Language) -> list[str]:
     """What was found, in sentences: effects that are certain, sets, laws, and what it is all worth."""
     loop = report["loop"]
     effects: Sequence[Mapping[str, Any]] = loop.get("effects") or []
     laws: Sequence[Mapping[str, Any]] = loop.get("unexplained") or []
     if not effects and not laws:
         return []
-    gain = improvement(report, [entry.get("joint") for entry in (*effects, *laws)])
     certain = [e for e in effects if not e.get("indistinguishable_from") and not doubtful(e)]
-    sentences = [
-        f"{lower(title({**e, 'title': e.get('title') or titles.get(str(e['id']))}))} takes a part of what is missing "
-        f"{place(e.get('joint'))}, but something that is in no catalogue is more probable"
-        for e in effects
-        if doubtful(e)
-    ]
+    sentences = [_doubted(e, titles, language) for e in effects if doubtful(e)]
     if certain:
-        named = [at(e) + (f" ({sizes(e.get('parameters'))})" if sizes(e.get("parameters")) else "") for e in certain]
-        sentences.append(f"the model lacked {listed(named)}")
-    for entry in effects:
-        if entry.get("indistinguishable_from") and not doubtful(entry):
-            names = [lower(title(entry)), *alternatives(entry, titles)]
-            chances = [
-                e.get("probability") for e in (entry, *entry["indistinguishable_from"]) if isinstance(e, Mapping)
-            ]
-            if len(chances) == len(names):
-                names = [name + chance(p) for name, p in zip(names, chances, strict=True)]
-            sentences.append(
-                f"something is missing {place(entry.get('joint'))}, and these recordings cannot tell whether it is "
-                f"{listed(names, 'or')}"
-            )
+        named = [at(e, language, sizes(e.get("parameters"), language=language)) for e in certain]
+        sentences.append(language.say("the model lacked {}", language.listed(named)))
+    sentences += [
+        _one_of_a_set(e, titles, language) for e in effects if e.get("indistinguishable_from") and not doubtful(e)
+    ]
     if laws:
-        lines = listed(list(dict.fromkeys(follows(law) for law in laws)))
-        what = "it" if len(laws) == 1 else "them"
-        perhaps = [
-            lower(title({**e, "title": e.get("title") or titles.get(str(e["id"]))})) + chance(e.get("probability"))
-            for law in laws
-            for e in law.get("could_be") or []
-        ]
-        certain_or_not = f" for certain; it may be {listed(perhaps, 'or')}" if perhaps else ""
-        sentences.append(f"{lines}, and no known effect explains {what}{certain_or_not}")
-    if gain:
-        added = [*effects] + [law for law in laws if law.get("added", True)]
-        with_it = "it added" if len(added) == 1 else "them added"
-        if any(e.get("indistinguishable_from") and not doubtful(e) for e in effects):
-            with_it = "the first of them added" if len(effects) == 1 else "the first of each added"
-        elif laws and not effects:
-            with_it = "the measured law added as such" if len(laws) == 1 else "the measured laws added as such"
-        if added:
-            sentences[-1] += f"; with {with_it}, {gain}"
+        sentences.append(_unexplained(laws, titles, language))
+    gain = improvement(report, [entry.get("joint") for entry in (*effects, *laws)], language)
+    added = [*effects] + [law for law in laws if law.get("added", True)]
+    if gain and added:
+        sentences[-1] = language.say(f"{{}}; with {_added(effects, laws, len(added))}, {{}}", sentences[-1], gain)
     return [f"{capital(sentence)}." for sentence in sentences]
+
+
+def _added(effects: Sequence[Mapping[str, Any]], laws: Sequence[Mapping[str, Any]], count: int) -> str:
+    """What was added to the model, in a word or two."""
+    if any(e.get("indistinguishable_from") and not doubtful(e) for e in effects):
+        return "the first of them added" if len(effects) == 1 else "the first of each added"
+    if laws and not effects:
+        return "the measured law added as such" if len(laws) == 1 else "the measured laws added as such"
+    return "it added" if count == 1 else "them added"
+
+
+def _named(entry: Mapping[str, Any], titles: Mapping[str, str], language: Language) -> str:
+    """An effect by its own title, or by that of its id."""
+    own = title(entry, language) if entry.get("title") else titles.get(str(entry["id"]))
+    return language.lower(own or title(entry, language))
+
+
+def _doubted(effect: Mapping[str, Any], titles: Mapping[str, str], language: Language) -> str:
+    return language.say(
+        "{} takes a part of what is missing {}, but something that is in no catalogue is more probable",
+        _named(effect, titles, language),
+        place(effect.get("joint"), language),
+    )
+
+
+def _one_of_a_set(effect: Mapping[str, Any], titles: Mapping[str, str], language: Language) -> str:
+    names = [language.lower(title(effect, language)), *alternatives(effect, titles, language)]
+    chances = [e.get("probability") for e in (effect, *effect["indistinguishable_from"]) if isinstance(e, Mapping)]
+    if len(chances) == len(names):
+        names = [name + chance(p, language) for name, p in zip(names, chances, strict=True)]
+    return language.say(
+        "something is missing {}, and these recordings cannot tell whether it is {}",
+        place(effect.get("joint"), language),
+        language.listed(names, "or"),
+    )
+
+
+def _unexplained(laws: Sequence[Mapping[str, Any]], titles: Mapping[str, str], language: Language) -> str:
+    lines = language.listed(list(dict.fromkeys(follows(law, language) for law in laws)))
+    perhaps = [
+        _named(e, titles, language) + chance(e.get("probability"), language)
+        for law in laws
+        for e in law.get("could_be") or []
+    ]
+    what = "it" if len(laws) == 1 else "them"
+    if not perhaps:
+        return language.say(f"{{}}, and no known effect explains {what}", lines)
+    said = f"{{}}, and no known effect explains {what} for certain; it may be {{}}"
+    return language.say(said, lines, language.listed(perhaps, "or"))

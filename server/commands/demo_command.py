@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from daq.console import print_json, progress_bar, reported
+from fitting.commands.identify_command import Spoken
 
 if TYPE_CHECKING:
     from daq.acquisition.acquisition import AcquisitionProcess
@@ -71,6 +72,7 @@ def demo(
         bool,
         typer.Option("--resolve", help="Record the designed motion where names cannot be told apart; two at most."),
     ] = False,
+    language: Spoken = "en",
     json: Annotated[bool, typer.Option("--json", help="Print report.json on standard output.")] = False,
 ) -> None:
     """Simulate an arm with an effect nobody declared, record it over its buses, identify it, and find the effect."""
@@ -84,6 +86,7 @@ def demo(
             seed=seed,
             faults=faults,
             resolve=resolve,
+            language=language,
             progress=lambda share, text: bar(share, 1.0, text),
         )
     if json:
@@ -122,6 +125,7 @@ def run_demo(
     seed: int = 1,
     faults: Path | None = None,
     resolve: bool = False,
+    language: str = "en",
     progress: Progress = lambda share, text: None,
 ) -> tuple[dict[str, Any], Acquired]:
     """Run the demo; returns the report and what was acquired.
@@ -135,6 +139,7 @@ def run_demo(
     seed : of the plant's noise and of the motions
     faults : a fault file, what breaks while the machine is recorded
     resolve : whether the machine makes the designed motion where the recordings leave more than one explanation
+    language : of report.html
     progress : called with the share done and what is being done
     """
     from fitting.loop.session import Request
@@ -156,7 +161,7 @@ def run_demo(
             )
         )
         acquired = _acquired(simulated, output, seconds, seed, lambda s, t: progress(_RECORD * s, t))
-        request = Request(output / "machine" / "machine.yaml", acquired.recordings, output)
+        request = Request(output / "machine" / "machine.yaml", acquired.recordings, output, languages=(language,))
 
         def identifying(share: float, text: str) -> None:
             progress(_RECORD + (1 - _RECORD) * share, text)

@@ -65,6 +65,23 @@ def test_json_prints_the_report_and_nothing_else(arm: Path, tmp_path: Path, caps
 
 
 @pytest.mark.slow
+def test_the_page_is_in_the_language_that_is_asked_for(
+    arm: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run([*command(arm, tmp_path / "out"), "--no-loop", "--language", "de"]) == 0
+    page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
+    assert '<html lang="de">' in page and "Nur angepasst: Was fehlt, wurde nicht gesucht" in page
+    report = json.loads((tmp_path / "out" / "report.json").read_text(encoding="utf-8"))
+    assert report["summary"]["label"] == "Fitted only: what is missing was not looked for"
+    assert not (tmp_path / "out" / "report.de.html").exists()
+    capsys.readouterr()
+    assert run([*command(arm, tmp_path / "none"), "--language", "tlh"]) == 2
+    said = capsys.readouterr().err.strip()
+    assert "--language" in said and "en, de" in said.replace("'", "") and "\n" not in said
+    assert not (tmp_path / "none").exists()
+
+
+@pytest.mark.slow
 def test_csv_gives_the_same_parameters(arm: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     values = []
     for suffix in ("parquet", "csv"):
