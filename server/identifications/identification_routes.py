@@ -5,10 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
-from fastapi import APIRouter, Header, Response
+from fastapi import APIRouter, Header, Query, Response
 from fastapi.responses import FileResponse
 
-from fitting.pipeline.stage_names import NEXT_MOTION
+from fitting.pipeline.stage_names import NEXT_MOTION, ReportLanguage
 from server.identifications.identification_order import IdentificationOrders, Wish
 from server.identifications.identification_results import IdentificationResults
 from server.identifications.identification_schemas import (
@@ -79,7 +79,7 @@ def get(id: str, service: ServiceDep) -> IdentificationResource:
 )
 def report(id: str, service: ServiceDep) -> FileResponse:
     """The result (schema ``hilfit/report/1``)."""
-    return _report(service, id, "report.json", "application/json")
+    return FileResponse(_written(service, id, "report.json"), media_type="application/json")
 
 
 @router.get(
@@ -88,9 +88,16 @@ def report(id: str, service: ServiceDep) -> FileResponse:
     responses={200: {"content": {"text/html": {}}}, **problems(404, 409, 422)},
     dependencies=[require("read")],
 )
-def report_page(id: str, service: ServiceDep) -> FileResponse:
+def report_page(
+    id: str,
+    service: ServiceDep,
+    language: Annotated[ReportLanguage, Query(description="Of the page; one of an earlier version is English.")] = "en",
+) -> FileResponse:
     """The result as a self-contained page."""
-    response = _report(service, id, "report.html", "text/html")
+    english = _written(service, id, "report.html")
+    other = english.with_name(f"report.{language}.html")
+    path, spoken = (other, language) if language != "en" and other.is_file() else (english, "en")
+    response = FileResponse(path, media_type="text/html", headers={"Content-Language": spoken})
     response.headers["Content-Security-Policy"] = REPORT_POLICY
     return response
 
@@ -107,10 +114,6 @@ def next_experiment(id: str, service: ServiceDep) -> FileResponse:
     if not path.is_file():
         raise NotFoundError(f"identification '{id}' designed no next experiment: nothing was left to be told apart")
     return FileResponse(path, media_type="text/csv", filename=f"{id}-{NEXT_MOTION}")
-
-
-def _report(service: Service, id: str, name: str, media_type: str) -> FileResponse:
-    return FileResponse(_written(service, id, name), media_type=media_type)
 
 
 def _written(service: Service, id: str, name: str) -> Path:

@@ -10,9 +10,9 @@ import json
 import sys
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
-from fitting.pipeline.stage_names import STAGES, WORDS
+from fitting.pipeline.stage_names import STAGES, WORDS, ReportLanguage
 from server.platform.files import write_atomically
 
 
@@ -26,7 +26,10 @@ class StageProgram:
 
 @dataclass(frozen=True)
 class StageRequest:
-    """What every stage of one identification is told: files by their paths, recordings with their roles."""
+    """What every stage of one identification is told: files by their paths, recordings with their roles.
+
+    The report's page is written in every language.
+    """
 
     machine: Path
     recordings: tuple[tuple[str, Path], ...]
@@ -40,6 +43,7 @@ class StageRequest:
             "recordings": [[role, str(path)] for role, path in self.recordings],
             "options": self.options,
             "output": str(self.output),
+            "languages": get_args(ReportLanguage),
         }
         path = path or self.output / "request.json"
         write_atomically(path, json.dumps(content, indent=1).encode())

@@ -10,7 +10,8 @@
     ├── excitations/<id>/<place>/        request.json, motion.csv, result.json, design.log
     ├── recalibrations/<id>/<place>/     request and log of the comparison
     ├── backups/<time>/          copies of everything that cannot be made again
-    ├── identifications/<id>/<place>/    request.json, artefacts of the stages, report.json, report.html, <stage>.log
+    ├── identifications/<id>/<place>/    request.json, artefacts of the stages, report.json, report.html,
+    │                                    report.de.html, <stage>.log
     ├── tls/                     the site's own certificate and key
     ├── monitor/                 what monitors learnt, per calibration, and their logs
     └── simulation/              machine file and inbox of the simulated machine

@@ -75,6 +75,8 @@ def main(request_file: Path, stage: str) -> int:
         if options.get("next_experiment"):
             (output / "next-experiment.csv").write_text("# schema: hilfit/motion/1\n")
         (output / "report.html").write_text("<!doctype html><title>report</title>")
+        if not options.get("english_only"):  # as an earlier version
+            (output / "report.de.html").write_text("<!doctype html><title>Bericht</title>")
     stored.write_text(json.dumps({"stage": stage}))
     say(summary={"stage": stage})
     return 0

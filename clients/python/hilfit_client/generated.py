@@ -9,7 +9,7 @@ from typing import Any, Literal, NotRequired, TypedDict, Unpack
 from hilfit_client.transport import Transport
 
 #: SHA-256 of the description that this was made from.
-SOURCE_SHA256 = "323cba2b1938586376e293a6af0cfd4468518f04e1f75acfbe1a9c8c1129961b"
+SOURCE_SHA256 = "2955fdbba768fcff217529a974583a6d6f7adf931c51037fd0bc035e6c8748f9"
 
 
 class AcquisitionWish(TypedDict):
@@ -1345,9 +1345,11 @@ class IdentificationsApi:
         """The motion that would tell apart what these recordings could not (a motion file); 404 if none was designed."""
         return self._transport.text("GET", f"/api/v1/identifications/{self._transport.quoted(id)}/next-experiment.csv")
 
-    def report_page(self, id: str) -> str:
+    def report_page(self, id: str, *, language: Literal["en", "de"] | None = None) -> str:
         """The result as a self-contained page."""
-        return self._transport.text("GET", f"/api/v1/identifications/{self._transport.quoted(id)}/report.html")
+        return self._transport.text(
+            "GET", f"/api/v1/identifications/{self._transport.quoted(id)}/report.html", query={"language": language}
+        )
 
     def report(self, id: str) -> dict[str, Any]:
         """The result (schema `hilfit/report/1`)."""

@@ -1,15 +1,20 @@
-// Types of the REST interface and of report.json, each with the hash of the description that it was made of.
+// Types of the REST interface and of report.json, and what a report says in German, each with the hash of its source.
 import { execFileSync } from "node:child_process";
 import { createHash } from "node:crypto";
 import { readFileSync, rmSync, writeFileSync } from "node:fs";
 
-/** Types of an OpenAPI description; the first line names the file that it comes from. */
-function make(description, target, source, options = []) {
-  execFileSync("openapi-typescript", [description, "-o", target, ...options], { stdio: "inherit" });
+/** Writes what was made of a source; the first line names that file. */
+function write(target, source, content) {
   const digest = createHash("sha256")
     .update(readFileSync(`../../${source}`))
     .digest("hex");
-  writeFileSync(target, `// ${source} sha256 ${digest}\n${readFileSync(target, "utf8")}`);
+  writeFileSync(target, `// ${source} sha256 ${digest}\n${content}`);
+}
+
+/** Types of an OpenAPI description. */
+function make(description, target, source, options = []) {
+  execFileSync("openapi-typescript", [description, "-o", target, ...options], { stdio: "inherit" });
+  write(target, source, readFileSync(target, "utf8"));
 }
 
 /** A JSON schema as components of a description: keys of later versions are nothing that the page could name. */
@@ -36,3 +41,9 @@ try {
 } finally {
   rmSync(components);
 }
+
+// `report.html` reads the same file; texts of its own (`page`) are nothing that a report holds.
+const german = "fitting/report/languages/german.json";
+const groups = Object.values(JSON.parse(readFileSync(`../../${german}`, "utf8")).report);
+const table = JSON.stringify(Object.assign({}, ...groups), null, 2);
+write("src/texts/report_de.gen.ts", german, `export const REPORT: Record<string, string> = ${table};\n`);

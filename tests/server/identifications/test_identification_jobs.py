@@ -6,12 +6,14 @@ import dataclasses
 import errno
 import json
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import pytest
 from service_fakes import API, REPORT, Running, ran
 
 from fitting.loop.session import Options
+from fitting.pipeline.stage_names import ReportLanguage
+from fitting.report.languages import codes
 from server.identifications.identification_results import IdentificationResults
 from server.identifications.identification_schemas import IdentificationOptions
 from server.identifications.identification_store import Identification
@@ -54,8 +56,24 @@ def test_an_identification_runs_every_stage_and_stores_the_result(running: Runni
     page = running.client.get(f"{IDENTIFICATIONS}/{order.id}/report.html")
     assert page.headers["content-type"].startswith("text/html")
     assert "default-src 'none'" in page.headers["content-security-policy"]
+    assert "report</title>" in page.text and page.headers["content-language"] == "en"
+    german = running.client.get(f"{IDENTIFICATIONS}/{order.id}/report.html", params={"language": "de"})
+    assert "Bericht</title>" in german.text and german.headers["content-language"] == "de"
+    assert german.headers["content-security-policy"] == page.headers["content-security-policy"]
+    request = json.loads(next(running.service.files.identifications.glob(f"{order.id}/*/request.json")).read_text())
+    assert request["languages"] == list(codes()) == list(get_args(ReportLanguage))
     assert running.client.get(IDENTIFICATIONS).json()["items"][0]["id"] == order.id
     assert running.client.get(f"{API}/jobs", params={"state": "done"}).json()["items"][0]["id"] == order.job
+
+
+def test_a_page_in_a_language_that_there_is_not_is_english_or_refused(running: Running, csv: bytes) -> None:
+    order = running.order(csv, english_only=True)
+    running.follow(order.job)
+    place = f"{IDENTIFICATIONS}/{order.id}/report.html"
+    page = running.client.get(place, params={"language": "de"})
+    assert (page.status_code, page.headers["content-language"]) == (200, "en") and "report</title>" in page.text
+    refused = running.client.get(place, params={"language": "tlh"})
+    assert refused.status_code == 422 and "language" in refused.text
 
 
 def test_the_next_experiment_has_its_motion_and_an_unexamined_report_says_so(running: Running, csv: bytes) -> None:

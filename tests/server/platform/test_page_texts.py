@@ -10,24 +10,25 @@ from collections.abc import Collection, Iterator
 import pytest
 
 from fitting.effects import effects
+from fitting.pipeline.plausibility import _CAUSES
 from fitting.pipeline.stage_names import WORDS as STAGES
 from fitting.report.joint_words import _AS_WRITTEN, _SIGNALS, _TEXTS, JointWords
+from fitting.report.languages import content_of, language
 from server.platform.errors import ServiceError
 from server.recalibrations.recalibration_job import WORDS as RECALIBRATION
 from tests.server.platform.sentences_in_source import ROOT, every_text, told, trees
 
 WEB = ROOT / "server" / "web" / "src" / "texts"
-#: English texts of the table: the string before a colon.
-KNOWN = {
-    json.loads(found)
-    for found in re.findall(r'^  ("(?:[^"\\]|\\.)*"):', (WEB / "report_de.ts").read_text("utf-8"), re.M)
-}
+#: What reports say, by groups; the page has a copy, see `test_pages.py`.
+REPORT = content_of("de")["report"]
+KNOWN = {english for group in REPORT.values() for english in group}
 WORDS = {"cylinder": _AS_WRITTEN, "direct": JointWords(_SIGNALS, _TEXTS, {})}
 
 
 @pytest.mark.parametrize("drive", WORDS)
 def test_titles_places_and_experiments_of_all_effects_have_a_german_text(drive: str) -> None:
     said = [text for one in effects() for text in (one.title, one.look_at, one.experiment) if text]
+    said += _CAUSES.values()
     assert len(said) > 80
     assert sorted({text for text in map(WORDS[drive].text, said) if text not in KNOWN}) == []
 
@@ -213,12 +214,45 @@ GERMAN = ("refusals_de.ts", "machine_file_de.ts", "findings_de.ts", "fitting_de.
 def test_refusals_and_findings_have_a_german_text(what: str, said: set[str]) -> None:
     assert len(said) > 15, what
     fixed, patterns = _known()
-    known = {key for table in GERMAN for key in _table(table)} | fixed
+    known = {key for table in GERMAN for key in _table(table)} | fixed | KNOWN
     assert sorted(text for text in said if text not in known and not any(p.match(text) for p in patterns)) == []
 
 
 @pytest.mark.slow
 def test_no_german_refusal_or_finding_is_left_over_from_a_sentence_that_changed() -> None:
     said = _told(*REFUSING, *MORE) | _every(*MACHINE_FILE, *FINDING, *MORE, VALIDATION)
-    said |= _told(*FITTING, errors=FITTING_ERRORS)
-    assert sorted({key for table in GERMAN for key in _table(table)} - said) == []
+    said |= _told(*FITTING, errors=FITTING_ERRORS) | _every(*EVENTS)
+    known = {key for table in GERMAN for key in _table(table)} | {*REPORT["checks"], *REPORT["devices"]}
+    assert sorted(text for text in known - said if " " in text) == []
+
+
+#: Events of recordings that no finding is made of.
+EVENTS = tuple(
+    f"daq/{name}.py"
+    for name in ("drivers/can/health", "drivers/can/listening", "acquisition/cycles", "acquisition/trace")
+)
+#: Where reports get their texts: reasons, warnings, motions, verdicts, estimates.
+REPORTED = (
+    *(f"fitting/pipeline/{name}.py" for name in ("verdict", "plausibility", "estimation", "comparison")),
+    *(f"fitting/pipeline/results/{name}.py" for name in ("results", "loop_content")),
+    *(f"fitting/loop/{name}.py" for name in ("everything", "effort_confirmation", "residual_loop", "search_pieces")),
+    *("fitting/selection", "fitting/residual/confirmation", "fitting/pipeline/attribution_stage.py"),
+    *("fitting/planning/next_experiment.py", "fitting/excitation/experiments.py"),
+    *("fitting/regression/flags.py", "fitting/regression/identifiability.py"),
+)
+#: What is put together otherwise than it is read out of the source; `test_report_german.py` has it whole.
+PUT_TOGETHER = {
+    "friction was estimated with the arm attached on", "it is", "they are", "not told", "poorly told",
+    "parameters as fitted", "the two position sensors disagree by {} mm, afterwards by {} mm{}",
+    "{} {} a standard deviation above {} % of the value: {} poorly determined by these recordings",
+}  # fmt: skip
+
+
+def test_all_that_a_report_says_has_a_german_text() -> None:
+    fixed, patterns = _known()  # what is said while it is made
+    refused = _told(*REPORTED, errors=FITTING_ERRORS | {"ValueError"})
+    said = {text for text in _every(*REPORTED) if text not in PUT_TOGETHER} - refused - fixed
+    said = {text for text in said if not any(pattern.match(text.replace("{}", "1")) for pattern in patterns)}
+    german = language("de")
+    assert len(said) > 70
+    assert sorted(text for text in said if text not in KNOWN and german.said(text) == text) == []

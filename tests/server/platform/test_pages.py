@@ -159,6 +159,13 @@ def test_the_types_of_reports_are_of_their_schema() -> None:
         assert file.readline() == f"// docs/report.schema.json sha256 {digest}\n", REBUILD
 
 
+def test_what_reports_say_in_german_is_the_same_in_the_page_and_in_the_report() -> None:
+    source = "fitting/report/languages/german.json"
+    digest = hashlib.sha256((ROOT / source).read_bytes()).hexdigest()
+    with (WEB / "src" / "texts" / "report_de.gen.ts").open() as file:
+        assert file.readline() == f"// {source} sha256 {digest}\n", REBUILD
+
+
 @pytest.mark.slow
 def test_the_lock_file_names_no_registry() -> None:
     lock: dict[str, Any] = json.loads((WEB / "package-lock.json").read_text())

@@ -115,8 +115,6 @@ const EXCITATION: Record<string, string> = {
   "excitation: {} stays at {} of its limit {} {} however small the motion; raise the limit or correct the guess of the parameters":
     "Anregung: $1 bleibt beim $2-fachen seiner Grenze $3 $4, so klein die Bewegung auch ist; die Grenze erhöhen oder die geschätzten Parameter berichtigen",
   "experiment '{}': there are {}": "Versuch „$1“: es gibt $2",
-  "the same strokes of {} twice: with the other joints where its load is smallest, then largest":
-    "zweimal dieselben Hübe von $1: mit den anderen Gelenken dort, wo seine Last am kleinsten ist, dann am größten",
   "{}: has one joint, so no neighbour": "$1 hat ein Gelenk, also keinen Nachbarn",
   "{}: has one joint, so no other pose to hold": "$1 hat ein Gelenk, also keine andere Stellung zu halten",
   "{}: {} {} would reach {} of its limit": "$1: $2 $3 käme auf das $4-fache seiner Grenze",

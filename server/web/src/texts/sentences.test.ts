@@ -28,6 +28,19 @@ describe("sentences of the service", () => {
     );
   });
 
+  it("of reports are those of `report.html`", () => {
+    expect(
+      german(
+        "stage 1 with the arm attached is refused for joint1 (1.89e+14): the load looks like the drive there (condition number above 30); the values of the joint fit stand in its place",
+      ),
+    ).toBe(
+      "Stufe 1 mit angehängtem Arm ist verworfen für joint1 (1,89e+14): Die Last sieht dort wie der Antrieb aus (Konditionszahl über 30); an ihrer Stelle stehen die Werte der gemeinsamen Anpassung",
+    );
+    expect(german("joint1 and joint3 swing while joint2 creeps over its range; the others hold; or fast motions")).toBe(
+      "joint1 und joint3 schwingen, während joint2 langsam durch seinen Bereich fährt; die anderen halten; oder schnelle Bewegungen",
+    );
+  });
+
   it("stay as they are where no table has them", () => {
     expect(german("bus 'can': no such interface 'can7'")).toBe("bus 'can': no such interface 'can7'");
   });

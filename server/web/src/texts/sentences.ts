@@ -7,11 +7,15 @@
 export type Sentence = readonly [RegExp, string];
 
 /** A number with a point, by itself. */
-const DECIMAL = /(?<![\w.])([+-]?\d+)\.(\d+)(?![\w.])/g;
+const DECIMAL = /(?<![\w.])([+-]?\d+)\.(\d+(?:e[+-]?\d+)?)(?![\w.])/g;
 /** A name, or a file and its line, in front of what is said of it. */
 const NAMED = /^([^\s:]+(?::\d+)?): (.+)$/;
 /** Letters that a sentence with values needs to be known by itself; one with fewer is known inside of others only. */
 const TELLING = 9;
+/** What a key begins with that may stand behind any sentence. */
+const BEHIND = /^[ ;]/;
+/** What joins several to one. */
+const JOINT = /^; \w+ \{\}$/;
 
 /**
  * Fixed texts and sentences of a table whose keys have `{}` where a value stands, the more telling
@@ -21,19 +25,26 @@ export function compiled(table: Record<string, string>): {
   fixed: Record<string, string>;
   sentences: Sentence[];
   inner: Sentence[];
+  joints: [string, string][];
 } {
   const fixed: Record<string, string> = {};
   const open: [string, string][] = [];
   for (const [english, other] of Object.entries(table)) {
-    if (/^[ ;]/.test(english))
-      // What may stand behind any sentence.
-      open.push([`{}${english}`, `$1${other.replace(/\$(\d)/g, (_all, at: string) => `$${Number(at) + 1}`)}`]);
-    else if (english.includes("{}")) open.push([english, other]);
+    if (english.includes("{}") || BEHIND.test(english)) open.push([english, other]);
     else fixed[english] = other;
   }
   const letters = ([english]: [string, string]) => english.replaceAll("{}", "").length;
   open.sort((a, b) => letters(b) - letters(a));
+  const within = (one: [string, string]) => letters(one) < TELLING;
   const sentence = ([english, other]: [string, string]): Sentence => {
+    if (BEHIND.test(english)) {
+      const [pattern, rest] = sentence([
+        `{}${english}`,
+        `$1${other.replace(/\$(\d)/g, (_all, at: string) => `$${Number(at) + 1}`)}`,
+      ]);
+      // As much as there is in front: the same words may stand within it.
+      return [new RegExp(pattern.source.replace("(.*?)", "(.*)")), rest];
+    }
     const parts = english.split("{}").map((part) => part.replace(/[.*+?^${}()|[\]\\]/g, "\\$&"));
     const names = parts.map((part, at) => at > 0 && part.startsWith("'") && parts[at - 1]?.endsWith("'"));
     return [
@@ -43,8 +54,11 @@ export function compiled(table: Record<string, string>): {
   };
   return {
     fixed,
-    sentences: open.filter((one) => letters(one) >= TELLING).map(sentence),
-    inner: open.filter((one) => letters(one) < TELLING).map(sentence),
+    sentences: open.filter((one) => !within(one)).map(sentence),
+    inner: open.filter(within).map(sentence),
+    joints: open
+      .filter(([english]) => JOINT.test(english))
+      .map(([english, other]) => [english.slice(0, -2), other.replace("$1", "")]),
   };
 }
 
@@ -55,11 +69,13 @@ export function compiled(table: Record<string, string>): {
  * its numbers become commas.
  *
  * @param inner sentences that are known only where they stand in others
+ * @param joints what stands between sentences of a list, `; or `
  */
 export function translated(
   fixed: Record<string, string>,
   sentences: readonly Sentence[],
   inner: readonly Sentence[] = [],
+  joints: readonly (readonly [string, string])[] = [],
 ): (text: string) => string {
   const found = (text: string, among: readonly Sentence[]): string | undefined => {
     for (const [pattern, other] of among) {
@@ -74,7 +90,7 @@ export function translated(
   };
   /** A sentence, or what is put together of nothing but known ones. */
   const whole = (text: string): string | undefined => {
-    const known = fixed[text] ?? found(text, sentences);
+    const known = fixed[text] ?? list(text) ?? found(text, sentences);
     if (known !== undefined) return known;
     const named = NAMED.exec(text);
     const said = named === null ? undefined : whole(named[2] ?? "");
@@ -82,6 +98,14 @@ export function translated(
     if (!text.includes("; ")) return undefined;
     const pieces = text.split("; ").map(whole);
     return pieces.includes(undefined) ? undefined : pieces.join("; ");
+  };
+  /** What consists of several, all of them known. */
+  const list = (text: string): string | undefined => {
+    for (const [joint, other] of joints) {
+      const pieces = text.includes(joint) ? text.split(joint).map(whole) : [undefined];
+      if (!pieces.includes(undefined)) return pieces.join(other);
+    }
+    return undefined;
   };
   const part = (text: string): string => {
     const known = fixed[text] ?? fixed[text.replace(/_/g, " ")] ?? whole(text) ?? found(text, inner);

@@ -4,11 +4,17 @@ import { useSession } from "../session";
 import { Button, Notice } from "../ui/controls";
 import { saveFile } from "../ui/save";
 import { t } from "../texts";
+import { language } from "../texts/language";
 
 export interface Download {
   title: string;
   path: string;
   name: string;
+}
+
+/** Where the page of an identification's report is, in the language that this page is shown in. */
+export function reportPage(identification: string): string {
+  return `/identifications/${encodeURIComponent(identification)}/report.html?language=${language}`;
 }
 
 export function Downloads({ files }: { files: Download[] }) {

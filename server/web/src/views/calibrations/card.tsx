@@ -5,7 +5,7 @@ import { useSession } from "../../session";
 import { Button, Field, Mark } from "../../ui/controls";
 import { number, time, withStd } from "../../ui/format";
 import { Confirm, Table } from "../../ui/layout";
-import { Downloads } from "../downloads";
+import { Downloads, reportPage } from "../downloads";
 import { change, parameterName, unit, verdictWords } from "../results/wording";
 import { type Calibration, STATES, jointErrors, possible } from "./rules";
 import { t } from "../../texts";
@@ -166,7 +166,7 @@ function Numbers({ calibration }: { calibration: Calibration }) {
           },
           {
             title: t("calibrations.reportHtml"),
-            path: `/identifications/${encodeURIComponent(calibration.identification)}/report.html`,
+            path: reportPage(calibration.identification),
             name: `${calibration.machine}-${calibration.id}-report.html`,
           },
         ]}

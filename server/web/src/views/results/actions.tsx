@@ -6,7 +6,7 @@ import { useResource } from "../../resource";
 import { useSession } from "../../session";
 import { Button, Field, type InputEvent } from "../../ui/controls";
 import { Panel } from "../../ui/layout";
-import { Downloads } from "../downloads";
+import { Downloads, reportPage } from "../downloads";
 import { t } from "../../texts";
 
 type Calibrations = components["schemas"]["CalibrationList"];
@@ -31,7 +31,7 @@ export function ResultActions({ identification }: { identification: Identificati
   const id = encodeURIComponent(identification.id);
   const name = `${identification.machine}-${identification.id}`;
   const files = [
-    { title: t("results.reportReadHtml"), path: `/identifications/${id}/report.html`, name: `${name}-report.html` },
+    { title: t("results.reportReadHtml"), path: reportPage(identification.id), name: `${name}-report.html` },
     { title: t("results.reportAsDataJson"), path: `/identifications/${id}/report.json`, name: `${name}-report.json` },
   ];
   if (mine !== undefined)

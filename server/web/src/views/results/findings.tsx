@@ -6,6 +6,7 @@ import { type CandidateRow, type ShiftRow, candidates, limitGroups, shifts } fro
 import type { Report } from "./report";
 import { STATUSES, amount, capital, follows, place, title, unit } from "./wording";
 import { t } from "../../texts";
+import { said } from "../../texts/report";
 
 export function Found({ report }: { report: Report }) {
   const { effects, unexplained } = report.loop;
@@ -17,7 +18,7 @@ export function Found({ report }: { report: Report }) {
           <h3>
             {capital(title(effect, report))}, {place(effect.joint)}
           </h3>
-          {effect.equation && <p class="mono">{effect.equation}</p>}
+          {effect.equation && <p class="mono">{said(effect.equation)}</p>}
           <Table
             caption={t("results.sizesOf", { effect: title(effect, report) })}
             columns={[
