@@ -248,6 +248,17 @@ PUT_TOGETHER = {
 }  # fmt: skip
 
 
+def test_report_and_page_say_the_same_of_the_same_sentence() -> None:
+    source = (WEB / "sentences.test.ts").read_text("utf-8")
+    tests = re.search(r'it\("of reports are those.*?^  \}\);', source, re.M | re.S)
+    assert tests is not None
+    pairs = re.findall(r'german\(\s*("(?:[^"\\]|\\.)*"),?\s*\),?\s*\)\.toBe\(\s*("(?:[^"\\]|\\.)*")', tests[0])
+    assert len(pairs) == tests[0].count("expect(") >= 6
+    assert [language("de").said(json.loads(english)) for english, _ in pairs] == [
+        json.loads(other) for _, other in pairs
+    ]
+
+
 def test_all_that_a_report_says_has_a_german_text() -> None:
     fixed, patterns = _known()  # what is said while it is made
     refused = _told(*REPORTED, errors=FITTING_ERRORS | {"ValueError"})

@@ -28,7 +28,22 @@ describe("sentences of the service", () => {
     );
   });
 
+  // `test_page_texts.py` holds `report.html` to the same.
   it("of reports are those of `report.html`", () => {
+    expect(
+      german("move slowly through zero load in both directions; or change the pump's speed: the line moves with it"),
+    ).toBe(
+      "in beiden Richtungen langsam durch die Last null fahren; oder die Pumpendrehzahl ändern: Die Linie wandert mit",
+    );
+    expect(german("a.mf4: resampled from 99.5 Hz to 100 Hz; 0.02 s beside gaps and at the ends are left out")).toBe(
+      "a.mf4: von 99,5 Hz auf 100 Hz umgetastet; 0,02 s neben Lücken und an den Enden sind weggelassen",
+    );
+    expect(
+      german("look after cable, plug and supply of this device, and mark the rows missing in arm.yaml lines 39 and 43"),
+    ).toBe(
+      "Kabel, Stecker und Versorgung dieses Geräts prüfen und die Zeilen als fehlend kennzeichnen in arm.yaml, Zeilen 39 und 43",
+    );
+    expect(german("paint it; or take the harness off and repeat")).toBe("paint it; or take the harness off and repeat");
     expect(
       german(
         "stage 1 with the arm attached is refused for joint1 (1.89e+14): the load looks like the drive there (condition number above 30); the values of the joint fit stand in its place",
