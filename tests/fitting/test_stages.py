@@ -7,6 +7,7 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -47,6 +48,7 @@ def request_file(request: Request, path: Path) -> Path:
         "recordings": [[role, str(file)] for role, file in request.recordings],
         "output": str(request.output),
         "options": {"loop": request.options.loop},
+        **({} if request.languages == ("en",) else {"languages": request.languages}),
     }
     path.write_text(json.dumps(content), encoding="utf-8")
     return path
@@ -200,6 +202,8 @@ def test_bad_usage_and_bad_files_are_exit_code_2(
 def test_a_request_survives_its_file(files: Path, tmp_path: Path) -> None:
     request = request_of(files, tmp_path / "report", loop=False)
     assert load_request(request_file(request, tmp_path / "request.json")) == request
+    both = replace(request, languages=("en", "de"))
+    assert load_request(request_file(both, tmp_path / "request.json")) == both
 
 
 @pytest.mark.slow
@@ -208,7 +212,8 @@ def test_one_process_does_all_stages_and_reads_the_recordings_once(
 ) -> None:
     copies = tmp_path / "files"
     shutil.copytree(files, copies)
-    path = request_file(request_of(copies, tmp_path / "report"), tmp_path / "request.json")
+    request = replace(request_of(copies, tmp_path / "report"), languages=("en", "de"))
+    path = request_file(request, tmp_path / "request.json")
     with subprocess.Popen(
         [sys.executable, "-m", "fitting.pipeline.stage_program", "--stay", str(path), STAGES[0]],
         stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
@@ -230,6 +235,7 @@ def test_one_process_does_all_stages_and_reads_the_recordings_once(
         assert program.wait(60) == 0
         assert program.stderr.read() == ""
     assert (tmp_path / "report" / "report.json").is_file()
+    assert '<html lang="de">' in (tmp_path / "report" / "report.de.html").read_text(encoding="utf-8")
     assert (tmp_path / "log").read_text() == ""
 
 

@@ -36,13 +36,20 @@ def result(arm: Path) -> hilfit.Result:
     assert machine.joints == ("joint1", "joint2") and machine.name == "test-arm"
     files = {role: [arm / f"{role}.parquet"] for role in ("unloaded", "train", "repeat", "validate")}
     files["train"] = [hilfit.Recording.load(arm / "train.parquet", machine)]  # type: ignore[list-item]
-    return hilfit.identify(machine, **files, output=arm / "report", loop=False)
+    return hilfit.identify(machine, **files, output=arm / "report", language="de", loop=False)
 
 
 def run(arguments: list[str]) -> int:
     with pytest.raises(SystemExit) as caught:
         main(arguments)
     return int(caught.value.code or 0)
+
+
+def test_the_page_is_in_the_language_and_the_report_is_not(arm: Path, result: hilfit.Result) -> None:
+    assert '<html lang="de">' in (arm / "report" / "report.html").read_text(encoding="utf-8")
+    assert result.report["summary"]["label"].startswith("Fitted only")
+    with pytest.raises(hilfit.InputError, match="in the language 'tlh'"):
+        hilfit.identify(arm / "machine.yaml", train=[arm / "train.parquet"], language="tlh")
 
 
 def test_prediction_has_the_errors_of_the_report(arm: Path, result: hilfit.Result) -> None:
