@@ -29,6 +29,8 @@ class _Sentence(NamedTuple):
     other: str
     names: frozenset[int]
     """Numbers of the values that are names."""
+    needed: str
+    """The longest of its own parts: a text without it need not be held against the pattern."""
 
 
 def _sentence(english: str, other: str) -> _Sentence:
@@ -39,7 +41,8 @@ def _sentence(english: str, other: str) -> _Sentence:
         return rest._replace(pattern=re.compile(rest.pattern.pattern.replace("(.*?)", "(.*)", 1)))
     parts = english.split("{}")
     names = {at for at in range(1, len(parts)) if parts[at].startswith("'") and parts[at - 1].endswith("'")}
-    return _Sentence(re.compile("(.*?)".join(map(re.escape, parts))), other, frozenset(names))
+    pattern = re.compile("(.*?)".join(map(re.escape, parts)))
+    return _Sentence(pattern, other, frozenset(names), max(parts, key=len))
 
 
 @dataclass(frozen=True)
@@ -86,7 +89,7 @@ class Sentences:
 
     def _found(self, text: str, among: Iterable[_Sentence]) -> str | None:
         for sentence in among:
-            values = sentence.pattern.fullmatch(text)
+            values = sentence.pattern.fullmatch(text) if sentence.needed in text else None
             if values is not None:
                 return self._filled(sentence, values)
         return None
