@@ -11,15 +11,15 @@ import json
 import random
 import tempfile
 import time
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager, nullcontext, suppress
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, nullcontext
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
-from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
 from benchmarks.service.postgresql import PostgreSQL, postgresql_server
+from benchmarks.storm.asking import becomes_quiet, prepare, real_order, undisturbed
 from benchmarks.storm.checks import all_checks, amcheck, count_results
 from benchmarks.storm.clock import SetClock, clock_file
 from benchmarks.storm.faults import (
@@ -33,9 +33,10 @@ from benchmarks.storm.faults import (
     small_disk,
 )
 from benchmarks.storm.host import HostOrder
-from benchmarks.storm.processes import Herd, Host, real_identification
+from benchmarks.storm.killing import REAL_KILLS, Killing, Say
+from benchmarks.storm.processes import Herd
 from benchmarks.storm.stages import STAGES
-from benchmarks.storm.traffic import Client, NoAnswerError, Told, Traffic
+from benchmarks.storm.traffic import Client, Told, Traffic
 from benchmarks.targets import Check, Outcome, fact
 from server.composition.declarations import TABLES
 from server.platform.database.engine import Database
@@ -45,34 +46,18 @@ from sim_backends.plant.cases import make_case
 
 #: Kills that are aimed at, for every one that there should be: now and then there is nothing to kill.
 AIM = 2.5
-#: Least seconds between two kills.
-BREATH_S = 0.15
-#: How often each kind is chosen, where one is there.
-WEIGHTS = {"server": 8, "worker": 6, "acquisition": 6, "stage": 2, "real stage": 2}
-#: Seconds that a host works at least before it is killed, drawn at its start, and that an acquisition is there; longer
-#: on a computer so busy that a host takes longer than usual to start, or nothing would ever get to work.
-LIFE_S = (2.0, 12.0)
-ACQUISITION_S = 2.0
-USUAL_START_S = 2.5
-#: Share of the stages that are spared: three kills fail a job.
-SPARED = 0.4
-#: Real identifications, and the most kills of stages of each: all have to get done.
-REAL, REAL_KILLS = 2, 2
+#: Real identifications: all have to get done.
+REAL = 2
 #: Machine time of their recordings: about 4 s of processor time each, and the start of seven processes.
 REAL_S = 20.0
-#: Share of starts that are killed within so many seconds, up or not.
-DOOMED, DOOM_S = 0.4, 4.0
 #: Machine seconds per second.
 SPEED = 4.0
-#: Seconds until the machine is acquired, recorded and scheduled, before the first kill.
-READY_S = 240.0
 #: Seconds until everything that was ordered has to be over, after the last kill; more where an undisturbed real
 #: identification takes long.
 QUIET_S = 180.0
 WORKERS = 2
 #: Seconds that the process of a job has to end after the last one.
 LEAVING_S = 30.0
-Say = Callable[[str], None]
 
 
 def run(
@@ -155,7 +140,7 @@ class _Storm:
         client = Client(lambda: herd.server.said if herd.server.up.is_set() else None, told)
         try:
             with _database(files, url, herd) as database:
-                name, recording = _prepare(client, self.machine)
+                name, recording = prepare(client, self.machine)
                 count_results(database)
                 first = self._first_real(client, told, name) if real else _Undisturbed({}, 0.0)
             traffic = Traffic(client, told, name, recording)
@@ -182,10 +167,10 @@ class _Storm:
 
     def _first_real(self, client: Client, told: Told, machine: str) -> _Undisturbed:
         """Order a real identification that nothing hits, and wait for it."""
-        order = _real(client, machine, self.directory / "case")
+        order = real_order(client, machine, self.directory / "case")
         self.say("a real identification, undisturbed")
         asked = time.monotonic()
-        told.undisturbed = _undisturbed(client, order)
+        told.undisturbed = undisturbed(client, order)
         took = time.monotonic() - asked
         self.say(f"it took {took:.1f} s")
         return _Undisturbed(order, took)
@@ -218,7 +203,7 @@ class _Storm:
         before = time.monotonic()
         whole = herd.wait_up()
         # Stages have the lowest priority: a computer with other work may give them next to nothing.
-        quiet = whole and _quiet(client, longest)
+        quiet = whole and becomes_quiet(client, longest)
         self.say(f"quiet {time.monotonic() - before:.1f} s after the last kill")
         left = _left(herd)
         codes = herd.stop()
@@ -322,146 +307,9 @@ def _database(files: DataDirectory, url: str | None, herd: Herd | None = None) -
         database.close()
 
 
-def _prepare(client: Client, machine: Path) -> tuple[str, str]:
-    """Acquire the machine, record what identifications are made of, and make the schedule; machine and recording."""
-    content, yaml = machine.read_bytes(), {"Content-Type": "application/yaml"}
-    name = str(_answer(lambda: client.ask("POST", "/machines", content, yaml)[1], READY_S)["name"])
-    _answer(lambda: client.ask("PUT", f"/machines/{name}/acquisition", {"enabled": True}), READY_S)
-    body: dict[str, Any] = {"machine": name, "role": "operation", "label": "before", "seconds": 4.0}
-    recording = _answer(lambda: _created(client, "/recordings", body), READY_S)
-    place = f"/recordings/{recording['id']}"
-    _answer(lambda: client.ask("GET", place)[1]["state"] == "sealed", READY_S)
-    wish = {"machine": name, "cron": "*/5 * * * *", "timezone": "UTC", "motion": "operation", "duration_s": 30.0}
-    _answer(lambda: _created(client, "/schedules", wish), READY_S)
-    return name, str(recording["id"])
-
-
-def _real(client: Client, name: str, case: Path) -> dict[str, Any]:
-    """Upload what real identifications are made of; the body of such an order."""
-    chosen = []
-    for stem, role in (("train-1", "train"), ("validate", "validate")):
-        place = f"/recordings/upload?machine={name}&role={role}&name={stem}.parquet"
-        content = (case / f"{stem}.parquet").read_bytes()
-        chosen.append({"id": _answer(partial(_created, client, place, content), READY_S)["id"], "role": role})
-    return {"machine": name, "recordings": chosen}
-
-
-def _undisturbed(client: Client, order: dict[str, Any]) -> str:
-    """Id of a real identification that is done."""
-    made = _answer(lambda: _created(client, "/identifications", order | {"label": "undisturbed"}), READY_S)
-    place = f"/jobs/{made['job']}"
-    _answer(lambda: client.ask("GET", place)[1]["state"] == "done", 2 * READY_S)
-    return str(made["id"])
-
-
-def _created(client: Client, path: str, body: Any) -> Any:
-    status, answer = client.ask("POST", path, body)
-    return answer if status in (201, 202) else None
-
-
-def _answer(ask: Callable[[], Any], seconds: float) -> Any:
-    deadline = time.monotonic() + seconds
-    while time.monotonic() < deadline:
-        with suppress(NoAnswerError):
-            if answer := ask():
-                return answer
-        time.sleep(0.2)
-    raise RuntimeError(f"the service was not ready for the storm in {seconds:g} s")
-
-
 def _killed_real(herd: Herd, real: int, after: int, seconds: float) -> Iterator[Check]:
     """How often real identifications were hit, after the rest of the storm."""
     if real:
         hits, most = sum(herd.hits.values()), real * REAL_KILLS
         shown = f"{hits} of {most}, and {after - hits} other kills meanwhile, in {seconds:.0f} s"
         yield Check("stages of real identifications killed", hits, shown, "at least", 1.0, "1")
-
-
-class Killing:
-    """Kills at random, so many a second.
-
-    Attributes
-    ----------
-    past : seconds since it began
-    weather : what else happens meanwhile
-    """
-
-    def __init__(self, herd: Herd, chance: random.Random, rate: float, say: Say, weather: Weather | None) -> None:
-        self.weather = weather
-        self._herd, self._chance, self._rate, self._say = herd, chance, rate, say
-        self._began = self._due = self._told = time.monotonic()
-
-    @property
-    def past(self) -> float:
-        """Seconds since the first call."""
-        return time.monotonic() - self._began
-
-    def go_on(self, wanted: Callable[[float], bool], longest: float) -> None:
-        """Kill while it is ``wanted`` (given the seconds since the beginning), for ``longest`` s at most."""
-        start, chance = time.monotonic(), self._chance
-        while wanted(self.past) and (now := time.monotonic()) - start < longest:
-            if self.weather is not None:
-                self.weather.go_on()
-            for host in self._herd.revive():
-                host.doom_s = chance.uniform(0.0, DOOM_S) if chance.random() < DOOMED else None
-                host.life_s = chance.uniform(*LIFE_S) * _slowness(self._herd)
-            if now >= self._due and _kill_one(self._herd, chance):
-                # From when it was due: a storm that falls behind catches up.
-                self._due = max(self._due + chance.expovariate(self._rate), now + BREATH_S)
-            if now - self._told > 10.0:
-                self._told = now
-                seen = "" if self.weather is None else self.weather.said
-                self._say(f"{self.past:3.0f} s: {self._herd.total} killed{seen}")
-            time.sleep(0.02)
-
-
-def _kill_one(herd: Herd, chance: random.Random) -> bool:
-    """Kill one process of a kind that is there; False if there is none, or it was gone."""
-    children = herd.children()
-    ages = herd.ages(children["acquisition"])
-    children["acquisition"] = [pid for pid, age in ages.items() if age > ACQUISITION_S * _slowness(herd)]
-    herd.spared = {pid: herd.spared.get(pid, chance.random() < SPARED) for pid in children["stage"]}
-    children["stage"] = [pid for pid, spared in herd.spared.items() if not spared]
-    for kind in ("stage", "real stage"):
-        children[kind] = [pid for pid in children[kind] if herd.hits[real_identification(pid)] < REAL_KILLS]
-    # Not all at their start: a host that never works does nothing that could go wrong.
-    hosts: dict[str, list[Host]] = {"server": [herd.server], "worker": herd.workers}
-    up = {kind: [host for host in found if host.due] for kind, found in hosts.items()}
-    there = [kind for kind in WEIGHTS if children.get(kind) or up.get(kind)]
-    if not there:
-        return False
-    kind = chance.choices(there, [WEIGHTS[kind] for kind in there])[0]
-    if kind in up:
-        return herd.kill_host(chance.choice(up[kind]))
-    return herd.kill_child(kind, chance.choice(children[kind]))
-
-
-def _slowness(herd: Herd) -> float:
-    """How many times longer than usual the server took to start, 1 to 10: beyond, it waited for a disk or database."""
-    return min(max(1.0, herd.server.took / USUAL_START_S), 10.0)
-
-
-def _quiet(client: Client, seconds: float) -> bool:
-    """Wait until no job is open and nothing is recorded, the schedule switched off; False if that takes too long."""
-    deadline = time.monotonic() + seconds
-    off = False
-    while time.monotonic() < deadline:
-        try:
-            if not off:
-                _, found = client.ask("GET", "/schedules")
-                for schedule in found["items"]:
-                    wish = {
-                        key: value for key, value in schedule.items() if key not in ("id", "created", "next", "last")
-                    }
-                    code, _ = client.ask("PUT", f"/schedules/{schedule['id']}", wish | {"enabled": False})
-                    off = code == 200
-            _, status = client.ask("GET", "/status")
-            _, found = client.ask("GET", "/recordings?state=recording")
-            acquired = all(state["state"] == "running" for state in status["acquisition"].values())
-            busy = sum(status["jobs"].get(state, 0) for state in ("queued", "running"))
-            if off and acquired and not busy and not found["items"]:
-                return True
-        except NoAnswerError:
-            pass
-        time.sleep(0.3)
-    return False
