@@ -61,11 +61,11 @@ def check_effect(effect: Effect) -> None:
     """Raise ``AssertionError``, with a text that says what is wrong, if the effect breaks the contract.
 
     Checked: texts are there; parameters are named once; on every joint that it applies to, every shape gives finite
-    columns of the right form that add something in a loaded recording; a joint's effect is gone when the arm is
-    unloaded; the parity is the declared one; columns of an effect with ``uses_model = False`` do not move with the
-    model, and no column holds a hidden force of its own (doubled model forces give 1, 2 or 4 times the column); gap
-    columns have the same form; plausibility follows the intervals; the same view gives the same columns and is left
-    unchanged.
+    columns of the right form, beyond the fitted ranges as well, that add something in a loaded recording; a joint's
+    effect is gone when the arm is unloaded; the parity is the declared one; columns of an effect with ``uses_model
+    = False`` do not move with the model, and no column holds a hidden force of its own (doubled model forces give
+    1, 2 or 4 times the column); gap columns have the same form; plausibility follows the intervals; the same view
+    gives the same columns and is left unchanged.
     """
     _check_texts(effect)
     _check_plausibility(effect)
@@ -158,6 +158,7 @@ def _check_columns(effect: Effect, bench: _Bench, joint: int) -> None:
         _require(effect, _fingerprint(loaded) == before, f"{place} it changes the view that it looks at")
         _require(effect, np.array_equal(columns, effect.columns(loaded, shape)), f"{place} it is not deterministic")
         alive = alive or bool(np.any(columns))
+        _columns(effect, _beyond(loaded), shape, f"{place}, in a recording that goes beyond what was fitted,")
         still = _columns(effect, unloaded, shape, place)
         if effect.level == "joint":
             _require(effect, not np.any(still), f"{place} a joint's effect must be zero in an unloaded recording")
@@ -224,6 +225,15 @@ def _check_gap(effect: Effect, bench: _Bench) -> None:
 def _like(first: FloatArray, second: FloatArray) -> bool:
     size = max(float(np.max(np.abs(second))), 1e-300)
     return bool(np.all(np.abs(first - second) <= 1e-6 * size))
+
+
+def _beyond(view: DriveView) -> DriveView:
+    """The view of a recording that goes three times as far, and is three times as fast, as those that were fitted."""
+    ranges = tuple(
+        replace(own, x=(own.middle - own.span / 6, own.middle + own.span / 6), v=own.v / 3, force=own.force / 3)
+        for own in view.ranges
+    )
+    return replace(view, ranges=ranges, cache={}, shared={})
 
 
 def _turned(view: DriveView) -> DriveView:

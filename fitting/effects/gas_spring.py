@@ -46,7 +46,9 @@ class GasSpring(Effect):
         """Columns (N, k); see :class:`Effect`."""
         low, high = view.range.x
         stroke = (view.x - low if shape["side"] > 0 else high - view.x) / view.range.span
-        rise = shape["side"] * (1.0 - stroke / (1.0 + shape["rest"])) ** -shape["n"]
+        # No recording that was fitted goes beyond 1; where another does, the gas keeps half of what was left there.
+        left = 1.0 - np.minimum(stroke, 1.0 + 0.5 * shape["rest"]) / (1.0 + shape["rest"])
+        rise = shape["side"] * left ** -shape["n"]
         return np.column_stack([rise, np.ones(len(rise))])
 
     def plausible(self, values: Sequence[float], stds: Sequence[float]) -> bool:
