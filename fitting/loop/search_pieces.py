@@ -40,6 +40,8 @@ IntArray = npt.NDArray[np.intp]
 _LOSSES = 10
 #: Pieces that a recording's share has to hold at least; with more recordings than that allows, some are left out.
 _LEAST_PIECES = 3
+#: Share by which what is taken may exceed the budget: a minute is 3000 rows, or 3001.
+_ABOUT = 0.02
 #: Shares of the groups of roles in the budget: on `validate` nothing is selected, and all of it judges in the end.
 _GROUPS = {("unloaded",): 0.2, ("train", "operation", "repeat"): 0.6, ("validate",): 0.2}
 #: Bins per signal, seconds between two looks at it, and share of outliers on each side that no bin is made for.
@@ -101,14 +103,14 @@ def choose_pieces(machine: Machine, recordings: Sequence[Recording], bank: Filte
             continue
         level = _level([len(recordings[n]) for n in own], int(share))
         levels |= {recordings[n].role: level for n in own}
-        wholes = [n for n in own if len(recordings[n]) <= level and n not in partners]
+        wholes = [n for n in own if len(recordings[n]) <= (1 + _ABOUT) * level and n not in partners]
         cut = [n for n in own if n not in wholes and n not in partners]
         chosen |= {n: (slice(0, len(recordings[n])),) for n in wholes}
         if cut:
             chosen |= _covering(machine, [(n, recordings[n]) for n in cut], length, level)
     for number, (train, lag) in partners.items():
         rows, level = len(recordings[number]), levels["repeat"]
-        if rows <= level and len(recordings[train]) <= level:
+        if max(rows, len(recordings[train])) <= (1 + _ABOUT) * level:
             chosen[number] = (slice(0, rows),)
             continue
         moved = [slice(max(0, p.start + lag), min(rows, p.stop + lag)) for p in chosen[train]]
@@ -153,7 +155,7 @@ def _kept(recordings: Sequence[Recording], budget: int, length: int) -> list[int
     need = [min(len(recording), _LEAST_PIECES * length) for recording in recordings]
     kept = {role: [n for n, r in enumerate(recordings) if r.role == role] for group in _GROUPS for role in group}
     spread = dict(kept)
-    while sum(need[n] for own in spread.values() for n in own) > budget:
+    while sum(need[n] for own in spread.values() for n in own) > (1 + _ABOUT) * budget:
         several = [role for role, own in spread.items() if len(own) > 1]
         if not several:
             break

@@ -31,8 +31,9 @@ from fitting.signals.spectrum import Whitening, unit_whitening
 FloatArray = npt.NDArray[np.float64]
 BoolArray = npt.NDArray[np.bool_]
 
-# A reduced row is dropped when the element rests during more than this share of its filter window.
-REST_SHARE = 0.5
+#: A reduced row is dropped when the element rests during more than this share of its filter window. At rest friction is
+#: anything between plus and minus the Coulomb friction, which is tens of standard deviations of a row.
+REST_SHARE = 0.02
 
 
 @dataclass(frozen=True)
@@ -208,8 +209,7 @@ def _blocks(
         external = None if segment.external is None else segment.external[:, number]
         known = known_effort(joint, segment.v[:, number], segment.a[:, number], external)
         target = segment.effort[:, number] - known
-        share = bank.reduce(segment.rest[:, number].astype(float))
-        keep = _driven(joint.cylinder is not None or segment.loaded, share < REST_SHARE)
+        keep = _driven(joint.cylinder is not None or segment.loaded, moving_rows(bank, segment.rest[:, number]))
         reduced = bank.reduce(np.column_stack([target, columns]))
         blocks.append(JointBlock(target, columns, known, reduced[:, 0], reduced[:, 1:], keep))
     return blocks
@@ -220,6 +220,11 @@ def _drive_columns(parameters: Parameters, noise: Sequence[PositionNoise], segme
     x, v, a = segment.x[:, joint], segment.v[:, joint], segment.a[:, joint]
     late = segment.late[joint] if segment.late else 0.0
     return drive_columns(parameters.drive[joint], x, v, a, noise[joint].speed, late)
+
+
+def moving_rows(bank: FilterBank, rest: BoolArray) -> BoolArray:
+    """Reduced rows (M,) whose filter window has next to no rest (N,) in it."""
+    return np.abs(bank.reduce(rest.astype(float))) < REST_SHARE
 
 
 def _driven(says_something: bool, keep: BoolArray) -> BoolArray:

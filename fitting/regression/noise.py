@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from daq.recordings.recording_checks import runs
-from fitting.regression.design import REST_SHARE, Design, Extra, NoiseModel, full_residual, white_noise_model
+from fitting.regression.design import Design, Extra, NoiseModel, full_residual, moving_rows, white_noise_model
 from fitting.regression.streamed import fit_rows
 from fitting.signals.filters import lag_between
 from fitting.signals.spectrum import unit_whitening, whitening
@@ -159,7 +159,7 @@ def effort_floor(design: Design, theta: FloatArray, pairs: Sequence[Pairing], ex
             right = slice(pair.repeat_start, pair.repeat_start + pair.length)
             first = (a.r[:, joint] * full_residual(design, theta, joint, pair.train, extra))[left]
             second = (b.r[:, joint] * full_residual(design, theta, joint, pair.repeat, extra))[right]
-            kept = design.bank.reduce((a.rest[left, joint] | b.rest[right, joint]).astype(float)) < REST_SHARE
+            kept = moving_rows(design.bank, a.rest[left, joint] | b.rest[right, joint])
             reduced = design.bank.reduce(first - second)
             values.append(reduced[kept] if kept.any() else reduced)
         floors.append(float(np.std(np.concatenate(values)) / np.sqrt(2.0)))

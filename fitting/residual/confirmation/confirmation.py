@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy import stats
 
-from fitting.regression.design import REST_SHARE, effort_errors, full_residual, whitened
+from fitting.regression.design import effort_errors, full_residual, moving_rows, whitened
 from fitting.regression.noise import Pairing
 from fitting.residual.terms import Model
 
@@ -140,7 +140,7 @@ def misfit(model: Model, pairs: Sequence[Pairing], joint: int) -> Misfit:
             for index, part in ((pair.train, left), (pair.repeat, right))
         )
         rest = design.segments[pair.train].rest[left, joint] | design.segments[pair.repeat].rest[right, joint]
-        kept = model.noise.kept(joint, bank.reduce(rest.astype(float)) < REST_SHARE)
+        kept = model.noise.kept(joint, moving_rows(bank, rest))
         halves = np.column_stack([first + second, first - second]) / np.sqrt(2.0)
         white = model.noise.whiten(joint, bank.reduce(halves))[kept]
         together += float(white[:, 0] @ white[:, 0])
