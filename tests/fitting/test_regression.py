@@ -4,19 +4,24 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from scipy import linalg, signal
 from synthetic_arm import clean_session, exact_design, force, make_motion, planar_machine, truth
 
 from fitting.regression.design import (
+    REST_SHARE,
     Extra,
     NoiseModel,
     effort_errors,
     full_residual,
+    moving_rows,
     predicted_effort,
     white_noise_model,
     whitened,
 )
 from fitting.regression.solving import WhiteRows, solve
+from fitting.signals.filters import filter_bank
 from fitting.signals.spectrum import Whitening
 
 PHI, SIGMA = 0.7, 2.5
@@ -149,3 +154,15 @@ def test_whitened_residuals_of_a_noisy_arm_are_standard_normal() -> None:
     for residual in fit.residual:
         # Above the identification band there is nothing to whiten: four coefficients leave some correlation.
         assert abs(np.mean(residual[1:] * residual[:-1])) < 0.3
+
+
+@given(st.integers(60, 400), st.integers(20, 300), st.floats(-1.0, 1.0))
+def test_friction_at_rest_is_not_in_the_rows_that_are_kept(begin: int, length: int, friction: float) -> None:
+    bank = filter_bank(50.0, 3.0)
+    rest = np.zeros(800, dtype=bool)
+    rest[begin : begin + length] = True
+    kept = moving_rows(bank, rest)
+    assert np.max(np.abs(bank.reduce(friction * rest))[kept], initial=0.0) <= REST_SHARE
+    assert not kept[bank.reduce(rest.astype(float)) > 0.5].any()
+    # What is lost beside the rest is shorter than two filters.
+    assert np.count_nonzero(~kept) <= (length + 4 * bank.half) / bank.decimation + 1
