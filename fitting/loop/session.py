@@ -250,8 +250,12 @@ class Session:
         The loop has thousands of columns, so with it that is sooner; it may search pieces only (:attr:`search`), which
         are in memory even where the shortest that a filter allows are more than was asked for.
         """
-        samples = sum(len(r) for r in self.recordings) * len(self.machine.joints)
-        return not self.in_memory and samples > (LOOP_SAMPLES if self.options.loop else LONG_SAMPLES)
+        return not self.in_memory and self._samples > (LOOP_SAMPLES if self.options.loop else LONG_SAMPLES)
+
+    @property
+    def _samples(self) -> int:
+        """Of all joints together."""
+        return sum(len(r) for r in self.recordings) * len(self.machine.joints)
 
     @cached_property
     def search(self) -> Search:
@@ -260,9 +264,8 @@ class Session:
         seconds = sum(r.duration for r in self.recordings)
         if not self.long:
             return Search(self, numbers, len(numbers), seconds, seconds)
-        joints = len(self.machine.joints)
-        samples = sum(len(r) for r in self.recordings) * joints
-        budget = (LOOP_SAMPLES if samples <= 2 * LOOP_SAMPLES else SEARCH_SAMPLES) // joints
+        samples = LOOP_SAMPLES if self._samples <= 2 * LOOP_SAMPLES else SEARCH_SAMPLES
+        budget = samples // len(self.machine.joints)
         chosen = choose_pieces(self.machine, self.recordings, self.bank, budget)
         recordings = [thinned(self.recordings[own.number], own.pieces) for own in chosen]
         options = replace(self.options, bandwidth_hz=self.bank.bandwidth_hz)
