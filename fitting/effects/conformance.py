@@ -62,10 +62,10 @@ def check_effect(effect: Effect) -> None:
 
     Checked: texts are there; parameters are named once; on every joint that it applies to, every shape gives finite
     columns of the right form, beyond the fitted ranges as well, that add something in a loaded recording; a joint's
-    effect is gone when the arm is unloaded; the parity is the declared one; columns of an effect with ``uses_model
-    = False`` do not move with the model, and no column holds a hidden force of its own (doubled model forces give
-    1, 2 or 4 times the column); gap columns have the same form; plausibility follows the intervals; the same view
-    gives the same columns and is left unchanged.
+    effect is gone when the arm is unloaded; the parity is the declared one; columns of an effect with
+    ``uses_model = False`` do not move with the model, and no column holds a hidden force of its own (doubled model
+    forces give 1, 2 or 4 times the column); gap columns have the same form; plausibility follows the intervals; the
+    same view gives the same columns and is left unchanged.
     """
     _check_texts(effect)
     _check_plausibility(effect)

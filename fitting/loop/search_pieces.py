@@ -155,19 +155,15 @@ def _kept(recordings: Sequence[Recording], budget: int, length: int) -> list[int
     need = [min(len(recording), _LEAST_PIECES * length) for recording in recordings]
     kept = {role: [n for n, r in enumerate(recordings) if r.role == role] for group in _GROUPS for role in group}
     spread = dict(kept)
-    while sum(need[n] for own in spread.values() for n in own) > (1 + _ABOUT) * budget:
-        several = [role for role, own in spread.items() if len(own) > 1]
-        if not several:
-            break
+    while several := [role for role, own in spread.items() if len(own) > 1]:
         rows = {group: sum(need[n] for role in group for n in spread[role]) for group in _GROUPS}
-        role = max(several, key=lambda one: (rows[_group(one)] / _GROUPS[_group(one)], len(spread[one])))
+        if sum(rows.values()) <= (1 + _ABOUT) * budget:
+            break
+        beyond = {role: rows[group] / share for group, share in _GROUPS.items() for role in group}
+        role = max(several, key=lambda one: (beyond[one], len(spread[one])))
         places = np.linspace(len(kept[role]) - 1, 0, len(spread[role]) - 1)
         spread[role] = [kept[role][round(place)] for place in places]
     return sorted(n for own in spread.values() for n in own)
-
-
-def _group(role: str) -> tuple[str, ...]:
-    return next(group for group in _GROUPS if role in group)
 
 
 def _shares(lengths: Sequence[int], budget: int) -> list[float]:
