@@ -1,30 +1,42 @@
-"""Least squares of joint efforts: every row of every joint counts alike, whatever the noise is like.
+"""Fit of joint efforts with equal weights: every row of every joint counts alike, whatever the noise is like.
 
 Rows are filtered joint efforts (N m or N) over all fitted recordings, ``unloaded`` ones at the joint's mean lever arm::
 
     r (p1 A1 - p2 A2 - c v)  =  r D_i(x, v, a) theta_i  +  Y_b(q, q', q'') beta  +  r E eta
 
-What is minimised is what a user sees: the error of the effort. It does not ask for a right model, as weights by a noise
-spectrum do. Rows are folded into one triangle per joint (:func:`fitting.regression.streamed.triangle`), so that
+What is minimised is what a user sees, the error of the effort, beside the divergence from a plausible arm
+(:mod:`fitting.regression.plausible_arm`). It does not ask for a right model, as weights by a noise spectrum do. Rows are folded into one triangle per joint (:func:`fitting.regression.streamed.triangle`), so that
 recordings of any length and any scale per joint are solved from it. Deviations are those of a sandwich (``hac``, see
 :mod:`fitting.estimators.covariance`): the residual of a model that is not whole is neither white nor of one size.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
-from scipy import stats
+from scipy import signal, stats
 
-from fitting.estimators.covariance import series_scores
+from daq.recordings.recording_checks import runs
+from fitting.estimators.covariance import autoregression, series_scores
 from fitting.regression.design import Design, Extra
-from fitting.regression.prior import Prior, prior_row
-from fitting.regression.solving import Factor, Fit, factor
+from fitting.regression.plausible_arm import ALONE
+from fitting.regression.prior import Prior, data_share, with_prior
+from fitting.regression.solving import Factor, Fit, WhiteRows, factor
 from fitting.regression.streamed import triangle
 
 FloatArray = npt.NDArray[np.float64]
+BoolArray = npt.NDArray[np.bool_]
+
+#: Standard errors by which least squares has to be better on positions left out, and the rise of the training error up to
+#: which a plausible arm costs nothing that a motion could refuse.
+REFUSED, FREE = 2.0, 1.01
+#: Share of a joint's positions that is left out at either end.
+OUTER = 0.25
+_SHORT = 20  # rows below which a series says nothing of its own colour
 
 
 class EffortRows:
@@ -39,6 +51,7 @@ class EffortRows:
     def __init__(self, design: Design, indices: Sequence[int], extra: Extra | None = None) -> None:
         self._design, self._indices, self._extra = design, tuple(indices), extra
         self._levers = mean_levers(design)
+        self._made: dict[tuple[int, int], tuple[FloatArray, FloatArray]] = {}
         joints = range(len(design.machine.joints))
         self.rows = np.zeros(len(joints), dtype=int)
         self.triangles = []
@@ -56,71 +69,175 @@ class EffortRows:
 
     def parts(self, joint: int) -> Iterator[tuple[FloatArray, FloatArray]]:
         """Columns (M, p) and target (M,) of one joint, segment by segment, rows at rest left out."""
-        design, extra = self._design, self._extra
         for index in self._indices:
-            segment, block = design.segments[index], design.blocks[joint][index]
-            r = segment.r[:, joint] if segment.loaded else np.full(len(segment), self._levers[joint])
-            target, columns = block.effort(design.bank, r)
-            if extra is not None and extra.names:
-                own = extra.columns[joint][index]
-                more = np.zeros((len(target), len(extra.names)))
-                columns = np.hstack([columns, more if own is None else design.bank.reduce(own * r[:, None])])
-            yield columns[block.keep], target[block.keep]
+            columns, target = self._part(joint, index)
+            keep = self._design.blocks[joint][index].keep
+            yield columns[keep], target[keep]
+
+    def _part(self, joint: int, index: int) -> tuple[FloatArray, FloatArray]:
+        """Columns (M, p) and target (M,) of one joint in one segment, rest included; kept where there is memory."""
+        if (joint, index) in self._made:
+            return self._made[joint, index]
+        design, extra = self._design, self._extra
+        segment, block = design.segments[index], design.blocks[joint][index]
+        r = segment.r[:, joint] if segment.loaded else np.full(len(segment), self._levers[joint])
+        target, columns = block.effort(design.bank, r)
+        if extra is not None and extra.names:
+            own = extra.columns[joint][index]
+            more = np.zeros((len(target), len(extra.names)))
+            columns = np.hstack([columns, more if own is None else design.bank.reduce(own * r[:, None])])
+        if not design.stored:
+            self._made[joint, index] = columns, target
+        return columns, target
 
     def errors(self, theta: FloatArray) -> FloatArray:
         """Root mean square of each joint's error (n,), N m or N, not a number where a joint has no rows."""
         sums = np.array([np.sum((R[:, -1] - R[:, :-1] @ theta) ** 2) for R in self.triangles])
         return np.asarray(np.sqrt(sums / np.where(self.rows > 0, self.rows, np.nan)))
 
-    def solve(self, prior: Prior, scale: FloatArray | None = None) -> tuple[FloatArray, Factor]:
-        """Parameters (p,) of least squares with each joint's rows divided by ``scale`` (n,); ones if None."""
-        joints = len(self.triangles)
-        scale = np.ones(joints) if scale is None else scale
-        stacked = np.vstack([R / s for R, s in zip(self.triangles, scale, strict=True)])
-        theta = self._solved(stacked)[0]
-        closing = self._prior_rows(prior, self.errors(theta) / scale)
-        return self._solved(np.vstack([stacked, *closing])) if closing else self._solved(stacked)
+    def least_squares(self, prior: Prior) -> FloatArray:
+        """Parameters (p,) of least squares: what is known of moving masses counts, a plausible arm does not."""
+        return self._solved(np.vstack(self.triangles), prior.unsettled(), self.spread)[0]
 
-    def _solved(self, stacked: FloatArray) -> tuple[FloatArray, Factor]:
-        found = factor(stacked[:, :-1], 0 if self._extra is None else len(self._extra.names))
-        return found.root @ (found.Q.T @ stacked[:, -1]), found
+    @cached_property
+    def spread(self) -> float:
+        """What a row of unit noise is divided by: root of the residual's variance, of all joints per degree of
+        freedom, and of how much longer it hangs together than white noise (:func:`long_run`).
+        """
+        stacked = np.vstack(self.triangles)
+        found = factor(stacked[:, :-1], self._effects)
+        theta = found.root @ (found.Q.T @ stacked[:, -1])
+        residual = self._residual(theta)
+        squares = np.array([float(e @ e) for e in residual])
+        freedom = max(int(self.rows.sum()) - found.root.shape[1], 1)
+        if not squares.sum() > 0:
+            return 1.0
+        colour = float(np.sum(squares * [long_run(e) for e in residual]) / squares.sum())
+        return float(np.sqrt(squares.sum() / freedom * colour))
 
-    def _prior_rows(self, prior: Prior, spread: FloatArray) -> list[FloatArray]:
-        """Rows ``[A b]`` of what is known beforehand, in the unit of rows whose error is ``spread`` (n,)."""
-        parameters, rows = self._design.parameters, []
-        for joint, weight in enumerate(spread):
-            row = prior_row(parameters, prior, joint, self.columns)
-            if row is not None and np.isfinite(weight) and weight > 0:
-                rows.append(weight * np.append(row[0], row[1])[None, :])
-        return rows
+    @property
+    def _effects(self) -> int:
+        return 0 if self._extra is None else len(self._extra.names)
+
+    def _residual(self, theta: FloatArray) -> list[FloatArray]:
+        parts = [[b - A @ theta for A, b in self.parts(joint)] for joint in range(len(self.triangles))]
+        return [np.concatenate(own) if own else np.zeros(0) for own in parts]
+
+    def _solved(self, stacked: FloatArray, prior: Prior, spread: float) -> tuple[FloatArray, Factor]:
+        unit = np.vstack([stacked / spread, self._prior_rows(prior)])
+        found = factor(unit[:, :-1], self._effects)
+        return found.root @ (found.Q.T @ unit[:, -1]), found
+
+    def _prior_rows(self, prior: Prior) -> FloatArray:
+        """Rows ``[A b]`` (R, p + 1) of unit noise of what is known beforehand."""
+        nothing = [WhiteRows(np.zeros((0, self.columns)), np.zeros(0), ()) for _ in self.triangles]
+        closing = with_prior(nothing, self._design.parameters, prior.without_delays())
+        return np.vstack([np.column_stack([own.A, own.b]) for own in closing])
+
+    def settled(self, prior: Prior) -> Prior:
+        """The prior at the point that these rows ask for; refused where they refuse the plausible arm."""
+        stacked = np.vstack(self.triangles)
+        found = replace(prior, refused=False).settled(*self._unit_rows(prior, stacked))
+        errors = [self.errors(self._solved(stacked, p, self.spread)[0]) for p in (found, prior.unsettled())]
+        return replace(prior.unsettled(), refused=True) if self._refuses_arm(found, *errors) else found
+
+    def possible(self, prior: Prior) -> FloatArray:
+        """Drives' and base parameters that are nearest to the rows among those that physics allows."""
+        assert prior.arm is not None
+        return prior.arm.optimum(*self._unit_rows(prior, np.vstack(self.triangles)), weight=ALONE).theta
+
+    def _unit_rows(self, prior: Prior, stacked: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Rows ``A, b`` of unit noise with all that is known beforehand but for the arm."""
+        unit = np.vstack([stacked / self.spread, self._prior_rows(prior.unsettled())])
+        return unit[:, :-1], unit[:, -1]
+
+    def _refuses_arm(self, prior: Prior, with_arm: FloatArray, without: FloatArray) -> bool:
+        """True where least squares is better than the fit with the plausible arm on positions left out of both.
+
+        Inside one motion least squares looks better, whatever the truth: it has more freedom, and rows a moment apart
+        share what the model lacks. So it is asked where neither has been: each joint's lowest and highest quarter of
+        positions is left out in turn, both are fitted to the rest, and their squared errors on what was left out are
+        compared, stretch of time by stretch of time. Where least squares is better by more than :data:`REFUSED`
+        standard errors, the machine file, the time axis or the base model is wrong, and a plausible arm hides it.
+
+        Parameters
+        ----------
+        prior : at the arm's point
+        with_arm, without : (n,) errors of the two fits to all rows (:meth:`errors`)
+        """
+        first, second = (float(np.nansum(self.rows * e**2)) for e in (with_arm, without))
+        if prior.point is None or not first > FREE**2 * second:
+            return False
+        design = self._design
+        places = {
+            i: design.bank.reduce(design.segments[i].q) for i in self._indices if design.segments[i].loaded
+        }
+        together = np.vstack(list(places.values()))
+        differences: list[float] = []
+        for joint, own in enumerate(together.T):
+            low, high = np.quantile(own, [OUTER, 1.0 - OUTER])
+            differences += self._left_out(prior, {i: q[:, joint] < low for i, q in places.items()})
+            differences += self._left_out(prior, {i: q[:, joint] > high for i, q in places.items()})
+        error = float(np.std(differences, ddof=1) * np.sqrt(len(differences))) if len(differences) > 1 else np.inf
+        return float(np.sum(differences)) > REFUSED * error
+
+    def _left_out(self, prior: Prior, out: Mapping[int, BoolArray]) -> list[float]:
+        """Squared error with the arm less that without on the rows ``out``, of each stretch of time."""
+        joints, blocks = range(len(self.triangles)), self._design.blocks
+        rest = triangle(
+            np.column_stack(self._part(joint, i))[blocks[joint][i].keep & ~out.get(i, np.zeros(1, dtype=bool))]
+            for joint in joints
+            for i in self._indices
+        )
+        fits = [self._solved(rest, p, self.spread)[0] for p in (prior.settled(*self._unit_rows(prior, rest)), prior.unsettled())]
+        changes = []
+        for i, where in out.items():
+            change = np.zeros(len(where))
+            for joint in joints:
+                A, b = self._part(joint, i)
+                first, second = (b - A @ theta for theta in fits)
+                change += np.where(blocks[joint][i].keep, first**2 - second**2, 0.0)
+            changes += [float(np.sum(change[run])) for run in runs(where)]
+        return changes
 
     def fit(self, prior: Prior) -> Fit:
-        """Least squares with equal weights, deviations of a sandwich."""
-        theta, found = self.solve(prior)
+        """Most probable parameters with equal weights beside a settled prior, with deviations of a sandwich."""
+        stacked = np.vstack(self.triangles)
+        theta, found = self._solved(stacked, prior, self.spread)
         told = np.zeros(self.columns, dtype=bool)
         told[found.told] = True
         rng = np.random.default_rng(20)
-        rank = found.root.shape[1]
-        S, residual = np.zeros((rank, rank)), []
-        for joint in range(len(self.triangles)):
-            own = []
-            for A, b in self.parts(joint):
-                e = b - A @ theta
-                own.append(e)
-                if len(e):
-                    S += series_scores(A @ found.root, e, "hac", rng)
-            residual.append(np.concatenate(own) if own else np.zeros(0))
-        count = int(self.rows.sum())
-        S *= count / max(count - rank, 1)
+        closing = self._prior_rows(prior)[:, :-1] @ found.root
+        S = np.zeros((found.root.shape[1], found.root.shape[1]))
+        residual = self._residual(theta)
+        for joint, e in enumerate(residual):
+            if len(e):
+                A = np.vstack([own for own, _ in self.parts(joint)])
+                S += series_scores(A @ found.root / self.spread, e / self.spread, "hac", rng)
+        # A prior's row is as uncertain as it says; what it adds takes no degree of freedom.
+        count, rank = int(self.rows.sum()), found.root.shape[1]
+        taken = max(rank - float(np.sum(closing**2)), 0.0)
+        S = S * count / max(count - taken, 1.0) + closing.T @ closing
+        parameters = self._design.parameters
         return Fit(
             theta=theta,
             covariance=found.root @ S @ found.root.T,
             told=told,
             orthonormal=tuple(np.zeros((len(e), 0)) for e in residual),
             residual=tuple(residual),
-            condition_number=found.condition_number,
+            condition_number=factor(stacked[:, :-1], self._effects).condition_number,
             extra_names=() if self._extra is None else self._extra.names,
+            share=data_share(found.root @ found.root.T, parameters, prior),
         )
+
+
+def long_run(series: FloatArray) -> float:
+    """Long-run variance of a series over its variance, at least 1: by an autoregression (:func:`autoregression`)."""
+    if len(series) < _SHORT or not series.any():
+        return 1.0
+    taps = autoregression(series)
+    innovations = signal.lfilter(taps, [1.0], series)[len(taps) - 1 :]
+    return max(1.0, float(np.var(innovations) / np.sum(taps) ** 2 / np.mean(series**2)))
 
 
 def mean_levers(design: Design) -> FloatArray:

@@ -214,7 +214,7 @@ def run_attribution(
     found = _screened(session, corrections, signals, found)
     return replace(
         found,
-        model=with_doubts(found.model, session.prior),
+        model=with_doubts(found.model),
         lines=lines,
         changes=_changes(found.model, signals.prepared(found.model.terms), session.prior),
     )
@@ -341,7 +341,7 @@ def _ripples(signals: SessionSignals) -> tuple[tuple[Line, ...], tuple[Accepted,
         before = signals.refit([item.score.term for item in accepted])
         for score in score_terms(before, [term], [1]):
             trial = signals.refit([*(item.score.term for item in accepted), term])
-            held_out = held_out_gain(trial.rows(signals.prior), score.live, design.bank.reduced_rate_hz)
+            held_out = held_out_gain(trial.rows(), score.live, design.bank.reduced_rate_hz)
             gain = validate_gain(before, trial, prepared.validate) if prepared.validate else None
             if score.score > 0:
                 accepted.append(Accepted(score, (), held_out, gain))

@@ -22,11 +22,14 @@ from daq.recordings.recording import Recording, read_recording
 from daq.recordings.recording_checks import runs
 from daq.scratch import Scratch
 from fitting.arm.base_parameters import BaseParameters, base_regressor, reduce_parameters, unidentifiable
+from fitting.arm.geometry import geometry_of
 from fitting.arm.joint_side import at_joints
+from fitting.estimators.effort_fit import EffortRows
 from fitting.loop.search_pieces import choose_pieces, thinned
 from fitting.loop.weighting import Weighed, Weights, weighed
 from fitting.regression.design import Design, NoiseModel, build_design, reduced_residual, with_efforts, with_targets
 from fitting.regression.noise import Pairing, noise_model, pair_repeats
+from fitting.regression.plausible_arm import plausible_arm
 from fitting.regression.prior import Prior, mass_prior
 from fitting.regression.stored import storing
 from fitting.regression.streamed import triangle
@@ -294,10 +297,15 @@ class Session:
 
     @cached_property
     def prior(self) -> Prior:
-        """What is known of the moving masses, and of delays between buses."""
+        """What is known of the moving masses, of delays between buses, and the plausible arm for these efforts."""
         delays = expected_delays(self.machine)
         known = mass_prior(self.machine)
-        return known if delays is None else replace(known, delay=delays[0], delay_std=delays[1])
+        if delays is not None:
+            known = replace(known, delay=delays[0], delay_std=delays[1])
+        design = self.plain.design
+        rows = EffortRows(design, self.plain.fitted)
+        arm = plausible_arm(geometry_of(self.machine), design.parameters, rows.triangles)
+        return rows.settled(replace(known, arm=arm))
 
     @cached_property
     def plain(self) -> Prepared:

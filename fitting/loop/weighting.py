@@ -8,10 +8,10 @@ although nearly all of the effort is slow.
 Equal weights minimise the error of the effort itself, whatever is left. A right model loses next to nothing on the
 training motion by the other weights, so what it loses tells which case this is::
 
-    ratio = error of the whitened fit / error of least squares,   training motions, both per degree of freedom,
+    ratio = error of the whitened fit / error of least squares,   training motions,
 
 as the larger of two: the error of all efforts together, and each joint's in units of its own. Above
-:data:`MOST_LOST` least squares is handed out.
+:data:`MOST_LOST` equal weights are handed out.
 
 Where the number comes from: sound simulated arms have at most 1.006, arms that lack an effect 1.0 to 1.08, measured
 machines 1.04 to 1.8 (``docs/decisions/0034-weights-on-measured-machines.md``).
@@ -31,7 +31,7 @@ from fitting.regression.design import Extra
 from fitting.regression.prior import Prior
 from fitting.regression.solving import Fit, WhiteRows
 from fitting.residual.confirmation.uncertainty import law_variances, shape_columns, with_doubts
-from fitting.residual.terms import Model
+from fitting.residual.terms import Model, fit_model
 
 FloatArray = npt.NDArray[np.float64]
 Weights = Literal["whitened", "equal"]
@@ -49,7 +49,8 @@ class Weighed:
     model : with the chosen fit and its covariance
     weights : which it is
     ratio : training error of the whitened fit over that of least squares
-    tried : parameters (p,) by name: ``whitened``, ``scaled`` (a scale per joint, its own misfit), ``equal``
+    tried : parameters (p,) by name: ``whitened``, ``equal``, ``least_squares`` (equal, without a plausible arm), and of a base
+        model ``possible`` (the nearest that physics allows)
     errors : (n,) training error of each of them, root mean square of every joint's effort
     """
 
@@ -71,43 +72,43 @@ def weighed(model: Model, prior: Prior, weights: Weights | None = None) -> Weigh
         weights: it may look wrong for want of an effect that the loop then adds.
     """
     rows = EffortRows(model.design, model.fitted, model.extra)
-    equal = rows.solve(prior)[0]
-    own = rows.errors(equal)
-    scaled = rows.solve(prior, np.where(own > 0, own, 1.0))[0]
-    tried = {"whitened": model.fit.theta, "scaled": scaled, "equal": equal}
+    settled = rows.settled(prior)
+    if model.prior is None or settled.refused != model.prior.refused:
+        model = fit_model(model.design, model.noise, model.fitted, model.terms, settled, model)
+    equal = _equal(model, rows, settled)
+    tried = {"whitened": model.fit.theta, "equal": equal.theta, "least_squares": rows.least_squares(prior)}
+    if not model.terms and prior.arm is not None:
+        tried["possible"] = rows.possible(prior)
     errors = {name: rows.errors(theta) for name, theta in tried.items()}
-    ratio = error_ratio(rows, errors["whitened"], errors["equal"], int(np.count_nonzero(model.fit.told)))
+    ratio = error_ratio(rows, errors["whitened"], errors["least_squares"])
     if weights is None:
         weights = "equal" if ratio > MOST_LOST else "whitened"
     if weights == "whitened":
-        return Weighed(with_doubts(model, prior), "whitened", ratio, tried, errors)
-    return Weighed(replace(model, fit=_equal(model, rows, prior)), "equal", ratio, tried, errors)
+        return Weighed(with_doubts(model), "whitened", ratio, tried, errors)
+    return Weighed(replace(model, fit=equal, prior=settled), "equal", ratio, tried, errors)
 
 
-def error_ratio(rows: EffortRows, whitened: FloatArray, equal: FloatArray, parameters: int) -> float:
+def error_ratio(rows: EffortRows, whitened: FloatArray, equal: FloatArray) -> float:
     """The larger of the two ratios of this module's text; 1 where nothing was fitted.
 
     Parameters
     ----------
     rows : the rows
     whitened, equal : (n,) root mean square errors of the joints
-    parameters : how many were fitted; least squares fits noise with each of them
     """
     counts = rows.rows.astype(float)
     there = (counts > 0) & (equal > 0)
-    total = float(counts[there].sum())
-    if not there.any() or total <= parameters:
+    if not there.any():
         return 1.0
-    freedom = (total - parameters) / total
     ratios = []
     for unit in (np.ones(len(counts)), np.where(there, equal, 1.0)):
         first, second = (float(np.sum(counts[there] * (e[there] / unit[there]) ** 2)) for e in (whitened, equal))
-        ratios.append(np.sqrt(first * freedom / second))
+        ratios.append(np.sqrt(first / second))
     return float(max(ratios))
 
 
 def _equal(model: Model, rows: EffortRows, prior: Prior) -> Fit:
-    """Least squares with deviations that know shapes that were searched and laws that are unknown."""
+    """Equal weights, with deviations that know shapes that were searched and laws that are unknown."""
     fit = rows.fit(prior)
     slopes = None if model.design.stored else shape_columns(model)
     count = len(fit.theta)

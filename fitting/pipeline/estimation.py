@@ -9,7 +9,6 @@ import numpy.typing as npt
 
 from fitting.loop.session import Session
 from fitting.loop.weighting import MOST_LOST, Weighed
-from fitting.pipeline.plausibility import plausibility
 from fitting.pipeline.results.stage_results import RigidBody
 from fitting.regression.error_sizes import errors_of
 
@@ -18,9 +17,9 @@ FloatArray = npt.NDArray[np.float64]
 #: Names of the ways, in the order of the report's table, and what each is.
 WAYS = {
     "whitened": "both stages at once, weighted by the measured noise",
-    "scaled": "both stages at once, each joint scaled by its own misfit",
-    "equal": "both stages at once, all efforts alike (least squares)",
-    "possible": "the same within what is physically possible",
+    "equal": "both stages at once, all efforts alike",
+    "least_squares": "the same without a plausible arm (least squares)",
+    "possible": "the same within what is physically possible, and no more",
     "one_shot": "least squares of the training motions alone",
     "two_stage": "two stages, friction frozen",
 }
@@ -40,14 +39,10 @@ def estimation(session: Session, stage_two: RigidBody, final: Weighed) -> dict[s
         ``chosen``: the weights of base and final model, decided on the latter; ``ratio`` and ``final_ratio`` of the two
         (:mod:`fitting.loop.weighting`); ``tried``: per way ``name``, ``what``, ``training_error`` and
         ``held_out_error`` (relative: norm of the error over that of the effort; null without a validation motion),
-        ``why`` in words. The way ``possible`` (the nearest parameters that physics allows) is there where the base
-        model violates it.
+        ``why`` in words.
     """
     base, design = session.handed_base, session.plain.design
     ways: dict[str, FloatArray] = dict(base.tried)
-    bound = plausibility(session.base_with(final.weights)).theta
-    if bound is not None:
-        ways["possible"] = bound
     ways |= {"one_shot": stage_two.one_shot.theta, "two_stage": stage_two.two_stage.theta}
     tried = []
     for name, what in WAYS.items():
@@ -75,7 +70,7 @@ def why(final: Weighed) -> str:
             f"{max(percent, 0.0):.1f} % of error against plain least squares, and the parameters are the most certain."
         )
     return (
-        "All efforts count alike (least squares): weights by the measured noise would raise the error on the training "
+        "All efforts count alike: weights by the measured noise would raise the error on the training "
         f"motions by {percent:.0f} %, more than the {100 * (MOST_LOST - 1):.0f} % that a right model allows, so what "
         "is left is an error of the model and not noise."
     )

@@ -185,7 +185,7 @@ def noise_model(
     if design.stored:
         pairs, heard = _spread(pairs), _spread(fitted)
     for _ in range(passes):
-        theta = fit_rows(design, model, fitted, extra).theta
+        theta = fit_rows(design, model, fitted, extra)[0].theta
         found = []
         for joint in range(joints):
             if anew is not None and joint not in anew:

@@ -1,4 +1,7 @@
-"""What is known before any measurement: a cylinder's moving mass, and by how much efforts are late.
+"""What is known before any measurement: a plausible arm, a cylinder's moving mass, and by how much efforts are late.
+
+Links and drives are drawn toward a plausible arm (:mod:`fitting.regression.plausible_arm`): rows at the point that the
+data and it find most probable together, at the end of the last joint's, before those of its mass and delay.
 
 In a recording that moves slowly, the moving mass of a cylinder is all but invisible, and its estimate trades off
 against the stiffness (`x''` and `x` are opposite in a sine). But a piston and its rod are made of steel, and the
@@ -14,7 +17,7 @@ a delay pays for what the buses say, one with another delay pays for the differe
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -22,6 +25,7 @@ import numpy.typing as npt
 from daq.machine.machine_file import Cylinder, Machine
 from fitting.regression.design import Parameters
 from fitting.regression.drive import drive_names
+from fitting.regression.plausible_arm import Optimum, PlausibleArm
 from fitting.regression.solving import WhiteRows
 
 FloatArray = npt.NDArray[np.float64]
@@ -42,12 +46,19 @@ class Prior:
     mass, std : (n,) moving mass in kg, and its standard deviation
     delay, delay_std : (n,) s by which its efforts are later than its positions, and its standard deviation; None: of no
         joint
+    arm : the plausible arm, None where no effort was measured yet
+    point : where the arm's prior is taken as rows; None for no such rows
+    refused : True where the recordings refuse the arm, and least squares stands
+        (:meth:`fitting.estimators.effort_fit.EffortRows.settled`)
     """
 
     mass: FloatArray
     std: FloatArray
     delay: FloatArray | None = None
     delay_std: FloatArray | None = None
+    arm: PlausibleArm | None = field(default=None, repr=False)
+    point: Optimum | None = field(default=None, repr=False)
+    refused: bool = False
 
     def delay_of(self, joint: int) -> tuple[float, float] | None:
         """Expected delay of a joint's efforts and its standard deviation, s."""
@@ -58,6 +69,27 @@ class Prior:
     def undelayed(self) -> Prior:
         """The same where nothing is late: of replicas, whose efforts and positions belong together."""
         return self if self.delay is None else replace(self, delay=0.0 * self.delay)
+
+    def without_delays(self) -> Prior:
+        """The same where nothing is known of delays."""
+        return self if self.delay is None else replace(self, delay=None, delay_std=None)
+
+    def settled(self, A: FloatArray, b: FloatArray) -> Prior:
+        """The same at the point that these rows of unit noise (all other priors among them) and the arm ask for."""
+        if self.arm is None or self.refused:
+            return self
+        return replace(self, point=self.arm.optimum(A, b, self.point))
+
+    def unsettled(self) -> Prior:
+        """The same without the arm's rows."""
+        return self if self.point is None else replace(self, point=None)
+
+    def arm_rows(self, columns: int) -> tuple[FloatArray, FloatArray]:
+        """The arm's prior as rows of unit noise, (R, columns) and (R,); none without a point."""
+        if self.point is None:
+            return np.zeros((0, columns)), np.zeros(0)
+        A, b = self.point.rows
+        return np.hstack([A, np.zeros((len(A), columns - A.shape[1]))]), b
 
 
 def moving_mass(cylinder: Cylinder) -> float:
@@ -103,10 +135,25 @@ def delay_row(prior: Prior, joint: int, columns: int, late: Late | None) -> tupl
     return row, seconds / std
 
 
+def data_share(covariance: FloatArray, parameters: Parameters, prior: Prior) -> FloatArray:
+    """Share (p,) of each parameter's information that came from the data: ``1 - (L H^-1)_ii``.
+
+    Parameters
+    ----------
+    covariance : (p, p) ``H^-1``, of rows of unit noise and the prior's together
+    prior : whose rows have the information ``L``
+    """
+    width = len(covariance)
+    nothing = [WhiteRows(np.zeros((0, width)), np.zeros(0), ()) for _ in parameters.joints]
+    known = sum(own.A.T @ own.A for own in with_prior(nothing, parameters, prior))
+    return np.asarray(np.clip(1.0 - np.einsum("ij,ji->i", known, covariance), 0.0, 1.0))
+
+
 def with_prior(
     rows: Sequence[WhiteRows], parameters: Parameters, prior: Prior, late: Mapping[int, Late] | None = None
 ) -> tuple[WhiteRows, ...]:
-    """The rows with one more per joint for each of its priors (mass, then delay: the last rows of each joint's block).
+    """The rows with those of the plausible arm at the end of the last joint's, then one more per joint for each of its
+    own priors (mass, then delay: the last rows of each joint's block).
 
     Parameters
     ----------
@@ -115,6 +162,9 @@ def with_prior(
     result = []
     for joint, own in enumerate(rows):
         width = own.A.shape[1]
+        if joint == len(rows) - 1:
+            A, b = prior.arm_rows(width)
+            own = WhiteRows(np.vstack([own.A, A]), np.concatenate([own.b, b]), own.sections)
         known = (prior_row(parameters, prior, joint, width), delay_row(prior, joint, width, (late or {}).get(joint)))
         for row in known:
             if row is not None:

@@ -44,6 +44,7 @@ class Fit:
     orthonormal : per joint (R_j, rank) rows of an orthonormal basis of the column space
     residual : per joint (R_j,) whitened residual
     condition_number : of the column-scaled whitened matrix
+    share : (p,) of each parameter's information that came from the rows and not from a prior; None: all of it
     """
 
     theta: FloatArray
@@ -53,6 +54,7 @@ class Fit:
     residual: tuple[FloatArray, ...]
     condition_number: float
     extra_names: tuple[str, ...] = field(default=())
+    share: FloatArray | None = field(default=None, repr=False)
 
     @property
     def std(self) -> FloatArray:

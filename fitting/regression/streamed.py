@@ -10,7 +10,7 @@ parallel and sequential QR and LU factorizations", SIAM J. Sci. Comput. 34, 2012
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
 from typing import overload
@@ -19,6 +19,7 @@ import numpy as np
 import numpy.typing as npt
 
 from fitting.regression.design import Design, Extra, NoiseModel, whitened
+from fitting.regression.prior import Late, Prior, data_share, with_prior
 from fitting.regression.solving import Fit, WhiteRows, solve
 
 FloatArray = npt.NDArray[np.float64]
@@ -41,22 +42,41 @@ def fit_rows(
     noise: NoiseModel,
     fitted: Sequence[int],
     extra: Extra | None = None,
-    closing: Closing = lambda rows: rows,
-) -> Fit:
+    prior: Prior | None = None,
+    late: Mapping[int, Late] | None = None,
+) -> tuple[Fit, Prior | None]:
     """Joint fit of the whitened rows of some segments (:func:`fitting.regression.solving.solve`), in the memory that
-    there is.
+    there is, and the prior at the point that they ask for.
 
     Parameters
     ----------
     design, noise, fitted, extra : as in :func:`fitting.regression.design.whitened`
-    closing : adds a prior's rows at the end of each joint's
+    prior, late : what else is fitted (:func:`fitting.regression.prior.with_prior`); None for nothing
     """
     names = () if extra is None else extra.names
+
+    def closing(prior: Prior | None) -> Closing:
+        return lambda rows: rows if prior is None else with_prior(rows, design.parameters, prior, late)
+
     if not design.stored:
-        return solve(closing(whitened(design, noise, fitted, extra)), names)
-    walk = _Walk(design, noise, tuple(fitted), extra, closing)
+        white = whitened(design, noise, fitted, extra)
+        if prior is not None and prior.arm is not None:
+            rows = closing(prior.unsettled())(white)
+            prior = prior.settled(np.vstack([r.A for r in rows]), np.concatenate([r.b for r in rows]))
+        return _shared(solve(closing(prior)(white), names), design, prior), prior
+    walk = _Walk(design, noise, tuple(fitted), extra, closing(None if prior is None else prior.unsettled()))
     R = _folded(walk)
-    return _long_fit(solve([WhiteRows(R[:, :-1], R[:, -1], ())], names), R[:, :-1], walk)
+    if prior is not None and prior.arm is not None:
+        prior = prior.settled(R[:, :-1], R[:, -1])
+        R = triangle([R, np.column_stack(prior.arm_rows(R.shape[1] - 1))])
+        walk = _Walk(design, noise, tuple(fitted), extra, closing(prior))
+    found = solve([WhiteRows(R[:, :-1], R[:, -1], ())], names)
+    return _shared(_long_fit(found, R[:, :-1], walk), design, prior), prior
+
+
+def _shared(fit: Fit, design: Design, prior: Prior | None) -> Fit:
+    """The fit with what of it came from the data."""
+    return fit if prior is None else replace(fit, share=data_share(fit.covariance, design.parameters, prior))
 
 
 def folded(

@@ -129,7 +129,7 @@ class Model:
     """A fitted model: design, noise, terms, and the joint refit of everything.
 
     ``earlier`` has the parameters of the fits whose forces the columns of the next one were made of, the base model's
-    first; it is empty where there are no terms. ``prior`` is what it was fitted with.
+    first; it is empty where there are no terms. ``prior`` is what it was fitted with, at the point of the fit.
     """
 
     design: Design
@@ -148,10 +148,11 @@ class Model:
         start = len(self.design.parameters) + sum(len(t.names(joints)) for t in self.terms[:number])
         return slice(start, start + len(self.terms[number].names(joints)))
 
-    def rows(self, prior: Prior) -> tuple[WhiteRows, ...]:
+    def rows(self) -> tuple[WhiteRows, ...]:
         """The whitened rows that this model was fitted on, prior included."""
         rows = whitened(self.design, self.noise, self.fitted, self.extra)
-        return with_prior(rows, self.design.parameters, prior, late_terms(self.terms, self.design.parameters))
+        late = late_terms(self.terms, self.design.parameters)
+        return rows if self.prior is None else with_prior(rows, self.design.parameters, self.prior, late)
 
     def wald(self, number: int) -> float:
         """Chi-square that dropping term ``number`` would cost, what was moved into the signals included (Wald's)."""
@@ -196,13 +197,17 @@ def fit_model(
     """Joint refit of drive, base and terms.
 
     Columns that hold the model's own force depend on the fit; they are rebuilt from the last one, ``passes`` times.
+    Which of the drives' parameters the prior holds is found anew for these terms.
     """
     fitted = tuple(fitted)
     empty = extra_columns(design, (), ())
+    settled: Prior | None = prior
 
     def fit_with(extra: Extra) -> Fit:
+        nonlocal settled
         late = late_terms(terms if extra.names else (), design.parameters)
-        return fit_rows(design, noise, fitted, extra, lambda rows: with_prior(rows, design.parameters, prior, late))
+        fit, settled = fit_rows(design, noise, fitted, extra, settled, late)
+        return fit
 
     def views_of(fit: Fit, extra: Extra) -> Views:
         build = StoredViews if design.stored else build_views
@@ -219,4 +224,4 @@ def fit_model(
         extra = extra_columns(design, views, terms)
         fit = fit_with(extra)
         views = views_of(fit, extra)
-    return Model(design, noise, fitted, tuple(terms), extra, fit, views, tuple(earlier), prior)
+    return Model(design, noise, fitted, tuple(terms), extra, fit, views, tuple(earlier), settled)

@@ -111,4 +111,4 @@ class Trials:
         part = trial.term_slice(len(trial.terms) - 1)
         if self._last is not None and trial is self._last[3]:
             trial = self._last[2]  # a column of what was moved holds what is left of it: the signals before tell more
-        return trial.rows(self._signals.prior), part.stop - part.start
+        return trial.rows(), part.stop - part.start

@@ -32,7 +32,6 @@ from fitting.effects.base import Effect
 from fitting.estimators.covariance import series_scores
 from fitting.regression.design import Extra
 from fitting.regression.freedom import coverage_factors, degrees_of_freedom
-from fitting.regression.prior import Prior
 from fitting.regression.solving import WhiteRows
 from fitting.residual.laws import Law
 from fitting.residual.terms import Model, Term, extra_columns
@@ -50,7 +49,7 @@ REFUSED, _SHORTEST = 1e-3, 32
 _INSIDE = 0.9
 
 
-def with_doubts(model: Model, prior: Prior) -> Model:
+def with_doubts(model: Model) -> Model:
     """The model with a covariance that knows what was searched, what is unknown, and how well the noise is known.
 
     Values do not change. Recordings that are too long for memory keep their covariance: shapes and spectra of hours
@@ -58,7 +57,7 @@ def with_doubts(model: Model, prior: Prior) -> Model:
     """
     if model.design.stored:
         return model
-    rows = model.rows(prior)
+    rows = model.rows()
     covariance = _with_shapes(model, rows)
     covariance = covariance + np.diag(law_variances(model, rows))
     freedom = degrees_of_freedom(rows, model.fit.covariance, model.noise, model.design.bank.reduced_rate_hz)

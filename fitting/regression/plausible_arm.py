@@ -1,0 +1,315 @@
+"""The plausible arm: a prior of the links and drives that is made from the machine file alone.
+
+Least squares lets base parameters be any numbers. On a motion that does not tell all of them the next motion pays for
+it. Here every link keeps a pseudo-inertia ``J_l`` (4 x 4, positive definite: a body that can exist), drawn toward a
+plausible one ``J0_l`` by the entropic divergence, and no drive has a negative inertia, friction or stiffness::
+
+    minimise  |A theta - b|^2 / 2  +  sum_i own_i f_i phi_i^2 / 2  +  w sum_l [tr(J0_l^-1 J_l) - log det(J0_l^-1 J_l) - 4]
+    base parameters = P pi(J) + P_m phi_m
+
+over the rows ``A, b`` of unit noise, the links' ``J_l``, the drives' parameters ``phi`` (``phi_m``: of motors that turn
+with several joints) and whatever else has columns. ``own_i = sum_j |A_ij|^2 / |b_j|^2`` says that a contribution is no
+larger than the joint's own effort; ``f_i`` is 1, and ``1 / r^2`` where a parameter that cannot be negative is below
+zero. ``J0_l`` is a rod along the link; the mass of all rods together is what the measured efforts ask for.
+
+Newton steps in ``J = L (1 + X) L'``, ``L`` the root of ``J``: in ``X`` the divergence has the gradient
+``L' J0^-1 L - 1`` and the Hessian 1, so a step is one least-squares problem. At the optimum the prior is, to second
+order, the Gaussian that :meth:`Optimum.rows` gives as rows of unit noise; beside them plain least squares has the same
+solution, and whatever is made of rows (evidence, intervals, predicted deviations) knows the prior.
+
+Sources: Lee, Wensing and Park, IEEE T-RO 36 (2020) 318 (divergence); Wensing, Kim and Slotine, IEEE RA-L 3 (2018) 60
+(pseudo-inertia); Nocedal and Wright, *Numerical Optimization*, 2006, 3.1 (line search).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import numpy.typing as npt
+from scipy import linalg
+
+from fitting.arm.base_parameters import BaseParameters
+from fitting.arm.geometry import Geometry
+from fitting.regression.body_prior import pseudo_inertia, standard_of_link
+from fitting.regression.design import Parameters
+from fitting.regression.solving import factor
+
+FloatArray = npt.NDArray[np.float64]
+
+#: Weight of the divergence against a chi-square, and those from which it is continued.
+WEIGHT, CONTINUED = 0.1, (10.0, 1.0, 0.1, 0.01)
+#: Weight that leaves of the divergence no more than that bodies exist.
+ALONE = 1e-3
+#: Standard deviation that a parameter below zero has, as a share of what the joint's own effort allows.
+BELOW_ZERO = 0.003
+#: Drives' parameters that cannot be negative.
+NOT_NEGATIVE = frozenset({"J", "f_c", "f_v", "K"})
+_THICK, _LEAST_LENGTH = 0.15, 0.2  # of a rod, as shares of its length and of the links' mean length
+_LEAST_MASS = 0.3  # share of the efforts that the plausible arm explains at least
+_STEPS, _CONVERGED = 60, 1e-10
+_BASIS = np.zeros((10, 4, 4))
+for _k, (_i, _j) in enumerate(zip(*np.triu_indices(4), strict=True)):
+    _BASIS[_k, _i, _j] = _BASIS[_k, _j, _i] = 1.0 if _i == _j else np.sqrt(0.5)
+#: The ten parameters of a link from its pseudo-inertia, row by row: mass, first moments, ``I = tr(Sigma) E - Sigma``.
+_OF_BODY = np.zeros((10, 16))
+for _k, (_i, _j) in enumerate([(3, 3), (0, 3), (1, 3), (2, 3), *zip(*np.triu_indices(3), strict=True)]):
+    _OF_BODY[_k, 4 * _i + _j] += -0.5 if _k > 3 else 0.5
+    _OF_BODY[_k, 4 * _j + _i] += -0.5 if _k > 3 else 0.5
+    if _k > 3 and _i == _j:
+        _OF_BODY[_k, [0, 5, 10]] += 1.0
+
+
+def rods(geometry: Geometry) -> FloatArray:
+    """Pseudo-inertias (n, 4, 4) of rods along the links, 1 kg together, each as heavy as it is long."""
+    starts, ends = geometry.ends
+    lengths = np.linalg.norm(ends - starts, axis=1)
+    lengths = np.maximum(lengths, max(_LEAST_LENGTH * float(np.mean(lengths)), 1e-3))
+    bodies = []
+    for start, end, length, mass in zip(starts, ends, lengths, lengths / lengths.sum(), strict=True):
+        arm, thick = end - start, (_THICK * length) ** 2
+        central = mass * ((arm @ arm / 12 + 2 * thick) * np.eye(3) - np.outer(arm, arm) / 12)
+        bodies.append(pseudo_inertia(standard_of_link(mass, (start + end) / 2, central[np.triu_indices(3)])))
+    return np.array(bodies)
+
+
+def link_map(root: FloatArray) -> FloatArray:
+    """``pi_i`` (10,) from ``X`` (4, 4, row by row) with ``J = root X root'``: matrix (10, 16)."""
+    return np.asarray(_OF_BODY @ np.kron(root, root))
+
+
+@dataclass(frozen=True)
+class PlausibleArm:
+    """Prior of one machine's links and drives.
+
+    Attributes
+    ----------
+    bodies : (n, 4, 4) pseudo-inertias of the plausible links
+    own : (k,) precision of the drives' parameters, in the design's order, then of coupled motors; 0: nothing is known
+    signed : (k,) True where a parameter cannot be negative
+    drives : number of drive parameters before the base parameters
+    regrouping : (nb, 10 n + motors) base parameters from standard ones
+    """
+
+    bodies: FloatArray
+    own: FloatArray
+    signed: npt.NDArray[np.bool_]
+    drives: int
+    regrouping: FloatArray
+
+    @property
+    def width(self) -> int:
+        """Number of columns that are drives' or base parameters'."""
+        return self.drives + len(self.regrouping)
+
+    @cached_property
+    def inverse(self) -> FloatArray:
+        """Inverses (n, 4, 4) of the plausible links' pseudo-inertias."""
+        return np.linalg.inv(self.bodies)
+
+    def optimum(
+        self, A: FloatArray, b: FloatArray, start: Optimum | None = None, weight: float = WEIGHT, held: bool = True
+    ) -> Optimum:
+        """Most probable links and drives.
+
+        Parameters
+        ----------
+        A, b : (R, p), (R,) rows of unit noise, or a triangle of them; drives, base, then free columns
+        start : of rows that differ little
+        weight : of the divergence
+        held : whether parameters below zero are held there
+        """
+        rest, free = A[:, : self.width], factor(A[:, self.width :]).Q if A.shape[1] > self.width else None
+        both = np.column_stack([rest, b])
+        if free is not None and free.shape[1]:
+            both = both - free @ (free.T @ both)
+        problem = _Problem(self, np.linalg.qr(both, mode="r"), held)
+        if start is None:
+            state = _State(np.linalg.cholesky(self.bodies), np.zeros(len(self.own)))
+            for own in (*(w for w in CONTINUED if w > weight), weight):
+                state = problem.solved(state, own)
+        else:
+            state = problem.solved(_State(start.roots, start.phi), weight)
+        return Optimum(self, state.roots, state.phi, weight, held)
+
+    def fields(self, roots: FloatArray) -> FloatArray:
+        """Base parameters per ``X`` of every link in the orthonormal basis, (nb, 10 n)."""
+        maps = [link_map(root) @ _BASIS.reshape(10, 16).T for root in roots]
+        return np.hstack([self.regrouping[:, 10 * i : 10 * i + 10] @ T for i, T in enumerate(maps)])
+
+    @property
+    def of_motors(self) -> FloatArray:
+        """Base parameters per parameter of coupled motors, (nb, km)."""
+        return self.regrouping[:, 10 * len(self.bodies) :]
+
+    def theta(self, roots: FloatArray, phi: FloatArray) -> FloatArray:
+        """Drives' and base parameters of links with these roots and of these drives."""
+        bodies = roots @ roots.transpose(0, 2, 1)
+        links = self.regrouping[:, : 10 * len(roots)] @ (bodies.reshape(-1, 16) @ _OF_BODY.T).ravel()
+        return np.concatenate([phi[: self.drives], links + self.of_motors @ phi[self.drives :]])
+
+    def precision(self, phi: FloatArray, held: bool) -> FloatArray:
+        """``own f`` of every drive's parameter."""
+        below = self.signed & (phi < 0) & held
+        return np.asarray(self.own * np.where(below, BELOW_ZERO**-2, 1.0))
+
+
+@dataclass(frozen=True)
+class _State:
+    roots: FloatArray
+    phi: FloatArray
+
+
+class _Problem:
+    """One minimisation over a triangle ``[A b]`` of the drives' and base columns."""
+
+    def __init__(self, arm: PlausibleArm, R: FloatArray, held: bool) -> None:
+        self.arm, self.held = arm, held
+        self.A, self.b = R[:, :-1], R[:, -1]
+        self.of_phi = np.hstack([self.A[:, : arm.drives], self.A[:, arm.drives :] @ arm.of_motors])
+        self.unit = np.where(arm.own > 0, 1.0 / np.sqrt(np.where(arm.own > 0, arm.own, 1.0)), 1.0)
+
+    def cost(self, state: _State, weight: float) -> float:
+        """The objective."""
+        missing = self.A @ self.arm.theta(state.roots, state.phi) - self.b
+        spread = 0.0
+        for inverse, root in zip(self.arm.inverse, state.roots, strict=True):
+            own = root.T @ inverse @ root
+            spread += float(np.trace(own)) - float(np.linalg.slogdet(own)[1]) - 4.0
+        precision = self.arm.precision(state.phi, self.held)
+        return float(missing @ missing) / 2 + float(precision @ state.phi**2) / 2 + weight * spread
+
+    def solved(self, state: _State, weight: float) -> _State:
+        """Newton's method with a line search from a state."""
+        cost = self.cost(state, weight)
+        for _ in range(_STEPS):
+            X, move, fall = self._step(state, weight)
+            if not fall > _CONVERGED * (1.0 + abs(cost)):
+                break
+            lowest = float(np.min(np.linalg.eigvalsh(X)))
+            length = 1.0 if lowest > -0.9 else 0.9 / -lowest
+            while length > 1e-8:
+                turned = [L @ np.linalg.cholesky(np.eye(4) + length * own) for L, own in zip(state.roots, X, strict=True)]
+                new = _State(np.array(turned), state.phi + length * move)
+                value = self.cost(new, weight)
+                if value <= cost - 1e-4 * length * fall:
+                    break
+                length /= 2
+            else:
+                break
+            state, cost = new, value
+        return state
+
+    def _step(self, state: _State, weight: float) -> tuple[FloatArray, FloatArray, float]:
+        """Newton step: ``X`` (n, 4, 4), change of ``phi``, and what the slope along it promises."""
+        arm = self.arm
+        links = len(state.roots)
+        missing = self.A @ arm.theta(state.roots, state.phi) - self.b
+        slope = np.array(
+            [root.T @ inverse @ root - np.eye(4) for root, inverse in zip(state.roots, arm.inverse, strict=True)]
+        )
+        g = np.einsum("kij,lij->lk", _BASIS, slope).ravel()
+        root = np.sqrt(arm.precision(state.phi, self.held))
+        M = np.hstack([self.A[:, arm.drives :] @ arm.fields(state.roots), self.of_phi * self.unit])
+        count = 10 * links
+        H = M.T @ M
+        H[np.diag_indices(len(H))] += np.concatenate([np.full(count, weight), (root * self.unit) ** 2])
+        down = -M.T @ missing - np.concatenate([weight * g, root**2 * state.phi * self.unit])
+        # Squaring costs digits of the step, none of the place that it goes to: there the slope itself vanishes.
+        z = linalg.cho_solve(linalg.cho_factor(H, check_finite=False), down, check_finite=False)
+        return (
+            np.einsum("lk,kij->lij", z[:count].reshape(links, 10), _BASIS),
+            z[count:] * self.unit,
+            float(down @ z),
+        )
+
+
+@dataclass(frozen=True)
+class Optimum:
+    """Links and drives that rows and prior together find most probable.
+
+    Attributes
+    ----------
+    arm : the prior
+    roots : (n, 4, 4) lower triangular, pseudo-inertias are ``L L'``
+    phi : (k,) drives' parameters, then those of coupled motors
+    weight : of the divergence
+    held : whether parameters below zero were held
+    """
+
+    arm: PlausibleArm
+    roots: FloatArray
+    phi: FloatArray
+    weight: float
+    held: bool
+
+    @property
+    def theta(self) -> FloatArray:
+        """Drives' and base parameters, (width,)."""
+        return self.arm.theta(self.roots, self.phi)
+
+    @cached_property
+    def rows(self) -> tuple[FloatArray, FloatArray]:
+        """The prior about this point as rows of unit noise, (R, width) and (R,).
+
+        ``beta ~ N(mu, P T T' P' / w + P_m diag(1 / (own f)) P_m')``, ``mu = beta* - P T g - P_m phi_m*``, and
+        ``phi_i ~ N(0, 1 / (own_i f_i))`` of the drives.
+        """
+        arm, base = self.arm, self.theta[self.arm.drives :]
+        fields = arm.fields(self.roots)
+        slope = [L.T @ inverse @ L - np.eye(4) for L, inverse in zip(self.roots, arm.inverse, strict=True)]
+        g = np.einsum("kij,lij->lk", _BASIS, np.array(slope)).ravel()
+        precision = arm.precision(self.phi, self.held)
+        own, motors = precision[: arm.drives], precision[arm.drives :]
+        known = motors > 0
+        spread = arm.of_motors[:, known] / np.sqrt(motors[known])
+        C = fields @ fields.T / self.weight + spread @ spread.T
+        mean = base - fields @ g - arm.of_motors @ self.phi[arm.drives :]
+        size = np.sqrt(np.diag(C))
+        root = linalg.cholesky(C / np.outer(size, size) + 1e-14 * np.eye(len(C)), lower=True)
+        of_base = linalg.solve_triangular(root, np.diag(1.0 / size), lower=True)
+        A = np.zeros((np.count_nonzero(own) + len(C), arm.width))
+        A[np.arange(np.count_nonzero(own)), np.flatnonzero(own)] = np.sqrt(own[own > 0])
+        A[np.count_nonzero(own) :, arm.drives :] = of_base
+        return A, np.concatenate([np.zeros(np.count_nonzero(own)), of_base @ mean])
+
+
+def plausible_arm(
+    geometry: Geometry, parameters: Parameters, triangles: Sequence[FloatArray]
+) -> PlausibleArm:
+    """The prior for efforts as they were measured.
+
+    Parameters
+    ----------
+    geometry : the arm
+    parameters : of the regression
+    triangles : per joint a triangle (.., p + 1) of its effort rows ``[A b]``, N m or N
+    """
+    base, drives = parameters.base, parameters.drive_count
+    width = len(parameters)
+    bodies = rods(geometry) if base.inertial_columns else np.zeros((0, 4, 4))
+    motors = base.regrouping[:, base.inertial_columns :]
+    own = np.zeros(drives + motors.shape[1])
+    for R in triangles:
+        effort = float(np.linalg.norm(R[:, width]))
+        if effort > 0:
+            columns = np.hstack([R[:, :drives], R[:, drives:width] @ motors])
+            own += np.sum(columns**2, axis=0) / effort**2
+    names = [name for joint in parameters.drive for name in joint] + ["f_c", "f_v", "J"] * (motors.shape[1] // 3)
+    mass = _mass(base, bodies, drives, np.vstack(triangles)[:, : width + 1]) if len(bodies) else 1.0
+    return PlausibleArm(
+        mass * bodies, own, np.array([name in NOT_NEGATIVE for name in names], dtype=bool), drives, base.regrouping
+    )
+
+
+def _mass(base: BaseParameters, bodies: FloatArray, drives: int, rows: FloatArray) -> float:
+    """Mass of all links together: the slope of the efforts on those of the arm at 1 kg, beside the drives' columns."""
+    standard = (bodies.reshape(-1, 16) @ _OF_BODY.T).ravel()
+    u, b = rows[:, drives:-1] @ (base.regrouping[:, : len(standard)] @ standard), rows[:, -1]
+    Q = factor(rows[:, :drives]).Q
+    beside, target = u - Q @ (Q.T @ u), b - Q @ (Q.T @ b)
+    size, square = float(np.linalg.norm(u)), float(beside @ beside)
+    least = _LEAST_MASS * float(np.linalg.norm(b)) / size if size > 0 else 1.0
+    return max(float(beside @ target) / square if square > 0 else 0.0, least, 1e-6)
