@@ -7,26 +7,21 @@ estimator with one file, one line of TOML and one call of :func:`fitting.estimat
 from __future__ import annotations
 
 from fitting.estimators.base import Estimate, Estimator
-from fitting.estimators.consistent import ConsistentFit
 from fitting.estimators.context import StageTwo, TakesStage, within
 from fitting.estimators.covariance import Colour, automatic_lags, hac_covariance, residual_draws
-from fitting.estimators.huber import HuberRegression
-from fitting.estimators.instrumental import InstrumentalVariables
 from fitting.estimators.ordinary import OrdinaryLeastSquares
-from fitting.estimators.recursive import RecursiveFit, RecursiveLeastSquares
+from fitting.estimators.possible import PossibleFit
+from fitting.estimators.recursive import RecursiveLeastSquares
 from fitting.estimators.registry import estimator, estimator_ids
 from fitting.estimators.ridge import RidgeTowardPrior
 from fitting.estimators.weighted import WeightedLeastSquares
 
 __all__ = [
     "Colour",
-    "ConsistentFit",
     "Estimate",
     "Estimator",
-    "HuberRegression",
-    "InstrumentalVariables",
     "OrdinaryLeastSquares",
-    "RecursiveFit",
+    "PossibleFit",
     "RecursiveLeastSquares",
     "RidgeTowardPrior",
     "StageTwo",

@@ -6,13 +6,12 @@ an estimator that carries what it took from there. One that has none is used as 
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
 from fitting.arm.base_parameters import BaseParameters
 from fitting.arm.geometry import Geometry
-from fitting.estimators.base import Estimator, FloatArray
+from fitting.estimators.base import Estimator
 from fitting.estimators.covariance import Colour
 from fitting.regression.body_prior import BodyPrior
 
@@ -26,14 +25,12 @@ class StageTwo:
     geometry : the arm
     base : its base parameters, in the order of the columns
     colour : which covariance is asked for
-    instruments : makes the regressor (R, p) along a motion without the sensors' noise; None where that cannot be
     prior : what is believed of the base parameters beforehand, or None
     """
 
     geometry: Geometry
     base: BaseParameters
     colour: Colour = "hac"
-    instruments: Callable[[], FloatArray] | None = None
     prior: BodyPrior | None = None
 
 

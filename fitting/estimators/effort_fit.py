@@ -5,8 +5,9 @@ Rows are filtered joint efforts (N m or N) over all fitted recordings, ``unloade
     r (p1 A1 - p2 A2 - c v)  =  r D_i(x, v, a) theta_i  +  Y_b(q, q', q'') beta  +  r E eta
 
 What is minimised is what a user sees, the error of the effort, beside the divergence from a plausible arm
-(:mod:`fitting.regression.plausible_arm`). It does not ask for a right model, as weights by a noise spectrum do. Rows are folded into one triangle per joint (:func:`fitting.regression.streamed.triangle`), so that
-recordings of any length and any scale per joint are solved from it. Deviations are those of a sandwich (``hac``, see
+(:mod:`fitting.regression.plausible_arm`). It does not ask for a right model, as weights by a noise spectrum do. Rows
+are folded into one triangle per joint (:func:`fitting.regression.streamed.triangle`), so that recordings of any length
+and any scale per joint are solved from it. Deviations are those of a sandwich (``hac``, see
 :mod:`fitting.estimators.covariance`): the residual of a model that is not whole is neither white nor of one size.
 """
 
@@ -31,8 +32,8 @@ from fitting.regression.streamed import triangle
 FloatArray = npt.NDArray[np.float64]
 BoolArray = npt.NDArray[np.bool_]
 
-#: Standard errors by which least squares has to be better on positions left out, and the rise of the training error up to
-#: which a plausible arm costs nothing that a motion could refuse.
+#: Standard errors by which least squares has to be better on positions left out, and the rise of the training error up
+#: to which a plausible arm costs nothing that a motion could refuse.
 REFUSED, FREE = 2.0, 1.01
 #: Share of a joint's positions that is left out at either end.
 OUTER = 0.25
@@ -169,9 +170,7 @@ class EffortRows:
         if prior.point is None or not first > FREE**2 * second:
             return False
         design = self._design
-        places = {
-            i: design.bank.reduce(design.segments[i].q) for i in self._indices if design.segments[i].loaded
-        }
+        places = {i: design.bank.reduce(design.segments[i].q) for i in self._indices if design.segments[i].loaded}
         together = np.vstack(list(places.values()))
         differences: list[float] = []
         for joint, own in enumerate(together.T):
@@ -189,7 +188,8 @@ class EffortRows:
             for joint in joints
             for i in self._indices
         )
-        fits = [self._solved(rest, p, self.spread)[0] for p in (prior.settled(*self._unit_rows(prior, rest)), prior.unsettled())]
+        ends = prior.settled(*self._unit_rows(prior, rest)), prior.unsettled()
+        fits = [self._solved(rest, own, self.spread)[0] for own in ends]
         changes = []
         for i, where in out.items():
             change = np.zeros(len(where))
@@ -248,6 +248,15 @@ def mean_levers(design: Design) -> FloatArray:
         return np.ones(joints)
     squares = np.sum([np.sum(s.r**2, axis=0) for s in loaded], axis=0)
     return np.asarray(np.sqrt(squares / sum(len(s) for s in loaded)))
+
+
+def predicted_std(rows: EffortRows, fit: Fit) -> FloatArray:
+    """Standard deviation (n,), N m or N, that uncertain parameters give the predicted effort of each joint.
+
+    Root mean square over some rows; not a number where a joint has none.
+    """
+    squares = [float(np.sum((R[:, :-1] @ fit.covariance) * R[:, :-1])) for R in rows.triangles]
+    return np.asarray(np.sqrt(np.maximum(squares, 0.0) / np.where(rows.rows > 0, rows.rows, np.nan)))
 
 
 def parameter_error(rows: EffortRows, fit: Fit, floor: FloatArray, chance: float = 1e-3) -> float:

@@ -11,16 +11,12 @@ state, so the result does not depend on when somebody looked.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-
 import numpy as np
 import numpy.typing as npt
 from scipy.linalg import lapack
 
-from fitting.estimators.base import Estimate, FloatArray, check_rows
-from fitting.estimators.context import StageTwo
-from fitting.estimators.covariance import Colour, scores_covariance
-from fitting.estimators.least_squares import Solution, group_std, solve
+from fitting.estimators.base import FloatArray
+from fitting.estimators.least_squares import Solution, solve
 
 # Reciprocal condition above which no column can be near the rank tolerance.
 _NO_DOUBT = 1e-9
@@ -182,58 +178,3 @@ def _rotated(factor: FloatArray, rows: FloatArray) -> FloatArray:
     if info:
         raise ValueError(f"LAPACK refused argument {-info} of the factorisation")
     return np.asarray(np.triu(packed[:m]))
-
-
-@dataclass(frozen=True)
-class RecursiveFit:
-    """:class:`RecursiveLeastSquares` as an estimator: rows go in as they come, the end is least squares.
-
-    Attributes
-    ----------
-    forgetting : forgetting factor, 1 for none
-    colour : as in :class:`fitting.estimators.ordinary.OrdinaryLeastSquares`
-    """
-
-    forgetting: float = 1.0
-    colour: Colour = "white"
-
-    @property
-    def name(self) -> str:
-        """``rls``."""
-        return "rls"
-
-    def within(self, stage: StageTwo) -> RecursiveFit:
-        """The same with the covariance that stage 2 asks for."""
-        return replace(self, colour=stage.colour)
-
-    def fit(
-        self,
-        A: npt.ArrayLike,
-        b: npt.ArrayLike,
-        *,
-        groups: npt.ArrayLike | None = None,
-        weights: npt.ArrayLike | None = None,
-    ) -> Estimate:
-        """Fit rows; see :class:`fitting.estimators.base.Estimator`. Rows of weight zero do not come in at all."""
-        rows = check_rows(A, b, groups, weights)
-        counted = rows.weights > 0
-        root = np.sqrt(rows.weights[counted])
-        used, target = rows.A[counted], rows.b[counted]
-        recursion = RecursiveLeastSquares(rows.A.shape[1], forgetting=self.forgetting)
-        recursion.update(used * root[:, None], target * root)
-        fade = self.forgetting ** np.arange(len(target) - 1, -1, -1.0)
-        theta = recursion.theta
-        faded = root * np.sqrt(fade)
-        solution = solve(used * faded[:, None], target * faded)
-        covariance = recursion.covariance
-        if self.colour != "white":
-            scaled = (target - used @ theta) * faded
-            covariance = solution.covariance(scores_covariance(solution, scaled, self.colour, rows.group[counted]))
-        return Estimate(
-            theta=theta,
-            covariance=covariance,
-            residual_std=group_std(target - used @ theta, solution.leverage, rows.group[counted], len(rows.labels)),
-            groups=rows.labels,
-            condition_number=recursion.condition_number,
-            told=recursion.told,
-        )

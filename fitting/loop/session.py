@@ -304,7 +304,7 @@ class Session:
             known = replace(known, delay=delays[0], delay_std=delays[1])
         design = self.plain.design
         rows = EffortRows(design, self.plain.fitted)
-        arm = plausible_arm(geometry_of(self.machine), design.parameters, rows.triangles)
+        arm = plausible_arm(geometry_of(self.machine), self.base, design.parameters.drives, rows.triangles)
         return rows.settled(replace(known, arm=arm))
 
     @cached_property

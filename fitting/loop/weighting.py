@@ -49,8 +49,8 @@ class Weighed:
     model : with the chosen fit and its covariance
     weights : which it is
     ratio : training error of the whitened fit over that of least squares
-    tried : parameters (p,) by name: ``whitened``, ``equal``, ``least_squares`` (equal, without a plausible arm), and of a base
-        model ``possible`` (the nearest that physics allows)
+    tried : parameters (p,) by name: ``whitened``, ``equal``, ``least_squares`` (equal, without a plausible arm), and of
+        a base model ``possible`` (the nearest that physics allows)
     errors : (n,) training error of each of them, root mean square of every joint's effort
     """
 

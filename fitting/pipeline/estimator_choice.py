@@ -5,8 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-
 from daq.errors import InputError
 from fitting.arm.base_parameters import BaseParameters
 from fitting.arm.geometry import Geometry
@@ -14,7 +12,7 @@ from fitting.estimators import Colour, Estimator, StageTwo, estimator, estimator
 from fitting.loop.session import Options
 from fitting.regression.body_prior import BodyPrior, read_body_prior
 
-#: The joint refit of both stages, generalised least squares: no plug-in, because it is the loop's own fit.
+#: The joint refit of both stages beside a plausible arm: no plug-in, because it is the loop's own fit.
 JOINT = "gls"
 _COLOURS: dict[str, Colour] = {"hac": "hac", "bootstrap": "bootstrap", "white": "white"}
 
@@ -51,7 +49,7 @@ def chosen(options: Options, base: BaseParameters, geometry: Geometry) -> Choice
     prior = None if options.prior is None else read_body_prior(Path(options.prior), base)
     if options.estimator == JOINT:
         if prior is not None:
-            raise InputError(f"{options.prior}: a prior is used by the estimators 'ridge' and 'consistent' only")
+            raise InputError(f"{options.prior}: a prior is used by the estimators 'ridge' and 'possible' only")
         return Choice(JOINT, None, colour, None)
     if options.estimator not in estimator_ids():
         raise InputError(
@@ -59,5 +57,5 @@ def chosen(options: Options, base: BaseParameters, geometry: Geometry) -> Choice
         )
     found = estimator(options.estimator)
     # What it cannot do without is missed now and not after the recordings are prepared; rows come later.
-    within(found, StageTwo(geometry, base, colour, lambda: np.zeros((0, len(base))), prior))
+    within(found, StageTwo(geometry, base, colour, prior))
     return Choice(options.estimator, found, colour, prior)

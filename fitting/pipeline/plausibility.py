@@ -13,13 +13,12 @@ The nearest possible parameters are sought in the metric of the estimate's own c
 
     minimise (theta - theta^)' S^-1 (theta - theta^)   subject to the above,
 
-a convex problem: cones of rank-one pseudo-inertias ``u u'`` are generated where the gradient asks for them (the most
-negative eigenvector of each link), and the rest is non-negative least squares. A violation is significant where the
-distance is one that an estimate of something possible has once in ten thousand machines; the cone's distance is at most
-a chi-square of as many degrees of freedom as parameters, so the test errs on the side of silence.
+by :mod:`fitting.regression.plausible_arm` with next to no weight of the plausible arm; of friction it is enough there
+that no coefficient is negative. A violation is significant where the distance is one that an estimate of something
+possible has once in ten thousand machines; the cone's distance is at most a chi-square of as many degrees of freedom as
+parameters, so the test errs on the side of silence.
 
-Sources: Wensing, Kim and Slotine, IEEE RA-L 3 (2018) 60 (pseudo-inertia); Lawson and Hanson, *Solving Least Squares
-Problems*, 1974, ch. 22 and 23.
+Source: Wensing, Kim and Slotine, IEEE RA-L 3 (2018) 60 (pseudo-inertia).
 """
 
 from __future__ import annotations
@@ -29,25 +28,22 @@ from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
-from scipy import linalg, optimize, stats
+from scipy import linalg, stats
 
 from fitting.arm.geometry import geometry_of
-from fitting.estimators.consistent import link_map, scale_bodies
 from fitting.pipeline.results.stage_results import Constrained, Physics
 from fitting.regression.design import Design
 from fitting.regression.drive import UNITS, direct_units
 from fitting.regression.error_sizes import errors_of
+from fitting.regression.plausible_arm import ALONE, plausible_arm
 from fitting.residual.friction_power import FrictionPower, driving, friction_power
 from fitting.residual.terms import Model
 
 FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.intp]
 
 #: Chance that a possible machine is called impossible, over all that is asked of it.
 ALARM = 1e-4
-_ROUNDS = 200
-_CONVERGED = 1e-3  # of the squared distance: far below the threshold's own meaning
-_EQUATION = 1e3  # weight of a slack's equation against a row of unit noise
+_LOOSE = 1e-8  # information of a prior that means nothing, and what is left of it below zero
 
 
 @dataclass(frozen=True)
@@ -112,7 +108,7 @@ def plausibility(model: Model) -> Plausibility:
     links, base_distance = _links(model, ALARM / questions)
     if not found and not links:
         return Plausibility((), None)
-    nearest = _nearest(model, friction, whole=True)[0]
+    nearest = _nearest(model, whole=True)[0]
     violations = [*found, *_named_links(model, nearest, base_distance)] if links else found
     shown = tuple(sorted(violations, key=lambda v: -v.sigmas))
     possible = tuple(_with_possible(model, v, nearest) for v in shown)
@@ -185,7 +181,7 @@ def _links(model: Model, alarm: float) -> tuple[bool, float]:
     base = model.design.parameters.base
     if not base.inertial_columns:
         return False, 0.0
-    _, distance, freedom = _nearest(model, (), whole=False)
+    _, distance, freedom = _nearest(model, whole=False)
     return bool(distance > stats.chi2.isf(alarm, max(freedom, 1))), distance
 
 
@@ -226,129 +222,45 @@ def _with_possible(model: Model, found: Violation, nearest: FloatArray) -> Viola
     return replace(found, possible=float(nearest[place]))
 
 
-def _nearest(model: Model, friction: Sequence[FrictionPower], whole: bool) -> tuple[FloatArray, float, int]:
+def _nearest(model: Model, whole: bool) -> tuple[FloatArray, float, int]:
     """Nearest possible parameters (p,), squared distance and its degrees of freedom.
 
     ``whole`` asks for everything, otherwise for the links alone.
     """
     parameters, fit = model.design.parameters, model.fit
-    told = np.flatnonzero(fit.told)
-    asked = [parameters.base_slice.start + k for k in range(len(parameters.base))]
-    single: list[int] = []
-    if whole:
-        for joint in range(len(parameters.joints)):
-            start = parameters.drive_slice(joint).start
-            single += [start + n for n, name in enumerate(parameters.drive[joint]) if name in ("m", "K", "J")]
-        asked += single
-        asked += [int(k) for own in friction for k in np.flatnonzero(own.rows.any(axis=0))]
-    chosen = np.array(sorted(set(asked) & set(told.tolist())), dtype=np.intp)
+    width, told = len(parameters), np.flatnonzero(fit.told)
+    first = 0 if whole else parameters.base_slice.start
+    chosen = told[(told >= first) & (told < width)]
     if not len(chosen):
         return fit.theta.copy(), 0.0, 0
     S = fit.covariance[np.ix_(chosen, chosen)]
     scale = np.sqrt(np.diag(S))
     scale[scale == 0] = 1.0
-    root = _root(S / np.outer(scale, scale))
-    white = linalg.solve_triangular(root, np.diag(1.0 / scale), lower=True)
-    solution = _cone(model, chosen, white, [f for f in friction if len(f.speed)], single if whole else [])
+    white = linalg.solve_triangular(_root(S / np.outer(scale, scale)), np.diag(1.0 / scale), lower=True)
+    A = np.zeros((len(chosen), width))
+    A[:, chosen] = white
+    target = A @ fit.theta[:width]
+    arm = plausible_arm(
+        geometry_of(model.design.machine), parameters.base, parameters.drives, [np.column_stack([A, target])]
+    )
+    information = np.sum(np.hstack([A[:, : arm.drives], A[:, arm.drives :] @ arm.of_motors]) ** 2, axis=0)
+    signed = np.full(len(arm.own), whole)
+    signed[[n for n, name in enumerate(parameters.drives) if name == "f_0"]] = False
+    arm = replace(arm, own=_LOOSE * information, signed=signed, below=_LOOSE)
+    theta = fit.theta.copy()
+    found = arm.optimum(A, target, weight=ALONE).theta
+    found[: arm.drives] = np.where(signed[: arm.drives], found[: arm.drives].clip(0), found[: arm.drives])
+    theta[chosen] = found[chosen]
     # Parameters that nothing is asked of follow by their correlation.
     others = np.setdiff1d(told, chosen)
-    theta = fit.theta.copy()
-    theta[chosen] = solution
-    if len(others):
-        moved = white.T @ (white @ (solution - fit.theta[chosen]))
-        theta[others] += fit.covariance[np.ix_(others, chosen)] @ moved
-    distance = float(np.sum((white @ (solution - fit.theta[chosen])) ** 2))
-    return theta, distance, len(chosen)
+    moved = white @ (theta[chosen] - fit.theta[chosen])
+    theta[others] += fit.covariance[np.ix_(others, chosen)] @ (white.T @ moved)
+    return theta, float(moved @ moved), len(chosen)
 
 
 def _root(correlation: FloatArray) -> FloatArray:
     """Lower Cholesky factor of a correlation matrix that may be singular by rounding."""
     return np.asarray(linalg.cholesky(correlation + 1e-10 * np.eye(len(correlation)), lower=True))
-
-
-def _cone(
-    model: Model, chosen: IntArray, white: FloatArray, friction: Sequence[FrictionPower], single: Sequence[int]
-) -> FloatArray:
-    """Parameters ``chosen`` of the nearest possible set, by column generation and non-negative least squares."""
-    parameters = model.design.parameters
-    base, geometry = parameters.base, geometry_of(model.design.machine)
-    count, target = len(chosen), model.fit.theta[chosen]
-    place = {int(k): n for n, k in enumerate(chosen)}
-    base_rows = np.array([place.get(parameters.base_slice.start + k, -1) for k in range(len(base))])
-    regrouping = np.zeros((count, base.regrouping.shape[1]))
-    for k, row in enumerate(base_rows):
-        if row >= 0:
-            regrouping[row] = base.regrouping[k]
-    fixed, extra_rows, extra_target = _fixed_columns(chosen, place, base_rows, regrouping, friction, single)
-    bodies = scale_bodies(geometry, base, model.fit.theta[parameters.base_slice], None)
-    maps = [regrouping[:, 10 * i : 10 * i + 10] @ link_map(np.linalg.cholesky(J)) for i, J in enumerate(bodies)]
-    rows = np.vstack([white @ fixed, extra_rows])
-    b = np.concatenate([white @ target, extra_target])
-    atoms: list[tuple[int, FloatArray]] = [(i, u) for i in range(len(maps)) for u in np.eye(4)]
-    before, y, A = np.inf, np.zeros(0), rows
-    for _ in range(_ROUNDS):
-        made = [white @ (maps[i] @ np.outer(u, u).ravel()) for i, u in atoms]
-        own = np.vstack([np.column_stack(made), np.zeros((len(extra_target), len(made)))])
-        A = np.hstack([rows, own])
-        size = np.maximum(np.linalg.norm(A, axis=0), 1e-300)
-        y = optimize.nnls(A / size, b, maxiter=50 * A.shape[1])[0] / size
-        residual = b - A @ y
-        distance = float(residual @ residual)
-        new = _steepest(maps, white, residual[:count])
-        if not new or before - distance < _CONVERGED * max(distance, 1.0):
-            break
-        before = distance
-        used = y[rows.shape[1] :] > 0
-        atoms = [atom for atom, keep in zip(atoms, used, strict=True) if keep] + new
-    made = [maps[i] @ np.outer(u, u).ravel() for i, u in atoms][: A.shape[1] - rows.shape[1]]
-    return np.asarray(np.hstack([fixed, np.column_stack(made)]) @ y)
-
-
-def _fixed_columns(
-    chosen: IntArray,
-    place: dict[int, int],
-    base_rows: npt.NDArray[np.int_],
-    regrouping: FloatArray,
-    friction: Sequence[FrictionPower],
-    single: Sequence[int],
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Columns that are there from the start, and the equations of friction's slacks.
-
-    Columns: motors' standard parameters (not negative), single parameters (not negative), every other parameter with
-    either sign, and one slack for each bin of friction.
-    """
-    count = len(chosen)
-    columns = [regrouping[:, k] for k in range(10 * (regrouping.shape[1] // 10), regrouping.shape[1])]
-    columns += [np.eye(count)[place[k]] for k in single if k in place]
-    bound = set(base_rows.tolist()) | {place[k] for k in single if k in place}
-    for n in range(count):
-        if n not in bound:
-            columns += [np.eye(count)[n], -np.eye(count)[n]]
-    bins = sum(len(f.speed) for f in friction)
-    fixed = np.column_stack([*columns, np.zeros((count, bins))]) if columns or bins else np.zeros((count, 0))
-    rows: list[FloatArray] = []
-    target: list[float] = []
-    for own in friction:
-        for k in range(len(own.speed)):
-            coefficients = own.rows[k, chosen]
-            size = max(float(np.linalg.norm(coefficients)), 1e-300)
-            row = coefficients @ fixed
-            row[len(columns) + len(rows)] -= size
-            rows.append(_EQUATION * row / size)
-            target.append(-_EQUATION * own.known[k] / size)
-    return fixed, np.array(rows).reshape(len(rows), fixed.shape[1]), np.array(target)
-
-
-def _steepest(maps: Sequence[FloatArray], white: FloatArray, residual: FloatArray) -> list[tuple[int, FloatArray]]:
-    """For each link the rank-one body that lowers the distance fastest, where there is one."""
-    slope, found = white.T @ residual, []
-    for i, own in enumerate(maps):
-        G = (own.T @ slope).reshape(4, 4)
-        values, vectors = np.linalg.eigh((G + G.T) / 2)
-        size = float(np.linalg.norm(G))
-        if values[-1] > 1e-9 * max(size, 1e-300) and values[-1] > 0:
-            found.append((i, vectors[:, -1]))
-    return found
 
 
 def physics(design: Design, model: Model) -> Physics:

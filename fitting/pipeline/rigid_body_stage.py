@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -16,7 +16,6 @@ from fitting.estimators.long_rows import LongRows
 from fitting.pipeline.cylinder_stage import CylinderEstimate
 from fitting.regression.body_prior import BodyPrior
 from fitting.regression.design import Design, Extra
-from fitting.regression.instruments import instrument_columns
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -36,6 +35,7 @@ class StackedEstimate:
     told : (p,) False where this motion says nothing of the parameter
     estimator : id of the estimator
     details : what else the estimator had to say
+    covariance : (p, p), None of the one-shot regression
     """
 
     theta: FloatArray
@@ -44,6 +44,7 @@ class StackedEstimate:
     told: npt.NDArray[np.bool_]
     estimator: str = "ols"
     details: Mapping[str, Any] = field(default_factory=dict)
+    covariance: FloatArray | None = field(default=None, repr=False)
 
 
 @dataclass(frozen=True)
@@ -114,7 +115,7 @@ def identify_rigid_body(
         found = _with_frozen(design, effort_rows(design), frozen, covariance, estimator, colour, prior)
     std = found.std.copy()
     std[:count] = np.concatenate([cylinder.std for cylinder in cylinders])
-    return StackedEstimate(found.theta, std, found.condition_number, found.told, found.estimator, found.details)
+    return replace(found, std=std)
 
 
 def refit_rigid_body(
@@ -177,17 +178,17 @@ def _with_frozen(
         geometry=geometry_of(design.machine),
         base=design.parameters.base,
         colour=colour,
-        instruments=lambda: instruments(design),
         prior=prior,
     )
     estimate = within(chosen, stage).fit(A, rows.target - D @ frozen, groups=rows.groups)
-    theta, std = np.zeros(rows.columns.shape[1]), np.zeros(rows.columns.shape[1])
+    theta = np.zeros(rows.columns.shape[1])
     theta[base], theta[others] = estimate.theta, frozen
-    std[base] = np.sqrt(np.diag(estimate.covariance) + _inherited(A, D, covariance, estimate, rows.groups))
-    std[others] = np.sqrt(np.diag(covariance))
+    places = np.arange(base.start, base.stop), others
+    whole = _covariance(A, D, covariance, estimate, rows.groups, places)
     told = np.ones(len(theta), dtype=bool)
     told[base] = estimate.told
-    return StackedEstimate(theta, std, float(estimate.condition_number), told, chosen.name, estimate.details)
+    std, condition = np.sqrt(np.diag(whole)), float(estimate.condition_number)
+    return StackedEstimate(theta, std, condition, told, chosen.name, estimate.details, whole)
 
 
 def _long_with_frozen(design: Design, frozen: FloatArray, covariance: FloatArray, colour: Colour) -> StackedEstimate:
@@ -198,36 +199,42 @@ def _long_with_frozen(design: Design, frozen: FloatArray, covariance: FloatArray
     theta = np.concatenate([frozen, np.zeros(len(wanted))])
     estimate = rows.fit(wanted, theta, colour)
     theta[wanted] = estimate.theta
-    inherited = _inherited(rows.columns[:, wanted], rows.columns[:, :count], covariance, estimate, rows.groups)
-    std = np.sqrt(np.concatenate([np.diag(covariance), np.diag(estimate.covariance) + inherited]))
+    A, D = rows.columns[:, wanted], rows.columns[:, :count]
+    whole = _covariance(A, D, covariance, estimate, rows.groups, (wanted, np.arange(count)))
     told = np.concatenate([np.ones(count, dtype=bool), estimate.told])
-    return StackedEstimate(theta, std, estimate.condition_number, told)
+    return StackedEstimate(theta, np.sqrt(np.diag(whole)), estimate.condition_number, told, covariance=whole)
 
 
-def _inherited(
-    A: FloatArray, D: FloatArray, covariance: FloatArray, estimate: Estimate, groups: npt.NDArray[np.intp]
+def _covariance(
+    A: FloatArray,
+    D: FloatArray,
+    frozen: FloatArray,
+    estimate: Estimate,
+    groups: npt.NDArray[np.intp],
+    places: tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]],
 ) -> FloatArray:
-    """Variance (nb,) that the base parameters have from what was frozen: ``diag(G C G')``, ``G = (A'WA)^-1 A'WD``.
+    """Covariance (p, p) of all parameters: base ones have their own and what they inherit of those that were frozen.
 
-    Weights are those of the joints' residuals, whatever the estimator: this is a second-order part of the deviation.
+    ``theta_b = (A'WA)^-1 A'W (b - D theta_f)``: with ``G = (A'WA)^-1 A'WD`` the base has ``G C G'`` more, and ``-G C``
+    in common with the frozen ones. Weights are those of the joints' residuals, whatever the estimator.
+
+    Parameters
+    ----------
+    A, D : (R, nb), (R, k) columns of base and frozen parameters
+    frozen : (k, k) covariance of the latter
+    places : where base and frozen parameters are among all
     """
     spread = np.where(np.isfinite(estimate.residual_std) & (estimate.residual_std > 0), estimate.residual_std, 1.0)
     w = 1.0 / spread[np.searchsorted(estimate.groups, groups)][:, None]
     solution = solve(A * w, np.zeros(len(A)))
     G = solution.root @ (solution.Q.T @ (D * w))
-    return np.asarray(np.einsum("ij,jk,ik->i", G, covariance, G))
-
-
-def instruments(design: Design, roles: Sequence[str] = ROLES) -> FloatArray:
-    """Instruments (R, nb) beside the base columns of :func:`effort_rows`."""
-    made = instrument_columns(design, design.indices(*roles))
-    return np.vstack(
-        [
-            design.bank.reduce(made[index][:, joint])[design.blocks[joint][index].keep]
-            for joint in range(len(design.machine.joints))
-            for index in design.indices(*roles)
-        ]
-    )
+    base, others = places
+    whole = np.zeros((len(base) + len(others),) * 2)
+    whole[np.ix_(base, base)] = estimate.covariance + G @ frozen @ G.T
+    whole[np.ix_(others, others)] = frozen
+    whole[np.ix_(base, others)] = -G @ frozen
+    whole[np.ix_(others, base)] = whole[np.ix_(base, others)].T
+    return whole
 
 
 def identify_one_shot(design: Design, *, unloaded: bool = False, colour: Colour = "hac") -> StackedEstimate:

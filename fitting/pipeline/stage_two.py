@@ -68,13 +68,16 @@ def stacked_on(design: Design, estimate: StackedEstimate, extra: Extra | None = 
     )
 
 
-def chosen_refit(session: Session, design: Design, model: Model) -> Stacked | None:
-    """Base parameters by the estimator asked for, everything else as the joint refit has it; None if that is asked."""
+def handed(session: Session, model: Model) -> tuple[Model, Stacked | None]:
+    """The model that is handed out: by the estimator asked for, and what that had to say (None of the joint refit).
+
+    An estimator gives the base parameters; everything else is as the joint refit has it.
+    """
     asked = choice(session)
     if asked.estimator is None:
-        return None
+        return model, None
     estimate = refit_rigid_body(
-        design,
+        model.design,
         model.fit.theta,
         model.fit.covariance,
         asked.estimator,
@@ -82,7 +85,9 @@ def chosen_refit(session: Session, design: Design, model: Model) -> Stacked | No
         colour=asked.colour,
         prior=asked.prior,
     )
-    return stacked_on(design, estimate, model.extra)
+    assert estimate.covariance is not None
+    fit = replace(model.fit, theta=estimate.theta, covariance=estimate.covariance, told=estimate.told, share=None)
+    return replace(model, fit=fit), stacked_on(model.design, estimate, model.extra)
 
 
 def comparison(session: Session, found: RigidBody, floor: FloatArray) -> dict[str, Any]:

@@ -11,7 +11,7 @@ from __future__ import annotations
 import json
 import os
 import tempfile
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +20,7 @@ import numpy.typing as npt
 
 from daq.errors import HilfitError, InputError
 from fitting.arm.dynamics import self_check
-from fitting.estimators.effort_fit import EffortRows, mean_levers, parameter_error
+from fitting.estimators.effort_fit import EffortRows, mean_levers, parameter_error, predicted_std
 from fitting.excitation.motion import Motion, write_motion
 from fitting.loop.kinematic_check import kinematic_findings, step_to_json
 from fitting.loop.residual_loop import (
@@ -50,11 +50,12 @@ from fitting.pipeline.results.stage_results import (
     to_json,
 )
 from fitting.pipeline.stage_names import NEXT_MOTION, STAGES, WORDS
-from fitting.pipeline.stage_two import choice, chosen_refit, comparison, rigid_body_stage, std
+from fitting.pipeline.stage_two import choice, comparison, handed, rigid_body_stage, std
 from fitting.pipeline.verdict import MOST_NOISE
 from fitting.regression.design import Design, reduced_residual
 from fitting.regression.error_sizes import ROLES, errors_of, independent_rows, overall_errors
 from fitting.regression.noise import effort_floor
+from fitting.regression.solving import Fit
 from fitting.report import presented, write_report
 from fitting.report.languages import language
 from fitting.residual.confirmation.confirmation import overall_change
@@ -139,29 +140,33 @@ def _estimated_floor(session: Session) -> FloatArray:
 def refit(session: Session, results: StageResults, progress: Progress) -> Refitted:
     """Both stages refitted jointly with what was found; errors before and after."""
     prepared, final = final_model(session, found_corrections(session, results), results[Attributed].terms)
-    model, before = final.model, session.base_with(final.weights)
+    (model, chosen), before = handed(session, final.model), handed(session, session.base_with(final.weights))[0]
     design = session.plain.design
     found = {
         "before": errors_of(design, before.fit.theta),
         "after": errors_of(prepared.design, model.fit.theta, model.extra),
     }
     errors = {state: sizes for state, (sizes, _, _) in found.items()}
+    if chosen is not None:
+        errors["joint"] = errors_of(prepared.design, final.model.fit.theta, model.extra)[0]
     progress(0.6, "interval of the improvement")
     shown = "validate" if design.indices("validate") else "train"
     floor = np.asarray(results[Residual].noise_floor)
     series = [by_role[shown] for _, by_role, _ in found.values()]
     change = overall_change(series[0], series[1], floor, design.bank.reduced_rate_hz, np.random.default_rng(20))
     parameters = len(design.parameters)
+    judged = EffortRows(prepared.design, prepared.design.indices(*ROLES[shown]), model.extra)
+    none = (None,) * len(floor)
     return Refitted(
-        chosen=chosen_refit(session, prepared.design, model),
+        chosen=chosen,
+        joint=_fitted(final.model.fit, len(final.model.fit.theta)),
         comparison=comparison(session, results[RigidBody], floor),
         weights=final.weights,
         estimation=estimation(session, results[RigidBody], final),
-        before=Fitted(before.fit.theta[:parameters], before.fit.std[:parameters], before.fit.told[:parameters]),
-        after=Fitted(model.fit.theta, model.fit.std, model.fit.told),
-        parameter_error=parameter_error(
-            EffortRows(prepared.design, prepared.design.indices(*ROLES[shown]), model.extra), model.fit, floor
-        ),
+        before=_fitted(before.fit, parameters),
+        after=_fitted(model.fit, len(model.fit.theta)),
+        parameter_error=parameter_error(judged, model.fit, floor),
+        predicted_std=_predicted(judged, model.fit, errors["after"]["train"]) if shown == "validate" else none,
         independent_rows={role: independent_rows(found["after"][1][role]) for role in ("train", "validate")},
         plausibility=physics(prepared.design, model),
         condition_number=model.fit.condition_number,
@@ -170,6 +175,18 @@ def refit(session: Session, results: StageResults, progress: Progress) -> Refitt
         errors=errors,
         overall={**change, "role": shown, "unit": "noise floors", **overall_errors(found, floor, shown)},
     )
+
+
+def _fitted(fit: Fit, count: int) -> Fitted:
+    """The first parameters of a fit, as the stage hands them on."""
+    share = np.ones(len(fit.theta)) if fit.share is None else fit.share
+    return Fitted(fit.theta[:count], fit.std[:count], fit.told[:count], share[:count])
+
+
+def _predicted(rows: EffortRows, fit: Fit, trained: Sequence[float | None]) -> tuple[float | None, ...]:
+    """Standard deviation of each joint's error that is to be expected on some rows."""
+    both = zip(predicted_std(rows, fit).tolist(), trained, strict=True)
+    return tuple(float(np.hypot(own, left)) if left is not None and np.isfinite(own) else None for own, left in both)
 
 
 def _drive_errors(design: Design, model: Model) -> list[FloatArray]:

@@ -55,6 +55,13 @@ class BodyPrior:
     standard: FloatArray | None
     source: str
 
+    @property
+    def bodies(self) -> FloatArray | None:
+        """Pseudo-inertias (n, 4, 4) of the links; None where only base parameters are known."""
+        return (
+            None if self.standard is None else np.array([pseudo_inertia(row) for row in self.standard.reshape(-1, 10)])
+        )
+
 
 class _Link(BaseModel):
     model_config = ConfigDict(extra="forbid", allow_inf_nan=False)

@@ -52,6 +52,11 @@ class Parameters:
     base: BaseParameters
 
     @property
+    def drives(self) -> tuple[str, ...]:
+        """Names of all drive parameters without their joints, in the order of the columns."""
+        return tuple(name for names in self.drive for name in names)
+
+    @property
     def drive_count(self) -> int:
         """Number of drive parameters of all joints."""
         return sum(len(names) for names in self.drive)

@@ -4,8 +4,8 @@ Least squares lets base parameters be any numbers. On a motion that does not tel
 it. Here every link keeps a pseudo-inertia ``J_l`` (4 x 4, positive definite: a body that can exist), drawn toward a
 plausible one ``J0_l`` by the entropic divergence, and no drive has a negative inertia, friction or stiffness::
 
-    minimise  |A theta - b|^2 / 2  +  sum_i own_i f_i phi_i^2 / 2  +  w sum_l [tr(J0_l^-1 J_l) - log det(J0_l^-1 J_l) - 4]
-    base parameters = P pi(J) + P_m phi_m
+    minimise  |A theta - b|^2 / 2  +  sum_i own_i f_i phi_i^2 / 2
+              +  w sum_l [tr(J0_l^-1 J_l) - log det(J0_l^-1 J_l) - 4],      base parameters = P pi(J) + P_m phi_m
 
 over the rows ``A, b`` of unit noise, the links' ``J_l``, the drives' parameters ``phi`` (``phi_m``: of motors that turn
 with several joints) and whatever else has columns. ``own_i = sum_j |A_ij|^2 / |b_j|^2`` says that a contribution is no
@@ -34,7 +34,6 @@ from scipy import linalg
 from fitting.arm.base_parameters import BaseParameters
 from fitting.arm.geometry import Geometry
 from fitting.regression.body_prior import pseudo_inertia, standard_of_link
-from fitting.regression.design import Parameters
 from fitting.regression.solving import factor
 
 FloatArray = npt.NDArray[np.float64]
@@ -50,16 +49,31 @@ NOT_NEGATIVE = frozenset({"J", "f_c", "f_v", "K"})
 _THICK, _LEAST_LENGTH = 0.15, 0.2  # of a rod, as shares of its length and of the links' mean length
 _LEAST_MASS = 0.3  # share of the efforts that the plausible arm explains at least
 _STEPS, _CONVERGED = 60, 1e-10
-_BASIS = np.zeros((10, 4, 4))
-for _k, (_i, _j) in enumerate(zip(*np.triu_indices(4), strict=True)):
-    _BASIS[_k, _i, _j] = _BASIS[_k, _j, _i] = 1.0 if _i == _j else np.sqrt(0.5)
-#: The ten parameters of a link from its pseudo-inertia, row by row: mass, first moments, ``I = tr(Sigma) E - Sigma``.
-_OF_BODY = np.zeros((10, 16))
-for _k, (_i, _j) in enumerate([(3, 3), (0, 3), (1, 3), (2, 3), *zip(*np.triu_indices(3), strict=True)]):
-    _OF_BODY[_k, 4 * _i + _j] += -0.5 if _k > 3 else 0.5
-    _OF_BODY[_k, 4 * _j + _i] += -0.5 if _k > 3 else 0.5
-    if _k > 3 and _i == _j:
-        _OF_BODY[_k, [0, 5, 10]] += 1.0
+
+
+def _basis() -> FloatArray:
+    """Orthonormal basis (10, 4, 4) of the symmetric matrices."""
+    out = np.zeros((10, 4, 4))
+    for k, (i, j) in enumerate(zip(*np.triu_indices(4), strict=True)):
+        out[k, i, j] = out[k, j, i] = 1.0 if i == j else np.sqrt(0.5)
+    return out
+
+
+def _of_body() -> FloatArray:
+    """The ten parameters of a link from its pseudo-inertia, row by row: mass, first moments, ``tr(S) E - S``."""
+    out = np.zeros((10, 4, 4))
+    out[0, 3, 3] = 1.0
+    for k in range(3):
+        out[1 + k, k, 3] = out[1 + k, 3, k] = 0.5
+    for k, (i, j) in enumerate(zip(*np.triu_indices(3), strict=True)):
+        out[4 + k, i, j] -= 0.5
+        out[4 + k, j, i] -= 0.5
+        if i == j:
+            out[4 + k, range(3), range(3)] += 1.0
+    return out.reshape(10, 16)
+
+
+_BASIS, _OF_BODY = _basis(), _of_body()
 
 
 def rods(geometry: Geometry) -> FloatArray:
@@ -91,6 +105,7 @@ class PlausibleArm:
     signed : (k,) True where a parameter cannot be negative
     drives : number of drive parameters before the base parameters
     regrouping : (nb, 10 n + motors) base parameters from standard ones
+    below : standard deviation that a parameter below zero has, as a share of what ``own`` allows
     """
 
     bodies: FloatArray
@@ -98,6 +113,7 @@ class PlausibleArm:
     signed: npt.NDArray[np.bool_]
     drives: int
     regrouping: FloatArray
+    below: float = BELOW_ZERO
 
     @property
     def width(self) -> int:
@@ -107,7 +123,7 @@ class PlausibleArm:
     @cached_property
     def inverse(self) -> FloatArray:
         """Inverses (n, 4, 4) of the plausible links' pseudo-inertias."""
-        return np.linalg.inv(self.bodies)
+        return np.asarray(np.linalg.inv(self.bodies))
 
     def optimum(
         self, A: FloatArray, b: FloatArray, start: Optimum | None = None, weight: float = WEIGHT, held: bool = True
@@ -125,9 +141,9 @@ class PlausibleArm:
         both = np.column_stack([rest, b])
         if free is not None and free.shape[1]:
             both = both - free @ (free.T @ both)
-        problem = _Problem(self, np.linalg.qr(both, mode="r"), held)
+        problem = _Problem(self, np.asarray(np.linalg.qr(both, mode="r")), held)
         if start is None:
-            state = _State(np.linalg.cholesky(self.bodies), np.zeros(len(self.own)))
+            state = _State(np.asarray(np.linalg.cholesky(self.bodies)), np.zeros(len(self.own)))
             for own in (*(w for w in CONTINUED if w > weight), weight):
                 state = problem.solved(state, own)
         else:
@@ -138,6 +154,11 @@ class PlausibleArm:
         """Base parameters per ``X`` of every link in the orthonormal basis, (nb, 10 n)."""
         maps = [link_map(root) @ _BASIS.reshape(10, 16).T for root in roots]
         return np.hstack([self.regrouping[:, 10 * i : 10 * i + 10] @ T for i, T in enumerate(maps)])
+
+    def slope(self, roots: FloatArray) -> FloatArray:
+        """Gradient of the divergence in ``X`` of every link in the orthonormal basis, (10 n,)."""
+        own = roots.transpose(0, 2, 1) @ self.inverse @ roots - np.eye(4)
+        return np.asarray(np.einsum("kij,lij->lk", _BASIS, own).ravel())
 
     @property
     def of_motors(self) -> FloatArray:
@@ -153,7 +174,7 @@ class PlausibleArm:
     def precision(self, phi: FloatArray, held: bool) -> FloatArray:
         """``own f`` of every drive's parameter."""
         below = self.signed & (phi < 0) & held
-        return np.asarray(self.own * np.where(below, BELOW_ZERO**-2, 1.0))
+        return np.asarray(self.own * np.where(below, self.below**-2, 1.0))
 
 
 @dataclass(frozen=True)
@@ -174,10 +195,8 @@ class _Problem:
     def cost(self, state: _State, weight: float) -> float:
         """The objective."""
         missing = self.A @ self.arm.theta(state.roots, state.phi) - self.b
-        spread = 0.0
-        for inverse, root in zip(self.arm.inverse, state.roots, strict=True):
-            own = root.T @ inverse @ root
-            spread += float(np.trace(own)) - float(np.linalg.slogdet(own)[1]) - 4.0
+        own = state.roots.transpose(0, 2, 1) @ self.arm.inverse @ state.roots
+        spread = float(np.sum(np.trace(own, axis1=1, axis2=2) - np.linalg.slogdet(own)[1] - 4.0))
         precision = self.arm.precision(state.phi, self.held)
         return float(missing @ missing) / 2 + float(precision @ state.phi**2) / 2 + weight * spread
 
@@ -191,8 +210,8 @@ class _Problem:
             lowest = float(np.min(np.linalg.eigvalsh(X)))
             length = 1.0 if lowest > -0.9 else 0.9 / -lowest
             while length > 1e-8:
-                turned = [L @ np.linalg.cholesky(np.eye(4) + length * own) for L, own in zip(state.roots, X, strict=True)]
-                new = _State(np.array(turned), state.phi + length * move)
+                roots = state.roots @ np.linalg.cholesky(np.eye(4) + length * X)
+                new = _State(roots, state.phi + length * move)
                 value = self.cost(new, weight)
                 if value <= cost - 1e-4 * length * fall:
                     break
@@ -207,15 +226,13 @@ class _Problem:
         arm = self.arm
         links = len(state.roots)
         missing = self.A @ arm.theta(state.roots, state.phi) - self.b
-        slope = np.array(
-            [root.T @ inverse @ root - np.eye(4) for root, inverse in zip(state.roots, arm.inverse, strict=True)]
-        )
-        g = np.einsum("kij,lij->lk", _BASIS, slope).ravel()
+        g = arm.slope(state.roots)
         root = np.sqrt(arm.precision(state.phi, self.held))
         M = np.hstack([self.A[:, arm.drives :] @ arm.fields(state.roots), self.of_phi * self.unit])
         count = 10 * links
         H = M.T @ M
         H[np.diag_indices(len(H))] += np.concatenate([np.full(count, weight), (root * self.unit) ** 2])
+        H[np.diag_indices(len(H))] += np.where(np.diag(H) > 0, 0.0, 1.0)  # a drive that no row shows stays at zero
         down = -M.T @ missing - np.concatenate([weight * g, root**2 * state.phi * self.unit])
         # Squaring costs digits of the step, none of the place that it goes to: there the slope itself vanishes.
         z = linalg.cho_solve(linalg.cho_factor(H, check_finite=False), down, check_finite=False)
@@ -250,6 +267,17 @@ class Optimum:
         """Drives' and base parameters, (width,)."""
         return self.arm.theta(self.roots, self.phi)
 
+    @property
+    def bodies(self) -> FloatArray:
+        """Pseudo-inertias (n, 4, 4) of the links."""
+        return np.asarray(self.roots @ self.roots.transpose(0, 2, 1))
+
+    @property
+    def standard(self) -> FloatArray:
+        """Standard parameters: ten of each link, then those of coupled motors."""
+        links = (self.bodies.reshape(-1, 16) @ _OF_BODY.T).ravel()
+        return np.concatenate([links, self.phi[self.arm.drives :]])
+
     @cached_property
     def rows(self) -> tuple[FloatArray, FloatArray]:
         """The prior about this point as rows of unit noise, (R, width) and (R,).
@@ -259,8 +287,7 @@ class Optimum:
         """
         arm, base = self.arm, self.theta[self.arm.drives :]
         fields = arm.fields(self.roots)
-        slope = [L.T @ inverse @ L - np.eye(4) for L, inverse in zip(self.roots, arm.inverse, strict=True)]
-        g = np.einsum("kij,lij->lk", _BASIS, np.array(slope)).ravel()
+        g = arm.slope(self.roots)
         precision = arm.precision(self.phi, self.held)
         own, motors = precision[: arm.drives], precision[arm.drives :]
         known = motors > 0
@@ -277,38 +304,44 @@ class Optimum:
 
 
 def plausible_arm(
-    geometry: Geometry, parameters: Parameters, triangles: Sequence[FloatArray]
+    geometry: Geometry,
+    base: BaseParameters,
+    drives: Sequence[str],
+    triangles: Sequence[FloatArray],
+    drawing: FloatArray | None = None,
 ) -> PlausibleArm:
     """The prior for efforts as they were measured.
 
     Parameters
     ----------
-    geometry : the arm
-    parameters : of the regression
+    geometry, base : the arm
+    drives : names of the drives' parameters, whose columns come first
     triangles : per joint a triangle (.., p + 1) of its effort rows ``[A b]``, N m or N
+    drawing : (n, 4, 4) pseudo-inertias of links from drawings; rods along the links if None
     """
-    base, drives = parameters.base, parameters.drive_count
-    width = len(parameters)
-    bodies = rods(geometry) if base.inertial_columns else np.zeros((0, 4, 4))
+    count = len(drives)
+    width = count + len(base)
     motors = base.regrouping[:, base.inertial_columns :]
-    own = np.zeros(drives + motors.shape[1])
+    own = np.zeros(count + motors.shape[1])
     for R in triangles:
         effort = float(np.linalg.norm(R[:, width]))
         if effort > 0:
-            columns = np.hstack([R[:, :drives], R[:, drives:width] @ motors])
+            columns = np.hstack([R[:, :count], R[:, count:width] @ motors])
             own += np.sum(columns**2, axis=0) / effort**2
-    names = [name for joint in parameters.drive for name in joint] + ["f_c", "f_v", "J"] * (motors.shape[1] // 3)
-    mass = _mass(base, bodies, drives, np.vstack(triangles)[:, : width + 1]) if len(bodies) else 1.0
-    return PlausibleArm(
-        mass * bodies, own, np.array([name in NOT_NEGATIVE for name in names], dtype=bool), drives, base.regrouping
-    )
+    names = [*drives, *(("f_c", "f_v", "J") * (motors.shape[1] // 3))]
+    signed = np.array([name in NOT_NEGATIVE for name in names], dtype=bool)
+    bodies = drawing
+    if bodies is None:
+        bodies = rods(geometry) if base.inertial_columns else np.zeros((0, 4, 4))
+        bodies = bodies * (_mass(base, bodies, count, np.vstack(triangles)[:, : width + 1]) if len(bodies) else 1.0)
+    return PlausibleArm(bodies, own, signed, count, base.regrouping)
 
 
 def _mass(base: BaseParameters, bodies: FloatArray, drives: int, rows: FloatArray) -> float:
     """Mass of all links together: the slope of the efforts on those of the arm at 1 kg, beside the drives' columns."""
     standard = (bodies.reshape(-1, 16) @ _OF_BODY.T).ravel()
     u, b = rows[:, drives:-1] @ (base.regrouping[:, : len(standard)] @ standard), rows[:, -1]
-    Q = factor(rows[:, :drives]).Q
+    Q = factor(rows[:, :drives]).Q if drives else np.zeros((len(rows), 0))
     beside, target = u - Q @ (Q.T @ u), b - Q @ (Q.T @ b)
     size, square = float(np.linalg.norm(u)), float(beside @ beside)
     least = _LEAST_MASS * float(np.linalg.norm(b)) / size if size > 0 else 1.0

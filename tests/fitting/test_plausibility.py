@@ -55,7 +55,7 @@ def test_healthy_arms_are_possible_whatever_the_noise(seed: int) -> None:
 def test_the_true_parameters_are_at_no_distance(model: Model) -> None:
     own = truth(2).theta(model.design.machine)
     exact = replace(model, fit=replace(model.fit, theta=own))
-    theta, distance, _ = _nearest(exact, (), whole=False)
+    theta, distance, _ = _nearest(exact, whole=False)
     assert distance < 1e-3
     assert theta == pytest.approx(own, rel=1e-3, abs=1e-3)
 
@@ -63,11 +63,11 @@ def test_the_true_parameters_are_at_no_distance(model: Model) -> None:
 def test_the_distance_is_that_of_a_semidefinite_program(model: Model) -> None:
     """Two solvers for one convex problem: cvxpy with the matrix inequality, and the generated cones."""
     cp = pytest.importorskip("cvxpy")
-    from fitting.estimators.consistent import link_map
+    from fitting.regression.plausible_arm import link_map
 
     wrong, _ = with_negative_inertia(model)
     part, base = model.design.parameters.base_slice, model.design.parameters.base
-    _, distance, count = _nearest(wrong, (), whole=False)
+    _, distance, count = _nearest(wrong, whole=False)
     S = model.fit.covariance[part, part]
     size = np.sqrt(np.diag(S))
     root = np.linalg.inv(np.linalg.cholesky(S / np.outer(size, size)))

@@ -1,26 +1,28 @@
 """Links for simulators: standard parameters of bodies that can exist, with the model's base parameters.
 
-Recordings tell base parameters only; of the many standard ones that have them, those nearest to bodies of the links'
-size are taken (:mod:`fitting.estimators.consistent`). Where no body has the model's very base parameters, the nearest
-that some body has are taken, and by how many standard deviations they moved is said.
+Recordings tell base parameters only; of the many standard ones that have them, those nearest to plausible links are
+taken (:mod:`fitting.regression.plausible_arm`). Where no body has the model's very base parameters, the nearest that
+some body has are taken, and by how many standard deviations they moved is said.
 """
 
 from __future__ import annotations
 
-import importlib.util
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
-from daq.errors import HilfitError, InputError
+from fitting.arm.base_parameters import BaseParameters
 from fitting.arm.geometry import Geometry, geometry_of
 from fitting.effects.base import Effect
-from fitting.estimators.consistent import link_map, scale_bodies, standard_parameters
 from fitting.model.arm_model import ArmModel
 from fitting.regression.body_prior import pseudo_inertia
+from fitting.regression.plausible_arm import ALONE, plausible_arm
 
 FloatArray = npt.NDArray[np.float64]
+
+#: How much the model's own base parameters count against the choice of links: so much that only those are left.
+_EXACT = 1e4
 
 
 @dataclass(frozen=True)
@@ -60,32 +62,16 @@ class Bodies:
 
 
 def bodies_of(model: ArmModel) -> Bodies:
-    """Links with the model's base parameters, or the nearest that bodies can have.
-
-    Raises
-    ------
-    InputError
-        If the solver is not installed.
-    """
-    missing = [name for name in ("cvxpy", "clarabel") if importlib.util.find_spec(name) is None]
-    if missing:
-        raise InputError(f"export: needs {' and '.join(missing)}: install with pip install 'hilfit[consistent]'")
+    """Links with the model's base parameters, or the nearest that bodies can have."""
     geometry, part = geometry_of(model.arm), model.parameters.base_slice
-    base, theta = model.base, model.theta[part]
-    scale = scale_bodies(geometry, base, theta, None)
-    n = geometry.joints
-    try:
-        rows = np.diag(1.0 / np.maximum(np.abs(theta), 1e-6 * np.max(np.abs(theta))))
-        found = standard_parameters(rows, rows @ theta, base, scale, exactly=True)
-        found[base.independent] += theta - base.regrouping @ found  # the solver's last digits
-        if not _possible(found, n):
-            raise HilfitError("not even nearly")
-    except HilfitError:
-        covariance = model.covariance[part, part]
-        values, vectors = np.linalg.eigh(covariance)
+    base, theta, n = model.base, model.theta[part], geometry.joints
+    rows = np.diag(1.0 / np.maximum(np.abs(theta), 1e-6 * np.max(np.abs(theta))))
+    found = _nearest(geometry, base, _EXACT * rows, theta)
+    found[base.independent] += theta - base.regrouping @ found  # the last digits
+    if not _possible(found, n):
+        values, vectors = np.linalg.eigh(model.covariance[part, part])
         least = 1e-12 * max(float(values.max()), 1e-300)  # what was not told has no weight worth a name
-        rows = (vectors / np.sqrt(np.maximum(values, least))).T
-        found = _inside(standard_parameters(rows, rows @ theta, base, scale), scale)
+        found = _nearest(geometry, base, (vectors / np.sqrt(np.maximum(values, least))).T, theta)
     std = model.std[part]
     change = np.abs(base.regrouping @ found - theta)
     moved = float(np.max(change / np.where(std > 0, std, np.inf)))
@@ -93,16 +79,11 @@ def bodies_of(model: ArmModel) -> Bodies:
     return Bodies(tuple(_links(geometry, standard)), standard, moved if moved > 1e-6 else 0.0)
 
 
-def _inside(standard: FloatArray, scale: FloatArray) -> FloatArray:
-    """Parameters that a solver left on the edge of the possible, moved inside by as little as takes them there."""
-    usual = np.concatenate([link_map(root) @ np.eye(4).ravel() for root in np.linalg.cholesky(scale)])
-    links = len(usual)
-    for share in (0.0, *np.geomspace(1e-12, 1e-2, 11).tolist()):
-        moved = standard.copy()
-        moved[:links] = (1.0 - share) * standard[:links] + share * usual
-        if _possible(moved, links // 10):
-            return moved
-    raise HilfitError("export: no links that can exist were found near to these parameters; identify on more motion")
+def _nearest(geometry: Geometry, base: BaseParameters, rows: FloatArray, theta: FloatArray) -> FloatArray:
+    """Standard parameters of bodies whose base parameters are nearest to ``theta`` in the metric of ``rows``."""
+    target = rows @ theta
+    arm = plausible_arm(geometry, base, (), [np.column_stack([rows, target])])
+    return arm.optimum(rows, target, weight=ALONE).standard.copy()
 
 
 def _possible(standard: FloatArray, joints: int) -> bool:

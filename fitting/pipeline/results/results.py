@@ -30,6 +30,7 @@ from fitting.pipeline.results.stage_results import (
     Stacked,
     StageResults,
 )
+from fitting.pipeline.stage_two import handed
 from fitting.regression.drive import UNITS, direct_units, effort_unit
 from fitting.regression.flags import mark
 from fitting.regression.identifiability import Telling, statement, tellings
@@ -44,6 +45,10 @@ FloatArray = npt.NDArray[np.float64]
 #: What the joint refit's weights make it, and its deviations.
 _ESTIMATORS = {"whitened": "gls", "equal": "joint_ols"}
 _COVARIANCES = {"whitened": "whitened", "equal": "hac"}
+#: Share of a parameter's information from the data below which it is said to be from the prior.
+MOSTLY_PRIOR = 0.5
+#: Times the training error from which on the motion of ``validate`` is said to go beyond what was told.
+BEYOND = 2.0
 _CHANGED = {
     "1": "the zero of the effort",
     "f_c": "Coulomb friction",
@@ -74,7 +79,7 @@ def final_fit(session: Session, results: StageResults) -> Final:
     """The final fit again, from what the stages left."""
     terms, steps = results[Attributed].terms, results[Residual].steps
     prepared, final = final_model(session, corrections_from_json(session, steps), terms)
-    return Final(steps, terms, prepared, final.model)
+    return Final(steps, terms, prepared, handed(session, final.model)[0])
 
 
 def build_report(session: Session, results: StageResults, final: Final | None = None) -> tuple[dict[str, Any], Figures]:
@@ -154,7 +159,9 @@ def _cylinders(session: Session, results: StageResults) -> dict[str, Any]:
         part = session.plain.design.parameters.drive_slice(number)
         units = UNITS if joint.cylinder is not None else direct_units(joint.effort_unit)
         cylinders[joint.name] = {
-            "parameters": _values(first.names, refit.after.theta[part], refit.after.std[part], units),
+            "parameters": _values(
+                first.names, refit.after.theta[part], refit.after.std[part], units, refit.after.share[part]
+            ),
             "residual_std": refit.drive_residual_std[number],
             "unit": effort_unit(joint),
             "stage_1": _values(first.names, first.theta, first.std, units),
@@ -164,11 +171,20 @@ def _cylinders(session: Session, results: StageResults) -> dict[str, Any]:
     return cylinders
 
 
-def _values(names: Sequence[str], theta: FloatArray, std: FloatArray, units: Mapping[str, str]) -> dict[str, Any]:
+def _values(
+    names: Sequence[str], theta: FloatArray, std: FloatArray, units: Mapping[str, str], share: FloatArray | None = None
+) -> dict[str, Any]:
+    """Values by name; where the data tell less than the prior there is a share instead of a deviation."""
+    told = [{}] * len(names) if share is None else [_told(own) for own in share.tolist()]
     return {
-        name: {"value": value, "std": deviation, "unit": units[name]}
-        for name, value, deviation in zip(names, theta.tolist(), std.tolist(), strict=True)
+        name: {"value": value, "std": deviation, "unit": units[name], **own}
+        for name, value, deviation, own in zip(names, theta.tolist(), std.tolist(), told, strict=True)
     }
+
+
+def _told(share: float) -> dict[str, Any]:
+    """What a parameter has beside its value: which share of what is known of it came from the data."""
+    return {"told_by_data": share, **({"std": None} if share < MOSTLY_PRIOR else {})}
 
 
 def _rigid_body(session: Session, results: StageResults) -> dict[str, Any]:
@@ -176,8 +192,8 @@ def _rigid_body(session: Session, results: StageResults) -> dict[str, Any]:
     part = session.plain.design.parameters.base_slice
     refit, two_stage = results[Refitted], results[RigidBody].two_stage
     chosen = refit.chosen
-    final = chosen or refit.after
-    joint_refit = _values_of(refit.after, part) if chosen else [{}] * len(base)
+    final = refit.after
+    joint_refit = _values_of(refit.joint, part) if chosen else [{}] * len(base)
     return {
         "estimator": chosen.estimator if chosen else _ESTIMATORS[refit.weights],
         "covariance": session.options.covariance if chosen else _COVARIANCES[refit.weights],
@@ -191,8 +207,9 @@ def _rigid_body(session: Session, results: StageResults) -> dict[str, Any]:
                 "unit": unit,
                 "stage_2": {"value": first, "std": first_std},
                 **({"joint_refit": joint} if joint else {}),
+                **({} if chosen else _told(share)),
             }
-            for name, expression, unit, value, std, told, first, first_std, joint in zip(
+            for name, expression, unit, value, std, told, first, first_std, joint, share in zip(
                 base.names,
                 base.expressions,
                 base.units,
@@ -202,6 +219,7 @@ def _rigid_body(session: Session, results: StageResults) -> dict[str, Any]:
                 two_stage.theta[part].tolist(),
                 two_stage.std[part].tolist(),
                 joint_refit,
+                refit.after.share[part].tolist(),
                 strict=True,
             )
         ],
@@ -217,7 +235,7 @@ def _values_of(fitted: Fitted, part: slice) -> list[dict[str, Any]]:
 
 def _price(session: Session, results: StageResults, chosen: Stacked) -> dict[str, Any]:
     """What the estimator asked for costs in error against the joint refit, and what it had to say."""
-    after = results[Refitted].errors["after"]
+    joint_refit = results[Refitted].errors["joint"]
     errors = {
         joint.name: {key: values[number] for key, values in chosen.errors.items()}
         for number, joint in enumerate(session.machine.joints)
@@ -226,7 +244,7 @@ def _price(session: Session, results: StageResults, chosen: Stacked) -> dict[str
     for role in ("train", "validate"):
         pairs = [
             (a, b, f)
-            for a, b, f in zip(chosen.errors[role], after[role], results[Residual].noise_floor, strict=True)
+            for a, b, f in zip(chosen.errors[role], joint_refit[role], results[Residual].noise_floor, strict=True)
             if a is not None and b is not None and f > 0
         ]
         if pairs:
@@ -259,6 +277,7 @@ def _errors(session: Session, results: StageResults) -> dict[str, Any]:
             "before": {key: values[number] for key, values in errors["before"].items()},
             "after": {key: values[number] for key, values in errors["after"].items()},
             "two_stage": {key: values[number] for key, values in two_stage.items()},
+            "validate_predicted_std": results[Refitted].predicted_std[number],
         }
         for number, joint in enumerate(session.machine.joints)
     }
@@ -304,6 +323,7 @@ def _warnings(session: Session, results: StageResults) -> list[str]:
     untold = [n for n, told in zip(parameters.names, results[Refitted].after.told, strict=False) if not told]
     if untold:
         warnings.append(f"this motion cannot tell {', '.join(untold)}; they are left at zero")
+    warnings += _beyond_told(session, results)
     for change in results[Attributed].changes:
         warnings.append(
             f"{change.joint}: {_CHANGED.get(change.of, change.of)} changed "
@@ -314,6 +334,22 @@ def _warnings(session: Session, results: StageResults) -> list[str]:
     if session.plain.design.indices("operation"):
         warnings.append(statement(_tellings(session)))
     return warnings
+
+
+def _beyond_told(session: Session, results: StageResults) -> list[str]:
+    """Joints whose error on ``validate`` was to be expected much larger than on the motion that was fitted."""
+    refitted = results[Refitted]
+    lines = []
+    for joint, std, trained in zip(
+        session.machine.joints, refitted.predicted_std, refitted.errors["after"]["train"], strict=True
+    ):
+        if std is not None and trained is not None and std > BEYOND * trained:
+            lines.append(
+                f"{joint.name}: validate moves where the training motions tell little: an error of {std:.3g} "
+                f"{joint.effort_unit} is to be expected there, {trained:.3g} {joint.effort_unit} on those motions; "
+                "train on a motion that goes there"
+            )
+    return lines
 
 
 def _in_situ_warnings(session: Session, joints: Sequence[str]) -> list[str]:
@@ -358,7 +394,7 @@ def _identifiability(session: Session) -> list[dict[str, Any]]:
 
 
 def _figures(session: Session, results: StageResults, prepared: Prepared, model: Model, terms: list[Term]) -> Figures:
-    before = session.base_with(results[Refitted].weights)
+    before = handed(session, session.base_with(results[Refitted].weights))[0]
     shown = session.plain.validate or session.plain.design.indices("train", "operation")
     return Figures(
         scatter=scatters(before, model, shown),

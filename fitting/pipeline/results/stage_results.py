@@ -126,11 +126,12 @@ class Residual:
 @stored
 @dataclass(frozen=True)
 class Fitted:
-    """Parameters of a joint fit: (p,) each."""
+    """Parameters of a joint fit, (p,) each; ``share`` of their information that came from the data."""
 
     theta: Numbers
     std: Numbers
     told: Flags
+    share: Numbers
 
 
 @stored
@@ -163,13 +164,16 @@ class Refitted:
     comparison : hierarchical against one-shot (:func:`fitting.pipeline.comparison.compare`)
     weights : ``whitened`` or ``equal``
     estimation : the ways that were tried (:func:`fitting.pipeline.estimation.estimation`)
-    before, after : parameters without and with what was found
+    joint : parameters of the joint refit with what was found
+    before, after : those that are handed out, without and with what was found
     parameter_error : what uncertain parameters make of the error shown, in noise floors
+    predicted_std : (n,) what uncertain parameters and what the training motions left make of each joint's error on
+        ``validate``; None where there is none
     independent_rows : effective number of rows by role
     plausibility : what cannot be
     condition_number, chi_square_per_row : of the fit after
     drive_residual_std : per joint; None without rows
-    errors : sizes ``before`` and ``after``
+    errors : sizes ``before`` and ``after``; of the ``joint`` refit beside an estimator that was asked for
     overall : all joints together (:func:`fitting.regression.error_sizes.overall_errors`)
     """
 
@@ -177,9 +181,11 @@ class Refitted:
     comparison: Json
     weights: Weights
     estimation: Json
+    joint: Fitted
     before: Fitted
     after: Fitted
     parameter_error: float
+    predicted_std: tuple[float | None, ...]
     independent_rows: dict[str, float]
     plausibility: Physics
     condition_number: float

@@ -73,6 +73,7 @@ class BaseParameter(Part):
     value: float | None
     std: float | None
     unit: str
+    told_by_data: float | None = None
 
 
 class RigidBody(Part):

@@ -12,8 +12,12 @@ class Part(BaseModel):
 
 
 class Value(Part):
-    """A number with its standard deviation and unit."""
+    """A number with its standard deviation and unit.
+
+    ``told_by_data`` is the share of what is known of it that came from the recordings; below a half, ``std`` is None.
+    """
 
     value: float | None = None
     std: float | None = None
     unit: str | None = None
+    told_by_data: float | None = None
