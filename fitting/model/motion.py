@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
+from scipy.stats import qmc
 
 from daq.errors import InputError
 from fitting.arm.base_parameters import base_regressor
@@ -25,6 +26,9 @@ FloatArray = npt.NDArray[np.float64]
 
 #: Most steps of the search for accelerations, and the share of the largest at which it ends.
 _STEPS, _CLOSE = 60, 1e-12
+#: Poses over a joint's limits at which a mass matrix is looked at (a power of two), and the least eigenvalue of one with
+#: units on its diagonal that is taken for positive.
+_POSES, _DEFINITE = 8, 1e-9
 
 
 @dataclass(frozen=True)
@@ -204,6 +208,9 @@ def forward(
         effort = levers(model, position) * force
     wanted = np.broadcast_to(np.asarray(effort, dtype=float), position.shape)
     inertia, found = inertia_matrix(model, position), np.zeros_like(position)
+    wrong = worst_pose(model, position, inertia)
+    if wrong is not None:
+        raise InputError(f"forward: {wrong.text}; no acceleration follows from an effort there")
     for _ in range(_STEPS):  # one step where no effect holds a force; else each leaves a share of the one before
         missing = wanted - on_motion(model, position, speed, found).joint_effort(0)
         step = np.linalg.solve(inertia, missing[:, :, None])[:, :, 0]
@@ -213,6 +220,55 @@ def forward(
     raise InputError(
         "forward: accelerations do not settle: an effect that grows with the force is larger than the inertia's effort"
     )
+
+
+@dataclass(frozen=True)
+class Indefinite:
+    """A pose at which a model's mass matrix is not positive definite.
+
+    Attributes
+    ----------
+    pose : (n,) rad or m
+    joint : which acceleration would cost no effort there, or less than none
+    drives : joints whose drive inertia is below zero
+    """
+
+    pose: FloatArray
+    joint: str
+    drives: tuple[str, ...]
+
+    @property
+    def text(self) -> str:
+        """One line that names joint, pose and what prevents it."""
+        at = ", ".join(f"{value:.3g}" for value in self.pose)
+        why = f"; the drive inertia of {', '.join(self.drives)} is below zero" if self.drives else ""
+        return f"the mass matrix is not positive definite at q = ({at}), at {self.joint}{why}"
+
+
+def indefinite(model: ArmModel, q: npt.ArrayLike | None = None) -> Indefinite | None:
+    """The worst of some poses (N, n) at which the mass matrix is not positive definite; None where it is everywhere.
+
+    ``q`` of None asks for poses spread over the limits of all joints (a Sobol sequence).
+    """
+    n = len(model.joints)
+    if q is None:
+        low, high = np.array([joint.limits.position for joint in model.arm.joints], dtype=float).T
+        q = low + (high - low) * qmc.Sobol(n, scramble=False).random_base2(_POSES)
+    position = _rows(q, n, "q")
+    return worst_pose(model, position, inertia_matrix(model, position))
+
+
+def worst_pose(model: ArmModel, q: FloatArray, inertia: FloatArray) -> Indefinite | None:
+    """As :func:`indefinite`, of mass matrices (N, n, n) that are there."""
+    size = np.sqrt(np.maximum(np.abs(np.diagonal(inertia, axis1=1, axis2=2)), 1e-300))
+    symmetric = (inertia + inertia.transpose(0, 2, 1)) / 2 / (size[:, :, None] * size[:, None, :])
+    values, vectors = np.linalg.eigh(symmetric)
+    worst = int(np.argmin(values[:, 0]))
+    if values[worst, 0] > _DEFINITE:
+        return None
+    joint = model.joints[int(np.argmax(np.abs(vectors[worst, :, 0])))]
+    values_of = dict(zip(model.parameters.names, model.theta.tolist(), strict=False))
+    return Indefinite(q[worst], joint, tuple(name for name in model.joints if values_of.get(f"{name}.J", 0.0) < 0))
 
 
 def levers(model: ArmModel, q: FloatArray) -> FloatArray:

@@ -95,7 +95,7 @@ def simulate(
     least = [max(friction_speed or 0.0, _LEAST_WIDTH * own.v) for own in model.passes[-1].ranges]
     noise = tuple(replace(own, speed=max(own.speed, width)) for own, width in zip(model.noise, least, strict=True))
     tracer = Tracer(replace(model, noise=noise))
-    plant = _Plant(compiled(tracer), n, any(term.uses_model for term in model.terms))
+    plant = _Plant(model, compiled(tracer), n, any(term.uses_model for term in model.terms))
 
     def slope(t: float, state: FloatArray) -> FloatArray:
         position, speed = state[:n], state[n:]
@@ -123,6 +123,7 @@ def simulate(
 class _Plant:
     """The model as an equation of motion; ``holds_force`` where effects depend on the drives' forces."""
 
+    model: ArmModel
     functions: Compiled
     joints: int
     holds_force: bool
@@ -131,6 +132,9 @@ class _Plant:
         """Joint accelerations (n,) under joint efforts (n,)."""
         position, speed = q.tolist(), qd.tolist()
         inertia = np.array(self.functions.inertia(position)).reshape(self.joints, self.joints).T
+        wrong = motion.worst_pose(self.model, q[None], inertia[None])
+        if wrong is not None:
+            raise InputError(f"simulate: {wrong.text}; no motion follows from efforts there")
         found = np.zeros(self.joints)
         for _ in range(_STEPS if self.holds_force else 1):
             missing = effort - np.array(self.functions.effort(position, speed, found.tolist(), t))

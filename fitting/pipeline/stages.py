@@ -29,6 +29,7 @@ from fitting.loop.residual_loop import (
 from fitting.loop.session import Request, Session
 from fitting.model.codec import MODEL_FILE, save_model
 from fitting.model.handover import hand_over
+from fitting.model.motion import indefinite
 from fitting.pipeline.attribution_stage import attribution, found_corrections
 from fitting.pipeline.check_gate import checked, with_explanation
 from fitting.pipeline.cylinder_stage import InSitu, identify_cylinders
@@ -270,9 +271,13 @@ def _write_results(request: Request, session: Session, results: StageResults) ->
     output, (first, *others) = request.output, request.languages
     final = final_fit(session, results)
     content, figures = build_report(session, results, final)
+    model = hand_over(session, final.steps, final.model, content)
+    wrong = indefinite(model)
+    if wrong is not None:
+        content["warnings"].append(f"{wrong.text}: efforts are predicted all the same, motions are not")
     content = presented(content, figures)
     paths = write_report(content, figures, output, language=first, others=others)
-    save_model(output / MODEL_FILE, hand_over(session, final.steps, final.model, content))
+    save_model(output / MODEL_FILE, model)
     experiment = results[Attributed].next_experiment
     if experiment is not None and experiment.program is not None and experiment.content.get("motion_file"):
         write_motion(output / NEXT_MOTION, motion_of(experiment.program, session.machine.name))
