@@ -25,7 +25,7 @@ def register(app: typer.Typer) -> None:
 
 Estimator = Annotated[
     str,
-    typer.Option(help="Estimator of the rigid body: gls (joint refit), ols, wls, huber, iv, rls, consistent, ridge."),
+    typer.Option(help="What is handed out: gls (both stages at once beside a plausible arm), ols, wls, ridge, possible."),
 ]
 Spoken = Annotated[ReportLanguage, typer.Option(help="Language of report.html.")]
 Columns = Annotated[
@@ -54,7 +54,7 @@ def identify(
         str, typer.Option(help="Deviations for coloured residuals: hac, bootstrap or white.")
     ] = "hac",
     prior: Annotated[
-        Path | None, typer.Option(help="Links from drawings, or an earlier report.json, for ridge and consistent.")
+        Path | None, typer.Option(help="Links from drawings, or an earlier report.json, for ridge and possible.")
     ] = None,
     columns: Columns = None,
     resample: Annotated[

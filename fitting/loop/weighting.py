@@ -80,7 +80,7 @@ def weighed(model: Model, prior: Prior, weights: Weights | None = None) -> Weigh
     if not model.terms and prior.arm is not None:
         tried["possible"] = rows.possible(prior)
     errors = {name: rows.errors(theta) for name, theta in tried.items()}
-    ratio = error_ratio(rows, errors["whitened"], errors["least_squares"])
+    ratio = error_ratio(rows, errors["whitened"], np.fmin(errors["equal"], errors["least_squares"]))
     if weights is None:
         weights = "equal" if ratio > MOST_LOST else "whitened"
     if weights == "whitened":

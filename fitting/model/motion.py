@@ -26,7 +26,7 @@ FloatArray = npt.NDArray[np.float64]
 
 #: Most steps of the search for accelerations, and the share of the largest at which it ends.
 _STEPS, _CLOSE = 60, 1e-12
-#: Poses over a joint's limits at which a mass matrix is looked at (a power of two), and the least eigenvalue of one with
+#: Poses over the limits at which a mass matrix is looked at (a power of two), and the least eigenvalue of one with
 #: units on its diagonal that is taken for positive.
 _POSES, _DEFINITE = 8, 1e-9
 
@@ -215,7 +215,9 @@ def forward(
         missing = wanted - on_motion(model, position, speed, found).joint_effort(0)
         step = np.linalg.solve(inertia, missing[:, :, None])[:, :, 0]
         found = found + step
-        if np.max(np.abs(step)) <= _CLOSE * max(float(np.max(np.abs(found))), 1e-9):
+        settled = np.max(np.abs(step)) <= _CLOSE * max(float(np.max(np.abs(found))), 1e-9)
+        # At rest there is no acceleration to compare with: rounding of the efforts is all that is missing.
+        if settled or np.max(np.abs(missing)) <= _CLOSE * np.max(np.abs(wanted)):
             return found
     raise InputError(
         "forward: accelerations do not settle: an effect that grows with the force is larger than the inertia's effort"

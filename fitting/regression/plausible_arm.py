@@ -38,8 +38,8 @@ from fitting.regression.solving import factor
 
 FloatArray = npt.NDArray[np.float64]
 
-#: Weight of the divergence against a chi-square, and those from which it is continued.
-WEIGHT, CONTINUED = 0.1, (10.0, 1.0, 0.1, 0.01)
+#: Weight of the divergence against a chi-square.
+WEIGHT = 0.1
 #: Weight that leaves of the divergence no more than that bodies exist.
 ALONE = 1e-3
 #: Standard deviation that a parameter below zero has, as a share of what the joint's own effort allows.
@@ -48,7 +48,9 @@ BELOW_ZERO = 0.003
 NOT_NEGATIVE = frozenset({"J", "f_c", "f_v", "K"})
 _THICK, _LEAST_LENGTH = 0.15, 0.2  # of a rod, as shares of its length and of the links' mean length
 _LEAST_MASS = 0.3  # share of the efforts that the plausible arm explains at least
-_STEPS, _CONVERGED = 60, 1e-10
+_STEPS, _CONVERGED, _ROUNDING = 60, 1e-10, 1e-13
+#: Factor of the weight along the path, steps at each, what a step promises where it goes on, links where it begins.
+_FACTOR, _ALONG, _NEAR, _HEAVY = 10.0, 8, 0.5, 100.0
 
 
 def _basis() -> FloatArray:
@@ -141,13 +143,14 @@ class PlausibleArm:
         both = np.column_stack([rest, b])
         if free is not None and free.shape[1]:
             both = both - free @ (free.T @ both)
-        problem = _Problem(self, np.asarray(np.linalg.qr(both, mode="r")), held)
+        problem = _Problem(self, np.asarray(np.linalg.qr(both, mode="r")), weight, held)
         if start is None:
-            state = _State(np.asarray(np.linalg.cholesky(self.bodies)), np.zeros(len(self.own)))
-            for own in (*(w for w in CONTINUED if w > weight), weight):
-                state = problem.solved(state, own)
+            state = _State(np.sqrt(_HEAVY) * np.linalg.cholesky(self.bodies), np.zeros(len(self.own)))
+            for barrier in problem.path(state):
+                state = problem.solved(state, barrier, _NEAR * barrier)
         else:
-            state = problem.solved(_State(start.roots, start.phi), weight)
+            state = _State(start.roots, start.phi)
+        state = problem.solved(state, weight)
         return Optimum(self, state.roots, state.phi, weight, held)
 
     def fields(self, roots: FloatArray) -> FloatArray:
@@ -155,9 +158,9 @@ class PlausibleArm:
         maps = [link_map(root) @ _BASIS.reshape(10, 16).T for root in roots]
         return np.hstack([self.regrouping[:, 10 * i : 10 * i + 10] @ T for i, T in enumerate(maps)])
 
-    def slope(self, roots: FloatArray) -> FloatArray:
-        """Gradient of the divergence in ``X`` of every link in the orthonormal basis, (10 n,)."""
-        own = roots.transpose(0, 2, 1) @ self.inverse @ roots - np.eye(4)
+    def slope(self, roots: FloatArray, weight: float, barrier: float) -> FloatArray:
+        """Gradient of the weighted divergence in ``X`` of every link in the orthonormal basis, (10 n,)."""
+        own = weight * (roots.transpose(0, 2, 1) @ self.inverse @ roots) - barrier * np.eye(4)
         return np.asarray(np.einsum("kij,lij->lk", _BASIS, own).ravel())
 
     @property
@@ -186,33 +189,42 @@ class _State:
 class _Problem:
     """One minimisation over a triangle ``[A b]`` of the drives' and base columns."""
 
-    def __init__(self, arm: PlausibleArm, R: FloatArray, held: bool) -> None:
-        self.arm, self.held = arm, held
+    def __init__(self, arm: PlausibleArm, R: FloatArray, weight: float, held: bool) -> None:
+        self.arm, self.weight, self.held = arm, weight, held
         self.A, self.b = R[:, :-1], R[:, -1]
         self.of_phi = np.hstack([self.A[:, : arm.drives], self.A[:, arm.drives :] @ arm.of_motors])
         self.unit = np.where(arm.own > 0, 1.0 / np.sqrt(np.where(arm.own > 0, arm.own, 1.0)), 1.0)
 
-    def cost(self, state: _State, weight: float) -> float:
-        """The objective."""
+    def cost(self, state: _State, barrier: float) -> float:
+        """The objective, with its own weight of the logarithm of the determinant."""
         missing = self.A @ self.arm.theta(state.roots, state.phi) - self.b
         own = state.roots.transpose(0, 2, 1) @ self.arm.inverse @ state.roots
-        spread = float(np.sum(np.trace(own, axis1=1, axis2=2) - np.linalg.slogdet(own)[1] - 4.0))
+        spread = self.weight * float(np.sum(np.trace(own, axis1=1, axis2=2) - 4.0))
+        spread -= barrier * float(np.sum(np.linalg.slogdet(own)[1]))
         precision = self.arm.precision(state.phi, self.held)
-        return float(missing @ missing) / 2 + float(precision @ state.phi**2) / 2 + weight * spread
+        return float(missing @ missing) / 2 + float(precision @ state.phi**2) / 2 + spread
 
-    def solved(self, state: _State, weight: float) -> _State:
-        """Newton's method with a line search from a state."""
-        cost = self.cost(state, weight)
-        for _ in range(_STEPS):
-            X, move, fall = self._step(state, weight)
-            if not fall > _CONVERGED * (1.0 + abs(cost)):
+    def path(self, state: _State) -> list[float]:
+        """Weights of the determinant by which the optimum is followed from a state down to its own weight (Nocedal and
+        Wright, 19.6): near to a singular link a step is short, so links stay far from it until the rows ask for it.
+        """
+        first = self.cost(state, 0.0) / (10.0 * max(len(state.roots), 1))
+        steps = int(np.ceil(np.log(max(first / self.weight, 1.0)) / np.log(_FACTOR)))
+        return [self.weight * _FACTOR**k for k in range(steps, 0, -1)]
+
+    def solved(self, state: _State, barrier: float, near: float = 0.0) -> _State:
+        """Newton's method with a line search from a state, until a step promises no more than ``near``."""
+        cost = self.cost(state, barrier)
+        for _ in range(_ALONG if near else _STEPS):
+            X, move, fall = self._step(state, barrier)
+            if not fall > max(near, _CONVERGED * (1.0 + abs(cost))):
                 break
             lowest = float(np.min(np.linalg.eigvalsh(X)))
             length = 1.0 if lowest > -0.9 else 0.9 / -lowest
             while length > 1e-8:
                 roots = state.roots @ np.linalg.cholesky(np.eye(4) + length * X)
                 new = _State(roots, state.phi + length * move)
-                value = self.cost(new, weight)
+                value = self.cost(new, barrier)
                 if value <= cost - 1e-4 * length * fall:
                     break
                 length /= 2
@@ -221,21 +233,24 @@ class _Problem:
             state, cost = new, value
         return state
 
-    def _step(self, state: _State, weight: float) -> tuple[FloatArray, FloatArray, float]:
+    def _step(self, state: _State, barrier: float) -> tuple[FloatArray, FloatArray, float]:
         """Newton step: ``X`` (n, 4, 4), change of ``phi``, and what the slope along it promises."""
         arm = self.arm
         links = len(state.roots)
         missing = self.A @ arm.theta(state.roots, state.phi) - self.b
-        g = arm.slope(state.roots)
+        g = arm.slope(state.roots, self.weight, barrier)
         root = np.sqrt(arm.precision(state.phi, self.held))
         M = np.hstack([self.A[:, arm.drives :] @ arm.fields(state.roots), self.of_phi * self.unit])
         count = 10 * links
         H = M.T @ M
-        H[np.diag_indices(len(H))] += np.concatenate([np.full(count, weight), (root * self.unit) ** 2])
+        H[np.diag_indices(len(H))] += np.concatenate([np.full(count, barrier), (root * self.unit) ** 2])
         H[np.diag_indices(len(H))] += np.where(np.diag(H) > 0, 0.0, 1.0)  # a drive that no row shows stays at zero
-        down = -M.T @ missing - np.concatenate([weight * g, root**2 * state.phi * self.unit])
+        down = -M.T @ missing - np.concatenate([g, root**2 * state.phi * self.unit])
         # Squaring costs digits of the step, none of the place that it goes to: there the slope itself vanishes.
-        z = linalg.cho_solve(linalg.cho_factor(H, check_finite=False), down, check_finite=False)
+        size = np.sqrt(np.diag(H))
+        scaled = H / np.outer(size, size)
+        scaled[np.diag_indices(len(H))] += _ROUNDING
+        z = linalg.cho_solve(linalg.cho_factor(scaled, check_finite=False), down / size, check_finite=False) / size
         return (
             np.einsum("lk,kij->lij", z[:count].reshape(links, 10), _BASIS),
             z[count:] * self.unit,
@@ -287,13 +302,13 @@ class Optimum:
         """
         arm, base = self.arm, self.theta[self.arm.drives :]
         fields = arm.fields(self.roots)
-        g = arm.slope(self.roots)
+        g = arm.slope(self.roots, self.weight, self.weight)
         precision = arm.precision(self.phi, self.held)
         own, motors = precision[: arm.drives], precision[arm.drives :]
         known = motors > 0
         spread = arm.of_motors[:, known] / np.sqrt(motors[known])
         C = fields @ fields.T / self.weight + spread @ spread.T
-        mean = base - fields @ g - arm.of_motors @ self.phi[arm.drives :]
+        mean = base - fields @ g / self.weight - arm.of_motors @ self.phi[arm.drives :]
         size = np.sqrt(np.diag(C))
         root = linalg.cholesky(C / np.outer(size, size) + 1e-14 * np.eye(len(C)), lower=True)
         of_base = linalg.solve_triangular(root, np.diag(1.0 / size), lower=True)

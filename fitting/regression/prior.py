@@ -66,6 +66,10 @@ class Prior:
             return None
         return float(self.delay[joint]), float(self.delay_std[joint])
 
+    def own_rows(self, joint: int) -> int:
+        """How many rows a joint's mass and delay have at the end of its block."""
+        return int(not np.isnan(self.mass[joint])) + int(self.delay_of(joint) is not None)
+
     def undelayed(self) -> Prior:
         """The same where nothing is late: of replicas, whose efforts and positions belong together."""
         return self if self.delay is None else replace(self, delay=0.0 * self.delay)

@@ -43,13 +43,9 @@ STATUSES = {
 ESTIMATORS = {
     "ols": "ordinary least squares (ols)",
     "wls": "weighted least squares (wls)",
-    "gls": "generalised least squares (gls)",
-    "joint_ols": "least squares of all efforts, both stages at once (joint_ols)",
-    "robust": "robust least squares (robust)",
-    "huber": "Huber's robust regression (huber)",
-    "iv": "instrumental variables (iv)",
-    "rls": "recursive least squares (rls)",
-    "consistent": "weighted least squares of links that can exist (consistent)",
+    "gls": "both stages at once, weighted by the noise, beside a plausible arm (gls)",
+    "joint_ols": "both stages at once, all efforts alike, beside a plausible arm (joint_ols)",
+    "possible": "weighted least squares of links that can exist (possible)",
     "ridge": "weighted least squares drawn toward a prior (ridge)",
 }
 

@@ -171,19 +171,22 @@ class Candidates:
             else:
                 Q, residual = model.fit.orthonormal[place], model.fit.residual[place]
             shadow, products, norms = Q.T @ C, C.T @ residual, np.einsum("ij,ij->j", C, C)
+            told = None if model.unpriored is None else model.unpriored @ shadow
             widths = np.array([self._widths[n] for n in numbers])
             starts = np.concatenate([[0], np.cumsum(widths)[:-1]])
             for width in np.unique(widths).tolist():
                 members = np.flatnonzero(widths == width)
                 where = starts[members][:, None] + np.arange(width)
-                own, shade = (
+                own, shade, seen = (
                     np.ascontiguousarray(part[:, where.ravel()].reshape(len(part), len(members), width).swapaxes(0, 1))
-                    for part in (C, shadow)
+                    for part in (C, shadow, shadow if told is None else told)
                 )
-                gram = own.swapaxes(1, 2) @ own - shade.swapaxes(1, 2) @ shade
+                whole = own.swapaxes(1, 2) @ own
+                gram = whole - shade.swapaxes(1, 2) @ shade
+                plain = gram if told is None else whole - seen.swapaxes(1, 2) @ seen
                 chosen = [numbers[m] for m in members]
                 own_terms = [(self.terms[n], self.grid[n]) for n in chosen]
-                for member, score in _scored(own_terms, gram, products[where], norms[where]):
+                for member, score in _scored(own_terms, gram, plain, products[where], norms[where]):
                     if place is None and score.score > 0:
                         score = _placed(score, model, own[member], shade[member])
                     result[chosen[member]] = score
@@ -311,20 +314,30 @@ def _prior_of_delays(model: Model, terms: Sequence[Term], joint: int, columns: F
 
 
 def _scored(
-    terms: Sequence[tuple[Term, int]], gram: FloatArray, products: FloatArray, norms: FloatArray
+    terms: Sequence[tuple[Term, int]], gram: FloatArray, plain: FloatArray, products: FloatArray, norms: FloatArray
 ) -> Iterator[tuple[int, Score]]:
-    """Scores of terms of one width ``k``: ``gram`` (T, k, k), ``products`` and ``norms`` (T, k)."""
+    """Scores of terms of one width ``k``: ``gram`` (T, k, k), ``products`` and ``norms`` (T, k).
+
+    ``plain`` (T, k, k) is the Gram matrix beside the base as the data alone tell it: what is dead there is known from
+    the prior of the base only, and a candidate is none.
+    """
     there = np.asarray(np.isfinite(norms).all(axis=1) & (norms > 1e-20).any(axis=1))
     scale = np.sqrt(np.where(there[:, None], np.maximum(norms, 1e-300), 1.0))
-    unit = np.where(there[:, None, None], gram / (scale[:, :, None] * scale[:, None, :]), 0.0)
+    size = scale[:, :, None] * scale[:, None, :]
+    unit, own_unit = (np.where(there[:, None, None], own / size, 0.0) for own in (plain, gram))
     eigenvalues, vectors = np.linalg.eigh(unit)
     live = np.asarray(eigenvalues > _DEAD)
-    inverse = np.where(live, 1.0 / np.where(live, eigenvalues, 1.0), 0.0)
+    # In the live directions the candidate has the information that is left beside base and prior.
+    inside = live[:, :, None] & live[:, None, :]
+    middle = np.where(inside, vectors.swapaxes(1, 2) @ own_unit @ vectors, 0.0)
+    middle[:, range(middle.shape[1]), range(middle.shape[1])] += ~live
+    inverse = np.where(inside, np.linalg.inv(middle), 0.0)
     turned = np.einsum("tij,ti->tj", vectors, products / scale)
-    gains = np.sum(turned**2 * inverse, axis=1)
-    values = np.einsum("tij,tj->ti", vectors, turned * inverse) / scale
-    stds = np.sqrt(np.einsum("tij,tj->ti", vectors**2, inverse)) / scale
-    surviving = np.sqrt(np.max(np.einsum("tii->ti", gram).clip(0) / scale**2, axis=1))
+    solved = np.einsum("tij,tj->ti", inverse, turned)
+    gains = np.sum(turned * solved, axis=1)
+    values = np.einsum("tij,tj->ti", vectors, solved) / scale
+    stds = np.sqrt(np.einsum("tij,tjk,tik->ti", vectors, inverse, vectors).clip(0)) / scale
+    surviving = np.sqrt(np.max(np.einsum("tii->ti", plain).clip(0) / scale**2, axis=1))
     # A column that the base takes whole leaves rounding, of either sign: nothing is known of its parameter.
     told = np.einsum("tii->ti", unit) > _DEAD
     information = np.where(told[:, :, None] & told[:, None, :], gram, 0.0)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
@@ -18,6 +19,9 @@ from fitting.residual.stored_views import StoredViews, stored_columns
 from fitting.residual.views import LaterViews, Views, build_views
 
 FloatArray = npt.NDArray[np.float64]
+
+#: Share of a direction's information that has to come from the data for the data to tell it.
+_TOLD = 1e-8
 
 
 @dataclass(frozen=True)
@@ -141,6 +145,23 @@ class Model:
     views: Views
     earlier: tuple[FloatArray, ...] = ()
     prior: Prior | None = None
+
+    @cached_property
+    def unpriored(self) -> FloatArray | None:
+        """What turns products ``Q'C`` with the fit's basis into those with a basis of the data's rows alone.
+
+        ``(k, rank)``; None where the fit has no plausible arm. With ``Q_p`` the basis in the arm's rows, the data's are
+        ``I - Q_p'Q_p`` long: directions that only the arm tells are left out.
+        """
+        if self.prior is None or self.prior.point is None:
+            return None
+        last, known = len(self.fit.orthonormal) - 1, len(self.prior.point.rows[1])
+        own = self.prior.own_rows(last)
+        Q = self.fit.orthonormal[last]
+        arm = Q[len(Q) - known - own : len(Q) - own]
+        values, vectors = np.linalg.eigh(np.eye(Q.shape[1]) - arm.T @ arm)
+        told = values > _TOLD
+        return np.asarray((vectors[:, told] / np.sqrt(values[told])).T)
 
     def term_slice(self, number: int) -> slice:
         """Where term ``number`` has its parameters in ``fit.theta``."""

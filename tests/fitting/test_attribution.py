@@ -237,9 +237,11 @@ def test_what_is_plain_for_all_the_noise_but_not_for_its_own_rows_is_refused(pla
 
 def test_shares_of_a_gain_are_what_each_joints_chi_square_falls_by_in_a_refit() -> None:
     session = session_with(lambda s, i: 40.0 * np.sin(s.q[:, 0]) * np.sin(s.q[:, 1]) / s.r[:, 1])
-    base, term = session.base_model, Term(effect("base_tilt"), None)
+    plain, term = session.plain, Term(effect("base_tilt"), None)
+    prior = replace(session.prior, arm=None, point=None)  # whose rows would be at another point in the refit
+    base = fit_model(plain.design, plain.noise, plain.fitted, (), prior)
     (tilt,) = score_terms(base, [term], [1])
-    with_it = fit_model(base.design, base.noise, base.fitted, [term], session.prior, start=base, passes=1)
+    with_it = fit_model(base.design, base.noise, base.fitted, [term], prior, start=base, passes=1)
     fall = [a @ a - b @ b for a, b in zip(base.fit.residual, with_it.fit.residual, strict=True)]
     assert tilt.gain > 20.0 and sum(tilt.places) == pytest.approx(1.0)
     assert tilt.gain * np.array(tilt.places) == pytest.approx(np.array(fall), rel=1e-6)

@@ -16,8 +16,8 @@ from daq.machine.machine_file import Machine, MachineFileError, parse_machine
 from fitting.arm.base_parameters import base_regressor, reduce_parameters
 from fitting.arm.dynamics import inverse_dynamics, rigid_body_regressor, self_check
 from fitting.arm.geometry import Geometry, geometry_of, link_frames
-from fitting.estimators.consistent import scale_bodies
 from fitting.planning.guess import default_guess
+from fitting.regression.plausible_arm import rods
 from sim_backends.plant.arm import ArmDesign, arm_xml
 from sim_backends.plant.truth import DriveTruth, LinkTruth, Truth
 
@@ -165,7 +165,7 @@ def test_a_guess_and_bodies_of_a_modified_arm_are_usable() -> None:
     base = reduce_parameters(machine)
     guess = default_guess(machine, base)
     assert np.isfinite(guess.theta).all()
-    bodies = scale_bodies(geometry_of(machine), base, guess.base, None)
+    bodies = rods(geometry_of(machine))
     assert np.linalg.eigvalsh(bodies).min() > 0
 
 

@@ -58,7 +58,7 @@ def test_a_power_below_the_level_of_the_test_is_refused():
 
 def sight(session, terms):
     model = session.base_model
-    return visibilities(model.design, model.noise, model.views, model.rows(session.prior), model.fitted, terms)
+    return visibilities(model.design, model.noise, model.views, model.rows(), model.fitted, terms)
 
 
 TERMS = (
@@ -98,7 +98,7 @@ def test_an_effect_of_the_smallest_size_gains_what_is_needed():
     model = session.base_model
     design = model.design
     total = 0.0
-    root = solve(model.rows(session.prior)).orthonormal
+    root = solve(model.rows()).orthonormal
     shadow = np.zeros(root[0].shape[1])
     for joint in range(2):
         parts = []
@@ -208,7 +208,7 @@ def named(found: tuple[Telling, ...]):
 def test_a_training_session_tells_everything_but_the_moving_masses():
     session = clean_session()
     model = session.base_model
-    found = tellings(model.design, model.noise, model.fitted, model.fit.theta, session.prior)
+    found = tellings(model.design, model.noise, model.fitted, model.fit.theta, model.prior)
     assert [t.name for t in found] == list(model.design.parameters.names)
     np.testing.assert_allclose([t.std for t in found], model.fit.std[: len(found)], rtol=1e-6)
     verdicts = {t.name: t.verdict for t in found}

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 import json
 import sys
 from importlib.metadata import EntryPoint
@@ -24,7 +23,7 @@ from fitting.pipeline.cylinder_stage import identify_cylinders
 from fitting.pipeline.estimator_choice import Choice, chosen
 from fitting.pipeline.rigid_body_stage import identify_rigid_body, refit_rigid_body
 
-IDS = ("consistent", "huber", "iv", "ols", "ridge", "rls", "wls")
+IDS = ("ols", "possible", "ridge", "wls")
 
 
 def choice(options: Options) -> Choice:
@@ -49,7 +48,7 @@ def test_the_joint_refit_is_the_default_and_no_plug_in() -> None:
 @pytest.mark.parametrize(
     ("options", "says"),
     [
-        (Options(estimator="lad"), "there is no estimator 'lad'; use one of consistent, gls, huber, iv, ols, ridge"),
+        (Options(estimator="lad"), "there is no estimator 'lad'; use one of gls, ols, possible, ridge, wls"),
         (Options(covariance="grey"), "there is no covariance 'grey'; use one of hac, bootstrap, white"),
         (Options(estimator="ridge"), "needs a prior"),
         (Options(estimator="ridge", prior="nowhere.yaml"), "nowhere.yaml: cannot be read"),
@@ -69,12 +68,6 @@ def test_a_prior_that_nobody_would_use_is_refused(tmp_path: Path) -> None:
     assert choice(Options(estimator="ridge", prior=str(path))).prior is not None
     with pytest.raises(InputError, match=r"report\.json: a prior is used by"):
         choice(Options(prior=str(path)))
-
-
-def test_a_missing_extra_is_said_before_any_work(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
-    with pytest.raises(InputError, match=r"needs cvxpy and clarabel: .*hilfit\[consistent\]"):
-        choice(Options(estimator="consistent"))
 
 
 def plug_in(monkeypatch: pytest.MonkeyPatch, value: str) -> None:

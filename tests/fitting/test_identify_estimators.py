@@ -56,12 +56,10 @@ def test_the_default_is_the_joint_refit_with_least_squares_beside_it(usual: dict
     assert "price_percent" not in body and "joint_refit" not in body["parameters"][0]
 
 
-@pytest.mark.parametrize("name", ["ols", "wls", "huber", "iv", "rls", "consistent"])
+@pytest.mark.parametrize("name", ["ols", "wls", "possible"])
 def test_the_report_says_which_estimator_and_what_it_costs(
     arm: Path, usual: dict[str, Any], tmp_path: Path, name: str
 ) -> None:
-    if name == "consistent":
-        pytest.importorskip("cvxpy", reason="the extra 'consistent' is not installed")
     assert run(arm, tmp_path, "--estimator", name) == 0
     report = report_of(tmp_path)
     body = report["rigid_body"]
@@ -105,9 +103,8 @@ def test_an_earlier_report_is_a_prior_that_narrows(arm: Path, tmp_path: Path) ->
     assert "recordings tell" in (tmp_path / "second" / "report.html").read_text(encoding="utf-8")
 
 
-def test_the_links_of_a_consistent_fit_are_in_the_report(arm: Path, tmp_path: Path) -> None:
-    pytest.importorskip("cvxpy", reason="the extra 'consistent' is not installed")
-    assert run(arm, tmp_path, "--estimator", "consistent") == 0
+def test_the_links_of_a_possible_fit_are_in_the_report(arm: Path, tmp_path: Path) -> None:
+    assert run(arm, tmp_path, "--estimator", "possible") == 0
     details = report_of(tmp_path)["rigid_body"]["details"]
     base = reduce_parameters(planar_machine(2))
     assert set(details["standard_parameters"]) == set(base.standard_names)
@@ -153,7 +150,7 @@ def test_what_is_hardly_told_is_flagged_in_json_text_and_page(
 @pytest.mark.parametrize(
     ("options", "says"),
     [
-        (("--estimator", "lad"), "there is no estimator 'lad'; use one of consistent, gls, huber"),
+        (("--estimator", "lad"), "there is no estimator 'lad'; use one of gls, ols, possible"),
         (("--estimator", "ridge"), "--prior FILE"),
         (("--covariance", "grey"), "there is no covariance 'grey'"),
         (("--estimator", "ridge", "--prior", "machine.yaml"), "machine.yaml"),

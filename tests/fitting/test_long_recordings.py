@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import fields
+from dataclasses import fields, replace
 from itertools import pairwise
 
 import numpy as np
@@ -14,7 +14,9 @@ from synthetic_arm import clean_session, exact_design, make_recordings, planar_m
 import fitting.loop.session
 import fitting.signals.preparation
 from daq.scratch import Scratch
+from fitting.arm.geometry import geometry_of
 from fitting.estimators import OrdinaryLeastSquares
+from fitting.estimators.effort_fit import EffortRows
 from fitting.estimators.long_rows import LongRows
 from fitting.loop.session import Options, Session
 from fitting.pipeline.rigid_body_stage import effort_rows, identify_one_shot
@@ -26,7 +28,8 @@ from fitting.regression.design import (
     reduced_residual,
     white_noise_model,
 )
-from fitting.regression.prior import mass_prior, with_prior
+from fitting.regression.plausible_arm import plausible_arm
+from fitting.regression.prior import mass_prior
 from fitting.regression.stored import StoredBlock, StoredSegment, storing
 from fitting.regression.streamed import fit_rows, triangle
 from fitting.signals.filters import edge_frequency, filter_bank
@@ -101,12 +104,11 @@ def test_a_triangle_of_nothing_is_refused() -> None:
 
 
 def test_the_joint_fit_is_that_of_all_rows_at_once(dense: Design, stored: Design) -> None:
-    prior = mass_prior(MACHINE)
+    rows = EffortRows(dense, (0, 1, 2))
+    arm = plausible_arm(geometry_of(MACHINE), dense.parameters.base, dense.parameters.drives, rows.triangles)
+    prior = replace(mass_prior(MACHINE), arm=arm)
     noise = white_noise_model(2)
-    first, second = (
-        fit_rows(d, noise, (0, 1, 2), None, lambda rows: with_prior(rows, dense.parameters, prior))
-        for d in (dense, stored)
-    )
+    first, second = (fit_rows(d, noise, (0, 1, 2), None, prior)[0] for d in (dense, stored))
     assert np.allclose(first.theta, second.theta, rtol=1e-9)
     assert np.allclose(first.covariance, second.covariance, rtol=1e-8, atol=1e-12 * first.covariance.max())
     assert np.array_equal(first.told, second.told)

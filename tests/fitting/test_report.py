@@ -778,7 +778,7 @@ def test_evidence_and_estimator_are_in_plain_words(pages: dict[str, str]) -> Non
     for phrase in (
         "chi-square gained",
         "gain on the validation motion",
-        "generalised least squares (gls)",
+        "both stages at once, weighted by the noise, beside a plausible arm (gls)",
         "of 78 standard parameters; friction and drive inertia are identified with the drives",
         "so the points lie on it",
         "2 March 2026, 09:14 UTC",

@@ -57,8 +57,10 @@ def test_a_gain_is_the_difference_of_two_fits(term: Term) -> None:
     (score,) = score_terms(model, [term], [1])
     gain, values = explicit_gain(session, model, term)
     # 1e-8 of the chi-square that is taken apart, not of the small difference itself.
-    assert score.gain == pytest.approx(gain, abs=1e-8 * model.fit.chi_square, rel=1e-8)
-    if score.live == len(values):
+    if score.live < len(values):  # a direction that the base has too is known from its prior only, and does not count
+        assert 0.98 * gain < score.gain < gain + 1e-8 * model.fit.chi_square
+    else:
+        assert score.gain == pytest.approx(gain, abs=1e-8 * model.fit.chi_square, rel=1e-8)
         assert np.allclose(score.values, values, rtol=1e-5, atol=1e-7 * np.abs(values).max())
 
 

@@ -47,17 +47,17 @@ def test_a_shape_that_was_searched_makes_its_parameter_less_certain() -> None:
     model = fitted(session, term)
     # The same from the normal equations with the derivative as one more column, and a prior of half its value; `delta`
     # is a choice between two laws, not a number that was searched.
-    rows = model.rows(session.prior)
+    rows = model.rows()
     A, value = np.vstack([r.A for r in rows]), model.fit.theta[-1]
     ends = []
     for factor in (1.004, 0.996):
         moved = fitted(session, Term(term.content, 1, {**term.shape, "v_s": 0.02 * factor}))
-        ends.append(np.vstack([r.A for r in moved.rows(session.prior)])[:, -1])
+        ends.append(np.vstack([r.A for r in moved.rows()])[:, -1])
     whole = np.column_stack([A, value * (ends[0] - ends[1]) / 0.008])
     gram = whole.T @ whole + np.diag([0.0] * A.shape[1] + [4.0])
     scale = np.sqrt(np.diag(gram))
     explicit = np.sqrt(np.diag(np.linalg.inv(gram / np.outer(scale, scale)))) / scale
-    ours = with_doubts(model, session.prior)
+    ours = with_doubts(model)
     assert ours.fit.theta == pytest.approx(model.fit.theta)
     ratio = ours.fit.std / explicit[: A.shape[1]]
     # What is beyond is the sandwich of the joint with the effect, and Student's t of the noise's spectrum.
@@ -127,7 +127,7 @@ def noisy(kind: str, seed: int) -> tuple[Session, Model, list[np.ndarray]]:
 
 @pytest.mark.slow
 def test_white_and_normal_noise_is_refused_no_more_often_than_is_said() -> None:
-    refused, rows = 0, clean_session().base_model.rows(clean_session().prior)
+    refused, rows = 0, clean_session().base_model.rows()
     for seed in range(150):
         session, model, residuals = noisy("white", seed)
         refused += sum(is_refused(own, e, session.bank) for own, e in zip(rows, residuals, strict=True))
@@ -138,7 +138,7 @@ def test_white_and_normal_noise_is_refused_no_more_often_than_is_said() -> None:
 @pytest.mark.parametrize("kind", ["coloured", "knocks"])
 def test_noise_that_is_not_as_whitened_is_refused_and_widens_its_own_joint(kind: str) -> None:
     session, model, (_, wrong) = noisy(kind, 5)
-    rows = model.rows(session.prior)
+    rows = model.rows()
     assert is_refused(rows[1], wrong, session.bank)
     factors = sandwich_factors(model, rows)
     names = model.design.parameters.names

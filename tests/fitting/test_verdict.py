@@ -13,7 +13,7 @@ from fitting.pipeline.results.loop_results import Attributed, Kinematic, OtherBa
 from fitting.pipeline.results.stage_results import Checked, Fitted, Physics, Refitted, Residual, StageResults
 from fitting.pipeline.verdict import verdict
 
-NOTHING = Fitted(np.zeros(2), np.ones(2), np.ones(2, dtype=bool))
+NOTHING = Fitted(np.zeros(2), np.ones(2), np.ones(2, dtype=bool), np.ones(2))
 CLEAN: dict[str, Any] = {
     "check": Checked(3.0, 1e-15, 26, 6, repeated=True),
     "residual": Residual((0.5, 0.3), (True, True), measured=True),
@@ -23,9 +23,11 @@ CLEAN: dict[str, Any] = {
         comparison={},
         weights="whitened",
         estimation={},
+        joint=NOTHING,
         before=NOTHING,
         after=NOTHING,
         parameter_error=0.2,
+        predicted_std=(0.6, 0.4),
         independent_rows={"train": 4000.0, "validate": 4000.0},
         plausibility=Physics(),
         condition_number=10.0,

@@ -29,6 +29,11 @@ def training_error(session: Session, theta: np.ndarray) -> float:
     return float(np.sqrt(np.sum(rows.rows * rows.errors(theta) ** 2)))
 
 
+def held_out_error(session: Session, theta: np.ndarray) -> float:
+    rows = EffortRows(session.plain.design, session.plain.design.indices("validate"))
+    return float(np.sqrt(np.sum(rows.rows * rows.errors(theta) ** 2)))
+
+
 def test_a_right_model_keeps_the_weights_of_its_noise() -> None:
     session = clean_session()
     base = session.handed_base
@@ -43,7 +48,9 @@ def test_a_slow_error_of_the_model_is_not_called_noise(size: float) -> None:
     base = session.handed_base
     assert base.weights == "equal"
     assert base.ratio > MOST_LOST
-    assert training_error(session, base.model.fit.theta) <= training_error(session, session.base_model.fit.theta)
+    # On another motion; on the training motion the whitened fit may be bent to where no machine is.
+    bent = held_out_error(session, session.base_model.fit.theta)
+    assert held_out_error(session, base.model.fit.theta) <= 1.02 * bent
     assert base.model.fit.theta == pytest.approx(base.tried["equal"], rel=1e-9)
 
 

@@ -377,7 +377,7 @@ def _line_warning(machine: Machine, line: SpectralLine) -> str:
 def _tellings(session: Session) -> tuple[Telling, ...]:
     plain = session.plain
     theta = session.handed_base.model.fit.theta
-    return tellings(plain.design, plain.noise, plain.fitted, theta, session.prior)
+    return tellings(plain.design, plain.noise, plain.fitted, theta, session.base_model.prior)
 
 
 def _identifiability(session: Session) -> list[dict[str, Any]]:
