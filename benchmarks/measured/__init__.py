@@ -9,7 +9,7 @@ from collections.abc import Callable
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from benchmarks.measured import emps, kuka, seals, staubli
+from benchmarks.measured import emps, kuka, seals, splits, staubli
 from benchmarks.measured.emps import Emps
 from benchmarks.measured.seals import Seal
 from benchmarks.measured.staubli import Staubli
@@ -48,6 +48,8 @@ def run(
     third: list[Seal] = []
     fourth: Ways | None = None
     beside: list[Ways] = []
+    tried: list[splits.Split] = []
+    refused: list[str] = []
     with TemporaryDirectory(prefix="hilfit-measured-") as scratch:
         directory = Path(scratch)
         if "emps" in there:
@@ -64,6 +66,9 @@ def run(
             show("KUKA LWR: base model, loop")
             fourth = kuka.evaluate(data / "kuka_lwr4")
             beside.append(fourth)
+        if only is None:
+            show("every split and three bandwidths: base models")
+            tried, refused = splits.evaluate(data, directory)
         for seal in seals.SEALS if "pneumatic_cylinder" in there else ():
             show(f"pneumatic cylinder: {seal}")
             third.append(seals.evaluate(data / "pneumatic_cylinder", directory, seal))
@@ -73,9 +78,10 @@ def run(
         *(() if fourth is None else _kuka_checks(fourth)),
         *(_beside(own) for own in beside),
         *_seal_checks(third),
+        *(splits.checks(tried) if tried else ()),
     )
     if page is not None:
-        _write(page, first, second, third, beside, checks)
+        _write(page, first, second, third, beside, splits.table(tried, refused) if tried else "", checks)
     return Outcome(checks, tuple(notes))
 
 
@@ -85,6 +91,7 @@ def _write(
     second: Staubli | None,
     third: list[Seal],
     beside: list[Ways],
+    tried: str,
     checks: tuple[Check, ...],
 ) -> None:
     from benchmarks.measured import figures
@@ -102,7 +109,7 @@ def _write(
         (folder / "staubli.svg").write_text(drawn, encoding="utf-8")
     if third:
         (folder / "seals.svg").write_text(figures.friction(third), encoding="utf-8")
-    page.write_text(text(first, second, third, beside, checks), encoding="utf-8")
+    page.write_text(text(first, second, third, beside, tried, checks), encoding="utf-8")
 
 
 def _percent(name: str, value: float, target: float) -> Check:

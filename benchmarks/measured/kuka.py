@@ -14,7 +14,7 @@ from daq.recordings.recording import read_recording
 from fitting.loop.session import Session
 
 #: Relative error on the other motion, percent: of the base model at most, and with what the loop added.
-MOST_BASE, MOST_AFTER = 12.3, 12.0
+MOST_BASE, MOST_AFTER = 4.4, 4.4
 
 
 def evaluate(data: Path) -> Ways:

@@ -18,19 +18,35 @@ Made by `hilfit bench measured --page docs/measured-machines.md`; every number a
 not part of this repository: it is looked for in `../shared/data`, or where the command is told. What is not there is
 left out of a run.
 
-**Relative error** is `100 |measured − predicted| / |measured|`, the figure that identification papers print. Base
-models are fitted by ordinary least squares, as there. The loop gets the recordings and the machine file, and nothing
-else; its effects are then refitted with the base.
+**Relative error** is `100 |measured − predicted| / |measured|`, the figure that identification papers print. The base
+models of EMPS and TX40 below are fitted by ordinary least squares, as there. The loop gets the recordings and the
+machine file, and nothing else; its effects are then refitted with the base.
+"""
+
+
+_SPLITS = """## The base model on another motion
+
+Fitted on one motion, judged on another of which nothing was used, in three bandwidths; relative error of all joints on
+moving rows. *Least squares* is the same regression without a prior, *possible* the nearest fit within what physics
+allows.
+
 """
 
 
 def page(
-    emps: Emps | None, staubli: Staubli | None, seals: Sequence[Seal], beside: Sequence[Ways], checks: Sequence[Check]
+    emps: Emps | None,
+    staubli: Staubli | None,
+    seals: Sequence[Seal],
+    beside: Sequence[Ways],
+    splits: str,
+    checks: Sequence[Check],
 ) -> str:
-    """The whole page; machines that were not run are left out."""
+    """The whole page; machines that were not run are left out, ``splits`` is the table of all splits."""
     parts = [_HEAD]
     if checks:
         parts.append(_checks(checks))
+    if splits:
+        parts.append(_SPLITS + splits)
     if beside:
         parts.append(_ways(beside))
     if emps is not None:
@@ -198,9 +214,9 @@ Drive parameters of the base model beside the published ones (ordinary least squ
 
 _NAMES = {
     "whitened": "weighted by the noise",
-    "scaled": "scale per joint",
-    "equal": "least squares, all recordings",
-    "possible": "the same, physically possible",
+    "equal": "all efforts alike",
+    "least_squares": "the same without a plausible arm",
+    "possible": "physically possible, and no more",
     "one_shot": "plain least squares",
     "two_stage": "two stages",
 }
@@ -218,7 +234,8 @@ def _ways(results: Sequence[Ways]) -> str:
 
 Relative error of the base model in the identification band, same rows and filter for all; what is handed out is set in
 bold. The last column is the training error of the fit that is weighted by the measured noise over that of least
-squares: above 1.02 least squares is handed out ([decision 34](decisions/0034-weights-on-measured-machines.md)).
+squares: above 1.02 equal weights are handed out ([decision 34](decisions/0034-weights-on-measured-machines.md)).
+Weighted and equal stand beside a plausible arm ([decision 66](decisions/0066-plausible-arm.md)).
 
 {_table(["machine", "motion", *(_NAMES[way] for way in WAYS), "ratio"], rows)}
 Impossible parameters that the reports name. {". ".join(found)}.

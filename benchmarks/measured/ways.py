@@ -17,7 +17,7 @@ from fitting.pipeline.results.stage_results import Refitted, StageResults
 from fitting.pipeline.stages import STEPS
 
 #: Names of the ways in the order of the table; ``one_shot`` is plain least squares.
-WAYS = ("whitened", "scaled", "equal", "possible", "one_shot", "two_stage")
+WAYS = ("whitened", "equal", "least_squares", "possible", "one_shot", "two_stage")
 #: Share by which the base may be worse than plain least squares.
 MOST_WORSE = 0.02
 

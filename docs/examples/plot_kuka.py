@@ -31,11 +31,12 @@ else:
     print("skipped: the measured data of the KUKA LWR is not beside the repository (../shared/data/kuka_lwr4)")
 
 # %%
-# Least squares leaves some links that cannot exist. The report names them; ``estimator="consistent"`` forbids them.
+# The motion does not tell all parameters: those have little of their own, and are from the prior.
 
 if result is not None:
-    for violation in result.report["plausibility"]["violations"]:
-        print(violation["joint"] or "", violation["parameter"], f"= {violation['value']:.3g} {violation['unit']}")
+    for entry in result.report["rigid_body"]["parameters"]:
+        if entry["told_by_data"] < 0.5:
+            print(entry["name"], f"= {entry['value']:.3g} {entry['unit']}, {100 * entry['told_by_data']:.0f} % told")
 
 # %%
 # What the fit leaves of another motion beside the size of the efforts, joint by joint.

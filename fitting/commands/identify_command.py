@@ -25,7 +25,7 @@ def register(app: typer.Typer) -> None:
 
 Estimator = Annotated[
     str,
-    typer.Option(help="What is handed out: gls (both stages at once beside a plausible arm), ols, wls, ridge, possible."),
+    typer.Option(help="What is handed out: gls (both stages at once, plausible arm), ols, wls, ridge, possible."),
 ]
 Spoken = Annotated[ReportLanguage, typer.Option(help="Language of report.html.")]
 Columns = Annotated[

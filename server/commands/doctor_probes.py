@@ -19,7 +19,6 @@ Level = Literal["ok", "note", "problem"]
 #: Extras of the distribution that a user installs, and what they are for.
 EXTRAS = {
     "sim": "the simulated machine: demo, simulate, serve --simulate",
-    "consistent": "links that can exist: identify --estimator consistent, model export --to urdf or mjcf",
     "export": "MDF4, MCAP and ROS 2 bags: export, import",
     "xacro": "machine import of xacro files",
     "dbc": "CAN buses that a DBC file describes",

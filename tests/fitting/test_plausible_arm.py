@@ -37,7 +37,7 @@ DRIVES = ("f_c", "f_v")
 def problem(
     arm: Geometry, seed: int, *, span: float, noise: float, drive: float = 1.0
 ) -> tuple[PlausibleArm, np.ndarray, np.ndarray, BaseParameters]:
-    """Rows of unit noise of a motion over ``span`` rad, with a friction ``drive`` times its usual size on each joint."""
+    """Rows of unit noise of a motion over ``span`` rad, with a friction ``drive`` times its usual size."""
     rng = np.random.default_rng(seed)
     base, n, samples = reduce_parameters(arm), arm.joints, 120
     q, qd, qdd = (rng.uniform(-span, span, (samples, n)) for _ in range(3))
@@ -136,7 +136,7 @@ def test_the_plausible_arm_weighs_what_the_efforts_ask_for() -> None:
 
 
 def test_a_joint_that_never_moved_keeps_what_is_expected_and_says_so() -> None:
-    own, A, b, base = problem(planar_arm(2), 5, span=0.5, noise=5.0)
+    own, A, b, _ = problem(planar_arm(2), 5, span=0.5, noise=5.0)
     still = A.copy()
     still[:, 2:4] = 0.0  # the second drive has no column at all
     found = own.optimum(still, b)
