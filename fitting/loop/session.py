@@ -302,10 +302,14 @@ class Session:
         known = mass_prior(self.machine)
         if delays is not None:
             known = replace(known, delay=delays[0], delay_std=delays[1])
-        design = self.plain.design
-        rows = EffortRows(design, self.plain.fitted)
-        arm = plausible_arm(geometry_of(self.machine), self.base, design.parameters.drives, rows.triangles)
+        drives, rows = self.plain.design.parameters.drives, self._effort_rows
+        arm = plausible_arm(geometry_of(self.machine), self.base, drives, rows.triangles)
         return rows.settled(replace(known, arm=arm))
+
+    @cached_property
+    def _effort_rows(self) -> EffortRows:
+        """Rows of joint efforts of the base model."""
+        return EffortRows(self.plain.design, self.plain.fitted)
 
     @cached_property
     def plain(self) -> Prepared:
@@ -371,12 +375,12 @@ class Session:
     @cached_property
     def handed_base(self) -> Weighed:
         """The base model with the weights that suit it."""
-        return weighed(self.base_model, self.prior)
+        return weighed(self.base_model, self.prior, settled_on=self._effort_rows)
 
     def base_with(self, weights: Weights) -> Model:
         """The base model with given weights: what the errors before the loop are of."""
         suited = self.handed_base
-        return suited.model if suited.weights == weights else weighed(self.base_model, self.prior, weights).model
+        return suited.model if suited.weights == weights else weighed(self.base_model, self.prior, weights, self._effort_rows).model
 
     @cached_property
     def stage_noise(self) -> NoiseModel:

@@ -61,7 +61,9 @@ class Weighed:
     errors: Mapping[str, FloatArray] = field(repr=False)
 
 
-def weighed(model: Model, prior: Prior, weights: Weights | None = None) -> Weighed:
+def weighed(
+    model: Model, prior: Prior, weights: Weights | None = None, settled_on: EffortRows | None = None
+) -> Weighed:
     """Decide the weights of a model's final fit.
 
     Parameters
@@ -70,9 +72,10 @@ def weighed(model: Model, prior: Prior, weights: Weights | None = None) -> Weigh
     prior : what is known beforehand
     weights : which they are to be; None decides. A base model is compared with what the loop made of it in the same
         weights: it may look wrong for want of an effect that the loop then adds.
+    settled_on : the model's effort rows, where the prior is settled on them already
     """
-    rows = EffortRows(model.design, model.fitted, model.extra)
-    settled = rows.settled(prior)
+    rows = settled_on or EffortRows(model.design, model.fitted, model.extra)
+    settled = prior if settled_on is not None else rows.settled(prior)
     if model.prior is None or settled.refused != model.prior.refused:
         model = fit_model(model.design, model.noise, model.fitted, model.terms, settled, model)
     equal = _equal(model, rows, settled)

@@ -1,16 +1,11 @@
 """Stage 1: friction, stiffness and moving mass of each cylinder by recursive least squares.
 
 With an `unloaded` recording ``F_l = 0`` and the rows of each cylinder hold its own parameters only. Without one, or
-for a cylinder that stood still in it, the stage runs *in situ*: the rigid-body load on this joint is a nuisance
-with columns of its own.
-
-In situ the load may look like the drive (a stiffness like gravity, an offset like a constant moment). How much is
-measured by the condition number of the drive's columns beside the load: with unit columns ``D`` and ``Q`` a basis of
-the load's, the largest factor by which the load makes a deviation larger, ``1 / smallest singular value of
-(I - Q Q') D``. Above :data:`MOST_CONDITION` the stage is refused for that joint, and it gets the joint fit's values.
-
-Source of the limit: D. Belsley, E. Kuh and R. Welsch, *Regression Diagnostics*, 1980, ch. 3 (condition indices above
-30 do damage).
+for a cylinder that stood still in it, the stage runs *in situ*: the rigid-body load on this joint is a nuisance with
+columns of its own. There the load may look like the drive (a stiffness like gravity, an offset like a constant moment),
+and one joint's rows tell little of the links: so the recursion begins with the rows of the plausible arm
+(:mod:`fitting.regression.plausible_arm`) at the point of the joint fit. Where the recordings refuse that arm, nothing
+tells the two apart, and the joint gets the joint fit's values.
 """
 
 from __future__ import annotations
@@ -21,19 +16,17 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from fitting.estimators.covariance import hac_covariance
+from fitting.estimators.covariance import series_scores
 from fitting.estimators.recursive import RecursiveLeastSquares
 from fitting.pipeline.results.stored_types import Numbers, stored
 from fitting.regression.design import Design, NoiseModel, reduced_residual
-from fitting.regression.prior import Prior
+from fitting.regression.prior import Prior, prior_row
 from fitting.regression.solving import Fit, factor
 
 FloatArray = npt.NDArray[np.float64]
 
 #: Whitened rows that a cylinder needs in `unloaded` recordings; fewer, and it is identified in situ.
 LEAST_ROWS = 40
-#: Condition number of a drive's columns beside the load above which stage 1 in situ is refused.
-MOST_CONDITION = 30.0
 
 
 @stored
@@ -50,8 +43,7 @@ class CylinderEstimate:
     in_situ : True if the load was a nuisance instead of zero
     rows : how many rows the recursion took
     covariance : (k, k) of the parameters, None where only their deviations are known
-    condition : in situ, the condition number of the drive's columns beside the load; None otherwise
-    refused : True where that is too large, and the values are the joint fit's
+    refused : True where stage 1 in situ is, and the values are the joint fit's
     """
 
     joint: str
@@ -62,7 +54,6 @@ class CylinderEstimate:
     in_situ: bool
     rows: int
     covariance: Numbers | None = None
-    condition: float | None = None
     refused: bool = False
 
 
@@ -74,11 +65,13 @@ class InSitu:
     ----------
     noise : weights of the rows
     joint_fit : fit of everything at once, whose values a joint gets where the stage is refused
+    prior : of links and drives, at the point of the joint fit
     coloured : True where ``noise`` only scales rows, so that deviations have to know the residual's colour
     """
 
     noise: NoiseModel
     joint_fit: Fit
+    prior: Prior
     coloured: bool
 
 
@@ -97,7 +90,7 @@ def identify_cylinders(
     design, prior : as for any fit
     noise : whitening of each joint's rows
     forgetting : forgetting factor of the recursion; 1 forgets nothing
-    in_situ : gives what joints without an unloaded recording need; None weighs them by ``noise`` and refuses none
+    in_situ : gives what joints without an unloaded recording need; None weighs them by ``noise`` beside ``prior``
     """
     return tuple(
         _identify(design, noise, prior, joint, forgetting, in_situ) for joint in range(len(design.machine.joints))
@@ -117,29 +110,27 @@ def _identify(
     unloaded = design.indices("unloaded")
     A, b = _rows(design, noise, joint, unloaded)
     in_situ = len(b) < LEAST_ROWS
-    used, condition, loaded = unloaded, None, None
+    used, loaded = unloaded, None
     if in_situ:
         used = design.indices("train", "operation")
         loaded = needed() if needed is not None else None
-        noise = noise if loaded is None else loaded.noise
+        noise, prior = (noise, prior) if loaded is None else (loaded.noise, loaded.prior)
         A, b = _rows(design, noise, joint, used)
-        # Columns of the load that depend on each other would make the recursion lose all its digits.
-        load = factor(A[:, design.parameters.base_slice]).Q if len(b) else np.zeros((0, 0))
-        own = np.hstack([A[:, drive], load])
-        condition = _condition(A[:, drive], load)
-    else:
-        own = A[:, drive]
     if len(b) == 0:  # it never moved: nothing is known, and nothing is made up
         nothing = np.zeros(len(names))
         return CylinderEstimate(
             design.machine.joints[joint].name, names, nothing, np.full(len(names), np.inf), 0.0, in_situ, 0
         )
-    if condition is not None and condition > MOST_CONDITION and loaded is not None:
-        return _from_joint_fit(design, joint, loaded.joint_fit, used, condition, len(b))
-    mass = (names.index("m"), float(prior.mass[joint]), float(prior.std[joint])) if "m" in names else None
-    theta, covariance = _recursively(own, b, forgetting, mass)
+    if in_situ and prior.refused and loaded is not None:
+        return _from_joint_fit(design, joint, loaded.joint_fit, used, len(b))
+    places = np.arange(drive.start, drive.stop)
+    if in_situ:
+        places = np.concatenate([places, np.arange(design.parameters.base_slice.start, len(design.parameters))])
+    known_A, known_b = _known_rows(design, prior, joint, in_situ)
+    own = A[:, places]
+    theta, covariance = _recursively(own, b, known_A[:, places], known_b, forgetting)
     if loaded is not None and loaded.coloured:
-        covariance = hac_covariance(own, b - own @ theta)
+        covariance = _coloured(own, b, theta, known_A[:, places])
     std = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     full = np.zeros(len(design.parameters))
     full[drive] = theta[: len(names)]
@@ -158,26 +149,33 @@ def _identify(
         in_situ,
         len(b),
         own_covariance,
-        condition,
     )
 
 
-def _recursively(
-    own: FloatArray, b: FloatArray, forgetting: float, mass: tuple[int, float, float] | None
-) -> tuple[FloatArray, FloatArray]:
-    """Estimate (k,) and covariance (k, k) from whitened rows (m, k) and (m,), one row after the other.
+def _known_rows(design: Design, prior: Prior, joint: int, in_situ: bool) -> tuple[FloatArray, FloatArray]:
+    """What is known before the first row, (k, p) and (k,) of unit noise: the moving mass; in situ drive and links."""
+    width = len(design.parameters)
+    A, b = prior.arm_rows(width) if in_situ else (np.zeros((0, width)), np.zeros(0))
+    others = np.ones(width, dtype=bool)
+    others[design.parameters.drive_slice(joint)] = others[design.parameters.base_slice] = False
+    mine = ~A[:, others].any(axis=1)
+    row = prior_row(design.parameters, prior, joint, width)
+    if row is None:
+        return A[mine], b[mine]
+    return np.vstack([A[mine], row[0]]), np.append(b[mine], row[1])
 
-    ``mass`` is the place of the moving mass with what is known of it before: value (NaN: nothing) and deviation, kg.
+
+def _recursively(
+    own: FloatArray, b: FloatArray, known_A: FloatArray, known_b: FloatArray, forgetting: float
+) -> tuple[FloatArray, FloatArray]:
+    """Estimate (k,) and covariance (k, k) from whitened rows (m, k) and (m,), one row after the other, what is known
+    before them first.
     """
     # The recursion works on unit columns; the estimate is scaled back.
-    scale = np.linalg.norm(own, axis=0)
+    scale = np.linalg.norm(np.vstack([own, known_A]), axis=0)
     scale[scale == 0] = 1.0
     recursion = RecursiveLeastSquares(own.shape[1], forgetting=forgetting)
-    if mass is not None and np.isfinite(mass[1]):
-        place, value, std = mass
-        row = np.zeros(own.shape[1])
-        row[place] = 1.0 / std / scale[place]
-        recursion.update(row[None, :], np.array([value / std]))
+    recursion.update(known_A / scale, known_b)
     for row, value in zip(own / scale, b, strict=True):
         recursion.update(row[None, :], np.array([value]))
     # Whitened rows have unit noise; the recursion's own covariance is scaled by its residual variance.
@@ -185,18 +183,15 @@ def _recursively(
     return recursion.theta / scale, spread / np.outer(scale, scale)
 
 
-def _condition(drive: FloatArray, load: FloatArray) -> float:
-    """Condition number of the drive's columns (R, k) beside the load's orthonormal ones (R, m)."""
-    norms = np.linalg.norm(drive, axis=0)
-    unit = drive[:, norms > 0] / norms[norms > 0]
-    beside = unit - load @ (load.T @ unit)
-    smallest = np.linalg.svd(beside, compute_uv=False).min(initial=1.0)
-    return float(1.0 / max(smallest, 1e-16))
+def _coloured(own: FloatArray, b: FloatArray, theta: FloatArray, known_A: FloatArray) -> FloatArray:
+    """Covariance (k, k) beside known rows where the residual is coloured: a sandwich, what is known as it says."""
+    root = factor(np.vstack([own, known_A])).root
+    S = series_scores(own @ root, b - own @ theta, "hac", np.random.default_rng(20))
+    closing = known_A @ root
+    return np.asarray(root @ (S + closing.T @ closing) @ root.T)
 
 
-def _from_joint_fit(
-    design: Design, joint: int, fit: Fit, used: tuple[int, ...], condition: float, rows: int
-) -> CylinderEstimate:
+def _from_joint_fit(design: Design, joint: int, fit: Fit, used: tuple[int, ...], rows: int) -> CylinderEstimate:
     """The joint fit's values in the place of an estimate that was refused."""
     drive = design.parameters.drive_slice(joint)
     theta = fit.theta[: len(design.parameters)]
@@ -210,7 +205,6 @@ def _from_joint_fit(
         True,
         rows,
         fit.covariance[drive, drive].copy(),
-        condition,
         True,
     )
 

@@ -95,7 +95,10 @@ def cylinder_stage(session: Session, results: StageResults, progress: Progress) 
         session.prior,
         forgetting=session.options.forgetting,
         in_situ=lambda: InSitu(
-            session.stage_noise, session.handed_base.model.fit, session.handed_base.weights == "equal"
+            session.stage_noise,
+            session.handed_base.model.fit,
+            session.handed_base.model.prior or session.prior,
+            session.handed_base.weights == "equal",
         ),
     )
     return Cylinders(estimates)

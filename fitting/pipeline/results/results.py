@@ -17,7 +17,6 @@ from fitting.loop.kinematic_check import corrections_from_json
 from fitting.loop.residual_loop import final_model
 from fitting.loop.session import Prepared, Session
 from fitting.pipeline.check_gate import for_report
-from fitting.pipeline.cylinder_stage import MOST_CONDITION
 from fitting.pipeline.results.loop_content import loop_content
 from fitting.pipeline.results.loop_results import Attributed, SpectralLine
 from fitting.pipeline.results.stage_results import (
@@ -310,12 +309,11 @@ def _warnings(session: Session, results: StageResults) -> list[str]:
     still = [c.joint for c in cylinders if c.rows == 0]
     if still:
         warnings.append(f"{', '.join(still)} never moved: nothing is known of its friction and stiffness")
-    refused = [c for c in cylinders if c.refused]
+    refused = [c.joint for c in cylinders if c.refused]
     if refused:
-        listed = ", ".join(f"{c.joint} ({c.condition:.3g})" for c in refused)
         warnings.append(
-            f"stage 1 with the arm attached is refused for {listed}: the load looks like the drive there "
-            f"(condition number above {MOST_CONDITION:g}); the values of the joint fit stand in its place"
+            f"stage 1 with the arm attached is refused for {', '.join(refused)}: no plausible arm fits these "
+            "recordings, so the load may look like the drive; the values of the joint fit stand in its place"
         )
     in_situ = [c.joint for c in cylinders if c.in_situ and c.rows > 0 and not c.refused]
     warnings += _in_situ_warnings(session, in_situ)
