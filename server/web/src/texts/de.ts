@@ -957,6 +957,7 @@ export const de: Record<Key, string> = {
   "results.baseParametersRigidBody": "Basisparameter der Starrkörper",
   "results.baseParameter": "Basisparameter",
   "results.hardlyKnown": "kaum bekannt",
+  "results.fromThePrior": "aus dem Vorwissen",
   "results.recordingsWereUsed": "Verwendete Aufzeichnungen",
   "results.filesWithTheirCheck": "Dateien mit ihren Prüfsummen",
   "results.recording": "Aufzeichnung",

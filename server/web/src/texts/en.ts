@@ -922,6 +922,7 @@ export const en = {
   "results.baseParametersRigidBody": "Base parameters of the rigid body",
   "results.baseParameter": "Base parameter",
   "results.hardlyKnown": "hardly known",
+  "results.fromThePrior": "from the prior",
   "results.recordingsWereUsed": "Recordings that were used",
   "results.filesWithTheirCheck": "Files with their check sums",
   "results.recording": "Recording",

@@ -53,16 +53,8 @@ const IDENTIFICATION: Record<string, string> = {
   "this motion tells {} of {} parameters": "diese Bewegung sagt etwas über $1 von $2 Parametern",
   "there is no covariance '{}'; use one of {}": "Eine Kovarianz „$1“ gibt es nicht; eine von $2 nehmen",
   "there is no estimator '{}'; use one of {}": "Einen Schätzer „$1“ gibt es nicht; einen von $2 nehmen",
-  "{}: a prior is used by the estimators 'ridge' and 'consistent' only":
-    "$1: Ein Vorwissen verwenden nur die Schätzer „ridge“ und „consistent“",
-  "estimator 'consistent' needs {}: install with pip install 'hilfit[consistent]'":
-    "Der Schätzer „consistent“ braucht $1: mit pip install 'hilfit[consistent]' installieren",
-  "estimator 'consistent': the solver gave up ({}); use 'wls'":
-    "Schätzer „consistent“: Der Löser hat aufgegeben ($1); „wls“ nehmen",
-  "the robust fit did not settle in {} iterations: look for a parameter that only outliers tell, or use the estimator 'wls'":
-    "Die robuste Anpassung ist in $1 Schritten nicht zur Ruhe gekommen: nach einem Parameter suchen, von dem nur Ausreißer etwas sagen, oder den Schätzer „wls“ nehmen",
-  "estimator 'iv': this stage has no instruments; use 'wls'":
-    "Schätzer „iv“: Diese Stufe hat keine Instrumente; „wls“ nehmen",
+  "{}: a prior is used by the estimators 'ridge' and 'possible' only":
+    "$1: Ein Vorwissen verwenden nur die Schätzer „ridge“ und „possible“",
   "estimator 'ridge' needs a prior: give an earlier report.json or the links from drawings with --prior FILE":
     "Der Schätzer „ridge“ braucht ein Vorwissen: mit --prior DATEI eine frühere report.json oder die Glieder aus Zeichnungen angeben",
   "{}: not a request of an identification ({})": "$1: kein Auftrag einer Identifikation ($2)",

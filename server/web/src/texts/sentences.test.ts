@@ -46,10 +46,10 @@ describe("sentences of the service", () => {
     expect(german("paint it; or take the harness off and repeat")).toBe("paint it; or take the harness off and repeat");
     expect(
       german(
-        "stage 1 with the arm attached is refused for joint1 (1.89e+14): the load looks like the drive there (condition number above 30); the values of the joint fit stand in its place",
+        "joint1: validate moves where the training motions tell little: an error of 1.89e+14 N m is to be expected there, 2.5 N m on those motions; train on a motion that goes there",
       ),
     ).toBe(
-      "Stufe 1 mit angehängtem Arm ist verworfen für joint1 (1,89e+14): Die Last sieht dort wie der Antrieb aus (Konditionszahl über 30); an ihrer Stelle stehen die Werte der gemeinsamen Anpassung",
+      "joint1: validate bewegt sich, wo die Anregungsbewegungen wenig sagen: Dort ist ein Fehler von 1,89e+14 N m zu erwarten, 2,5 N m auf jenen Bewegungen; mit einer Bewegung anregen, die dorthin geht",
     );
     expect(german("joint1 and joint3 swing while joint2 creeps over its range; the others hold; or fast motions")).toBe(
       "joint1 und joint3 schwingen, während joint2 langsam durch seinen Bereich fährt; die anderen halten; oder schnelle Bewegungen",

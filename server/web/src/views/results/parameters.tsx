@@ -9,6 +9,8 @@ import { t } from "../../texts";
 
 /** A relative standard deviation above this says that the recordings hardly tell the parameter. */
 const FLAG = 0.3;
+/** Below this share of its information from the recordings a parameter is from the prior. */
+const MOSTLY_PRIOR = 0.5;
 
 const COLUMNS = [
   { name: "value", title: t("common.valueStandardDeviation"), align: "right" },
@@ -63,10 +65,17 @@ export function Parameters({ report }: { report: Report }) {
 
 function cells(one: Value): Row {
   const hardly = one.value !== null && one.std !== null && one.std > FLAG * Math.abs(one.value);
+  const assumed = one.told_by_data != null && one.told_by_data < MOSTLY_PRIOR;
   return {
     value: <span class="number-cell">{withStd(one.value, one.std)}</span>,
     unit: <span class="number-cell">{unit(one.unit)}</span>,
-    flag: hardly ? <Mark kind="warning">{t("results.hardlyKnown")}</Mark> : "",
+    flag: assumed ? (
+      <span class="hint">{t("results.fromThePrior")}</span>
+    ) : hardly ? (
+      <Mark kind="warning">{t("results.hardlyKnown")}</Mark>
+    ) : (
+      ""
+    ),
   };
 }
 
