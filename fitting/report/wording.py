@@ -22,6 +22,8 @@ LABELS = {
     "implausible": "A parameter is physically impossible",
     "check_input": "A mistake in files or wiring is likely",
     "not_examined": "Fitted only: what is missing was not looked for",
+    "cannot_tell": "Whether something is missing cannot be told",
+    "depends_on_band": "Whether something is missing depends on the filter",
 }
 
 MEANINGS = {
@@ -290,7 +292,8 @@ def nearest(law: Mapping[str, Any], language: Language = ENGLISH) -> str:
 
 def label(loop: Mapping[str, Any], language: Language = ENGLISH) -> str:
     """The verdict in a few words, of the report's ``loop``."""
-    return language.say(LABELS[loop["verdict"] if looked(loop) else _unlooked(loop)])
+    said = loop["verdict"] if looked(loop) else _unlooked(loop)
+    return language.say(LABELS[said if loop["effects"] else loop.get("label") or said])
 
 
 def _unlooked(loop: Mapping[str, Any]) -> str:
@@ -310,7 +313,7 @@ def verdict_sentence(report: Mapping[str, Any], titles: Mapping[str, str], langu
     loop = report["loop"]
     verdict = loop["verdict"] if looked(loop) else _unlooked(loop)
     reasons = [language.said(str(reason)) for reason in loop.get("reasons") or []]
-    if verdict in ("nothing_missing", "not_examined"):
+    if verdict == "not_examined" or (verdict == "nothing_missing" and not reasons):
         return _nothing(verdict, over_noise(report, "after"), language)
     found = _found(report, titles, language)
     said = [f"{capital(reason)}." for reason in reasons]
