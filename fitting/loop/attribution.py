@@ -33,8 +33,8 @@ def attributed(
     found = confirmed_in_effort(session, corrections, found)
     names = [joint.name for joint in session.machine.joints]
     silent = [
-        f"{'machine' if item.score.term.joint is None else names[item.score.term.joint]}: {item.score.term.id}: "
-        f"{item.silence}; record a validation motion that shows it"
+        f"{'machine' if item.score.term.joint is None else names[item.score.term.joint]}: of {item.score.term.id} "
+        f"{item.silence}; record one that shows it"
         for item in found.accepted
         if item.silence
     ]

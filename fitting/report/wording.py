@@ -22,6 +22,9 @@ LABELS = {
     "implausible": "A parameter is physically impossible",
     "check_input": "A mistake in files or wiring is likely",
     "not_examined": "Fitted only: what is missing was not looked for",
+}
+#: Labels that stand beside a verdict without any effect: the recordings leave it open.
+OPEN = {
     "cannot_tell": "Whether something is missing cannot be told",
     "depends_on_band": "Whether something is missing depends on the filter",
 }
@@ -293,7 +296,8 @@ def nearest(law: Mapping[str, Any], language: Language = ENGLISH) -> str:
 def label(loop: Mapping[str, Any], language: Language = ENGLISH) -> str:
     """The verdict in a few words, of the report's ``loop``."""
     said = loop["verdict"] if looked(loop) else _unlooked(loop)
-    return language.say(LABELS[said if loop["effects"] else loop.get("label") or said])
+    left_open = None if loop["effects"] else OPEN.get(loop.get("label") or "")
+    return language.say(left_open or LABELS[said])
 
 
 def _unlooked(loop: Mapping[str, Any]) -> str:

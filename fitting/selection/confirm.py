@@ -96,18 +96,17 @@ def objection(held_out: HeldOut, validate: OnValidate | None) -> str:
     it may refuse only what its rows speak against as clearly.
     """
     if held_out.confirmed <= CONFIRMED:
-        alike = "" if held_out.alike > held_out.gain else ", as another one in each block"
-        times = held_out.inflation
-        noisy = f"; the rows that show it are {times:.1f} times as noisy as the motion" if times > 1.1 else ""
-        return (
-            f"it does not hold on blocks that were left out of the fit{alike} (log density "
-            f"{0.5 * held_out.confirmed:+.1f}, {held_out.z:.1f} standard errors{noisy})"
-        )
+        size = f"(log density {0.5 * held_out.confirmed:+.1f})"
+        if held_out.confirmed * held_out.inflation > CONFIRMED:
+            return (
+                f"the rows that show it are {held_out.inflation:.1f} times as noisy as the motion as a whole; against "
+                f"that it does not hold on blocks that were left out of the fit {size}"
+            )
+        if held_out.gain > CONFIRMED:
+            return f"it is not one and the same effect on all blocks that were left out of the fit {size}"
+        return f"it does not hold on blocks that were left out of the fit {size}"
     if validate is not None and validate.refutes:
-        return (
-            f"it does not help on the validation motion (log density {0.5 * validate.predicted:+.1f}, "
-            f"chi-square {validate.gain:+.1f})"
-        )
+        return f"it does not help on the validation motion (log density {0.5 * validate.predicted:+.1f})"
     return ""
 
 
@@ -116,8 +115,8 @@ def silence(validate: OnValidate | None) -> str:
     if validate is None or validate.predicted > CONFIRMED:
         return ""
     if not validate.entered:
-        return "the validation motion never enters its range, or does not move its joint: it confirms nothing"
-    return "the validation motion hardly shows it: it confirms nothing"
+        return "the validation motion never enters its range, or never moves its joint, and confirms nothing"
+    return "the validation motion hardly shows it, and confirms nothing"
 
 
 def too_faint(choice: Score, held_out: HeldOut) -> bool:
