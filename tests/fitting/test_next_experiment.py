@@ -433,7 +433,7 @@ def measured_separation(session, tables, rivals):
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("true", "rival", "size"),
-    [("position_dependent_friction", "load_dependent_friction", 40.0)],
+    [("position_dependent_friction", "load_dependent_friction", -40.0)],
 )
 def test_the_designed_experiment_separates_rivals_in_the_plant_best(true, rival, size):
     """One short training motion leaves two names; the motion that was chosen tells them apart better than others."""
