@@ -80,6 +80,9 @@ def attribution(
     recipe: Recipe = None,
     seconds: Length = 60.0,
     bootstrap: Replicas = None,
+    without: Annotated[
+        str | None, typer.Option(help="Judge without recordings of this role: repeat, unloaded.")
+    ] = None,
     json: Annotated[bool, typer.Option("--json", help="Print checks and results as JSON.")] = False,
 ) -> None:
     """How often the loop is right on random arms, effects, joints and sizes."""
@@ -95,6 +98,8 @@ def attribution(
         raise InputError(f"--only {only}: is no effect of the plant; one of {', '.join(sorted(UNDECLARED))}")
     if recipe is not None and recipe not in RECIPES:
         raise InputError(f"--recipe {recipe}: is no recipe; one of {', '.join(map(str, RECIPES))}")
+    if without not in (None, "repeat", "unloaded", "validate"):
+        raise InputError(f"--without {without}: is no role that can be left out; one of repeat, unloaded, validate")
     if only_make and cache is None:
         raise InputError("--only-make: fills a cache; name it with --cache")
     if compare is not None and not compare.is_file():
@@ -104,7 +109,7 @@ def attribution(
     if cache is not None:
         cache.mkdir(parents=True, exist_ok=True)
     replicas = Options.bootstrap if bootstrap is None else bootstrap
-    orders = [Order(key, selection, cache, only_make, apart, replicas) for key in keys]
+    orders = [Order(key, selection, cache, only_make, apart, replicas, without) for key in keys]
     lines = run(orders, workers, output, lambda line: None if json else print(summary.case_text(line), flush=True))
     checks = [] if only_make else summary.checks(lines)
     if json:
