@@ -242,7 +242,7 @@ def test_a_validation_motion_that_never_enters_the_range_says_that_it_confirms_n
 
 
 def test_shares_of_a_gain_are_what_each_joints_chi_square_falls_by_in_a_refit() -> None:
-    session = session_with(lambda s, i: 40.0 * np.sin(s.q[:, 0]) * np.sin(s.q[:, 1]) / s.r[:, 1])
+    session = session_with(lambda s, i: 30.0 * np.sin(s.q[:, 0]) * np.sin(s.q[:, 1]) / s.r[:, 1])
     plain, term = session.plain, Term(effect("base_tilt"), None)
     prior = replace(session.prior, arm=None, point=None)  # whose rows would be at another point in the refit
     base = fit_model(plain.design, plain.noise, plain.fitted, (), prior)
