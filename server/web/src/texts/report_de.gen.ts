@@ -1,4 +1,4 @@
-// fitting/report/languages/german.json sha256 309f740388d11dc80151914b5cd4b4cfbfdf148187f8cecfbafe29e5193e2366
+// fitting/report/languages/german.json sha256 98bf5a46c342b5679351a2eab050b0f6aae42ff59e67c7fde63f718e0e118417
 export const REPORT: Record<string, string> = {
   "moving mass": "bewegte Masse",
   "Coulomb friction": "coulombsche Reibung",
@@ -180,7 +180,7 @@ export const REPORT: Record<string, string> = {
   "the training motion once more": "die Anregungsbewegung noch einmal",
   "a motion of all joints that was designed to tell them apart": "eine Bewegung aller Gelenke, die entworfen wurde, um sie zu unterscheiden",
   "dY/dg (e_1 t_1 + e_2 t_2) pi, e_1 and e_2 across gravity": "dY/dg (e_1 t_1 + e_2 t_2) pi, e_1 und e_2 quer zur Schwerkraft",
-  "(b_0 + b_1 |v|) [v < 0] tanh(max(F_l, 0) / F_0), or mirrored; F_0 = 0: [F_l > 0]": "(b_0 + b_1 |v|) [v < 0] tanh(max(F_l, 0) / F_0), oder gespiegelt; F_0 = 0: [F_l > 0]",
+  "-(b_0 + b_1 |v|) [v < 0] tanh(max(F_l, 0) / F_0), or mirrored; F_0 = 0: [F_l > 0]": "-(b_0 + b_1 |v|) [v < 0] tanh(max(F_l, 0) / F_0), oder gespiegelt; F_0 = 0: [F_l > 0]",
   "q = q_measured - (e_s sin n q + e_c cos n q + e_0), e_0 from where it was zeroed": "q = q_gemessen - (e_s sin n q + e_c cos n q + e_0), e_0 von dort, wo er genullt wurde",
   "w^n (k + d v), w = distance inside the cushion, which begins at x_c": "w^n (k + d v), w = Weg innerhalb der Dämpfung, die bei x_c beginnt",
   "f_g (1 - x / x_0)^(-n) + f_0, its rest force with a transducer's zero": "f_g (1 - x / x_0)^(-n) + f_0, seine Ruhekraft mit dem Nullpunkt eines Aufnehmers",
