@@ -65,6 +65,13 @@ Recipe = Annotated[
 ]
 
 
+def _role(without: str | None) -> str | None:
+    """A role whose recordings can be left out."""
+    if without not in (None, "repeat", "unloaded", "validate"):
+        raise InputError(f"--without {without}: is no role that can be left out; one of repeat, unloaded, validate")
+    return without
+
+
 def attribution(
     cases: Cases = "null=100,large=60,medium=40,small=20,kinematic=30,outside=40,pairs=30",
     case: Annotated[str | None, typer.Option(help="One case alone, as CLASS:NUMBER.")] = None,
@@ -98,8 +105,6 @@ def attribution(
         raise InputError(f"--only {only}: is no effect of the plant; one of {', '.join(sorted(UNDECLARED))}")
     if recipe is not None and recipe not in RECIPES:
         raise InputError(f"--recipe {recipe}: is no recipe; one of {', '.join(map(str, RECIPES))}")
-    if without not in (None, "repeat", "unloaded", "validate"):
-        raise InputError(f"--without {without}: is no role that can be left out; one of repeat, unloaded, validate")
     if only_make and cache is None:
         raise InputError("--only-make: fills a cache; name it with --cache")
     if compare is not None and not compare.is_file():
@@ -109,7 +114,7 @@ def attribution(
     if cache is not None:
         cache.mkdir(parents=True, exist_ok=True)
     replicas = Options.bootstrap if bootstrap is None else bootstrap
-    orders = [Order(key, selection, cache, only_make, apart, replicas, without) for key in keys]
+    orders = [Order(key, selection, cache, only_make, apart, replicas, _role(without)) for key in keys]
     lines = run(orders, workers, output, lambda line: None if json else print(summary.case_text(line), flush=True))
     checks = [] if only_make else summary.checks(lines)
     if json:

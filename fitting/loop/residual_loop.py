@@ -21,6 +21,7 @@ from fitting.regression.prior import Prior
 from fitting.residual.change_points import ChangePoint, change_points, joint_rows, step_at
 from fitting.residual.confirmation.confirmation import Misfit, misfit, validate_gain
 from fitting.residual.confirmation.cross_validation import held_out_gain
+from fitting.residual.confirmation.draws import Draws
 from fitting.residual.confirmation.trials import mirrored_gain
 from fitting.residual.confirmation.uncertainty import with_doubts
 from fitting.residual.findings import Accepted, Attribution, Family
@@ -280,12 +281,11 @@ def _found_at(session: Session, corrections: Corrections, cutoff: float) -> tupl
     """What is most probable at another cut-off where nothing is improbable there; all else is gone."""
     signals = SessionSignals(session.at_bandwidth(cutoff), corrections)
     validate, base = signals.prepared(()).validate, signals.refit(())
-    # Replicas take off what noise makes of the candidates: only asked where something stands out at all.
-    for draws in (0, session.options.bootstrap):
-        search = Search(base, effects(), validate, signals, draws, ())
-        if search.nothing >= 0.5:
-            return ()
-    return (search.open[0].term.family,)
+    search = Search(base, effects(), validate, signals, 0, ())
+    if search.nothing < 0.5:
+        # Replicas take off what noise makes of the candidates: only asked where something stands out at all.
+        search.draws = Draws(signals, session.options.bootstrap)
+    return () if search.nothing >= 0.5 else (search.open[0].term.family,)
 
 
 def _leading(model: Model, number: int) -> int:

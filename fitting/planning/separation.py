@@ -29,8 +29,8 @@ from scipy import linalg
 from scipy.special import ndtr
 
 from fitting.effects.base import Effect
+from fitting.effects.bounds import inside
 from fitting.regression.solving import WhiteRows
-from fitting.residual.bounds import inside
 from fitting.residual.laws import Law
 from fitting.residual.scoring import Score
 from fitting.residual.terms import Term

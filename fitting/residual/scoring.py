@@ -21,7 +21,7 @@ import numpy.typing as npt
 
 from daq.scratch import ScratchArrays
 from fitting.effects.base import Effect
-from fitting.residual.bounds import inside
+from fitting.effects.bounds import inside
 from fitting.residual.laws import laws
 from fitting.residual.null import BIAS_SHARE, Null
 from fitting.residual.terms import Model, Term
@@ -45,7 +45,7 @@ class Score:
     Attributes
     ----------
     term : the candidate
-    gain : chi-square that the refit gains inside the bounds of its parameters (:mod:`fitting.residual.bounds`)
+    gain : chi-square that the refit gains inside the bounds of its parameters (:mod:`fitting.effects.bounds`)
     live : number of its directions that survive the projection, and that no bound holds
     score : gain less the price of its parameters and of the grid it was picked from
     values, stds : its parameters, inside their bounds, and their standard deviations without bounds

@@ -112,11 +112,11 @@ def objection(held_out: HeldOut, validate: OnValidate | None) -> str:
 
 def silence(validate: OnValidate | None) -> str:
     """Why the validation motion confirms nothing of a term that it does not refuse; empty if it does."""
-    if validate is None or validate.predicted > CONFIRMED:
+    if validate is None:
         return ""
-    if not validate.entered:
+    if not validate.entered:  # what it changes of the base may help there: that is no witness of this effect
         return "the validation motion never enters its range, or never moves its joint, and confirms nothing"
-    return "the validation motion hardly shows it, and confirms nothing"
+    return "" if validate.predicted > CONFIRMED else "the validation motion hardly shows it, and confirms nothing"
 
 
 def too_faint(choice: Score, held_out: HeldOut) -> bool:

@@ -80,7 +80,7 @@ def biased_gain(score: Score) -> float:
 def plausible(score: Score) -> float:
     """Log share of the posterior that lies inside the bounds of an effect's parameters, over the prior's.
 
-    Its values are inside (:mod:`fitting.residual.bounds`); a half-line prior has half of a free one's mass.
+    Its values are inside (:mod:`fitting.effects.bounds`); a half-line prior has half of a free one's mass.
     """
     effect = score.term.content
     if not isinstance(effect, Effect):

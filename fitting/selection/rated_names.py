@@ -9,7 +9,7 @@ import numpy.typing as npt
 from scipy.linalg import block_diag
 
 from fitting.effects.base import Effect, Parity
-from fitting.residual.bounds import limits
+from fitting.effects.bounds import limits
 from fitting.residual.scoring import Candidates, Score
 from fitting.residual.surfaces import Surface
 from fitting.residual.terms import Model, Term

@@ -13,10 +13,10 @@ from synthetic_arm import exact_views, make_session, planar_machine, truth
 
 from fitting.effects import effect, effects
 from fitting.effects.base import Parameter, Shape
+from fitting.effects.bounds import inside, limits
 from fitting.effects.stribeck import Stribeck
 from fitting.loop.residual_loop import run_attribution
 from fitting.loop.session import Session
-from fitting.residual.bounds import inside, limits
 from fitting.residual.findings import Attribution
 from fitting.residual.scoring import Score, score_terms
 from fitting.residual.terms import Term, fit_model

@@ -99,7 +99,8 @@ class Trials:
         # Samples between samples have less noise, and a noise model of their own: beside efforts that were not moved,
         # that is what a chi-square shows first. The parabola of the delay is four times as high at the other one.
         seen = on_validate(*mirrored, self._validate)
-        return held_out, OnValidate(*(value / 4.0 for value in (seen.gain, seen.expected, seen.spread, seen.predicted)))
+        quarter = [value / 4.0 for value in (seen.gain, seen.expected, seen.spread, seen.predicted)]
+        return held_out, OnValidate(quarter[0], quarter[1], quarter[2], quarter[3], seen.entered)
 
     def _last_rows(self, trial: Model) -> tuple[tuple[WhiteRows, ...], int]:
         """Whitened rows with the trial's last term in the last columns, and how many those are."""
