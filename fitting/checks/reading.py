@@ -19,6 +19,7 @@ from daq.machine.machine_file import Machine
 from daq.quality import MEASURED
 from daq.recordings import recording_checks as gates
 from daq.recordings.column_map import ColumnMap
+from daq.recordings.encoder_wraps import unwrapped, wrap_text
 from daq.recordings.foreign_files import is_foreign
 from daq.recordings.recording import MINIMUM_SECONDS, ROLES, Recording
 from daq.recordings.recording_files import read_table
@@ -112,7 +113,21 @@ def read_leniently(
             to_si = conversion(units.get(channel.name, channel.unit), machine.si_unit(channel))
         except ValueError:
             to_si = machine.conversion(channel)
-        values[channel.name] = np.where(np.isfinite(raw), to_si.to_si(raw), np.nan)
+        value, wraps = unwrapped(machine, channel, np.where(np.isfinite(raw), to_si.to_si(raw), np.nan))
+        if len(wraps):
+            text, _, done = wrap_text(channel.name, wraps, time).rpartition("; ")
+            found.append(
+                Finding(
+                    "wrap",
+                    f"{path}: {text}",
+                    f"nothing has to be done: {done}",
+                    joint=channel.joint,
+                    channel=channel.name,
+                    recording=str(path),
+                    severity="note",
+                )
+            )
+        values[channel.name] = value
     found += time_findings(machine, str(path), time, values)
     used = repaired_time(time, machine.rate_hz)
     recording = Recording(machine.name, role, str(path), table.sha256, machine.rate_hz, used, values)

@@ -201,9 +201,8 @@ def _jumps(channel: Channel, values: FloatArray, steps: FloatArray, span: float,
     if alike and ((len(lasting) >= 2 and np.any(signs > 0) and np.any(signs < 0)) or round_turn):
         yield Finding(
             "wrap",
-            f"{channel.name}: jumps by {turn:.4g} to and fro {len(lasting)} times (the first at "
-            f"{time[lasting[0]]:.6g} s): "
-            "the encoder wraps within the motion",
+            f"{channel.name}: jumps by {turn:.4g} to and fro {len(lasting)} times (the first at row "
+            f"{lasting[0] + 2}, {time[lasting[0] + 1]:.6g} s): the encoder wraps within the motion",
             "move the encoder's zero out of the range of motion, or unwrap it in the device",
             before=turn,
             strength=6.0,
@@ -231,7 +230,7 @@ def _frozen(
     other: FloatArray | None,
 ) -> Iterator[Finding]:
     """The same value for longer than chance allows, while the signal comes back with a jump or is noisy elsewhere."""
-    equal = joined & (steps == 0) & np.isfinite(values[1:])
+    equal = joined & (steps == 0) & np.isfinite(values[1:]) & np.isfinite(values[:-1])
     edges = np.flatnonzero(np.diff(np.concatenate([[0], equal.astype(np.int8), [0]])))
     starts, stops = edges[::2], edges[1::2]
     if len(starts) == 0:
