@@ -32,7 +32,8 @@ SCHEMA = "hilfit/recording/1"
 #: ``unloaded``: rods unpinned, F_l = 0. ``train``, ``repeat`` (the same motion again), ``validate`` (another
 #: motion, nothing is ever selected on it), ``operation`` (whatever the machine did).
 ROLES = ("unloaded", "train", "repeat", "validate", "operation")
-MINIMUM_SECONDS = 8.0
+#: s; what is shorter holds no motion. How much a motion tells is for the identification to say, not for a clock.
+MINIMUM_SECONDS = 1.0
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]

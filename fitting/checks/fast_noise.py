@@ -29,7 +29,7 @@ _TIMES, _OF_REACH = 10.0, 2e-4
 _ORDER, _GAIN = 8, float(np.sqrt(12870.0))
 _MEDIAN = 0.6745
 #: Stretches of so many s, as many as this at least, and the share of them that has to be noisy, or quiet, together.
-_STRETCH_S, _STRETCHES, _SHARE = 2.0, 5, 0.2
+_STRETCH_S, _STRETCHES, _SHARE = 2.0, 5, 0.1
 
 
 def noise_findings(machine: Machine, recordings: Sequence[Recording]) -> list[Finding]:
