@@ -105,13 +105,13 @@ def _of_sound(
 def measured(data: Path, folder: Path) -> Iterator[Line]:
     """Checks on every measured machine that is there, at each rate: nothing is wrong with any."""
     for name, machine, files in measured_machines(data, folder):
-        for rate in (machine.rate_hz, *(r for r in _RATES if r < machine.rate_hz)):
-            own = machine.model_copy(update={"rate_hz": rate})
+        for hz in (machine.rate_hz, *(r for r in _RATES if r < machine.rate_hz)):
+            own = machine.model_copy(update={"rate_hz": hz})
             began = time.perf_counter()
-            found = check_files(own, files, resample=rate != machine.rate_hz)
+            found = check_files(own, files, resample=hz != machine.rate_hz)
             seconds = time.perf_counter() - began
-            said = _of_sound(own, files, found, folder, resample=rate != machine.rate_hz)
-            yield Line(f"{name} at {rate:g} Hz", None, None, *said, seconds)
+            said = _of_sound(own, files, found, folder, resample=hz != machine.rate_hz)
+            yield Line(f"{name} at {hz:g} Hz", None, None, *said, seconds)
 
 
 def run(

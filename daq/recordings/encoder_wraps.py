@@ -1,8 +1,8 @@
 """Encoders of one turn that begin anew within a motion: the turn is put back, and said.
 
 Between two rows no joint makes a quarter of a turn, let alone a whole one: a step of a turn, give or take a quarter, is
-the encoder's. Where the motion itself is so fast, or a jump is of another size (a counter that overflows, in m), nothing
-is touched: that is for the checks to name.
+the encoder's. Where the motion itself is so fast, or a jump is of another size (a counter that overflows, in m),
+nothing is touched: that is for the checks to name.
 """
 
 from __future__ import annotations

@@ -35,7 +35,8 @@ _STRETCH_S, _STRETCHES, _SHARE = 2.0, 5, 0.1
 def noise_findings(machine: Machine, recordings: Sequence[Recording]) -> list[Finding]:
     """Position sensors that are ten times noisier than they have to be; ``recordings`` in SI."""
     found = []
-    heard = {c.name: own for c in machine.channels if c.quantity in POSITIONS and len(own := _stretches(c, recordings))}
+    stretches = {c.name: _stretches(c, recordings) for c in machine.channels if c.quantity in POSITIONS}
+    heard = {name: own for name, own in stretches.items() if len(own)}
     for channel in machine.channels:
         if channel.name not in heard:
             continue
@@ -43,9 +44,9 @@ def noise_findings(machine: Machine, recordings: Sequence[Recording]) -> list[Fi
         least = _OF_REACH * reach(joint, channel.quantity == "piston_position")
         noise = float(np.median(heard[channel.name][:, 0]))
         sisters = [
-            float(np.median(own[:, 1]))
+            float(np.median(heard[c.name][:, 1]))
             for c in machine.channels
-            if c.quantity == channel.quantity and c is not channel and (own := heard.get(c.name)) is not None
+            if c.quantity == channel.quantity and c is not channel and c.name in heard
         ]
         conversion = machine.conversion(channel)
         own_step = abs(conversion.factor) * (channel.resolution or 0.0)

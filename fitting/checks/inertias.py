@@ -21,7 +21,7 @@ FloatArray = npt.NDArray[np.float64]
 
 #: Inertia over the plausible one from which on (or below its inverse) a joint's is impossible, with others and where it
 #: is the only one that tells; joints agree within.
-_IMPOSSIBLE, _ALONE, _AGREE = 30.0, 100.0, 20.0
+_IMPOSSIBLE, _ALONE, _AGREE = 30.0, 60.0, 20.0
 #: Joints whose plausible inertia is a smaller share of the arm's largest are wrists: their motors turn more than they.
 _WRIST = 0.03
 #: A joint counts whose inertia is told by so many standard errors, with one sample in so many independent, and makes up
@@ -63,6 +63,7 @@ def inertia_ratios(trial: Trial) -> FloatArray:
     rods = rod_parameters(geometry_of(trial.machine))
     zero = np.zeros_like(motion.q)
     static = rigid_body_regressor(trial.machine, motion.q, zero, zero)
+    plausible = np.array([_inertia(trial, joint, static, rods) for joint in range(n)])
     weights, found = np.zeros(2), []
     for joint in range(n):
         rows = motion.active[:, joint] & samples.loaded & samples.used
@@ -83,16 +84,20 @@ def inertia_ratios(trial: Trial) -> FloatArray:
         inertia = float(left[:, 0] @ left[:, 1]) / square
         noise = float(np.std(left[:, 1] - inertia * left[:, 0])) * np.sqrt(_INDEPENDENT / square)
         if inertia > _SIGMAS * noise and inertia * np.std(acceleration) > _MAKES_UP * size:
-            unit = zero.copy()
-            unit[:, joint] = 1.0
-            plausible = (rigid_body_regressor(trial.machine, motion.q, zero, unit) - static)[rows, joint] @ rods
-            found.append((inertia, float(np.mean(plausible))))
+            found.append((joint, inertia))
     mass = weights[0] / weights[1] if weights[1] > 0 else 0.0
-    if not found or not mass > 0:
+    if not mass > 0:
         return np.zeros(0)
-    told, plausible = np.array(found).T
-    counts = plausible > _WRIST * plausible.max()
-    return np.asarray(told[counts] / (mass * plausible[counts]))
+    counted = [(j, own) for j, own in found if plausible[j] > _WRIST * plausible.max()]
+    return np.array([own / (mass * plausible[j]) for j, own in counted])
+
+
+def _inertia(trial: Trial, joint: int, static: FloatArray, rods: FloatArray) -> float:
+    """Mean inertia at a joint of an arm of one kilogram of rods, kg m^2 (kg); ``static`` is its regressor at rest."""
+    unit = np.zeros_like(trial.motion.q)
+    unit[:, joint] = 1.0
+    moved = rigid_body_regressor(trial.machine, trial.motion.q, np.zeros_like(unit), unit)
+    return float(np.mean((moved - static)[:, joint] @ rods))
 
 
 def rod_parameters(geometry: Geometry) -> FloatArray:

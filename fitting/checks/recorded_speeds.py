@@ -31,7 +31,9 @@ def speed_findings(machine: Machine, recordings: Sequence[Recording]) -> list[Fi
     found: list[Finding] = []
     for recording in recordings:
         ratios = {
-            joint.name: ratio for joint in machine.joints if (ratio := _ratio(machine, joint.name, recording)) is not None
+            joint.name: ratio
+            for joint in machine.joints
+            if (ratio := _ratio(machine, joint.name, recording)) is not None
         }
         off = {name: ratio for name, ratio in ratios.items() if abs(abs(ratio) - 1.0) > _OFF}
         if not off:

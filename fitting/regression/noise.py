@@ -251,7 +251,7 @@ def _flexible_residual(
 
 
 def moving_stretches(series: FloatArray, rest: npt.NDArray[np.bool_], bank: FilterBank) -> list[FloatArray]:
-    """Stretches of a series (N,) or (N, k) between long rests: those that fill the identification filter's whole window.
+    """Stretches of a series (N,) or (N, k) between long rests, those that fill the identification filter's window.
 
     A drive at rest holds any effort up to its static friction; that is neither noise nor model.
     """

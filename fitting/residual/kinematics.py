@@ -138,9 +138,7 @@ def score_gaps(
     return sorted(result, key=lambda s: -s.gain), rows
 
 
-def _fitted(
-    rows: GapRows, views: Sequence[DriveView], effect: Effect, shape: Shape, C: FloatArray
-) -> GapScore | None:
+def _fitted(rows: GapRows, views: Sequence[DriveView], effect: Effect, shape: Shape, C: FloatArray) -> GapScore | None:
     """Least squares of one shape, its formula taken as it is, not to first order.
 
     By chords: what the values of the last step leave is solved for with the columns at zero.

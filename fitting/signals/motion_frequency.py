@@ -64,7 +64,9 @@ def motion_frequency(machine: Machine, recordings: Sequence[Recording], in_piece
                 cut = pieces(slice(0, len(part)), smooth, PIECE_SAMPLES) if in_pieces else [slice(0, len(part))]
                 speeds += [smooth.smooth(part[piece])[1] for piece in cut]
             edges.append(edge_frequency(speeds, machine.rate_hz, SHARE, noise, smooth.first))
-            powers.append(float(np.mean(np.concatenate(speeds) ** 2)) / reach(joint, channel.quantity == "piston_position") ** 2)
+            powers.append(
+                float(np.mean(np.concatenate(speeds) ** 2)) / reach(joint, channel.quantity == "piston_position") ** 2
+            )
         found.append((np.array(edges), np.array(powers)))
     liveliest = max((float(powers.max(initial=0.0)) for _, powers in found), default=0.0)
     counted = [

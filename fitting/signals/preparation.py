@@ -23,7 +23,13 @@ from daq.recordings.recording import Recording
 from daq.recordings.recording_checks import runs
 from fitting.arm.linkage import joint_motion, joint_position, lever_arm, piston_motion
 from fitting.signals.filters import FilterBank, advanced
-from fitting.signals.position_sensors import REST_SECONDS, channel_noise, joint_velocity_share, piston_weight, position_variances
+from fitting.signals.position_sensors import (
+    REST_SECONDS,
+    channel_noise,
+    joint_velocity_share,
+    piston_weight,
+    position_variances,
+)
 from fitting.signals.velocities import Motion, VelocityShare
 
 FloatArray = npt.NDArray[np.float64]
@@ -212,8 +218,8 @@ def segments_of(
         parts = [part for part in recording.segments(used) if part.stop - part.start >= shortest(bank)]
         if not parts and not synthetic:
             raise RecordingError(
-                f"{recording.file}: no stretch of {shortest(bank) / bank.rate_hz:.1f} s without a gap; record again or raise "
-                "the bandwidth"
+                f"{recording.file}: no stretch of {shortest(bank) / bank.rate_hz:.1f} s without a gap; record again or "
+                "raise the bandwidth"
             )
         weights = tuple(piston_weight(machine, joint, recording) for joint in machine.joints)
         shares = tuple(joint_velocity_share(machine, joint, recording, bank) for joint in machine.joints)

@@ -36,7 +36,7 @@ class Hypothesis:
     exact : it puts channels or roles right and changes no number: no effect resembles it, so that it is tried however
         well the efforts are explained
     slip : a length's decimal point or unit: no effect is as large, and every joint that carries the link feels it. It
-        is tried where the arm is explained badly as a whole, however little that is, and has to explain most joints
+        is tried where most joints are explained worse than they can be, however little that is
     """
 
     code: str

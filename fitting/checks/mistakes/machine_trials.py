@@ -65,7 +65,8 @@ def lengths(trial: Trial) -> Iterator[Hypothesis]:
                         "length", (j,), f"dh.{name} looks like {factor * value:.4g} m instead of {value:.4g} m",
                         f"correct dh.{name}",
                         on_machine(lambda m, j=j, k=name, v=factor * value: changed_joint(m, j, "dh", {k: v})),  # type: ignore[misc]
-                        key=("joints", j, "dh", name), factor=factor, price=1.6 if factor in (10.0, 0.1, -1.0) else 1.9, slip=factor in SLIPS,
+                        key=("joints", j, "dh", name), factor=factor, price=1.6 if factor in (10.0, 0.1, -1.0) else 1.9,
+                        slip=factor in SLIPS,
                     )  # fmt: skip
         alphas = {-joint.dh.alpha, joint.dh.alpha + np.pi / 2, joint.dh.alpha - np.pi / 2} - {joint.dh.alpha}
         for alpha in sorted(alphas):

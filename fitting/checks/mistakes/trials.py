@@ -21,7 +21,7 @@ import numpy as np
 import numpy.typing as npt
 
 from fitting.checks.mistakes.effort_trials import efforts, scales, sizes
-from fitting.checks.mistakes.hypothesis import Build, Hypothesis, Targets
+from fitting.checks.mistakes.hypothesis import CLEAR, Build, Hypothesis, Targets
 from fitting.checks.mistakes.machine_trials import effects, gravity, lengths
 from fitting.checks.mistakes.motion_trials import in_one_recording, motions, recordings, times
 from fitting.checks.mistakes.physical import LEAST_MISFIT, Physical, Trial, fit
@@ -38,6 +38,8 @@ CARRIES = 0.02
 WORSE = 1.4
 #: Misfits below this are alike where the whole arm is in question; it is explained badly from so many times this on.
 FINEST_MISFIT, _BADLY = 0.004, 2.0
+#: Sum over the joints of the logarithm of the misfit's fall that a slip has to have: twice by CLEAR, all but.
+_SLIP = 1.5
 #: Of two trials that explain alike, the simpler one is said: within this share of the logarithm's gain.
 ALIKE = 0.12
 #: Nothing tells these apart; so many are named beside the one that is said.
@@ -214,7 +216,8 @@ def _helped(trial: Trial, option: Hypothesis, before: Physical, after: Physical)
     if option.slip:
         fine = np.hypot(before.misfits, FINEST_MISFIT) / np.hypot(after.misfits, FINEST_MISFIT)
         known = tells & np.isfinite(fine)
-        if known.any() and np.mean(fine[known] >= option.least) > _MOST_JOINTS and fine[known].min() > 1 / WORSE:
+        told = np.log(fine[known])
+        if known.any() and told.min() > -np.log(WORSE) and told.max() > np.log(CLEAR) and told.sum() > _SLIP:
             return int(np.nanargmax(np.where(known, fine, 0.0)))
     fall = np.where((after.misfits < SOUND) & tells, a / b, 0.0)
     if not tells.any() or (whole and np.mean((fall >= _BETTER)[tells]) < _MOST_JOINTS):
