@@ -9,6 +9,7 @@ from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
+from scipy.interpolate import CubicSpline
 
 from benchmarks.attribution.recipe import draw_quality, largest
 from daq.machine.machine_file import Machine, machine_to_yaml
@@ -105,9 +106,10 @@ def _parked(plan: CasePlan, rng: np.random.Generator) -> CasePlan:
     motions = {}
     for stem, motion in plan.motions.items():
         own = motion.time - motion.duration / 2
-        slowed = motion.duration / 2 + 0.5 * (own - np.hypot(own, 0.5)) + 0.25
+        slowed = 0.5 * (own - np.hypot(own, 0.5))
+        slowed -= slowed[0]
         moved = [
-            np.interp(slowed, motion.time, column) if name in still and stem != "unloaded" else column
+            CubicSpline(motion.time, column)(slowed) if name in still and stem != "unloaded" else column
             for name, column in zip(motion.joints, motion.positions.T, strict=True)
         ]
         motions[stem] = replace(motion, positions=np.stack(moved, axis=1))

@@ -19,7 +19,7 @@ from daq.machine.machine_file import Machine
 from daq.quality import MEASURED
 from daq.recordings import recording_checks as gates
 from daq.recordings.column_map import ColumnMap
-from daq.recordings.encoder_wraps import unwrapped, wrap_text
+from daq.recordings.encoder_wraps import unwrapped
 from daq.recordings.foreign_files import is_foreign
 from daq.recordings.recording import MINIMUM_SECONDS, ROLES, Recording
 from daq.recordings.recording_files import read_table
@@ -115,12 +115,12 @@ def read_leniently(
             to_si = machine.conversion(channel)
         value, wraps = unwrapped(machine, channel, np.where(np.isfinite(raw), to_si.to_si(raw), np.nan))
         if len(wraps):
-            text, _, done = wrap_text(channel.name, wraps, time).rpartition("; ")
             found.append(
                 Finding(
                     "wrap",
-                    f"{path}: {text}",
-                    f"nothing has to be done: {done}",
+                    f"{path}: {channel.name}: the encoder wraps {len(wraps)} times, the first at row {wraps[0] + 1} "
+                    f"({time[wraps[0]]:.6g} s)",
+                    "nothing has to be done: its turns are put back",
                     joint=channel.joint,
                     channel=channel.name,
                     recording=str(path),

@@ -62,5 +62,6 @@ def test_a_recording_says_its_channel_row_and_time(tmp_path: Path) -> None:
     recording = read_recording(tmp_path / "r.parquet", MACHINE, "train")
     assert recording.values["j1.angle"] == pytest.approx(np.deg2rad(whole), abs=1e-9)
     row = int(np.flatnonzero(np.abs(np.diff(columns["j1.angle"])) > 180)[0]) + 2
+    count = int(np.count_nonzero(np.abs(np.diff(columns["j1.angle"])) > 180))
     (note,) = recording.notes
-    assert f"j1.angle: the encoder wraps at row {row} ({recording.time[row - 1]:.6g} s)" in note
+    assert f"j1.angle: the encoder wraps {count} times, the first at row {row} ({recording.time[row - 1]:.6g} s)" in note

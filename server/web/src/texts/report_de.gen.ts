@@ -1,4 +1,4 @@
-// fitting/report/languages/german.json sha256 0d7e1c1dfe5a6da2b23763482b9eb274cf8d4c2b7a70eba5ed33f242d1c5813b
+// fitting/report/languages/german.json sha256 6ab797dd24d2a2a7344ace37cc873abc16ff744310976158655a8fd11168a82d
 export const REPORT: Record<string, string> = {
   "moving mass": "bewegte Masse",
   "Coulomb friction": "coulombsche Reibung",
@@ -266,6 +266,7 @@ export const REPORT: Record<string, string> = {
   "; poorly told: {}": "; schlecht bestimmt: $1",
   "; not told: {}": "; nicht bestimmt: $1",
   "effects were searched for on {} pieces of {} in all, of {} recorded; what was found was fitted to, and its errors are of, everything; detection limits and changes in time are those of the pieces": "Effekte wurden auf $1 Teilstücken von zusammen $2 gesucht, von $3 Aufzeichnung; das Gefundene wurde an alles angepasst, und seine Fehler sind die von allem; Nachweisgrenzen und zeitliche Änderungen sind die der Teilstücke",
+  "{}: {}: the encoder wraps {} times, the first at row {} ({} s); its turns are put back": "$1: $2: Der Geber läuft $3-mal über, zuerst in Zeile $4 ($5 s); seine Umdrehungen sind zurückgerechnet",
   "{}: resampled from {} Hz to {} Hz": "$1: von $2 Hz auf $3 Hz umgetastet",
   "{}: resampled from {} Hz with uneven steps to {} Hz": "$1: von $2 Hz mit ungleichen Schritten auf $3 Hz umgetastet",
   "{}: resampled from {} Hz to {} Hz with a zero-phase low pass, flat to {} Hz": "$1: von $2 Hz auf $3 Hz umgetastet, mit einem Tiefpass ohne Phasenverschiebung, flach bis $4 Hz",
@@ -429,13 +430,12 @@ export const REPORT: Record<string, string> = {
   "{}: {} single values are far off (the first at {} s, up to {} of the signal's range)": "$1: $2 einzelne Werte liegen weit daneben (zuerst bei $3 s, bis $4 des Signalbereichs)",
   "look after cable, shielding and sentinel values of this device, and mark the rows missing": "Kabel, Schirmung und Fehlerwerte dieses Geräts prüfen und die Zeilen als fehlend kennzeichnen",
   "{}: jumps by {} to and fro {} times (the first at row {}, {} s): the encoder wraps within the motion": "$1: springt um $2 hin und her, $3-mal (zuerst in Zeile $4, $5 s): Der Geber läuft innerhalb der Bewegung über",
-  "{}: the encoder wraps at row {} ({} s)": "$1: Der Geber läuft in Zeile $2 ($3 s) über",
-  "{}: the encoder wraps at row {} ({} s), and {} times more": "$1: Der Geber läuft in Zeile $2 ($3 s) über und noch $4-mal",
-  "its turns are put back": "seine Umdrehungen sind zurückgerechnet",
+  "{}: {}: the encoder wraps {} times, the first at row {} ({} s)": "$1: $2: Der Geber läuft $3-mal über, zuerst in Zeile $4 ($5 s)",
+  "{}: its fast noise is {} {}, {} times {}": "$1: Sein schnelles Rauschen ist $2 $3, das $4-Fache $5",
+  "that of the other sensors of its kind": "dessen der anderen Aufnehmer seiner Art",
+  "its resolution": "seiner Auflösung",
+  "that of its other stretches": "dessen in seinen anderen Abschnitten",
   "nothing has to be done: its turns are put back": "nichts ist zu tun: Seine Umdrehungen sind zurückgerechnet",
-  "{}: its fast noise is {} {}, {} times that of the other sensors of its kind": "$1: Sein schnelles Rauschen ist $2 $3, das $4-Fache dessen der anderen Aufnehmer seiner Art",
-  "{}: its fast noise is {} {}, {} times its resolution": "$1: Sein schnelles Rauschen ist $2 $3, das $4-Fache seiner Auflösung",
-  "{}: its fast noise is {} {}, {} times that of its other stretches": "$1: Sein schnelles Rauschen ist $2 $3, das $4-Fache dessen in seinen anderen Abschnitten",
   "look after this sensor, its cable, shield and supply, and record again": "diesen Aufnehmer, sein Kabel, Schirm und Versorgung prüfen und neu aufzeichnen",
   "{}: time: the recorded speeds are {} times the change of the positions at every joint: rows look {} ms apart instead of {} ms": "$1: time: Die aufgezeichneten Geschwindigkeiten sind an jedem Gelenk das $2-Fache der Änderung der Positionen: Die Zeilen liegen anscheinend $3 ms auseinander statt $4 ms",
   "the unit or scale of the speed channel": "Einheit oder Skalierung des Geschwindigkeitskanals",
