@@ -43,6 +43,7 @@ from fitting.checks.reading import read_leniently
 from fitting.checks.recorded_speeds import speed_findings
 from fitting.checks.recordings_apart import recordings_apart, rods_for_a_time
 from fitting.checks.signal_faults import signal_findings
+from fitting.signals.lost_rows import bridged, with_lost_rows
 
 FloatArray = npt.NDArray[np.float64]
 _log = logging.getLogger(__name__)
@@ -52,6 +53,8 @@ _log = logging.getLogger(__name__)
 GROSS, _CARRIES = 0.55, 0.1
 #: A misfit up to this many times another one explains as much.
 _AS_WELL = 1.2
+#: s; gaps up to this are bridged before recordings are compared with anything.
+_BRIDGED_S = 0.1
 #: Findings of a recording's own file that make its values useless for what follows.
 _SPOILS = (
     "time_jump",
@@ -161,13 +164,15 @@ def check_recordings(
     """
     places = places or Places()
     result = [*found, *machine_findings(machine, places)]
+    recordings = [with_lost_rows(recording) for recording in recordings]
     for recording in recordings:
         result += signal_findings(machine, recording)
+    result += noise_findings(machine, recordings)
+    recordings = [bridged(recording, max(1, round(_BRIDGED_S * recording.rate_hz))) for recording in recordings]
     magnitudes = [f for f in magnitude_findings(machine, recordings) if not _spoilt(f, result)]
     result += magnitudes
     result += motion_findings(machine, recordings)
     result += beginning_findings(machine, recordings)
-    result += noise_findings(machine, recordings)
     result += speed_findings(machine, recordings)
     usable, known = _usable(machine, recordings, result)
     if known and not any(f.code in ("time_unit", "wrong_rate", "out_of_range") for f in result):

@@ -92,7 +92,7 @@ def apart(machine: Machine, first: Recording, second: Recording) -> tuple[float,
     columns = [name for name in columns if spreads[name] > 0]
     if not columns:
         return np.inf, np.inf
-    a, b = (np.nan_to_num(np.stack([r.values[n][::step] for n in columns], axis=1)) for r in (first, second))
+    a, b = (np.stack([_without_gaps(r.values[n])[::step] for n in columns], axis=1) for r in (first, second))
     lag = lag_between(a, b, max(1, int(_MOST_LAG_S * machine.rate_hz / step)))
     for channel in machine.channels:
         if channel.name not in first.values or channel.name not in second.values or channel.joint in {None, *still}:
@@ -114,6 +114,12 @@ def apart(machine: Machine, first: Recording, second: Recording) -> tuple[float,
         return (max(motion) if motion else np.inf), np.inf
     # Over all of them: small ones are noise in good part.
     return (max(motion) if motion else np.inf), float(np.divide(*np.linalg.norm(np.array(effort), axis=0)))
+
+
+def _without_gaps(values: FloatArray) -> FloatArray:
+    """Values (N,) with straight lines over what is missing."""
+    known = np.flatnonzero(np.isfinite(values))
+    return np.interp(np.arange(len(values)), known, values[known]) if len(known) else np.zeros(len(values))
 
 
 def _stands(machine: Machine, joint: Joint, recording: Recording) -> bool:

@@ -14,6 +14,7 @@ from synthetic_arm import make_recordings, planar_machine, truth
 
 from daq.machine.machine_file import Channel, Machine
 from daq.recordings.recording import Recording
+from fitting.checks import check_recordings
 from fitting.checks.fast_noise import noise_findings
 from fitting.checks.findings import Finding
 from fitting.checks.magnitudes import magnitude_findings
@@ -287,3 +288,25 @@ def test_single_lost_rows_are_a_note_up_to_a_fifth(share: float, severity: str) 
     kept = np.random.default_rng(8).random(2000) > share
     found = time_findings(MACHINE, "run.csv", np.arange(2000)[kept] / MACHINE.rate_hz, {})
     assert [(own.code, own.severity) for own in found] == [("lost_rows", severity)]
+
+
+def test_other_rows_lost_in_each_run_do_not_make_another_motion_of_it() -> None:
+    """Laid row upon row without their clock, a fifth of the rows lost here and there shifts one against the other."""
+    whole = make_recordings(MACHINE, truth(2), [("train", 2), ("repeat", 2), ("validate", 3)])
+    rng = np.random.default_rng(9)
+    holed = []
+    for recording in whole:
+        kept = rng.random(len(recording)) > 0.2
+        values = {name: own[kept] for name, own in recording.values.items()}
+        holed.append(replace(recording, time=recording.time[kept], values=values))
+    assert named(list(check_recordings(MACHINE, holed))) == []
+
+
+def test_the_effort_of_a_joint_that_stands_may_have_few_levels() -> None:
+    def steps(values: np.ndarray) -> np.ndarray:
+        return np.round(values / (np.ptp(values) / 10)) * (np.ptp(values) / 10)
+
+    moves = spoilt("joint1.head", steps)
+    assert named(signal_findings(MACHINE, moves)) == [("coarse", "joint1.head")]
+    stands = spoilt("joint1.q", lambda q: np.full_like(q, q[0]), moves)
+    assert ("coarse", "joint1.head") not in named(signal_findings(MACHINE, stands))
