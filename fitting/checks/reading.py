@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from daq.errors import RecordingError
-from daq.machine.machine_file import Machine
+from daq.machine.machine_file import Channel, Machine
 from daq.quality import MEASURED
 from daq.recordings import recording_checks as gates
 from daq.recordings.column_map import ColumnMap
@@ -115,18 +115,7 @@ def read_leniently(
             to_si = machine.conversion(channel)
         value, wraps = unwrapped(machine, channel, np.where(np.isfinite(raw), to_si.to_si(raw), np.nan))
         if len(wraps):
-            found.append(
-                Finding(
-                    "wrap",
-                    f"{path}: {channel.name}: the encoder wraps {len(wraps)} times, the first at row {wraps[0] + 1} "
-                    f"({time[wraps[0]]:.6g} s)",
-                    "nothing has to be done: its turns are put back",
-                    joint=channel.joint,
-                    channel=channel.name,
-                    recording=str(path),
-                    severity="note",
-                )
-            )
+            found.append(_wrapped(path, channel, int(wraps[0]), len(wraps), time))
         values[channel.name] = value
     found += time_findings(machine, str(path), time, values)
     used = repaired_time(time, machine.rate_hz)
@@ -140,6 +129,19 @@ def read_leniently(
     if len(values) == len(machine.channels):
         gate("constant", lambda: gates.nothing_constant(path, machine, role, values))
     return Read(recording, tuple(found))
+
+
+def _wrapped(path: Path, channel: Channel, row: int, count: int, time: FloatArray) -> Finding:
+    """An encoder of one turn that begins anew within the motion, which is put right as it is read."""
+    return Finding(
+        "wrap",
+        f"{path}: {channel.name}: the encoder wraps {count} times, the first at row {row + 1} ({time[row]:.6g} s)",
+        "nothing has to be done: its turns are put back",
+        joint=channel.joint,
+        channel=channel.name,
+        recording=str(path),
+        severity="note",
+    )
 
 
 def _units(metadata: Mapping[str, str]) -> dict[str, str]:
