@@ -144,13 +144,14 @@ def mistakes(
     json: Annotated[bool, typer.Option("--json", help="Print checks and cases as JSON.")] = False,
 ) -> None:
     """People's mistakes on random machines: what the checks call them, and whom they accuse."""
+    from benchmarks.measured import DATA
     from benchmarks.mistakes import MISTAKES
     from benchmarks.mistakes.running import as_json, run
     from benchmarks.targets import missed
 
     if only is not None and not any(only in name for name in MISTAKES):
         raise InputError(f"--only {only}: is in no mistake's name; there are {', '.join(MISTAKES)}")
-    outcome, lines = run(cases, sound, seed, only, shown(json))
+    outcome, lines = run(cases, sound, seed, only, shown(json), DATA)
     if json:
         checks = [check.as_json() for check in outcome.checks]
         print_json({"benchmark": "mistakes", "seed": seed, "checks": checks, "cases": as_json(lines)})

@@ -613,3 +613,59 @@ def _(rig: Rig, rng: Rng) -> Made | None:
     order[500:520] = order[500:520][::-1]
     table = {k: np.asarray(v)[order] for k, v in rig.tables["train-1"].items()}
     return _made(replace(rig, tables={**rig.tables, "train-1": table}), "time_jump")
+
+
+# Later ones at the end: what is drawn for a mistake depends on its place.
+
+
+@_mistake("link a tenth as long")
+def _(rig: Rig, rng: Rng) -> Made | None:
+    # What the last three links are long bends little but their own wrists' efforts.
+    inner = [k for k, joint in enumerate(rig.machine.joints[:-3]) if abs(joint.dh.a) > 0.3]
+    if not inner:
+        return None
+    number = inner[int(rng.integers(len(inner)))]
+
+    def change(content: dict[str, Any]) -> None:
+        content["joints"][number]["dh"]["a"] /= 10
+
+    machine = edited(rig.machine, change)
+    return None if machine is None else _made(rig, "length", rig.names[number], machine=machine)
+
+
+def _slow(rig: Rig, factor: float) -> Rig:
+    """Rows that are said to be ``factor`` times further apart than they are, in file and machine file."""
+    machine = rig.machine.model_copy(update={"rate_hz": rig.machine.rate_hz / factor})
+    tables = {stem: {**table, "time": factor * np.asarray(table["time"])} for stem, table in rig.tables.items()}
+    return replace(rig, machine=machine, tables=tables)
+
+
+@_mistake("rows twenty times closer in time")
+def _(rig: Rig, rng: Rng) -> Made | None:
+    return _made(_slow(rig, 20.0), "wrong_rate")
+
+
+@_mistake("the same with recorded speeds")
+def _(rig: Rig, rng: Rng) -> Made | None:
+    if _channel(rig, "joint_position", rig.names[0]) is None:
+        return None
+    content = [{"name": f"{n}.speed", "quantity": "joint_velocity", "joint": n, "unit": "rad/s"} for n in rig.names]
+    machine = edited(rig.machine, lambda c: c["channels"].extend(content))
+    assert machine is not None
+    tables = {}
+    for stem, table in rig.tables.items():
+        angles = {n: np.asarray(table[_channel(rig, "joint_position", n) or ""]) for n in rig.names}
+        speeds = {f"{n}.speed": np.gradient(q, np.asarray(table["time"])) for n, q in angles.items()}
+        tables[stem] = {**table, **speeds}
+    return _made(_slow(replace(rig, machine=machine, tables=tables), 20.0), "wrong_rate")
+
+
+@_mistake("a noisy position sensor")
+def _(rig: Rig, rng: Rng) -> Made | None:
+    joint = _joint(rig, rng)
+    channel, own = _position(rig, joint, rng), rig.machine.joint(joint)
+    reach = own.cylinder.stroke if own.cylinder and not channel.endswith("angle") else np.ptp(own.limits.position)
+    some = ("train-1",) if rng.random() < 0.5 or rig.kind == "one" else ()
+    return _made(
+        changed(rig, channel, lambda v: v + 2e-3 * float(reach) * rng.standard_normal(len(v)), some), "noisy", joint
+    )

@@ -9,6 +9,7 @@ from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
+from scipy.interpolate import CubicSpline
 
 from benchmarks.attribution.recipe import draw_quality, largest
 from daq.machine.machine_file import Machine, machine_to_yaml
@@ -66,8 +67,10 @@ class Rig:
         return file, files
 
 
-def make_rig(kind: Kind, seed: int, *, effect: bool = False) -> Rig:
+def make_rig(kind: Kind, seed: int, *, effect: bool = False, parked: bool = False) -> Rig:
     """A random machine and its recordings; with ``effect`` half of them have one of the catalogue.
+
+    With ``parked`` some joints stand still in the second half of every loaded recording.
 
     ``single`` has the joint's or the piston's sensor only, and no `unloaded` recording half of the time.
     """
@@ -79,6 +82,8 @@ def make_rig(kind: Kind, seed: int, *, effect: bool = False) -> Rig:
         make = folding_arm if rng.random() < 0.5 else slewing_arm
         plan = plan_case(make(int(rng.integers(2**31))), int(rng.integers(2**31)), _SECONDS)
     quality = draw_quality(rng)
+    if parked:
+        plan = _parked(plan, np.random.default_rng([4712, seed]))
     specs, named = [], None
     if effect and rng.random() < _WITH_EFFECT:
         named, spec = _effect(plan, rng)
@@ -92,6 +97,35 @@ def make_rig(kind: Kind, seed: int, *, effect: bool = False) -> Rig:
     if kept == "joint_position" or rng.random() < 0.5:
         rig = replace(rig, tables={stem: table for stem, table in rig.tables.items() if stem != "unloaded"})
     return rig
+
+
+def _parked(plan: CasePlan, rng: np.random.Generator) -> CasePlan:
+    """The plan with the time of some joints (one at least) running out in the middle of each motion, smoothly."""
+    joints = [joint.name for joint in plan.machine.joints]
+    still = set(rng.choice(joints, int(rng.integers(1, len(joints) + 1)), replace=False))
+    motions = {}
+    for stem, motion in plan.motions.items():
+        own = motion.time - motion.duration / 2
+        slowed = 0.5 * (own - np.hypot(own, 0.5))
+        slowed -= slowed[0]
+        moved = [
+            CubicSpline(motion.time, column)(slowed) if name in still and stem != "unloaded" else column
+            for name, column in zip(motion.joints, motion.positions.T, strict=True)
+        ]
+        motions[stem] = replace(motion, positions=np.stack(moved, axis=1))
+    motions["repeat"] = motions["train-1"]
+    return replace(plan, motions=motions)
+
+
+def with_lost_rows(rig: Rig, rng: np.random.Generator) -> Rig:
+    """Single rows missing at random, from thirty to a fifth of each recording."""
+    share = float(rng.choice([0.015, 0.05, 0.2]))
+    tables = {}
+    for stem, table in rig.tables.items():
+        kept = rng.random(len(table["time"])) > share
+        kept[[0, -1]] = True
+        tables[stem] = {name: np.asarray(column)[kept] for name, column in table.items()}
+    return replace(rig, tables=tables)
 
 
 def _effect(plan: CasePlan, rng: np.random.Generator) -> tuple[str, EffectSpec]:

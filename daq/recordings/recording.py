@@ -22,6 +22,7 @@ from daq.machine.machine_file import Machine
 from daq.quality import MEASURED
 from daq.recordings import recording_checks as checks
 from daq.recordings.column_map import ColumnMap
+from daq.recordings.encoder_wraps import unwrapped, wrap_text
 from daq.recordings.recorded_events import RecordedEvent, recorded_events
 from daq.recordings.recording_files import Table, write_table
 from daq.recordings.recording_source import load_table, stored_notes, units_on_disk
@@ -31,7 +32,8 @@ SCHEMA = "hilfit/recording/1"
 #: ``unloaded``: rods unpinned, F_l = 0. ``train``, ``repeat`` (the same motion again), ``validate`` (another
 #: motion, nothing is ever selected on it), ``operation`` (whatever the machine did).
 ROLES = ("unloaded", "train", "repeat", "validate", "operation")
-MINIMUM_SECONDS = 8.0
+#: s; what is shorter holds no motion. How much a motion tells is for the identification to say, not for a clock.
+MINIMUM_SECONDS = 1.0
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -60,6 +62,7 @@ class Recording:
     utc_ns : (N,) ns since 1970 of SYNC, if the file had it
     notes : lines that say what was done to the file's values on the way here
     events : what happened to devices and buses meanwhile, where the recorder wrote it down
+    bridged : (N,) True in rows of which a value was not measured and stands between measured ones; None: in none
     """
 
     machine: str
@@ -75,6 +78,7 @@ class Recording:
     utc_ns: IntArray | None = None
     notes: tuple[str, ...] = ()
     events: tuple[RecordedEvent, ...] = ()
+    bridged: npt.NDArray[np.bool_] | None = None
 
     def __len__(self) -> int:
         return len(self.time)
@@ -94,7 +98,14 @@ class Recording:
             quality=_cut(self.quality, part),
             cycle=None if self.cycle is None else self.cycle[part],
             utc_ns=None if self.utc_ns is None else self.utc_ns[part],
+            bridged=None if self.bridged is None else self.bridged[part],
         )
+
+    @property
+    def joined(self) -> npt.NDArray[np.bool_]:
+        """For every step between rows (N-1,) whether it is one period of the clock and of the counter."""
+        joined = checks.regular_steps(self.time, self.rate_hz)
+        return joined if self.cycle is None else joined & (np.diff(self.cycle) == 1)
 
     def segments(self, channels: tuple[str, ...] | list[str] | None = None) -> tuple[slice, ...]:
         """Maximal runs of rows without a missing value in ``channels`` (default: all) and without a missing cycle.
@@ -104,10 +115,7 @@ class Recording:
         present = np.ones(len(self.time), dtype=bool)
         for name in self.values if channels is None else channels:
             present &= np.isfinite(self.values[name])
-        joined = checks.regular_steps(self.time, self.rate_hz)
-        if self.cycle is not None:
-            joined = joined & (np.diff(self.cycle) == 1)
-        return checks.runs(present, joined)
+        return checks.runs(present, self.joined)
 
 
 def read_recording(
@@ -158,6 +166,9 @@ def read_recording(
             value = np.where(np.isin(flags, MEASURED), value, np.nan)
         if f"{name}.age" in table.columns:
             age[name] = _frozen(np.asarray(table.columns[f"{name}.age"], dtype=np.float64))
+        value, wraps = unwrapped(machine, channel, value)
+        if len(wraps):
+            notes = (*notes, f"{path}: {wrap_text(name, wraps, time)}")
         values[name] = _frozen(value)
     utc_ns = _integers(path, "utc_ns", table)
     recording = Recording(

@@ -23,7 +23,8 @@ PRESSURES = frozenset({"head_pressure", "rod_pressure", "supply_pressure", "tank
 
 RATE_TOLERANCE = 0.01  # of the nominal period, on the median step: below any clock, above rounding of printed times
 STEP_TOLERANCE = 0.25  # of the nominal period, on a single step: sampling jitter, not a lost row
-GAP_SHARE = 0.02  # of the steps: a foreign file may have this many holes before its rate is in doubt
+GAP_SHARE = 0.02  # of the steps: a foreign file may have this many uneven ones before its rate is in doubt
+LOST_SHARE = 0.25  # of the steps may be several periods long: where every fifth row is lost, so many are
 SATURATED_ROWS = 3  # consecutive samples at a limit; noise alone hardly makes three
 STUCK_ROWS = 8  # consecutive samples at the extreme of a signal that elsewhere hardly ever repeats itself
 KEPT, AS_FAST = 4, 0.5  # rows that a value is kept at least, share of the usual change in them at which it is reached
@@ -36,6 +37,23 @@ MISMATCH = 0.1  # of the stroke, between piston encoder and linkage: far above o
 def regular_steps(time: FloatArray, rate_hz: float) -> BoolArray:
     """For every step between rows whether it is one period (within jitter); shape (N-1,)."""
     return np.asarray(np.abs(np.diff(time) * rate_hz - 1.0) <= STEP_TOLERANCE)
+
+
+def lost_between(time: FloatArray, rate_hz: float) -> npt.NDArray[np.int64]:
+    """Rows that are lost in every step between two: 0 also where a step is no whole number of periods; (N-1,)."""
+    periods = np.diff(time) * rate_hz
+    whole = np.rint(periods)
+    return np.where(np.abs(periods - whole) <= STEP_TOLERANCE, np.maximum(whole - 1, 0), 0).astype(np.int64)
+
+
+def uneven_steps(time: FloatArray, rate_hz: float) -> npt.NDArray[np.int64]:
+    """Places of the steps that put a rate in doubt: too many that are no whole number of periods, or rows lost."""
+    irregular, lost = ~regular_steps(time, rate_hz), lost_between(time, rate_hz) > 0
+    odd = irregular & ~lost
+    if np.count_nonzero(odd) > max(1, int(GAP_SHARE * len(odd))):
+        return np.flatnonzero(odd)
+    many = np.count_nonzero(lost) > max(1, int(LOST_SHARE * len(lost)))
+    return np.flatnonzero(lost) if many else np.zeros(0, dtype=np.int64)
 
 
 def runs(inside: BoolArray, joined: BoolArray | None = None) -> tuple[slice, ...]:
@@ -110,10 +128,8 @@ def same_rate(one_hz: float, other_hz: float) -> bool:
 
 def runs_at(time: FloatArray, rate_hz: float) -> bool:
     """Whether an increasing clock runs at a rate, with few holes: what :func:`time_runs` asks for."""
-    steps = np.diff(time)
-    irregular = np.count_nonzero(~regular_steps(time, rate_hz))
-    few = int(irregular) <= max(1, int(GAP_SHARE * len(steps)))
-    return few and same_rate(1.0 / float(np.median(steps)), rate_hz)
+    few = not len(uneven_steps(time, rate_hz))
+    return few and same_rate(1.0 / float(np.median(np.diff(time))), rate_hz)
 
 
 def time_increases(path: Path, time: FloatArray) -> None:
@@ -147,8 +163,8 @@ def time_runs(path: Path, time: FloatArray, rate_hz: float) -> None:
         raise RecordingError(
             f"{path}: time: sampled at {rate:.6g} Hz, the machine file says rate_hz {rate_hz:g}; {cure}"
         )
-    irregular = np.flatnonzero(~regular_steps(time, rate_hz))
-    if len(irregular) > max(1, int(GAP_SHARE * len(steps))):
+    irregular = uneven_steps(time, rate_hz)
+    if len(irregular):
         row = int(irregular[0])
         raise RecordingError(
             f"{path}: time: {len(irregular)} of {len(steps)} steps are not 1/{rate_hz:g} s, the first after row "

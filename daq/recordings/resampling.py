@@ -24,8 +24,9 @@ BoolArray = npt.NDArray[np.bool_]
 ATTENUATION_DB = 70.0
 #: Of the lower Nyquist frequency: up to here nothing is lost.
 PASSBAND = 0.8
-#: Of the median step: a longer one has lost a sample. Half a step more than one is where a second sample would be due.
-GAP_STEPS = 1.5
+#: Of the median step: a longer one has lost more than a single sample, which is interpolated as uneven ones are. Half a
+#: step more than two is where a third sample would be due.
+GAP_STEPS = 2.5
 #: Of the median step: samples as far as this from an even grid are on it. A signal of a tenth of the rate is then wrong
 #: by at most 2 pi 0.1 0.001 = 6e-4 of its amplitude.
 EVEN = 0.001
@@ -107,7 +108,7 @@ def resample(time: FloatArray, columns: Mapping[str, FloatArray], rate_hz: float
 
 
 def _runs(time: FloatArray, rate: float) -> Iterator[slice]:
-    """Stretches without a lost sample."""
+    """Stretches that lack no more than single samples."""
     ends = np.flatnonzero(np.diff(time) * rate > GAP_STEPS) + 1
     for start, stop in zip([0, *ends.tolist()], [*ends.tolist(), len(time)], strict=True):
         if stop > start:

@@ -21,7 +21,9 @@ from daq.recordings.column_map import ColumnMap
 from daq.recordings.recording import Recording
 from fitting.arm.joint_side import at_joints
 from fitting.checks.beginning import beginning_findings
+from fitting.checks.fast_noise import noise_findings
 from fitting.checks.findings import Finding
+from fitting.checks.inertias import inertia_findings
 from fitting.checks.machine_numbers import machine_findings
 from fitting.checks.magnitudes import magnitude_findings
 from fitting.checks.mistakes.areas import AreaRatio, area_ratios
@@ -38,8 +40,10 @@ from fitting.checks.mistakes.two_sensors import Disagreement, disagreements
 from fitting.checks.motions import motion_findings
 from fitting.checks.places import Places
 from fitting.checks.reading import read_leniently
+from fitting.checks.recorded_speeds import speed_findings
 from fitting.checks.recordings_apart import recordings_apart, rods_for_a_time
 from fitting.checks.signal_faults import signal_findings
+from fitting.signals.lost_rows import bridged, with_lost_rows
 
 FloatArray = npt.NDArray[np.float64]
 _log = logging.getLogger(__name__)
@@ -49,6 +53,8 @@ _log = logging.getLogger(__name__)
 GROSS, _CARRIES = 0.55, 0.1
 #: A misfit up to this many times another one explains as much.
 _AS_WELL = 1.2
+#: s; gaps up to this are bridged before recordings are compared with anything.
+_BRIDGED_S = 0.1
 #: Findings of a recording's own file that make its values useless for what follows.
 _SPOILS = (
     "time_jump",
@@ -94,6 +100,7 @@ _CONSEQUENCES = {
         "wrong_role",
     ),
     "frozen": ("held",),
+    "noisy": ("unit", "scale", "outliers", "dropouts", "jump", "wrap", "held", "coarse", "frozen"),
     "same_motion": ("same_recording",),
 }
 
@@ -157,12 +164,16 @@ def check_recordings(
     """
     places = places or Places()
     result = [*found, *machine_findings(machine, places)]
+    recordings = [with_lost_rows(recording) for recording in recordings]
     for recording in recordings:
         result += signal_findings(machine, recording)
+    result += noise_findings(machine, recordings)
+    recordings = [bridged(recording, max(1, round(_BRIDGED_S * recording.rate_hz))) for recording in recordings]
     magnitudes = [f for f in magnitude_findings(machine, recordings) if not _spoilt(f, result)]
     result += magnitudes
     result += motion_findings(machine, recordings)
     result += beginning_findings(machine, recordings)
+    result += speed_findings(machine, recordings)
     usable, known = _usable(machine, recordings, result)
     if known and not any(f.code in ("time_unit", "wrong_rate", "out_of_range") for f in result):
         try:
@@ -267,6 +278,8 @@ def _together(machine: Machine, recordings: Sequence[Recording], places: Places)
     if clock is not None:
         found.append(_of_clock(clock))
         trial = trial.with_samples(clock.samples)
+    if inertias := inertia_findings(trial):
+        return [*found, *inertias]
     searched = search(trial)
     ratios = {own.joint: own for own in area_ratios(searched.trial) if own.wrong}
     # A bore or rod of a list is worse than the ratio of the areas as it is estimated, where that explains as much or an

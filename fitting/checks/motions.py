@@ -7,10 +7,13 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
-from daq.machine.machine_file import Machine
+from daq.machine.machine_file import Joint, Machine
 from daq.recordings.recording import Recording
 from fitting.checks.findings import Finding
 from fitting.signals.filters import lag_between
+from fitting.signals.preparation import STILL, reach
+
+POSITIONS = ("joint_position", "piston_position")
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -22,8 +25,6 @@ _ROWS = 600
 _SAME, _OTHER = 0.02, 0.2
 #: Efforts of the same motion on the same day differ by less than this share: otherwise something else was changed.
 _SAME_EFFORT = 0.15
-#: A joint stands still within this share of its range of motion.
-_STILL = 2e-3
 
 
 def motion_findings(machine: Machine, recordings: Sequence[Recording]) -> list[Finding]:
@@ -81,19 +82,20 @@ def apart(machine: Machine, first: Recording, second: Recording) -> tuple[float,
     step = max(1, min(len(first), len(second)) // _ROWS)
     motion: list[float] = []
     effort: list[tuple[float, float]] = []
+    still = {j.name for j in machine.joints if all(_stands(machine, j, recording) for recording in (first, second))}
     columns = [
         c.name
         for c in machine.channels
-        if c.quantity in ("joint_position", "piston_position") and c.name in first.values and c.name in second.values
+        if c.quantity in POSITIONS and c.joint not in still and c.name in first.values and c.name in second.values
     ]
     spreads = {name: float(np.nanstd(first.values[name])) for name in columns}
     columns = [name for name in columns if spreads[name] > 0]
     if not columns:
         return np.inf, np.inf
-    a, b = (np.nan_to_num(np.stack([r.values[n][::step] for n in columns], axis=1)) for r in (first, second))
+    a, b = (np.stack([_without_gaps(r.values[n])[::step] for n in columns], axis=1) for r in (first, second))
     lag = lag_between(a, b, max(1, int(_MOST_LAG_S * machine.rate_hz / step)))
     for channel in machine.channels:
-        if channel.name not in first.values or channel.name not in second.values or channel.joint is None:
+        if channel.name not in first.values or channel.name not in second.values or channel.joint in {None, *still}:
             continue
         left, right = first.values[channel.name][::step], second.values[channel.name][::step]
         left, right = left[max(0, -lag) :], right[max(0, lag) :]
@@ -114,32 +116,33 @@ def apart(machine: Machine, first: Recording, second: Recording) -> tuple[float,
     return (max(motion) if motion else np.inf), float(np.divide(*np.linalg.norm(np.array(effort), axis=0)))
 
 
+def _without_gaps(values: FloatArray) -> FloatArray:
+    """Values (N,) with straight lines over what is missing."""
+    known = np.flatnonzero(np.isfinite(values))
+    return np.interp(np.arange(len(values)), known, values[known]) if len(known) else np.zeros(len(values))
+
+
+def _stands(machine: Machine, joint: Joint, recording: Recording) -> bool:
+    """Whether a joint stays within a small share of its reach in a recording; single wrong values do not count."""
+    channel = machine.channel("joint_position", joint.name) or machine.channel("piston_position", joint.name)
+    values = None if channel is None else recording.values.get(channel.name)
+    if channel is None or values is None or not np.isfinite(values).any():
+        return False
+    moved = float(np.subtract(*np.nanpercentile(values, [99, 1])))
+    return moved < STILL * reach(joint, channel.quantity == "piston_position")
+
+
 def _parked(machine: Machine, recordings: Sequence[Recording]) -> list[Finding]:
-    """Joints that stand still in all loaded recordings, and stretches at rest: said, nothing more."""
-    found = []
+    """Joints that stand still in all loaded recordings: said, nothing more."""
     loaded = [r for r in recordings if r.role != "unloaded"]
-    for joint in machine.joints:
-        quantity = "joint_position" if machine.channel("joint_position", joint.name) else "piston_position"
-        channel = machine.channel(quantity, joint.name)
-        if channel is None or not loaded:
-            continue
-        span = float(np.subtract(*joint.limits.position[::-1]))
-        if quantity == "piston_position" and joint.cylinder is not None:
-            span = joint.cylinder.stroke
-        ranges = []
-        for recording in loaded:
-            values = recording.values.get(channel.name)
-            if values is not None and np.isfinite(values).any():
-                ranges.append(float(np.subtract(*np.nanpercentile(values, [99, 1]))))
-        if ranges and max(ranges) < _STILL * span:
-            found.append(
-                Finding(
-                    "parked",
-                    f"{joint.name}: stands still in all recordings",
-                    "nothing has to be done: its rows are left out; move it if its parameters are wanted",
-                    joint=joint.name,
-                    severity="note",
-                    before=max(ranges),
-                )
-            )
-    return found
+    return [
+        Finding(
+            "parked",
+            f"{joint.name}: stands still in all recordings",
+            "nothing has to be done: its rows are left out; move it if its parameters are wanted",
+            joint=joint.name,
+            severity="note",
+        )
+        for joint in machine.joints
+        if loaded and all(_stands(machine, joint, recording) for recording in loaded)
+    ]

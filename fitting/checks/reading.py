@@ -15,10 +15,11 @@ import numpy as np
 import numpy.typing as npt
 
 from daq.errors import RecordingError
-from daq.machine.machine_file import Machine
+from daq.machine.machine_file import Channel, Machine
 from daq.quality import MEASURED
 from daq.recordings import recording_checks as gates
 from daq.recordings.column_map import ColumnMap
+from daq.recordings.encoder_wraps import unwrapped
 from daq.recordings.foreign_files import is_foreign
 from daq.recordings.recording import MINIMUM_SECONDS, ROLES, Recording
 from daq.recordings.recording_files import read_table
@@ -112,7 +113,10 @@ def read_leniently(
             to_si = conversion(units.get(channel.name, channel.unit), machine.si_unit(channel))
         except ValueError:
             to_si = machine.conversion(channel)
-        values[channel.name] = np.where(np.isfinite(raw), to_si.to_si(raw), np.nan)
+        value, wraps = unwrapped(machine, channel, np.where(np.isfinite(raw), to_si.to_si(raw), np.nan))
+        if len(wraps):
+            found.append(_wrapped(path, channel, int(wraps[0]), len(wraps), time))
+        values[channel.name] = value
     found += time_findings(machine, str(path), time, values)
     used = repaired_time(time, machine.rate_hz)
     recording = Recording(machine.name, role, str(path), table.sha256, machine.rate_hz, used, values)
@@ -125,6 +129,19 @@ def read_leniently(
     if len(values) == len(machine.channels):
         gate("constant", lambda: gates.nothing_constant(path, machine, role, values))
     return Read(recording, tuple(found))
+
+
+def _wrapped(path: Path, channel: Channel, row: int, count: int, time: FloatArray) -> Finding:
+    """An encoder of one turn that begins anew within the motion, which is put right as it is read."""
+    return Finding(
+        "wrap",
+        f"{path}: {channel.name}: the encoder wraps {count} times, the first at row {row + 1} ({time[row]:.6g} s)",
+        "nothing has to be done: its turns are put back",
+        joint=channel.joint,
+        channel=channel.name,
+        recording=str(path),
+        severity="note",
+    )
 
 
 def _units(metadata: Mapping[str, str]) -> dict[str, str]:

@@ -12,10 +12,11 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 
-from daq.machine.machine_file import Channel, Machine
+from daq.machine.machine_file import Channel, Joint, Machine
 from daq.recordings.recording import Recording
 from daq.recordings.recording_checks import cut_off, piled_up, regular_steps
 from fitting.checks.findings import Finding
+from fitting.signals.preparation import parked, reach
 
 FloatArray = npt.NDArray[np.float64]
 BoolArray = npt.NDArray[np.bool_]
@@ -24,8 +25,8 @@ POSITIONS = ("joint_position", "piston_position", "motor_position")
 PRESSURES = ("head_pressure", "rod_pressure")
 #: s that a value has to stay the same at least, and chance of such a run that is too small.
 _FROZEN_S, _CHANCE = 0.3, 1e-9
-#: A signal of fewer levels is coarse.
-_LEVELS = 16
+#: A signal of fewer levels is coarse, but for the effort of a joint that stands for more than this share of the time.
+_LEVELS, _STANDS = 16, 0.25
 #: A position has to be resolved better: speeds and accelerations are differences of it.
 _POSITION_LEVELS = 100
 #: A position that changes by less than this share of its travel stands still: few values are then no fault.
@@ -57,7 +58,15 @@ def signal_findings(machine: Machine, recording: Recording) -> list[Finding]:
             piston = channel.quantity == "piston_position" and joint.cylinder is not None
             travel = joint.cylinder.stroke if piston and joint.cylinder else float(np.ptp(joint.limits.position))
         own = next(
-            _of_channel(channel, np.asarray(values), joined, recording, travel, _other(machine, recording, channel)),
+            _of_channel(
+                channel,
+                np.asarray(values),
+                joined,
+                recording,
+                travel,
+                _other(machine, recording, channel),
+                parked=_parked(machine, joint, recording),
+            ),
             None,
         )
         if own is not None:
@@ -72,10 +81,12 @@ def _of_channel(
     recording: Recording,
     travel: float,
     other: FloatArray | None,
+    parked: bool,
 ) -> Iterator[Finding]:
     """What is wrong with a channel, the most telling first.
 
-    ``travel`` is the range of a position, 0 of an effort; ``other`` the joint's other position sensor.
+    ``travel`` is the range of a position, 0 of an effort; ``other`` the joint's other position sensor; ``parked`` says
+    that the joint stands for much of the recording.
     """
     time, rate = recording.time, recording.rate_hz
     known = np.isfinite(values)
@@ -87,12 +98,23 @@ def _of_channel(
     changing = steps[steps != 0]
     if len(changing) == 0:
         return
-    yield from _coarse(channel, values[known], span, travel)
+    if travel or not parked:  # an effort that only holds has few levels
+        yield from _coarse(channel, values[known], span, travel)
     yield from _dropouts(channel, values, steps, span, time)
     yield from _held(channel, steps, rate)
     yield from _clipped(channel, values[known])
     yield from _frozen(channel, values, steps, joined, time, rate, other)
     yield from _jumps(channel, values, steps, span, time)
+
+
+def _parked(machine: Machine, joint: Joint, recording: Recording) -> bool:
+    """Whether a joint stands for more than :data:`_STANDS` of a recording."""
+    channel = machine.channel("joint_position", joint.name) or machine.channel("piston_position", joint.name)
+    x = None if channel is None else recording.values.get(channel.name)
+    if channel is None or x is None or not np.isfinite(x).any():
+        return False
+    own = reach(joint, channel.quantity == "piston_position")
+    return float(np.mean(parked(x[np.isfinite(x)], own, recording.rate_hz))) > _STANDS
 
 
 def _coarse(channel: Channel, values: FloatArray, span: float, travel: float) -> Iterator[Finding]:
@@ -201,9 +223,8 @@ def _jumps(channel: Channel, values: FloatArray, steps: FloatArray, span: float,
     if alike and ((len(lasting) >= 2 and np.any(signs > 0) and np.any(signs < 0)) or round_turn):
         yield Finding(
             "wrap",
-            f"{channel.name}: jumps by {turn:.4g} to and fro {len(lasting)} times (the first at "
-            f"{time[lasting[0]]:.6g} s): "
-            "the encoder wraps within the motion",
+            f"{channel.name}: jumps by {turn:.4g} to and fro {len(lasting)} times (the first at row "
+            f"{lasting[0] + 2}, {time[lasting[0] + 1]:.6g} s): the encoder wraps within the motion",
             "move the encoder's zero out of the range of motion, or unwrap it in the device",
             before=turn,
             strength=6.0,
@@ -231,7 +252,7 @@ def _frozen(
     other: FloatArray | None,
 ) -> Iterator[Finding]:
     """The same value for longer than chance allows, while the signal comes back with a jump or is noisy elsewhere."""
-    equal = joined & (steps == 0) & np.isfinite(values[1:])
+    equal = joined & (steps == 0) & np.isfinite(values[1:]) & np.isfinite(values[:-1])
     edges = np.flatnonzero(np.diff(np.concatenate([[0], equal.astype(np.int8), [0]])))
     starts, stops = edges[::2], edges[1::2]
     if len(starts) == 0:

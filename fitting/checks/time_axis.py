@@ -6,15 +6,16 @@ import numpy as np
 import numpy.typing as npt
 
 from daq.machine.machine_file import Machine
-from daq.recordings.recording_checks import GAP_SHARE, RATE_TOLERANCE, regular_steps
+from daq.recordings.recording_checks import RATE_TOLERANCE, regular_steps, uneven_steps
 from fitting.checks.findings import Finding
 
 FloatArray = npt.NDArray[np.float64]
 
 #: What a time in another unit is too large by.
 _UNITS = {1e3: "milliseconds", 1e6: "microseconds", 1e9: "nanoseconds", 1 / 60: "minutes", 1 / 3600: "hours"}
-#: Share of the time that may be lost before it is more than a remark, and s of a pause.
-_LOST, _PAUSE_S = 0.05, 2.0
+#: Share of the time that may be lost before it is more than a remark, in gaps longer than so many s (shorter ones are
+#: bridged) and in all; s of a pause.
+_LOST, _LONG_S, _LOST_IN_ALL, _PAUSE_S = 0.05, 0.12, 0.25, 2.0
 _CONTINUES = 4.0
 
 
@@ -113,14 +114,16 @@ def _holes(machine: Machine, file: str, time: FloatArray, values: dict[str, Floa
         odd = np.setdiff1d(odd, went_on)
     if len(odd):
         share = lost / float(time[-1] - time[0])
-        many = share > _LOST or len(odd) > GAP_SHARE * len(steps)
+        long = odd[steps[odd] > _LONG_S + 1 / rate]
+        in_long = float(np.sum(steps[long] - 1 / rate)) / float(time[-1] - time[0])
+        many = in_long > _LOST or share > _LOST_IN_ALL or len(uneven_steps(time, rate)) > 0
         found.append(
             Finding(
                 "lost_rows",
                 f"{file}: time: {len(odd)} gaps, {max(lost, 0.0):.3g} s in all, the first at {time[odd[0]]:.6g} s",
                 "look after the bus or the recorder"
                 if many
-                else "nothing has to be done: rows beside a gap are left out",
+                else "nothing has to be done: short gaps are bridged, and rows beside long ones left out",
                 recording=file,
                 severity="mistake" if many else "note",
                 before=share,

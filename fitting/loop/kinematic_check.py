@@ -155,7 +155,7 @@ def _left(state: _State, other: _State, joint: int, by: _State) -> float:
 
     def left(one: _State) -> float:
         design = one.prepared.design
-        values = [rows.whitening(design.bank.reduce(design.segments[i].gap[:, joint])) for i in rows.indices]
+        values = rows.whitened([design.segments[i].gap[:, joint] for i in rows.indices])
         return float(sum(v @ v for v in values))
 
     return left(state) - left(other)

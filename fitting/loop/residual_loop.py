@@ -101,6 +101,8 @@ class SessionSignals:
         """
         if self._replicas is None or self._replicas[0] is not model:
             self._replicas = model, self._replicas_of(model), {}
+        if not self._replicas[1].usable:
+            return [None for _ in terms]
         found: list[list[Score]] = [[] for _ in terms]
         for number in range(draws):
             for place, score in self._on_replica(*self._replicas, first + number, terms).items():
@@ -142,7 +144,7 @@ class SessionSignals:
             return self._session.with_efforts(self._moved_alike[number], recordings)
         design = model.design
         options = Options(bandwidth_hz=design.bank.bandwidth_hz)
-        session = Session(design.machine, recordings, options, in_memory=not design.stored)
+        session = Session(design.machine, recordings, options, in_memory=not design.stored, synthetic=True)
         replica = session.prepared(Corrections(design.machine), noise=model.noise)
         if not replica.design.stored and (len(self._moved_alike) + 1) * replica.design.numbers < _MOST_NUMBERS:
             self._moved_alike[number] = replica

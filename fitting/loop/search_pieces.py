@@ -142,6 +142,7 @@ def thinned(recording: Recording, pieces: Sequence[slice]) -> Recording:
         quality=tables[2],  # type: ignore[arg-type]
         cycle=None if first.cycle is None else np.concatenate([c.cycle for c in cuts if c.cycle is not None]),
         utc_ns=None if first.utc_ns is None else np.concatenate([c.utc_ns for c in cuts if c.utc_ns is not None]),
+        bridged=None if first.bridged is None else np.concatenate([c.bridged for c in cuts if c.bridged is not None]),
     )
 
 

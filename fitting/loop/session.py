@@ -38,6 +38,7 @@ from fitting.residual.terms import Model, fit_model
 from fitting.signals.bus_delays import expected_delays
 from fitting.signals.corrections import Corrections
 from fitting.signals.filters import FilterBank, filter_bank
+from fitting.signals.lost_rows import bridged, longest_bridge, with_lost_rows
 from fitting.signals.motion_frequency import motion_frequency
 from fitting.signals.preparation import (
     PositionNoise,
@@ -171,9 +172,11 @@ class Session:
     ----------
     machine, described : with channels at the joints, and as the machine file has it
     given : the recordings as they were given
+    measured : the same with channels at the joints, and with a row of missing values for every one that was lost
     left_out : a line for each recording of which rows are left out
     file : the machine file, if it came from one
     in_memory : True where signals and columns are kept in memory, however many they are
+    synthetic : True where the recordings were made of a model: they are taken as they are
     """
 
     def __init__(
@@ -184,14 +187,18 @@ class Session:
         file: Path | None = None,
         *,
         in_memory: bool = False,
+        synthetic: bool = False,
     ) -> None:
         options = options or Options()
         self.described = machine
         if not any(r.role in ("train", "operation") for r in recordings):
             raise InputError("no training recording; give at least one with --train (or --operation)")
         self.given = tuple(recordings)
-        self.machine, measured = at_joints(machine, recordings)
-        self.recordings, self.left_out = with_rods_as_said(self.machine, measured)
+        self.machine, self.measured, self.left_out = machine, tuple(recordings), tuple[str, ...]()
+        self.synthetic = synthetic
+        if not synthetic:
+            self.machine, measured = at_joints(machine, [with_lost_rows(own) for own in recordings])
+            self.measured, self.left_out = with_rods_as_said(self.machine, measured)
         self.options = options
         self.file = file
         self.in_memory = in_memory
@@ -227,7 +234,12 @@ class Session:
     def at_bandwidth(self, bandwidth_hz: float) -> Session:
         """The same recordings with another identification bandwidth; everything is computed anew."""
         options = replace(self.options, bandwidth_hz=bandwidth_hz)
-        return Session(self.machine, self.recordings, options, in_memory=self.in_memory)
+        return Session(self.machine, self.measured, options, in_memory=self.in_memory)
+
+    @cached_property
+    def recordings(self) -> tuple[Recording, ...]:
+        """The recordings with channels at the joints, and with what few rows are missing bridged."""
+        return tuple(bridged(own, longest_bridge(self.bank)) for own in self.measured)
 
     @cached_property
     def bank(self) -> FilterBank:
@@ -246,7 +258,7 @@ class Session:
     @cached_property
     def motion_frequency(self) -> float:
         """Frequency in Hz below which the motion is (:func:`fitting.signals.motion_frequency.motion_frequency`)."""
-        return motion_frequency(self.machine, self.recordings, in_pieces=self.long)
+        return motion_frequency(self.machine, self.measured, in_pieces=self.long)
 
     @property
     def long(self) -> bool:
@@ -260,7 +272,7 @@ class Session:
     @property
     def _samples(self) -> int:
         """Of all joints together."""
-        return sum(len(r) for r in self.recordings) * len(self.machine.joints)
+        return sum(len(r) for r in self.measured) * len(self.machine.joints)
 
     @cached_property
     def search(self) -> Search:
@@ -340,6 +352,7 @@ class Session:
             position_error=corrections.position_error,
             play=corrections.play,
             long=self.long,
+            synthetic=self.synthetic,
         )
         store = storing(self.bank, Scratch()) if self.long else None
         design = build_design(machine, self.base, self.bank, self.position_noise, segments, store)

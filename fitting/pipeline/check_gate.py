@@ -58,7 +58,7 @@ def with_explanation(request: Request, of: Callable[[], _T]) -> _T:
 
 def checked(session: Session) -> tuple[Finding, ...]:
     """Findings on a session's recordings."""
-    return tuple(check_recordings(session.machine, session.recordings, places=Places.of(session.file)))
+    return tuple(check_recordings(session.machine, session.measured, places=Places.of(session.file)))
 
 
 def for_report(findings: Sequence[Finding]) -> list[dict[str, Any]]:

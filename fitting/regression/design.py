@@ -25,6 +25,7 @@ from fitting.arm.base_parameters import BaseParameters, base_regressor
 from fitting.regression.drive import drive_columns, drive_names, known_effort
 from fitting.regression.solving import WhiteRows
 from fitting.signals.filters import FilterBank
+from fitting.signals.lost_rows import hidden
 from fitting.signals.preparation import PositionNoise, Segment
 from fitting.signals.spectrum import Whitening, unit_whitening
 
@@ -34,6 +35,8 @@ BoolArray = npt.NDArray[np.bool_]
 #: A reduced row is dropped when the element rests during more than this share of its filter window. At rest friction is
 #: anything between plus and minus the Coulomb friction, which is tens of standard deviations of a row.
 REST_SHARE = 0.02
+#: And when so much of its weight lies on rows that are made up.
+MADE_UP_SHARE = 0.5
 
 
 @dataclass(frozen=True)
@@ -215,6 +218,7 @@ def _blocks(
         known = known_effort(joint, segment.v[:, number], segment.a[:, number], external)
         target = segment.effort[:, number] - known
         keep = _driven(joint.cylinder is not None or segment.loaded, moving_rows(bank, segment.rest[:, number]))
+        keep &= told_rows(bank, segment)
         reduced = bank.reduce(np.column_stack([target, columns]))
         blocks.append(JointBlock(target, columns, known, reduced[:, 0], reduced[:, 1:], keep))
     return blocks
@@ -230,6 +234,13 @@ def _drive_columns(parameters: Parameters, noise: Sequence[PositionNoise], segme
 def moving_rows(bank: FilterBank, rest: BoolArray) -> BoolArray:
     """Reduced rows (M,) whose filter window has next to no rest (N,) in it."""
     return np.abs(bank.reduce(rest.astype(float))) < REST_SHARE
+
+
+def told_rows(bank: FilterBank, segment: Segment) -> BoolArray:
+    """Reduced rows (M,) that do not rest on what is made up where a gap hides something of the band."""
+    if segment.bridged is None:
+        return np.ones(bank.rows(len(segment)), dtype=bool)
+    return np.abs(bank.reduce(hidden(segment.bridged, bank.decimation).astype(float))) < MADE_UP_SHARE
 
 
 def _driven(says_something: bool, keep: BoolArray) -> BoolArray:

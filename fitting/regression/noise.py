@@ -18,7 +18,8 @@ import numpy.typing as npt
 from daq.recordings.recording_checks import runs
 from fitting.regression.design import Design, Extra, NoiseModel, full_residual, moving_rows, white_noise_model
 from fitting.regression.streamed import fit_rows
-from fitting.signals.filters import lag_between
+from fitting.signals.filters import FilterBank, lag_between
+from fitting.signals.preparation import STILL, reach
 from fitting.signals.spectrum import unit_whitening, whitening
 from fitting.signals.splines import spline_basis
 
@@ -69,6 +70,10 @@ def pair_repeats(design: Design) -> tuple[Pairing, ...]:
 def _laid(design: Design, train: int, repeat: int) -> tuple[float, Pairing]:
     """The stretches of two segments that are one motion, and how far they are apart at most, over their spread."""
     a, b = design.segments[train].q, design.segments[repeat].q
+    # A joint that is parked is where it is in both, and what it trembles is no motion.
+    reaches = np.array([reach(joint, False) for joint in design.machine.joints])
+    moves = np.maximum(np.ptp(a, axis=0), np.ptp(b, axis=0)) >= STILL * reaches
+    a, b = (values[:, moves] if moves.any() else values for values in (a, b))
     spread = np.maximum(a.std(axis=0), 1e-9)
     most = int(_MAX_LAG_SECONDS * design.bank.rate_hz)
     whole = _aligned(Pairing(train, repeat, 0, 0, 0), a, b, most)
@@ -97,13 +102,13 @@ def _near(a: FloatArray, b: FloatArray, spread: FloatArray) -> npt.NDArray[np.bo
 def _lag_of_most(a: FloatArray, b: FloatArray, spread: FloatArray, most: int) -> int:
     """Lag in samples at which the two are near each other for longest, whatever they do elsewhere; to a few samples."""
     a, b = a[::_COARSE], b[::_COARSE]
-    lags = range(-(most // _COARSE), most // _COARSE + 1)
-    counts = []
-    for lag in lags:
-        left, right = a[max(0, -lag) :], b[max(0, lag) :]
-        length = min(len(left), len(right))
-        counts.append(int(np.sum(_near(left[:length], right[:length], spread))))
-    return _COARSE * lags[int(np.argmax(counts))]
+    least = 0.5 * min(len(a), len(b))  # what a pair has to have together
+    counts = {0: 0}
+    for lag in range(-(most // _COARSE), most // _COARSE + 1):
+        length = min(len(a) - max(0, -lag), len(b) - max(0, lag))
+        if length >= least:
+            counts[lag] = int(np.sum(_near(a[max(0, -lag) :][:length], b[max(0, lag) :][:length], spread)))
+    return _COARSE * max(counts, key=lambda lag: counts[lag])
 
 
 def _aligned(pair: Pairing, a: FloatArray, b: FloatArray, most: int) -> Pairing:
@@ -144,7 +149,7 @@ def _difference_stretches(
     for pair, series in zip(pairs, difference_noise(design, theta, pairs, joint, extra), strict=True):
         first = design.segments[pair.train].rest[pair.train_start : pair.train_start + pair.length, joint]
         second = design.segments[pair.repeat].rest[pair.repeat_start : pair.repeat_start + pair.length, joint]
-        stretches += _moving(series, first | second, design)
+        stretches += moving_stretches(series, first | second, design.bank)
     return stretches
 
 
@@ -241,16 +246,16 @@ def _flexible_residual(
         stretch
         for residual, part, keep, segment in zip(residuals, parts, keeps, segments, strict=True)
         if keep.any()
-        for stretch in _moving(freedom * (residual - part @ coefficients), segment.rest[:, joint], design)
+        for stretch in moving_stretches(freedom * (residual - part @ coefficients), segment.rest[:, joint], design.bank)
     ]
 
 
-def _moving(series: FloatArray, rest: npt.NDArray[np.bool_], design: Design) -> list[FloatArray]:
-    """Stretches of a series between long rests: those that fill the identification filter's whole window.
+def moving_stretches(series: FloatArray, rest: npt.NDArray[np.bool_], bank: FilterBank) -> list[FloatArray]:
+    """Stretches of a series (N,) or (N, k) between long rests, those that fill the identification filter's window.
 
     A drive at rest holds any effort up to its static friction; that is neither noise nor model.
     """
-    dwells = [run for run in runs(rest) if run.stop - run.start > 2 * design.bank.half]
+    dwells = [run for run in runs(rest) if run.stop - run.start > 2 * bank.half]
     edges = [0, *(edge for run in dwells for edge in (run.start, run.stop)), len(series)]
     stretches = [series[start:stop] for start, stop in zip(edges[::2], edges[1::2], strict=True)]
-    return [stretch for stretch in stretches if len(stretch)]
+    return [stretch for stretch in stretches if bank.rows(len(stretch))]

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
@@ -18,7 +19,7 @@ from scipy import linalg
 from daq.machine.machine_file import Machine
 from fitting.effects.base import DriveView, Effect, Shape, has_both_positions
 from fitting.regression.design import Design
-from fitting.regression.noise import Pairing
+from fitting.regression.noise import Pairing, moving_stretches
 from fitting.residual.views import Views
 from fitting.signals.corrections import Corrections
 from fitting.signals.spectrum import Whitening, whitening
@@ -48,11 +49,27 @@ class GapScore:
 
 @dataclass(frozen=True)
 class GapRows:
-    """Gap of one joint: the whitening of its noise, and the whitened series of each segment."""
+    """Gap of one joint where it moves: the whitening of its noise, and the whitened series of each segment.
 
+    A sensor that stands says one thing, however often it is read: such rows are no witness.
+    """
+
+    design: Design
+    joint: int
     whitening: Whitening
     indices: tuple[int, ...]
-    values: tuple[FloatArray, ...]
+
+    @cached_property
+    def values(self) -> tuple[FloatArray, ...]:
+        """The whitened gap of each segment."""
+        return self.whitened([self.design.segments[i].gap[:, self.joint] for i in self.indices])
+
+    def whitened(self, series: Sequence[FloatArray]) -> tuple[FloatArray, ...]:
+        """What stands beside each segment's gap, (N,) or (N, k) at full rate, as the gap is whitened."""
+        keeps = [self.whitening.kept(self.design.blocks[self.joint][i].keep) for i in self.indices]
+        return tuple(
+            self.whitening(self.design.bank.reduce(own))[keep] for own, keep in zip(series, keeps, strict=True)
+        )
 
     @property
     def chi_square(self) -> float:
@@ -62,25 +79,37 @@ class GapRows:
 
 def gap_rows(design: Design, fitted: Sequence[int], pairs: Sequence[Pairing], joint: int) -> GapRows:
     """Whitened gap of a joint over the loaded segments; its noise is that of (train less repeat)."""
-    bank = design.bank
     indices = tuple(i for i in fitted if design.segments[i].loaded)
     series = []
     for pair in pairs:
-        first = design.segments[pair.train].gap[pair.train_start : pair.train_start + pair.length, joint]
-        second = design.segments[pair.repeat].gap[pair.repeat_start : pair.repeat_start + pair.length, joint]
-        series.append((first - second) / np.sqrt(2.0))
+        a, b = design.segments[pair.train], design.segments[pair.repeat]
+        left = slice(pair.train_start, pair.train_start + pair.length)
+        right = slice(pair.repeat_start, pair.repeat_start + pair.length)
+        difference = (a.gap[left, joint] - b.gap[right, joint]) / np.sqrt(2.0)
+        series += moving_stretches(difference, a.rest[left, joint] | b.rest[right, joint], design.bank)
     if not series:
         series = _without_law_of_position(design, indices, joint)
-    white = whitening(series, bank)
-    return GapRows(white, indices, tuple(white(bank.reduce(design.segments[i].gap[:, joint])) for i in indices))
+    # Where it hardly moves, nothing tells its noise, and nothing can be told of the gap.
+    return GapRows(design, joint, whitening(series, design.bank), indices if series else ())
 
 
 def _without_law_of_position(design: Design, indices: Sequence[int], joint: int) -> list[FloatArray]:
     """Without a repeat, the gap's noise is what a smooth function of the joint position leaves of it."""
-    basis = spline_basis(np.concatenate([design.segments[i].q[:, joint] for i in indices]), 8)
-    gap = np.concatenate([design.segments[i].gap[:, joint] for i in indices])
+    parts = [
+        part
+        for i in indices
+        for part in moving_stretches(
+            np.column_stack([design.segments[i].q[:, joint], design.segments[i].gap[:, joint]]),
+            design.segments[i].rest[:, joint],
+            design.bank,
+        )
+    ]
+    if not parts:
+        return []
+    q, gap = np.concatenate(parts).T
+    basis = spline_basis(q, 8)
     left = gap - basis @ np.linalg.lstsq(basis, gap, rcond=1e-8)[0]
-    return np.split(left, np.cumsum([len(design.segments[i]) for i in indices])[:-1])
+    return np.split(left, np.cumsum([len(part) for part in parts])[:-1])
 
 
 def score_gaps(
@@ -94,22 +123,22 @@ def score_gaps(
     """What every shape of all effects that bend positions takes of one joint's gap, most first."""
     rows = gap_rows(design, fitted, pairs, joint)
     own = [views[i][joint] for i in rows.indices]
+    if not sum(map(len, rows.values)):
+        return [], rows
     result: list[GapScore] = []
     for effect in effects:
         for shape in effect.shapes(own[0]):
             full = [effect.gap_columns(view, shape) for view in own]
             if any(column is None for column in full):
                 break
-            C = np.vstack([rows.whitening(design.bank.reduce(c)) for c in full if c is not None])
-            score = _fitted(design, rows, own, effect, shape, C)
+            C = np.vstack(rows.whitened([c for c in full if c is not None]))
+            score = _fitted(rows, own, effect, shape, C)
             if score is not None:
                 result.append(replace(score, joint=joint))
     return sorted(result, key=lambda s: -s.gain), rows
 
 
-def _fitted(
-    design: Design, rows: GapRows, views: Sequence[DriveView], effect: Effect, shape: Shape, C: FloatArray
-) -> GapScore | None:
+def _fitted(rows: GapRows, views: Sequence[DriveView], effect: Effect, shape: Shape, C: FloatArray) -> GapScore | None:
     """Least squares of one shape, its formula taken as it is, not to first order.
 
     By chords: what the values of the last step leave is solved for with the columns at zero.
@@ -123,7 +152,7 @@ def _fitted(
 
     def left(values: FloatArray) -> FloatArray:
         changes = [effect.gap_change(view, shape, values.tolist()) for view in views]
-        parts = [rows.whitening(design.bank.reduce(c)) for c in changes if c is not None]
+        parts = rows.whitened([c for c in changes if c is not None])
         return np.asarray(np.concatenate(rows.values) - np.concatenate(parts))
 
     residual, best = np.concatenate(rows.values), np.zeros(C.shape[1])
@@ -154,7 +183,7 @@ def _fitted(
 def gap_error(
     design: Design, indices: Sequence[int], joint: int, views: Views | None = None, without: GapScore | None = None
 ) -> float:
-    """Root mean square of the filtered gap, m; without what a score explains of it."""
+    """Root mean square of the filtered gap where the joint moves, m; without what a score explains of it."""
     values = []
     for index in indices:
         segment = design.segments[index]
@@ -164,8 +193,8 @@ def gap_error(
         change = None
         if without is not None and views is not None:
             change = without.effect.gap_change(views[index][joint], without.shape, without.values)
-        values.append(design.bank.reduce(gap if change is None else gap - change))
-    return float(np.sqrt(np.mean(np.concatenate(values) ** 2))) if values else 0.0
+        values.append(design.bank.reduce(gap if change is None else gap - change)[design.blocks[joint][index].keep])
+    return float(np.sqrt(np.mean(np.concatenate(values) ** 2))) if sum(map(len, values)) else 0.0
 
 
 def checkable(machine: Machine) -> tuple[int, ...]:

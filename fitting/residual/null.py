@@ -23,7 +23,7 @@ from daq.machine.machine_file import Joint, Machine
 from daq.recordings.recording import Recording
 from fitting.regression.design import predicted_effort
 from fitting.residual.terms import Model
-from fitting.signals.preparation import Segment
+from fitting.signals.preparation import Segment, shortest
 
 FloatArray = npt.NDArray[np.float64]
 #: Standard deviation of each position channel's noise, by channel name, SI.
@@ -147,6 +147,11 @@ class Replicas:
             for index in model.fitted
         ]
 
+    @property
+    def usable(self) -> bool:
+        """Whether a replica holds a stretch that is long enough for the filters, which it goes through once more."""
+        return any(len(segment) >= shortest(self._bank) for segment in self._segments)
+
     def draw(self, rng: np.random.Generator) -> list[Recording]:
         """One replica of the fitted recordings, in the order of their numbers."""
         parts: dict[int, list[tuple[Segment, dict[str, FloatArray]]]] = {}
@@ -224,4 +229,7 @@ def _recording(machine: Machine, parts: Sequence[tuple[Segment, Mapping[str, Flo
         rate_hz=machine.rate_hz,
         time=np.concatenate([segment.t for segment, _ in parts]),
         values={name: np.concatenate([values[name] for _, values in parts]) for name in parts[0][1]},
+        bridged=None
+        if first.bridged is None
+        else np.concatenate([s.bridged for s, _ in parts if s.bridged is not None]),
     )

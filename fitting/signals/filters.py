@@ -179,17 +179,12 @@ def filter_bank(rate_hz: float, bandwidth_hz: float) -> FilterBank:
     )
 
 
-def white_noise_std(values: npt.ArrayLike) -> float:
-    """Standard deviation of the white part of a smooth signal, from its fourth differences.
+def white_noise_of(stretches: Sequence[npt.ArrayLike]) -> float:
+    """Standard deviation of the white part of a smooth signal between gaps, from its fourth differences.
 
     Fourth differences of white noise have a variance of 70 times the noise's; of a motion below a fiftieth of the
     rate they keep less than 1e-4. Quantisation counts as noise of a third of a step or less.
     """
-    return white_noise_of([np.asarray(values, dtype=float)])
-
-
-def white_noise_of(stretches: Sequence[FloatArray]) -> float:
-    """:func:`white_noise_std` of the stretches of a signal between gaps: a jump over a gap is no noise."""
     differences = np.concatenate([np.zeros(0), *(np.diff(stretch, 4) for stretch in stretches)])
     return float(np.sqrt(np.mean(differences**2) / 70.0)) if len(differences) else 0.0
 

@@ -3,12 +3,22 @@
 from __future__ import annotations
 
 import numpy as np
+import numpy.typing as npt
 
 from daq.machine.machine_file import Joint, Machine
 from daq.recordings.recording import Recording
+from daq.recordings.recording_checks import runs
 from fitting.arm.linkage import joint_position, lever_arm
 from fitting.signals.filters import FilterBank, white_noise_of
 from fitting.signals.velocities import VelocityShare, velocity_share
+
+FloatArray = npt.NDArray[np.float64]
+BoolArray = npt.NDArray[np.bool_]
+
+#: Rest shorter than this, s, is a reversal; the expected sign (:mod:`fitting.arm.expected`) handles it.
+REST_SECONDS = 0.3
+#: Rows that a fourth difference needs beside its own, and the share of a channel's rows that tell its noise.
+_TAPS, _LEAST = 4, 0.05
 
 
 def joint_velocity_share(
@@ -62,6 +72,24 @@ def position_variances(machine: Machine, joint: Joint, recording: Recording) -> 
 
 
 def channel_noise(recording: Recording, channel: str) -> float:
-    """White noise of a channel, between its gaps."""
+    """White noise of a channel where it was measured and does not stand still, between its gaps.
+
+    Where that leaves next to nothing (every fourth row lost), of all that is there.
+    """
     values = recording.values[channel]
-    return white_noise_of([values[part] for part in recording.segments([channel])])
+    there = np.isfinite(values) & ~held(values, recording.rate_hz)
+    if recording.bridged is not None:
+        there &= ~recording.bridged
+    parts = runs(there, recording.joined)
+    if sum(max(part.stop - part.start - _TAPS, 0) for part in parts) < _LEAST * len(values):
+        parts = recording.segments([channel])
+    return white_noise_of([values[part] for part in parts])
+
+
+def held(values: FloatArray, rate_hz: float) -> BoolArray:
+    """Rows (N,) in which a value stays the same for longer than a reversal takes: an encoder that stands is silent."""
+    result = np.zeros(len(values), dtype=bool)
+    for run in runs(np.diff(values) == 0):
+        if run.stop - run.start >= REST_SECONDS * rate_hz:
+            result[run.start : run.stop + 1] = True
+    return result

@@ -15,6 +15,7 @@ from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
+from scipy import ndimage
 
 from daq.errors import RecordingError
 from daq.machine.machine_file import Joint, Machine
@@ -22,7 +23,13 @@ from daq.recordings.recording import Recording
 from daq.recordings.recording_checks import runs
 from fitting.arm.linkage import joint_motion, joint_position, lever_arm, piston_motion
 from fitting.signals.filters import FilterBank, advanced
-from fitting.signals.position_sensors import channel_noise, joint_velocity_share, piston_weight, position_variances
+from fitting.signals.position_sensors import (
+    REST_SECONDS,
+    channel_noise,
+    joint_velocity_share,
+    piston_weight,
+    position_variances,
+)
 from fitting.signals.velocities import Motion, VelocityShare
 
 FloatArray = npt.NDArray[np.float64]
@@ -32,10 +39,10 @@ PositionError = Callable[[FloatArray], FloatArray]
 #: its own. In the piston's sensor: both move as the joint's sensor says.
 Play = Literal["pin", "sensor"]
 
+#: A joint is parked where it stays within this share of its reach for so long, s.
+STILL, PARKED_SECONDS = 2e-3, 4.0
 # A speed below so many times its own noise has no sign worth using; five is the usual margin.
 REST_SPEED = 5.0
-# Rest shorter than this is a reversal; the expected sign (see `expected_sign`) handles it.
-REST_SECONDS = 0.3
 # The first stretch of a recording that tells at what speed it begins.
 _FIRST_SECONDS = 0.2
 # Samples of all joints together in one piece of a long recording: 80 s of six joints at 50 Hz, some 24 MB.
@@ -80,6 +87,7 @@ class Segment:
     external : (N, n) N, smoothed measured forces from outside the arm, positive against extension; None without any
     lead : (M, n) joint accelerations up to sample 0, over the samples that the filter loses at the start, for what
         remembers them; the machine went on at constant speed, or stood, before. None: it stood
+    bridged : (N,) True in rows that hold something made up between measured rows; None: none does
     late : per joint by how many samples its effort was sampled late and was moved; empty: none was
     derived : what was derived from the motion alone, by name: it stays when a model changes
     """
@@ -105,6 +113,7 @@ class Segment:
     # Made by a function: a default of the class would be found before what a stored segment reads.
     external: FloatArray | None = field(default_factory=lambda: None)
     lead: FloatArray | None = field(default_factory=lambda: None)
+    bridged: BoolArray | None = field(default_factory=lambda: None)
     late: tuple[float, ...] = field(default_factory=tuple)
     derived: dict[str, FloatArray] = field(default_factory=dict, repr=False, compare=False)
 
@@ -197,17 +206,20 @@ def segments_of(
     position_error: Mapping[str, PositionError] | None = None,
     play: Mapping[str, Play] | None = None,
     long: bool = False,
+    synthetic: bool = False,
 ) -> Iterator[Segment]:
-    """The segments of :func:`prepare` one after another; those of ``long`` recordings in pieces (:func:`pieces`)."""
+    """The segments of :func:`prepare` one after another; those of ``long`` recordings in pieces (:func:`pieces`).
+
+    ``synthetic`` recordings are none that anybody could record again: what is too short for the filters is left out.
+    """
     noise = position_noise(machine, recordings, bank) if noise is None else noise
     used = [c.name for c in machine.channels if c.joint is not None]
-    least = 2 * (bank.margin + bank.half) + 4 * bank.decimation
     for index, recording in enumerate(recordings):
-        parts = [part for part in recording.segments(used) if part.stop - part.start > least]
-        if not parts:
+        parts = [part for part in recording.segments(used) if part.stop - part.start >= shortest(bank)]
+        if not parts and not synthetic:
             raise RecordingError(
-                f"{recording.file}: no stretch of {least / bank.rate_hz:.1f} s without a gap; record again or raise "
-                "the bandwidth"
+                f"{recording.file}: no stretch of {shortest(bank) / bank.rate_hz:.1f} s without a gap; record again or "
+                "raise the bandwidth"
             )
         weights = tuple(piston_weight(machine, joint, recording) for joint in machine.joints)
         shares = tuple(joint_velocity_share(machine, joint, recording, bank) for joint in machine.joints)
@@ -228,6 +240,11 @@ def segments_of(
                 play=play or {},
             )
             yield with_delays(machine, recording, segment, bank, latency, resampled) if latency else segment
+
+
+def shortest(bank: FilterBank) -> int:
+    """Rows of the shortest stretch without a gap that the filters leave something of."""
+    return 2 * (bank.margin + bank.half) + 4 * bank.decimation + 1
 
 
 def pieces(whole: slice, bank: FilterBank, most: int) -> list[slice]:
@@ -257,7 +274,7 @@ def _segment(
 ) -> Segment:
     """The segment of a whole recording that is free of gaps; it starts at row ``start`` of what it was cut from."""
     part = slice(0, len(recording))
-    loaded = recording.role != "unloaded"
+    loaded, rate = recording.role != "unloaded", bank.rate_hz
     columns: dict[str, list[FloatArray]] = {
         key: [] for key in ("q", "qd", "qdd", "x", "v", "a", "r", "y", "p1", "p2", "gap")
     }
@@ -277,7 +294,7 @@ def _segment(
         measured = _effort(machine, joint, recording, part, bank, 0.0, columns["r"][-1])
         for key, value in zip(("y", "p1", "p2"), measured, strict=True):
             columns[key].append(value)
-        rest.append(_rest(motion[4], noise[number].speed, bank.rate_hz))
+        rest.append(_rest(motion[3], motion[4], noise[number].speed, reach(joint, joint.cylinder is not None), rate))
     stacked = {key: np.stack(value, axis=1) for key, value in columns.items()}
     temperature = next((c.name for c in machine.channels if c.quantity == "oil_temperature"), None)
     return Segment(
@@ -301,6 +318,7 @@ def _segment(
         gap=stacked["gap"],
         external=_external(machine, recording, part, bank),
         lead=np.stack(lead, axis=1),
+        bridged=None if recording.bridged is None else recording.bridged[bank.margin : len(recording) - bank.margin],
     )
 
 
@@ -465,9 +483,31 @@ def drive_effort(joint: Joint, channel: Callable[[str], FloatArray | None]) -> F
     return None
 
 
-def _rest(speed: FloatArray, speed_noise: float, rate_hz: float) -> BoolArray:
-    """Where the element stands still for longer than a reversal takes."""
-    return long_rests(np.abs(speed) < REST_SPEED * speed_noise, rate_hz)
+def _rest(x: FloatArray, speed: FloatArray, speed_noise: float, reach: float, rate_hz: float) -> BoolArray:
+    """Where the element stands still for longer than a reversal takes: by its sensor, or by its reach (parked)."""
+    return long_rests(np.abs(speed) <= REST_SPEED * speed_noise, rate_hz) | parked(x, reach, rate_hz)
+
+
+def parked(x: FloatArray, reach: float, rate_hz: float) -> BoolArray:
+    """Rows (N,) about which a position stays within :data:`STILL` of the joint's reach for :data:`PARKED_SECONDS`.
+
+    A joint that is held trembles while others move, by more than its sensor's noise.
+    """
+    window = min(max(1, round(PARKED_SECONDS * rate_hz)), len(x))
+    # The range of the window that begins at each row.
+    high = ndimage.maximum_filter1d(x, window, origin=-(window // 2))[: len(x) - window + 1]
+    low = ndimage.minimum_filter1d(x, window, origin=-(window // 2))[: len(x) - window + 1]
+    rows = np.zeros(len(x), dtype=bool)
+    for run in runs(high - low < STILL * reach):
+        rows[run.start : run.stop + window - 1] = True
+    return rows
+
+
+def reach(joint: Joint, piston: bool) -> float:
+    """How far a joint goes, or its piston: rad or m."""
+    if piston and joint.cylinder is not None:
+        return joint.cylinder.stroke
+    return float(np.ptp(joint.limits.position))
 
 
 def long_rests(slow: BoolArray, rate_hz: float) -> BoolArray:

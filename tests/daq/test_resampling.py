@@ -175,3 +175,16 @@ def test_saturation_is_seen_before_it_is_smoothed(tmp_path: Path) -> None:
     np.savetxt(path, rows, delimiter=",", header=path.read_text().splitlines()[0], comments="", fmt="%.9g")
     with pytest.raises(RecordingError, match="saturated"):
         read_recording(path, MACHINE, "train", resample=True)
+
+
+def test_single_lost_samples_are_no_gaps_and_two_together_are() -> None:
+    """A sine of a tenth of the new rate, with every twentieth of its samples lost, is what it was."""
+    time = np.arange(4000) / 100.0
+    wave = np.sin(2 * np.pi * 5.0 * time)
+    at = np.arange(50, 1950) / 50.0
+    single = np.setdiff1d(np.arange(4000), np.arange(11, 4000, 20))
+    found = resample(time[single], {"x": wave[single]}, 50.0, at)
+    inner = (at > 1.0) & (at < 38.0)
+    assert found.values["x"][inner] == pytest.approx(np.sin(2 * np.pi * 5.0 * at[inner]), abs=2e-3)
+    double = np.setdiff1d(np.arange(4000), [2000, 2001])
+    assert np.isnan(resample(time[double], {"x": wave[double]}, 50.0, at).values["x"]).any()

@@ -153,7 +153,7 @@ BAD = {
     "time that runs backwards": (_spoil(_swap_time), ["train.parquet", "time", "row"]),
     "a run of NaN": (_spoil(_nan_run), ["train.parquet", "joint2.head", "401"]),
     "a sensor that stands still": (_spoil(_dead_sensor), ["train.parquet", "joint1.rod", "constant"]),
-    "a recording too short": (_spoil(_short), ["train.parquet", "short"]),
+    "a recording too short": (_spoil(_short), ["train.parquet", "no stretch of"]),
     "a recording without rows": (_spoil(_empty), ["train.parquet"]),
     "a bad repeat": (_spoil(_missing, "repeat.parquet"), ["repeat.parquet", "joint2.rod"]),
     "a bad validation": (_spoil(_nan_run, "validate.parquet"), ["validate.parquet", "joint2.head"]),

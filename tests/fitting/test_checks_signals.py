@@ -12,11 +12,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from synthetic_arm import make_recordings, planar_machine, truth
 
-from daq.machine.machine_file import Machine
+from daq.machine.machine_file import Channel, Machine
 from daq.recordings.recording import Recording
+from fitting.checks import check_recordings
+from fitting.checks.fast_noise import noise_findings
 from fitting.checks.findings import Finding
 from fitting.checks.magnitudes import magnitude_findings
 from fitting.checks.motions import motion_findings
+from fitting.checks.recorded_speeds import speed_findings
 from fitting.checks.signal_faults import signal_findings
 from fitting.checks.time_axis import repaired_time, time_findings
 
@@ -198,3 +201,112 @@ def test_a_finding_is_json_with_all_that_it_says() -> None:
     said = json.loads(json.dumps(own.to_json()))
     assert Finding(**{**said, "alternatives": tuple(said["alternatives"])}) == own
     assert own.line == "joint1.q: looks like deg; set its unit to 'deg'"
+
+
+def test_a_sensor_ten_times_noisier_than_its_kind_or_than_elsewhere_is_named() -> None:
+    rng = np.random.default_rng(4)
+
+    def noisy(size: float, rows: slice = slice(None)) -> Recording:
+        def change(x: np.ndarray) -> np.ndarray:
+            x[rows] += size * rng.normal(size=len(x[rows]))
+            return x
+
+        return spoilt("joint1.x", change)
+
+    everywhere = noise_findings(MACHINE, [noisy(1.4e-3), SOUND[1]])
+    assert named(everywhere) == [("noisy", "joint1.x")]
+    assert "times that of the other sensors of its kind" in everywhere[0].text
+    alone = planar_machine(1)
+    own = make_recordings(alone, truth(1), [("train", 2)])[0]
+    change = np.where(np.arange(len(own)) > 1500, 1.4e-3, 0.0) * rng.normal(size=len(own))
+    loud = replace(own, values={**own.values, "joint1.x": own.values["joint1.x"] + change})
+    found = noise_findings(alone, [loud])
+    assert named(found) == [("noisy", "joint1.x")] and "its other stretches" in found[0].text
+    assert noise_findings(MACHINE, SOUND) == [] and noise_findings(alone, [own]) == []
+
+
+def test_a_noisy_sensor_is_compared_with_the_resolution_that_it_is_said_to_have() -> None:
+    machine = planar_machine(1, sensors="piston")
+    channels = tuple(c.model_copy(update={"resolution": 3e-5}) if c.name == "joint1.x" else c for c in machine.channels)
+    machine = machine.model_copy(update={"channels": channels})
+    own = make_recordings(machine, truth(1), [("train", 2)])[0]
+    assert noise_findings(machine, [own]) == []
+    noise = 1.4e-3 * np.random.default_rng(5).normal(size=len(own))
+    found = noise_findings(machine, [replace(own, values={**own.values, "joint1.x": own.values["joint1.x"] + noise})])
+    assert named(found) == [("noisy", "joint1.x")] and "its resolution" in found[0].text
+
+
+@pytest.mark.parametrize("hertz", [3.0, 6.0])
+def test_a_fast_motion_is_no_noise(hertz: float) -> None:
+    """Beside a slow sister: at 50 Hz its fourth differences would be as large as the noise of a bad sensor."""
+    values = {
+        "joint1.q": 0.3 * np.sin(2 * np.pi * hertz * SOUND[0].time) + 1e-5 * np.random.default_rng(1).normal(size=2000),
+        "joint2.q": 0.3 * np.sin(2 * np.pi * 0.2 * SOUND[0].time) + 1e-5 * np.random.default_rng(2).normal(size=2000),
+    }
+    assert noise_findings(MACHINE, [replace(SOUND[0], values=values)]) == []
+
+
+def with_speeds(factors: dict[str, float]) -> tuple[Machine, Recording]:
+    channels = [
+        Channel(name=f"{joint}.speed", quantity="joint_velocity", joint=joint, unit="rad/s") for joint in factors
+    ]
+    machine = MACHINE.model_copy(update={"channels": (*MACHINE.channels, *channels)})
+    values = dict(SOUND[0].values)
+    for joint, factor in factors.items():
+        values[f"{joint}.speed"] = factor * np.gradient(SOUND[0].values[f"{joint}.q"], 1 / MACHINE.rate_hz)
+    return machine, replace(SOUND[0], values=values)
+
+
+def test_recorded_speeds_that_all_contradict_the_positions_are_the_time_axis() -> None:
+    machine, recording = with_speeds({"joint1": 20.0, "joint2": 20.0})
+    (found,) = speed_findings(machine, [recording])
+    assert found.code == "wrong_rate" and "1 ms apart instead of 20 ms" in found.text
+    machine, recording = with_speeds({"joint1": 1.0, "joint2": 57.3})
+    (found,) = speed_findings(machine, [recording])
+    assert (found.code, found.channel) == ("scale", "joint2.speed")
+    machine, recording = with_speeds({"joint1": 1.0, "joint2": 1.02})
+    assert speed_findings(machine, [recording]) == []
+
+
+def test_a_parked_joint_is_no_witness_that_a_motion_is_another_one() -> None:
+    """What it trembles differs from run to run by as much as it trembles."""
+    machine = planar_machine(3)
+    rng = np.random.default_rng(6)
+
+    def held(recording: Recording) -> Recording:
+        count = len(recording)
+        position = {n: np.mean(recording.values[n]) + 1e-5 * rng.normal(size=count) for n in ("joint3.q", "joint3.x")}
+        force = {n: np.mean(recording.values[n]) + 1e4 * rng.normal(size=count) for n in ("joint3.head", "joint3.rod")}
+        return replace(recording, values={**recording.values, **position, **force})
+
+    runs = [held(r) for r in make_recordings(machine, truth(3), [("train", 2), ("repeat", 2)])]
+    assert named(motion_findings(machine, runs)) == []
+
+
+@pytest.mark.parametrize(("share", "severity"), [(0.015, "note"), (0.2, "note"), (0.4, "mistake")])
+def test_single_lost_rows_are_a_note_up_to_a_fifth(share: float, severity: str) -> None:
+    kept = np.random.default_rng(8).random(2000) > share
+    found = time_findings(MACHINE, "run.csv", np.arange(2000)[kept] / MACHINE.rate_hz, {})
+    assert [(own.code, own.severity) for own in found] == [("lost_rows", severity)]
+
+
+def test_other_rows_lost_in_each_run_do_not_make_another_motion_of_it() -> None:
+    """Laid row upon row without their clock, a fifth of the rows lost here and there shifts one against the other."""
+    whole = make_recordings(MACHINE, truth(2), [("train", 2), ("repeat", 2), ("validate", 3)])
+    rng = np.random.default_rng(9)
+    holed = []
+    for recording in whole:
+        kept = rng.random(len(recording)) > 0.2
+        values = {name: own[kept] for name, own in recording.values.items()}
+        holed.append(replace(recording, time=recording.time[kept], values=values))
+    assert named(list(check_recordings(MACHINE, holed))) == []
+
+
+def test_the_effort_of_a_joint_that_stands_may_have_few_levels() -> None:
+    def steps(values: np.ndarray) -> np.ndarray:
+        return np.round(values / (np.ptp(values) / 10)) * (np.ptp(values) / 10)
+
+    moves = spoilt("joint1.head", steps)
+    assert named(signal_findings(MACHINE, moves)) == [("coarse", "joint1.head")]
+    stands = spoilt("joint1.q", lambda q: np.full_like(q, q[0]), moves)
+    assert ("coarse", "joint1.head") not in named(signal_findings(MACHINE, stands))

@@ -9,14 +9,17 @@ from typing import Any
 
 import numpy as np
 import pytest
-from synthetic_arm import make_recordings, planar_machine, truth
+from synthetic_arm import Noise, make_recordings, planar_machine, truth
 
 from daq.errors import RecordingError
 from daq.machine.machine_file import Machine, machine_to_yaml
 from daq.recordings.recording import Recording, write_recording
+from fitting.arm.geometry import geometry_of
 from fitting.checks import Finding, check_recordings
+from fitting.checks.inertias import rod_parameters
 from fitting.checks.machine_numbers import machine_findings
 from fitting.checks.mistakes.arm_motion import positions_of
+from fitting.checks.mistakes.motion_trials import recordings as role_trials
 from fitting.checks.mistakes.physical import Trial, fit
 from fitting.checks.mistakes.samples import take_samples
 from fitting.checks.mistakes.trials import SUSPECT, search
@@ -261,3 +264,52 @@ def test_a_search_on_a_sound_arm_takes_nothing_back() -> None:
     searched = search(Trial(samples, JOINT, positions_of(JOINT, samples)))
     assert searched.accused == ()
     assert searched.current.misfits == pytest.approx(searched.nominal.misfits, nan_ok=True)
+
+
+@pytest.mark.slow
+def test_a_link_with_a_decimal_slip_is_named_however_little_it_leaves() -> None:
+    """A tenth of its length is taken up by masses but for a few per cent, at every joint: nobody else does that."""
+    arm = truth(3)
+    arm = replace(arm, drive=0.3 * arm.drive)
+    runs = make_recordings(JOINT, arm, MOTIONS, noise=Noise(2e-6, 1e-6, 1.0, 0.5))
+    assert check_recordings(JOINT, runs) == ()
+    own = JOINT.joints[0]
+    short = own.model_copy(update={"dh": own.dh.model_copy(update={"a": own.dh.a / 10})})
+    wrong = JOINT.model_copy(update={"joints": (short, *JOINT.joints[1:])})
+    samples = take_samples(wrong, runs)
+    assert samples is not None
+    misfits = fit(Trial(samples, wrong, positions_of(wrong, samples))).misfits
+    assert np.nanmax(misfits) < SUSPECT, "it would have been tried before"
+    assert first(check_recordings(wrong, runs)) == ("length", "joint1")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("factor", [20.0, 10.0, 0.1])
+def test_a_false_time_axis_is_named_by_the_inertias_of_all_joints(factor: float) -> None:
+    machine = JOINT.model_copy(update={"rate_hz": JOINT.rate_hz / factor})
+    slow = [replace(r, time=factor * r.time, rate_hz=machine.rate_hz) for r in SINGLE]
+    found = check_recordings(machine, slow)
+    assert first(found) == ("wrong_rate", None)
+    assert found[0].factor == pytest.approx(factor, rel=0.6)
+
+
+def test_rods_of_one_kilogram_have_the_inertia_of_rods() -> None:
+    """About its end a thin rod has m l^2 / 3; this one is thick and made of five points."""
+    rods = rod_parameters(geometry_of(planar_machine(1)))
+    length = planar_machine(1).joints[0].dh.a
+    mass, x, xx, zz = rods[0], rods[1], rods[4], rods[9]
+    assert mass == pytest.approx(1.0)
+    assert x == pytest.approx(-length / 2)  # frame 1 is at the far end
+    # Five points instead of a rod: 3/8 of m l^2 about an end; thickness adds (0.15 l)^2 / 2.
+    assert zz == pytest.approx((0.375 + 0.15**2 / 2) * length**2)
+    assert xx == pytest.approx(0.15**2 / 2 * length**2)
+
+
+def test_roles_are_errors_of_cylinders_alone() -> None:
+    """Nothing can be taken off an arm without any, and a joint that stands in a recording says nothing of its role."""
+    electric = planar_machine(2, kinds="rr")
+    runs = make_recordings(electric, truth(2), [("train", 2), ("train", 3), ("validate", 4)])
+    samples = take_samples(electric, runs)
+    assert samples is not None
+    trial = Trial(samples, electric, positions_of(electric, samples))
+    assert not [own for own in role_trials(trial) if own.code == "wrong_role"]

@@ -8,11 +8,21 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter1d
-from synthetic_arm import RATE, clean_session, force, make_motion, make_session, planar_machine, sample, truth
+from synthetic_arm import (
+    RATE,
+    clean_session,
+    force,
+    make_motion,
+    make_recordings,
+    make_session,
+    planar_machine,
+    sample,
+    truth,
+)
 
 from daq.machine.machine_file import Machine
 from fitting.loop.kinematic_check import KinematicFinding, corrections_from_json, kinematic_findings, step_to_json
-from fitting.loop.session import Session
+from fitting.loop.session import Options, Session
 from fitting.residual.kinematics import checkable, gap_error
 from fitting.signals.corrections import Corrections
 
@@ -159,3 +169,29 @@ def _shifted(machine: Machine, joint: int, parameter: str, shift: float) -> Mach
     changed = machine.joints[joint].model_copy(update={"cylinder": cylinder.model_copy(update={"linkage": linkage})})
     joints = tuple(changed if j == joint else own for j, own in enumerate(machine.joints))
     return machine.model_copy(update={"joints": joints})
+
+
+def test_a_joint_that_is_parked_half_of_the_time_is_no_witness_of_eccentricity() -> None:
+    """A sensor that stands repeats one error a thousand times, and its silence is no measure of its noise."""
+    machine, seeds = planar_machine(2), (("unloaded", 1), ("train", 2), ("repeat", 2), ("validate", 3))
+    recordings = []
+    for number, recording in enumerate(make_recordings(machine, ARM, seeds)):
+        count, rng = len(recording), np.random.default_rng(number)
+        values = {}
+        for name, own in recording.values.items():
+            held = np.full(count, own[-1])
+            if name.endswith(("head", "rod")):
+                held = held + np.std(np.diff(own, 4)) / np.sqrt(70) * rng.normal(size=count)
+            values[name] = np.concatenate([own, held])
+        time = np.arange(2 * count) / RATE
+        recordings.append(recording if recording.role == "unloaded" else replace(recording, time=time, values=values))
+    session = Session(machine, recordings, Options(loop=False))
+    assert kinematic_findings(session)[0] == ()
+    whole = Session(machine, make_recordings(machine, ARM, seeds), Options(loop=False))
+    kept = [
+        [sum(int(own[i].keep.sum()) for i in s.plain.fitted) for own in s.plain.design.blocks] for s in (session, whole)
+    ]
+    # Where it stops the filters have no end to lose rows at.
+    assert np.allclose(*kept, rtol=0.03), "what stands is counted"
+    for first, second in zip(session.position_noise, whole.position_noise, strict=True):
+        assert first.speed == pytest.approx(second.speed, rel=0.1)

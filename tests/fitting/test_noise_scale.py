@@ -18,7 +18,7 @@ ALONE = (("unloaded", 1), ("train", 2), ("validate", 3))
 
 def sizes(design, noise, fitted) -> list[float]:
     """Mean square that the base model leaves of each joint's whitened rows."""
-    return [float(np.mean(r**2)) for r in fit_rows(design, noise, fitted).residual]
+    return [float(np.mean(r**2)) for r in fit_rows(design, noise, fitted)[0].residual]
 
 
 @pytest.mark.parametrize("off", [0.1, 1.0, 10.0])

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import signal
 
-from fitting.signals.filters import FilterBank, filter_bank, lag_between, white_noise_std
+from fitting.signals.filters import FilterBank, filter_bank, lag_between, white_noise_of
 
 RATE = 50.0
 BANK = filter_bank(RATE, 3.0)
@@ -122,9 +122,9 @@ def test_noise_of_derivatives_is_predicted_from_the_positions() -> None:
 def test_white_noise_is_told_from_the_motion_under_it() -> None:
     motion = 0.1 * np.sin(2 * np.pi * 0.3 * TIME)
     noise = np.random.default_rng(5).normal(size=len(TIME)) * 3e-6
-    assert white_noise_std(motion + noise) == pytest.approx(3e-6, rel=0.06)
-    assert white_noise_std(motion) < 1e-7
-    assert white_noise_std([1.0, 2.0]) == 0.0
+    assert white_noise_of([motion + noise]) == pytest.approx(3e-6, rel=0.06)
+    assert white_noise_of([motion]) < 1e-7
+    assert white_noise_of([[1.0, 2.0]]) == 0.0
 
 
 @pytest.mark.parametrize("lag", [-40, -1, 0, 7, 40])

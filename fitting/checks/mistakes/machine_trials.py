@@ -50,18 +50,23 @@ def gravity(trial: Trial) -> Iterator[Hypothesis]:
         )  # fmt: skip
 
 
+#: Factors by which a decimal point or a unit is off.
+SLIPS = (10.0, 0.1, 100.0, 0.01, 1e3, 1e-3)
+
+
 def lengths(trial: Trial) -> Iterator[Hypothesis]:
     machine = trial.machine
     for j, joint in enumerate(machine.joints):
         for name in ("a", "d"):
             value = float(getattr(joint.dh, name))
             if abs(value) > 1e-6:
-                for factor in (10.0, 0.1, 100.0, 0.01, 1e3, 1e-3, -1.0, 0.5, 2.0):
+                for factor in (*SLIPS, -1.0, 0.5, 2.0):
                     yield Hypothesis(
                         "length", (j,), f"dh.{name} looks like {factor * value:.4g} m instead of {value:.4g} m",
                         f"correct dh.{name}",
                         on_machine(lambda m, j=j, k=name, v=factor * value: changed_joint(m, j, "dh", {k: v})),  # type: ignore[misc]
                         key=("joints", j, "dh", name), factor=factor, price=1.6 if factor in (10.0, 0.1, -1.0) else 1.9,
+                        slip=factor in SLIPS,
                     )  # fmt: skip
         alphas = {-joint.dh.alpha, joint.dh.alpha + np.pi / 2, joint.dh.alpha - np.pi / 2} - {joint.dh.alpha}
         for alpha in sorted(alphas):

@@ -230,10 +230,11 @@ _CLEARLY_ANOTHER = 3.5
 def recordings(trial: Trial) -> Iterator[Hypothesis]:
     samples = trial.samples
     numbers = np.unique(samples.recording)
+    rods = any(joint.cylinder is not None for joint in trial.machine.joints)
     for number in (int(k) for k in numbers):
         own = samples.recording == number
         loaded = bool(samples.loaded[own].all())
-        if np.count_nonzero(samples.loaded & ~own) >= 100 or not loaded:
+        if rods and (np.count_nonzero(samples.loaded & ~own) >= 100 or not loaded):
             yield Hypothesis(
                 "wrong_role", (), "looks as if the rods were off" if loaded else "looks as if the rods were on the arm",
                 "give it as unloaded" if loaded else "give it as train, or take the rods off and record again",

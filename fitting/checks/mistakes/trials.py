@@ -21,7 +21,7 @@ import numpy as np
 import numpy.typing as npt
 
 from fitting.checks.mistakes.effort_trials import efforts, scales, sizes
-from fitting.checks.mistakes.hypothesis import Build, Hypothesis, Targets
+from fitting.checks.mistakes.hypothesis import CLEAR, Build, Hypothesis, Targets
 from fitting.checks.mistakes.machine_trials import effects, gravity, lengths
 from fitting.checks.mistakes.motion_trials import in_one_recording, motions, recordings, times
 from fitting.checks.mistakes.physical import LEAST_MISFIT, Physical, Trial, fit
@@ -36,6 +36,10 @@ SUSPECT = 0.10
 CARRIES = 0.02
 #: No other joint may get worse by more than this factor.
 WORSE = 1.4
+#: Misfits below this are alike where the whole arm is in question; it is explained badly from so many times this on.
+FINEST_MISFIT, _BADLY = 0.004, 2.0
+#: Sum over the joints of the logarithm of the misfit's fall that a slip has to have: twice by CLEAR, all but.
+_SLIP = 1.5
 #: Of two trials that explain alike, the simpler one is said: within this share of the logarithm's gain.
 ALIKE = 0.12
 #: Nothing tells these apart; so many are named beside the one that is said.
@@ -44,6 +48,8 @@ _MOST_MISTAKES, _MOST_ROUNDS = 3, 4
 #: Share of the joints that have to be explained better by a factor where a recording as a whole is in question.
 _MOST_JOINTS, _BETTER = 0.5, 1.4
 _MOTIONS = frozenset({"joint_position", "piston_position"})
+#: Samples of a recording, and share of them, in which a joint has to move to be a witness of what is wrong in it.
+_LEAST_SAMPLES, _LEAST_PART = 20, 0.2
 #: Trials of one round that are fitted with bounds, after all were without.
 _MOST_BOUNDED = 12
 #: A joint among the others is explained so many times worse than alone, and this badly.
@@ -95,7 +101,13 @@ def _worth_trying(option: Hypothesis, current: Physical) -> bool:
     everywhere = option.code in ("length", "axis", "linkage") or bool(_MOTIONS.intersection(option.channels))
     about = [] if everywhere else list(option.joints)
     there = bool(np.isnan(current.misfits[about]).any()) or bool(own[about].any()) if about else True
-    return option.exact or (bool(own.any()) and there)
+    return option.exact or (option.slip and badly_everywhere(current)) or (bool(own.any()) and there)
+
+
+def badly_everywhere(current: Physical) -> bool:
+    """Whether most joints are explained worse than what filtering and thinning leave of a perfect fit."""
+    misfits = current.misfits[~(current.shares < CARRIES) & np.isfinite(current.misfits)]
+    return bool(len(misfits)) and float(np.median(misfits)) > _BADLY * FINEST_MISFIT
 
 
 @dataclass(frozen=True)
@@ -196,12 +208,30 @@ def _helped(trial: Trial, option: Hypothesis, before: Physical, after: Physical)
     a, b = np.hypot(before.misfits, LEAST_MISFIT), np.hypot(after.misfits, LEAST_MISFIT)
     if np.any(b > WORSE * a):
         return None
-    fall = np.where((after.misfits < SOUND) & ~(before.shares < CARRIES), a / b, 0.0)
-    if whole and np.mean((fall >= _BETTER)[~(before.shares < CARRIES)]) < _MOST_JOINTS:
+    tells = ~(before.shares < CARRIES)
+    if option.recording is not None:
+        tells &= _moves_in(trial, option.recording)
+    if option.code == "wrong_role":
+        tells &= np.array([joint.cylinder is not None for joint in trial.machine.joints])
+    if option.slip:
+        fine = np.hypot(before.misfits, FINEST_MISFIT) / np.hypot(after.misfits, FINEST_MISFIT)
+        known = tells & np.isfinite(fine)
+        told = np.log(fine[known])
+        if known.any() and told.min() > -np.log(WORSE) and told.max() > np.log(CLEAR) and told.sum() > _SLIP:
+            return int(np.nanargmax(np.where(known, fine, 0.0)))
+    fall = np.where((after.misfits < SOUND) & tells, a / b, 0.0)
+    if not tells.any() or (whole and np.mean((fall >= _BETTER)[tells]) < _MOST_JOINTS):
         return None  # rods are on or off, and a machine is another one, at all joints; a valve acts otherwise at one
     asked = np.ones(len(fall), dtype=bool) if option.exact else suspicious(before)
     joint = int(np.nanargmax(np.where(asked, fall, 0.0)))
     return joint if asked[joint] and fall[joint] >= option.least else None
+
+
+def _moves_in(trial: Trial, recording: int) -> npt.NDArray[np.bool_]:
+    """Which joints move in enough samples of a recording to tell anything of it: one that is parked holds any load."""
+    mine = (trial.samples.recording == recording) & trial.samples.used
+    part = np.count_nonzero(trial.motion.active & mine[:, None], axis=0)
+    return np.asarray(part >= max(_LEAST_SAMPLES, _LEAST_PART * np.count_nonzero(mine)))
 
 
 def _within(trial: Trial, recording: int, before: Physical, after: Physical) -> Physical:

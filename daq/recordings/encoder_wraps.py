@@ -1,0 +1,51 @@
+"""Encoders of one turn that begin anew within a motion: the turn is put back, and said.
+
+Between two rows no joint makes a quarter of a turn, let alone a whole one: a step of a turn, give or take a quarter, is
+the encoder's. Where the motion itself is so fast, or a jump is of another size (a counter that overflows, in m),
+nothing is touched: that is for the checks to name.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from daq.machine.machine_file import Channel, Machine
+
+FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int64]
+
+TURN = 2.0 * np.pi
+#: Share of a turn that a step may be off a whole one, and that the usual largest step of the motion has to stay below.
+_NEAR, _ORDINARY = 0.25, 0.1
+
+
+def unwrapped(machine: Machine, channel: Channel, values: FloatArray) -> tuple[FloatArray, IntArray]:
+    """Values (N,) in SI of a position without its wraps, and the rows before which there was one.
+
+    The turns are counted so that most of the motion lies where the joint can be; missing values stay.
+    """
+    nothing = np.zeros(0, dtype=np.int64)
+    if channel.quantity not in ("joint_position", "motor_position") or machine.si_unit(channel) != "rad":
+        return values, nothing
+    known = np.flatnonzero(np.isfinite(values))
+    steps = np.diff(values[known])
+    turns = np.rint(steps / TURN)
+    places = np.flatnonzero(turns)
+    ordinary = float(np.percentile(np.abs(steps - TURN * turns), 99)) if len(steps) else 0.0
+    if not len(places) or ordinary > _ORDINARY * TURN:
+        return values, nothing
+    if np.any(np.abs(steps - TURN * turns)[places] > _NEAR * TURN):
+        return values, nothing
+    out = values.copy()
+    out[known[1:]] -= TURN * np.cumsum(turns)
+    if channel.quantity == "joint_position":
+        middle = float(np.mean(machine.joint(str(channel.joint)).limits.position))
+        out += TURN * np.rint((middle - np.median(out[known])) / TURN)
+    return out, known[places + 1]
+
+
+def wrap_text(channel: str, rows: IntArray, time: FloatArray) -> str:
+    """What was seen, for people: channel, how often, and the first row (counted from 1)."""
+    place = f"row {rows[0] + 1} ({time[rows[0]]:.6g} s)"
+    return f"{channel}: the encoder wraps {len(rows)} times, the first at {place}; its turns are put back"
