@@ -103,7 +103,7 @@ def objection(held_out: HeldOut, validate: OnValidate | None) -> str:
                 f"that it does not hold on blocks that were left out of the fit {size}"
             )
         if held_out.gain > CONFIRMED:
-            return f"it is not one and the same effect on all blocks that were left out of the fit {size}"
+            return f"of the blocks that were left out of the fit one alone shows it {size}"
         return f"it does not hold on blocks that were left out of the fit {size}"
     if validate is not None and validate.refutes:
         return f"it does not help on the validation motion (log density {0.5 * validate.predicted:+.1f})"

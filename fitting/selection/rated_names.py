@@ -110,10 +110,10 @@ class RatedNames:
             for n in near:
                 curves = [where[m] for m in own_laws[n]]
                 share, found = self._trust.of(n), []
-                for own in _first_terms(scores[n]):
-                    into = np.concatenate([where[n][own], *curves])
+                for first in _first_terms(scores[n]):
+                    into = np.concatenate([where[n][first], *curves])
                     gram, products = share * S[np.ix_(into, into)], share * g[into]
-                    found.append(self._with_curves(scores[n], own, gram, products, [len(p) for p in curves]))
+                    found.append(self._with_curves(scores[n], first, gram, products, [len(p) for p in curves]))
                 if is_series(scores[n].term):
                     found = [float(log_mean(found)), self._smooth(own_laws[n], scores)]
                 value = max(float(log_mean(found)), by_order[n]) if np.isfinite(found).any() else by_order[n]

@@ -214,7 +214,7 @@ HOLDS = HeldOut(gain=60.0, z=3.5, blocks=10, alike=20.0)
         # One rule: neither a plain gain, nor a silent motion, nor one recording alone is an exception.
         (replace(HOLDS, gain=5.8), None, "left out of the fit"),
         (replace(HOLDS, gain=5.8), OnValidate(gain=50.0, expected=60.0, spread=16.0, predicted=40.0), "left out"),
-        (replace(HOLDS, alike=5.0), None, "not one and the same"),
+        (replace(HOLDS, alike=5.0), None, "one alone shows it"),
         (replace(HOLDS, inflation=4.0), None, "4.0 times as noisy"),
         (replace(HOLDS, gain=5.9), None, ""),
     ],

@@ -85,6 +85,8 @@ def _spectrum(residual: FloatArray, part: slice) -> FloatArray:
     if len(residual) < _SHORT or not size > 0:
         return np.ones(points)
     taps = autoregression(residual)
+    if points < len(taps):  # too short a stretch to tell frequencies apart
+        return np.ones(points)
     innovations = float(np.mean(np.convolve(residual, taps, mode="valid") ** 2))
     return np.asarray(innovations / size / np.abs(np.fft.fft(taps, points)) ** 2)
 

@@ -1,4 +1,4 @@
-// fitting/report/languages/german.json sha256 5ff269c35924dd8881f30ad8ae1abda241088a04854f08593e72c4198485c3ba
+// fitting/report/languages/german.json sha256 22517514832ef9c9693955963a02221e03058644f6af6dc04df471f31f019c2e
 export const REPORT: Record<string, string> = {
   "moving mass": "bewegte Masse",
   "Coulomb friction": "coulombsche Reibung",
@@ -211,7 +211,7 @@ export const REPORT: Record<string, string> = {
   "the effort of {} on the validation motion is predicted worse with it (error {} %)": "die Kraft von $1 auf der Validierungsbewegung wird damit schlechter vorhergesagt (Fehler $2 %)",
   "the effort on the validation motion is not predicted better with it (error {} %)": "die Kraft auf der Validierungsbewegung wird damit nicht besser vorhergesagt (Fehler $1 %)",
   "it does not hold on blocks that were left out of the fit {}": "es hält auf Abschnitten, an die nicht angepasst wurde, nicht stand $1",
-  "it is not one and the same effect on all blocks that were left out of the fit {}": "es ist auf den Abschnitten, an die nicht angepasst wurde, nicht ein und derselbe Effekt $1",
+  "of the blocks that were left out of the fit one alone shows it {}": "von den Abschnitten, an die nicht angepasst wurde, zeigt es nur einer $1",
   "(log density {})": "(Logarithmus der Dichte $1)",
   "it does not help on the validation motion (log density {})": "es hilft auf der Validierungsbewegung nicht (Logarithmus der Dichte $1)",
   "the rows that show it are {} times as noisy as the motion as a whole; against that it does not hold on blocks that were left out of the fit {}": "die Zeilen, die es zeigen, rauschen $1-mal so stark wie die ganze Bewegung; dagegen hält es auf Abschnitten, an die nicht angepasst wurde, nicht stand $2",
