@@ -64,4 +64,5 @@ def test_a_recording_says_its_channel_row_and_time(tmp_path: Path) -> None:
     row = int(np.flatnonzero(np.abs(np.diff(columns["j1.angle"])) > 180)[0]) + 2
     count = int(np.count_nonzero(np.abs(np.diff(columns["j1.angle"])) > 180))
     (note,) = recording.notes
-    assert f"j1.angle: the encoder wraps {count} times, the first at row {row} ({recording.time[row - 1]:.6g} s)" in note
+    said = f"j1.angle: the encoder wraps {count} times, the first at row {row} ({recording.time[row - 1]:.6g} s)"
+    assert said in note
