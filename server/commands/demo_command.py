@@ -7,9 +7,11 @@ model lacks is known to the plant alone.
 
 from __future__ import annotations
 
+import fcntl
+import sys
 import time
-from collections.abc import Callable, Mapping, Sequence
-from contextlib import ExitStack
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -17,6 +19,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from daq.console import print_json, progress_bar, reported
+from daq.errors import InputError
 from fitting.commands.identify_command import Spoken
 
 if TYPE_CHECKING:
@@ -36,6 +39,8 @@ PLAN = (
     ("repeat", "repeat", "train-1"),
     ("validate", "validate", "validate"),
 )
+#: What each of them leaves.
+_OF_A_MOTION = ("motions/{}.csv", "machine/inbox/{}.csv", "recordings/{}.parquet", "recordings/{}.parquet.journal")
 #: Share of the progress bar that each part takes.
 _DESIGN, _RECORD = 0.12, 0.7
 
@@ -76,19 +81,28 @@ def demo(
     json: Annotated[bool, typer.Option("--json", help="Print report.json on standard output.")] = False,
 ) -> None:
     """Simulate an arm with an effect nobody declared, record it over its buses, identify it, and find the effect."""
-    started = time.monotonic()
-    with progress_bar("demo", show=not json) as bar:
-        report, acquired = run_demo(
-            output,
-            undeclared,
-            seconds=seconds,
-            speed=speed,
-            seed=seed,
-            faults=faults,
-            resolve=resolve,
-            language=language,
-            progress=lambda share, text: bar(share, 1.0, text),
-        )
+    started, doing = time.monotonic(), ["starting"]
+    try:
+        with progress_bar("demo", show=not json) as bar:
+
+            def shown(share: float, text: str) -> None:
+                doing.append(text)
+                bar(share, 1.0, text)
+
+            report, acquired = run_demo(
+                output,
+                undeclared,
+                seconds=seconds,
+                speed=speed,
+                seed=seed,
+                faults=faults,
+                resolve=resolve,
+                language=language,
+                progress=shown,
+            )
+    except KeyboardInterrupt:
+        print(f"hilfit: interrupted while {doing[-1]}; no report was made, run it again", file=sys.stderr)
+        raise typer.Exit(130) from None
     if json:
         print_json(report)
         return
@@ -153,22 +167,57 @@ def run_demo(
     machine, _ = default_machine()
     script = None if faults is None else checked_faults(faults, machine)
     require_writable(output)
-    with ExitStack() as stack:
+    effects = _effects(undeclared, machine)
+    simulated = SimulatedMachine(machine, None, effects, seed, speed, output / "machine", faults=script)
+    with _alone(output):
+        _discard(output)
         progress(0.0, "starting the simulated machine")
-        simulated = stack.enter_context(
-            SimulatedMachine(
-                machine, None, _effects(undeclared, machine), seed, speed, output / "machine", faults=script
-            )
-        )
-        acquired = _acquired(simulated, output, seconds, seed, lambda s, t: progress(_RECORD * s, t))
-        request = Request(output / "machine" / "machine.yaml", acquired.recordings, output, languages=(language,))
+        with simulated:
+            acquired = _acquired(simulated, output, seconds, seed, lambda s, t: progress(_RECORD * s, t))
+            request = Request(output / "machine" / "machine.yaml", acquired.recordings, output, languages=(language,))
 
-        def identifying(share: float, text: str) -> None:
-            progress(_RECORD + (1 - _RECORD) * share, text)
+            def identifying(share: float, text: str) -> None:
+                progress(_RECORD + (1 - _RECORD) * share, text)
 
-        if resolve:
-            return identify_and_resolve(request, DemoRecorder(simulated, output), identifying), acquired
-    return identify(request, identifying), acquired
+            if resolve:
+                return identify_and_resolve(request, DemoRecorder(simulated, output), identifying), acquired
+        return identify(request, identifying), acquired
+
+
+@contextmanager
+def _alone(output: Path) -> Iterator[None]:
+    """Hold a demo's folder.
+
+    Raises
+    ------
+    InputError
+        If another demo runs in it.
+    """
+    output.mkdir(parents=True, exist_ok=True)
+    with (output / ".lock").open("a") as file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise InputError(
+                f"{output}: another demo is running in this directory; wait for its end, or choose another with -o"
+            ) from None
+        yield
+
+
+def _discard(output: Path) -> None:
+    """Remove what an earlier demo left, by the names that demos use: no old report stands beside new recordings.
+
+    A demo that was interrupted left a journal, which would be refused, and perhaps a motion for the arm's controller.
+    """
+    from fitting.model.codec import MODEL_FILE
+    from fitting.pipeline.stage_names import NEXT_MOTION
+
+    names = (*(name for name, _, _ in PLAN), "resolve-*")
+    old = ["report.json", "report*.html", MODEL_FILE, NEXT_MOTION]
+    old += [place.format(name) for name in names for place in _OF_A_MOTION]
+    for pattern in old:
+        for path in output.glob(pattern):
+            path.unlink()
 
 
 def _acquired(simulated: SimulatedMachine, output: Path, seconds: float, seed: int, progress: Progress) -> Acquired:
