@@ -24,7 +24,7 @@ PYTEST := $(BIN)/pytest --dist loadfile --no-loadscope-reorder
 # Tests start hundreds of Python processes; none should compile again what another has compiled.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: help demo test test-quick test-socketcan fuzz check client bench docs picture paper page lock changelog clean
+.PHONY: help demo test test-quick test-socketcan test-fresh fuzz check client bench docs picture readme paper page lock changelog clean
 
 help: ## this list
 	@sed -n 's/^\([a-z-]*\):[^#]*## \(.*\)/make \1|\2/p' Makefile | while IFS='|' read -r name text; do \
@@ -41,6 +41,9 @@ test-quick: $(VENV)/.dev ## the tests that are not marked slow; says at the end 
 
 test-socketcan: $(VENV)/.dev ## the drivers on AF_CAN, in user-mode Linux with a virtual bus; two minutes at most
 	$(BIN)/python tests/daq/user_mode_linux.py
+
+test-fresh: ## make demo and make test on new machines: Debian 12 and 13, root and a user (needs root; ARGUMENTS="trixie --as user")
+	@$(PYTHON) tests/project/fresh_machines.py $(ARGUMENTS)
 
 fuzz: $(VENV)/.dev ## coverage-guided fuzzing of the parsers, FUZZ_SECONDS (60) for each; skipped without the extra fuzz
 	$(BIN)/python tests/daq/fuzz_parsers.py --seconds $(FUZZ_SECONDS) $(FUZZ)
@@ -64,6 +67,9 @@ docs: $(VENV)/.docs ## the documentation site, with its examples run (minutes); 
 
 picture: $(VENV)/.dev ## the picture on the first screen, made anew
 	$(BIN)/python -m benchmarks.picture docs/_static/before-after.png
+
+readme: $(VENV)/.dev ## the result of the demonstration in README.md, made anew
+	$(BIN)/python -m benchmarks.first_page
 
 paper: $(VENV)/.dev ## the page of the claims with its figures, made anew
 	$(BIN)/hilfit bench paper --page docs/paper.md
