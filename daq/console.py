@@ -86,7 +86,27 @@ def show_table(table: Table, console: Console | None = None) -> None:
 
 @contextlib.contextmanager
 def progress_bar(what: str, *, show: bool = True) -> Iterator[ShowProgress]:
-    """A progress bar on standard error; call what it yields with (done, total[, text]), total None if not known."""
+    """A progress bar on standard error; call what it yields with (done, total[, text]), total None if not known.
+
+    Who interrupts is told what was being done.
+    """
+    doing = what
+
+    def noted(done: float, total: float | None, text: str | None = None) -> None:
+        nonlocal doing
+        doing = text or doing
+        update(done, total, text)
+
+    try:
+        with _bar(what, show) as update:
+            yield noted
+    except KeyboardInterrupt:
+        print(f"hilfit: interrupted ({doing})", file=sys.stderr)
+        raise
+
+
+@contextlib.contextmanager
+def _bar(what: str, show: bool) -> Iterator[ShowProgress]:
     if not show:
         yield lambda done, total, text=None: None
         return

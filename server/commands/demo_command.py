@@ -8,11 +8,11 @@ model lacks is known to the plant alone.
 from __future__ import annotations
 
 import fcntl
-import sys
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -26,7 +26,9 @@ if TYPE_CHECKING:
     from daq.acquisition.acquisition import AcquisitionProcess
     from daq.acquisition.recorder import RecordingSummary
     from daq.machine.machine_file import Machine
+    from daq.recordings.recording import Recording
     from fitting.excitation.motion import Motion
+    from fitting.loop.closing import Asked
     from sim_backends.simulated_machine import SimulatedMachine
 
 Progress = Callable[[float, str], None]
@@ -81,28 +83,19 @@ def demo(
     json: Annotated[bool, typer.Option("--json", help="Print report.json on standard output.")] = False,
 ) -> None:
     """Simulate an arm with an effect nobody declared, record it over its buses, identify it, and find the effect."""
-    started, doing = time.monotonic(), ["starting"]
-    try:
-        with progress_bar("demo", show=not json) as bar:
-
-            def shown(share: float, text: str) -> None:
-                doing.append(text)
-                bar(share, 1.0, text)
-
-            report, acquired = run_demo(
-                output,
-                undeclared,
-                seconds=seconds,
-                speed=speed,
-                seed=seed,
-                faults=faults,
-                resolve=resolve,
-                language=language,
-                progress=shown,
-            )
-    except KeyboardInterrupt:
-        print(f"hilfit: interrupted while {doing[-1]}; no report was made, run it again", file=sys.stderr)
-        raise typer.Exit(130) from None
+    started = time.monotonic()
+    with progress_bar("demo", show=not json) as bar:
+        report, acquired = run_demo(
+            output,
+            undeclared,
+            seconds=seconds,
+            speed=speed,
+            seed=seed,
+            faults=faults,
+            resolve=resolve,
+            language=language,
+            progress=lambda share, text: bar(share, 1.0, text),
+        )
     if json:
         print_json(report)
         return
@@ -159,7 +152,6 @@ def run_demo(
     from fitting.loop.session import Request
     from fitting.pipeline.resolving import identify_and_resolve
     from fitting.pipeline.stages import identify, require_writable
-    from server.commands.demo_recorder import DemoRecorder
     from sim_backends.cli import checked_faults
     from sim_backends.machines import default_machine
     from sim_backends.simulated_machine import SimulatedMachine
@@ -180,7 +172,7 @@ def run_demo(
                 progress(_RECORD + (1 - _RECORD) * share, text)
 
             if resolve:
-                return identify_and_resolve(request, DemoRecorder(simulated, output), identifying), acquired
+                return identify_and_resolve(request, partial(_record_asked, simulated, output), identifying), acquired
         return identify(request, identifying), acquired
 
 
@@ -307,6 +299,23 @@ def record_motion(
     # The arm holds its last pose; the next motion starts from there.
     simulated.wait_done(name)
     return summary
+
+
+def _record_asked(simulated: SimulatedMachine, output: Path, asked: Asked, number: int) -> Recording:
+    """Let the arm make a motion that the identification asks for (a :class:`fitting.loop.closing.Recorder`).
+
+    Acquisition runs while it is recorded and not in between, so machine time stands still meanwhile.
+    """
+    from daq.acquisition.acquisition import AcquisitionProcess
+    from daq.recordings.recording import read_recording
+
+    name = f"resolve-{number}"
+    save_motion(output / "motions" / f"{name}.csv", asked.motion)
+    path = output / "recordings" / f"{name}.parquet"
+    with AcquisitionProcess(simulated.machine_path) as acquisition:
+        record_motion(simulated, acquisition, asked.motion, (name, asked.role), path)
+        machine = acquisition.machine
+    return read_recording(path, machine, asked.role)
 
 
 def _effects(texts: Sequence[str] | None, machine: Machine) -> Any:

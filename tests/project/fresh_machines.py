@@ -13,6 +13,7 @@ import ast
 import os
 import re
 import shutil
+import signal
 import subprocess
 import sys
 import time
@@ -100,7 +101,8 @@ def _places(environment: dict[str, str]) -> Iterator[Path]:
     found = {Path("/etc/ssl/certs/ca-certificates.crt")}
     for word in " ".join(environment.values()).split():
         found.add(Path(unquote(urlsplit(word).path) if word.startswith("file:") else word))
-    return (place for place in sorted(found) if place.is_absolute() and place.exists())
+    present = {place for place in found if place.is_absolute() and place.exists()}
+    return (place for place in sorted(present) if present.isdisjoint(place.parents))
 
 
 def make(release: str, machine: Path, settings: Told) -> None:
@@ -166,6 +168,7 @@ def main() -> int:
     if (reason := unavailable()) is not None:
         print(f"make test-fresh: {reason}", file=sys.stderr)
         return 2
+    signal.signal(signal.SIGTERM, lambda number, frame: sys.exit(128 + number))  # what is running ends with it
     settings, failed = told(), 0
     for release in asked.releases:
         with TemporaryDirectory(prefix="hilfit-fresh-") as place:

@@ -1,7 +1,7 @@
 """The result of the demonstration on the first screen of README.md, as the command prints it.
 
-``python -m benchmarks.first_page`` (``make readme``) runs ``hilfit demo`` in a temporary folder and puts what it says
-into README.md; a test runs it again and compares.
+``make readme`` runs ``hilfit demo`` in a temporary folder and puts what it says into README.md. A test runs it again
+and compares.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import textwrap
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-README = Path(__file__).parents[1] / "README.md"
+README = Path(__file__).parents[3] / "README.md"
 _BLOCK = re.compile(r"(?<=^```\n)acquired .*?(?=^```$)", re.MULTILINE | re.DOTALL)
 _WIDTH = 120
 
