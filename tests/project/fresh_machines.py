@@ -31,7 +31,10 @@ BOUND_S = {"make": 900.0, "demo": 1200.0, "test": 5400.0}
 PATH = "/usr/sbin:/usr/bin:/sbin:/bin"
 #: What programs are told about the way into the network.
 _NETWORK = re.compile(r"(https?|no|all)_proxy|SSL_CERT_(FILE|DIR)|REQUESTS_CA_BUNDLE|CURL_CA_BUNDLE", re.IGNORECASE)
-#: Mounts, in a namespace that goes with the process: $1 is the machine, $2 who runs, then places, "--" and a command.
+#: What a process mounts, and its children, are in namespaces of their own and go with it: no folder that is removed
+#: afterwards has anything of this computer mounted in it, whatever was interrupted.
+_APART = ("unshare", "--mount", "--pid", "--fork", "--kill-child")
+#: Mounts: $1 is the machine, $2 who runs, then places, "--" and a command.
 _ENTER = """
 machine=$1 who=$2; shift 2
 mount --make-rprivate /
@@ -107,7 +110,7 @@ def _places(environment: dict[str, str]) -> Iterator[Path]:
 
 def make(release: str, machine: Path, settings: Told) -> None:
     """Make a machine with the packages that README.md names, and a user."""
-    command = ["mmdebstrap", "--mode=root", "--variant=minbase", f"--include={PACKAGES}", "--quiet"]
+    command = [*_APART, "mmdebstrap", "--mode=root", "--variant=minbase", f"--include={PACKAGES}", "--quiet"]
     if (keyrings := Path("/usr/share/keyrings")).is_dir():
         command.append(f"--keyring={keyrings}")
     command += [f"--aptopt={line}" for line in settings.apt]
@@ -123,7 +126,7 @@ def enter(machine: Path, who: str, settings: Told, script: str, bound_s: float) 
     """
     home = "/root" if who == "root" else f"/home/{who}"
     variables = {"PATH": PATH, "HOME": home, "USER": who, "LANG": "C.UTF-8", **settings.environment}
-    command = ["unshare", "--mount", "--pid", "--fork", "--kill-child", "sh", "-euc", _ENTER, "sh", str(machine), who]
+    command = [*_APART, "sh", "-euc", _ENTER, "sh", str(machine), who]
     command += [
         *map(str, settings.places),
         "--",
