@@ -7,10 +7,8 @@ model lacks is known to the plant alone.
 
 from __future__ import annotations
 
-import fcntl
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -19,7 +17,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from daq.console import print_json, progress_bar, reported
-from daq.errors import InputError
 from fitting.commands.identify_command import Spoken
 
 if TYPE_CHECKING:
@@ -152,6 +149,7 @@ def run_demo(
     from fitting.loop.session import Request
     from fitting.pipeline.resolving import identify_and_resolve
     from fitting.pipeline.stages import identify, require_writable
+    from server.platform.files import held
     from sim_backends.cli import checked_faults
     from sim_backends.machines import default_machine
     from sim_backends.simulated_machine import SimulatedMachine
@@ -161,7 +159,9 @@ def run_demo(
     require_writable(output)
     effects = _effects(undeclared, machine)
     simulated = SimulatedMachine(machine, None, effects, seed, speed, output / "machine", faults=script)
-    with _alone(output):
+    output.mkdir(parents=True, exist_ok=True)
+    taken = "another demo is running in this directory; wait for its end, or choose another with -o"
+    with held(output / ".lock", str(output), taken):
         _discard(output)
         progress(0.0, "starting the simulated machine")
         with simulated:
@@ -174,26 +174,6 @@ def run_demo(
             if resolve:
                 return identify_and_resolve(request, partial(_record_asked, simulated, output), identifying), acquired
         return identify(request, identifying), acquired
-
-
-@contextmanager
-def _alone(output: Path) -> Iterator[None]:
-    """Hold a demo's folder.
-
-    Raises
-    ------
-    InputError
-        If another demo runs in it.
-    """
-    output.mkdir(parents=True, exist_ok=True)
-    with (output / ".lock").open("a") as file:
-        try:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            raise InputError(
-                f"{output}: another demo is running in this directory; wait for its end, or choose another with -o"
-            ) from None
-        yield
 
 
 def _discard(output: Path) -> None:
