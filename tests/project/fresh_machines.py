@@ -101,10 +101,12 @@ def _said(*command: str) -> str:
 
 def _places(environment: dict[str, str]) -> Iterator[Path]:
     """Files and folders of this computer that are named; certificates are also those of the system."""
-    found = {Path("/etc/ssl/certs/ca-certificates.crt")}
-    for word in " ".join(environment.values()).split():
-        found.add(Path(unquote(urlsplit(word).path) if word.startswith("file:") else word))
-    present = {place for place in found if place.is_absolute() and place.exists()}
+    words = " ".join(environment.values()).split()
+    local = [Path(unquote(urlsplit(word).path)) for word in words if word.startswith("file:")]
+    found = {Path("/etc/ssl/certs/ca-certificates.crt"), *map(Path, words), *local}
+    present = {place for place in found if place.is_absolute() and place != Path("/") and place.exists()}
+    # Pages of an index lead to files that lie beside it.
+    present |= {place.parent for place in present.intersection(local) if len(place.parents) > 1}
     return (place for place in sorted(present) if present.isdisjoint(place.parents))
 
 

@@ -42,7 +42,7 @@ def demo(
 
 def words(result: str) -> list[str]:
     """All but numbers, lines of the table, and how many terms the law of the friction has."""
-    return re.findall(r"[a-z]\w*", re.sub(r"\(f_[^)]*\)", "", result))
+    return re.findall(r"[a-z]\w*", re.sub(r"\(f_1.*?\); with", "with", result, flags=re.DOTALL))
 
 
 def left(folder: Path) -> set[str]:
