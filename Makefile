@@ -2,7 +2,7 @@
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
-PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check
+PIP := .ci/install $(BIN)/python
 # Versions that were tested, with the hashes of their files; `make demo LOCK=` takes the newest that pyproject.toml allows.
 LOCK ?= locks
 # What each lock file is of: extras of pyproject.toml.
@@ -13,7 +13,7 @@ EXTRAS_image := sim postgresql export
 comma := ,
 space := $(subst ,, )
 # install NAME MORE: what locks/NAME.txt lists, then this project and others; nothing is downloaded without a hash.
-install = $(if $(LOCK),$(PIP) --require-hashes -r $(LOCK)/$(1).txt && $(PIP) --no-deps --no-build-isolation -e . $(2),\
+install = @$(if $(LOCK),$(PIP) --require-hashes -r $(LOCK)/$(1).txt && $(PIP) --no-deps --no-build-isolation -e . $(2),\
   $(PIP) -e ".[$(subst $(space),$(comma),$(EXTRAS_$(1)))]" $(2))
 # Of each target that is fuzzed; FUZZ names some of them, all without it.
 FUZZ_SECONDS ?= 60
@@ -24,7 +24,7 @@ PYTEST := $(BIN)/pytest --dist loadfile --no-loadscope-reorder
 # Tests start hundreds of Python processes; none should compile again what another has compiled.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: help demo test test-quick test-socketcan fuzz check client bench docs picture paper page lock changelog clean
+.PHONY: help demo test test-quick test-socketcan test-fresh fuzz check client bench docs picture readme paper page lock changelog clean
 
 help: ## this list
 	@sed -n 's/^\([a-z-]*\):[^#]*## \(.*\)/make \1|\2/p' Makefile | while IFS='|' read -r name text; do \
@@ -41,6 +41,9 @@ test-quick: $(VENV)/.dev ## the tests that are not marked slow; says at the end 
 
 test-socketcan: $(VENV)/.dev ## the drivers on AF_CAN, in user-mode Linux with a virtual bus; two minutes at most
 	$(BIN)/python tests/daq/user_mode_linux.py
+
+test-fresh: ## make demo and make test on new machines: Debian 12 and 13, root and a user (needs root; ARGUMENTS="trixie --as user")
+	@$(PYTHON) tests/project/fresh_machines.py $(ARGUMENTS)
 
 fuzz: $(VENV)/.dev ## coverage-guided fuzzing of the parsers, FUZZ_SECONDS (60) for each; skipped without the extra fuzz
 	$(BIN)/python tests/daq/fuzz_parsers.py --seconds $(FUZZ_SECONDS) $(FUZZ)
@@ -64,6 +67,9 @@ docs: $(VENV)/.docs ## the documentation site, with its examples run (minutes); 
 
 picture: $(VENV)/.dev ## the picture on the first screen, made anew
 	$(BIN)/python -m benchmarks.picture docs/_static/before-after.png
+
+readme: $(VENV)/.dev ## the result of the demonstration in README.md, made anew
+	$(BIN)/python tests/server/commands/readme_result.py
 
 paper: $(VENV)/.dev ## the page of the claims with its figures, made anew
 	$(BIN)/hilfit bench paper --page docs/paper.md
@@ -97,21 +103,30 @@ clean: ## remove the environment and everything that was built
 	rm -rf $(VENV) build docs/_build docs/gallery *.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
 
+# Says that the environment is whole, and where: one that was interrupted has none and is made again, and so is one that
+# was moved, whose programs name the old place.
+MADE := $(VENV)/.made
+ifneq ($(shell cat $(MADE) 2>/dev/null),$(CURDIR))
+$(MADE): FORCE
+endif
+
 # Debian has the venv module in a package of its own; without it `python3 -m venv` leaves half an environment behind.
-$(BIN)/python:
+$(MADE):
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
 	  { echo 'hilfit needs Python 3.11 or newer; name one with PYTHON=, as in: make demo PYTHON=python3.12' >&2; exit 1; }
 	@$(PYTHON) -c 'import ensurepip' 2>/dev/null || if [ "$$(id -u)" = 0 ] && command -v apt-get >/dev/null; then \
 	  apt-get update -qq && DEBIAN_FRONTEND=noninteractive apt-get install -y -qq python3-venv || true; fi
 	@$(PYTHON) -c 'import ensurepip' 2>/dev/null || \
 	  { echo '$(PYTHON) cannot make virtual environments; install that with: sudo apt-get install python3-venv' >&2; exit 1; }
-	$(PYTHON) -m venv $(VENV) || { rm -rf $(VENV); exit 1; }
+	@[ ! -s $@ ] || echo 'this folder was moved or copied; its environment is made anew'
+	$(PYTHON) -m venv --clear $(VENV)
+	@echo '$(CURDIR)' > $@
 
 # The environment is brought up to date when the dependencies change; the package itself is installed editable.
-$(VENV)/.use: pyproject.toml $(LOCK:%=%/use.txt) | $(BIN)/python
+$(VENV)/.use: pyproject.toml $(LOCK:%=%/use.txt) $(MADE)
 	$(call install,use)
 	@touch $@
 
-$(VENV)/.dev: pyproject.toml benchmarks/pyproject.toml $(LOCK:%=%/dev.txt) | $(BIN)/python
+$(VENV)/.dev: pyproject.toml benchmarks/pyproject.toml $(LOCK:%=%/dev.txt) $(MADE)
 	$(call install,dev,-e benchmarks)
 	@touch $@ $(VENV)/.use

@@ -23,11 +23,14 @@ from rich.progress import (
     TimeElapsedColumn,
     TimeRemainingColumn,
 )
+from rich.table import Table
 
 from daq.errors import HilfitError, InputError
 
 #: Seconds over which the speed is averaged that the remaining time is told from: stages report far apart.
 _SPEED_PERIOD = 180.0
+#: Columns of a terminal on which every table fits.
+_ANY_WIDTH = 10_000
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -68,9 +71,42 @@ def print_json(value: Any) -> None:
     print(json.dumps(value, default=str))
 
 
+def show_table(table: Table, console: Console | None = None) -> None:
+    """Print a table; on a terminal where not every word of it fits, each row is a paragraph, and nothing is cut."""
+    console = console or Console()
+    if console.measure(table, options=console.options.update(max_width=_ANY_WIDTH)).minimum <= console.width:
+        console.print(table)
+        return
+    if table.title:
+        console.print(table.title)
+    names = [str(column.header) for column in table.columns]
+    for first, *rest in zip(*(column.cells for column in table.columns), strict=True):
+        console.print(f"{first}: " + ", ".join(f"{name} {cell}" for name, cell in zip(names[1:], rest, strict=True)))
+
+
 @contextlib.contextmanager
 def progress_bar(what: str, *, show: bool = True) -> Iterator[ShowProgress]:
-    """A progress bar on standard error; call what it yields with (done, total[, text]), total None if not known."""
+    """A progress bar on standard error; call what it yields with (done, total[, text]), total None if not known.
+
+    Who interrupts is told what was being done.
+    """
+    doing = what
+
+    def noted(done: float, total: float | None, text: str | None = None) -> None:
+        nonlocal doing
+        doing = text or doing
+        update(done, total, text)
+
+    try:
+        with _bar(what, show) as update:
+            yield noted
+    except KeyboardInterrupt:
+        print(f"hilfit: interrupted ({doing})", file=sys.stderr)
+        raise
+
+
+@contextlib.contextmanager
+def _bar(what: str, show: bool) -> Iterator[ShowProgress]:
     if not show:
         yield lambda done, total, text=None: None
         return

@@ -3,6 +3,8 @@
 import gc
 import os
 import resource
+import shutil
+import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -29,6 +31,40 @@ QUICK_S = 0.6
 MANY = ("tests/project/", "tests/server/access/test_access_matrix.py")
 TESTS = Path(__file__).parent
 _QUICK_ONLY = "not slow"
+_TEMPORARY, _LEFT = pytest.StashKey[Path](), pytest.StashKey[list[str]]()
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_configure(config: pytest.Config) -> None:
+    """Give all tests, and every process that they start, a temporary folder that goes with them.
+
+    Workers find the folder of the process that started them. Matplotlib keeps its list of fonts there as well, not in
+    the home of whoever runs the tests.
+    """
+    if hasattr(config, "workerinput"):
+        return
+    place = tempfile.mkdtemp(prefix="hilfit-tests-")
+    config.stash[_TEMPORARY] = Path(place)
+    os.environ.update(TMPDIR=place, MPLCONFIGDIR=f"{place}/matplotlib")
+    tempfile.tempdir = place
+
+
+@pytest.hookimpl(trylast=True)
+def pytest_sessionfinish(session: pytest.Session) -> None:
+    """A file that a test or a program left in the temporary folder is a failure, like a warning."""
+    if (place := session.config.stash.get(_TEMPORARY, None)) is None:
+        return
+    session.config.stash[_LEFT] = left = [
+        path.name for path in sorted(place.iterdir()) if path.name != "matplotlib" and not path.match("pytest-of-*")
+    ]
+    if left and session.exitstatus == pytest.ExitCode.OK:
+        session.exitstatus = pytest.ExitCode.TESTS_FAILED
+
+
+def pytest_unconfigure(config: pytest.Config) -> None:
+    """Remove the temporary folder, whatever came of the tests."""
+    if (place := config.stash.get(_TEMPORARY, None)) is not None:
+        shutil.rmtree(place, ignore_errors=True)
 
 
 def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
@@ -81,7 +117,10 @@ def pytest_runtest_call(item: pytest.Item) -> Iterator[None]:
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter, config: pytest.Config) -> None:
-    """Say what was left out, and which tests should be."""
+    """Say what was left out, which tests should be, and what was left in the temporary folder."""
+    if left := config.stash.get(_LEFT, []):
+        terminalreporter.section("left in the temporary folder by tests: a failure")
+        terminalreporter.line(", ".join(left))
     if config.option.markexpr == _QUICK_ONLY:
         texts = {path: path.read_text(encoding="utf-8") for path in sorted(TESTS.rglob("test_*.py"))}
         whole = [path for path in texts if _slow_as_a_whole(path)]

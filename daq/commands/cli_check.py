@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from daq.console import print_json, progress_bar
+from daq.console import print_json, progress_bar, show_table
 from daq.errors import InputError
 from daq.machine.machine_file import Machine, load_machine
 
@@ -99,7 +99,7 @@ def print_check(found: MachineCheck, page: Path | None) -> None:
             f" {serial}" if (serial := device.identity.get("serial number")) else ""
         )
         devices.add_row(device.bus, device.device, device.state, what, device.mapping, *latency)
-    console.print(devices)
+    show_table(devices, console)
     channels = Table(
         "channel", "value", "unit", "raw", "noise", "step", "drift a minute", "age, ms", "came, %", box=None
     )
@@ -108,7 +108,7 @@ def print_check(found: MachineCheck, page: Path | None) -> None:
         drift = "moves" if rest.moved else f"{number(rest.drift, 2)} ± {number(rest.drift_std, 1)}"
         values = (number(rest.mean), channel.unit, number(channel.raw, 7), number(rest.noise, 2), number(rest.step, 2))
         channels.add_row(channel.name, *values, drift, number(rest.age_ms, 3), f"{100 * rest.share:.1f}")
-    console.print(channels)
+    show_table(channels, console)
     for delay in found.delays:
         joints = ", ".join(pair.joint for pair in delay.pairs)
         print(

@@ -12,7 +12,7 @@ import typer
 from pydantic import ValidationError
 
 from daq.commissioning import SCAN_SCHEMA
-from daq.console import print_json
+from daq.console import print_json, show_table
 from daq.errors import InputError
 from daq.machine.machine_file import CanopenBus, CanSignalsBus, ModbusRtuBus, ModbusSource, ModbusTcpBus, load_machine
 from daq.validation_words import in_words
@@ -170,7 +170,7 @@ def print_scans(results: Sequence[CanScan | ModbusScan]) -> None:
                 node = "" if entry.node is None else str(entry.node)
                 table.add_row(identifier, entry.what, node, rate, jitter, str(entry.length), entry.data)
             if result.heard:
-                console.print(table)
+                show_table(table, console)
         else:
             asked = result.units_asked
             console.print(f"bus '{name}': {len(asked)} units asked, {len(result.units)} answer", highlight=False)
@@ -178,7 +178,7 @@ def print_scans(results: Sequence[CanScan | ModbusScan]) -> None:
             for unit in result.units:
                 table.add_row(str(unit.unit), unit.answer, f"{unit.milliseconds:.1f}", ", ".join(unit.identity))
             if result.units:
-                console.print(table)
+                show_table(table, console)
             for unit in result.units:
                 for kind, held in unit.registers.items():
                     words = " ".join(f"{at}:{word:04X}" for at, word in held.items())
@@ -204,4 +204,4 @@ def _print_nodes(console: Any, result: CanScan) -> None:
         table.add_row(
             str(node.node), node.state, device.replace("[", "\\["), serial, node.firmware or "", vendor, sends
         )
-    console.print(table)
+    show_table(table, console)

@@ -14,6 +14,7 @@ import math
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any, TypeVar
 
 import numpy as np
@@ -125,7 +126,8 @@ def _mdf_rasters(path: Path, wanted: Wanted) -> list[_Raster]:
 
     rasters: list[_Raster] = []
 
-    with MDF(path) as file:
+    # It copies a file that was not closed properly, and forgets the copy if it cannot be read.
+    with TemporaryDirectory(prefix="hilfit-") as scratch, MDF(path, temporary_folder=scratch) as file:
         for name, places in file.channels_db.items():
             if name == "time" or not wanted(name):
                 continue

@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
-from daq.console import print_json, progress_bar, reported
+from daq.console import print_json, progress_bar, reported, show_table
 from daq.errors import InputError
 from fitting.pipeline.stage_names import ReportLanguage
 
@@ -101,13 +101,12 @@ def list_effects(json: Annotated[bool, typer.Option("--json", help="For programs
     if json:
         print_json([{"id": e.id, "title": e.title, "level": e.level} for e in effects()])
         return
-    from rich.console import Console
     from rich.table import Table
 
     table = Table("id", "level", "what it is", box=None)
     for entry in effects():
         table.add_row(entry.id, entry.level, entry.title)
-    Console().print(table)
+    show_table(table)
 
 
 def show_effect(

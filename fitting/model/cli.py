@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from daq.console import print_json, reported, working
+from daq.console import print_json, reported, show_table, working
 from daq.errors import InputError
 
 if TYPE_CHECKING:
@@ -172,10 +172,9 @@ def _short(value: float | None) -> str:
 
 def print_table(header: tuple[str, ...], rows: list[tuple[str, ...]]) -> None:
     """Print a table for people."""
-    from rich.console import Console
     from rich.table import Table
 
     table = Table(*header, box=None)
     for row in rows:
         table.add_row(*row)
-    Console(soft_wrap=True).print(table)
+    show_table(table)

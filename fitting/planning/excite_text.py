@@ -8,6 +8,7 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
+from daq.console import show_table
 from fitting.excitation import LimitUse
 
 
@@ -16,14 +17,14 @@ def show(result: Mapping[str, Any]) -> None:
     console = Console()
     for motion in result["motions"]:
         if motion["limits"]:
-            console.print(_limits(motion))
+            show_table(_limits(motion), console)
         console.print(_line(motion, result["rods"]), highlight=False, soft_wrap=True)
         if motion.get("not_told"):
             console.print(f"this motion cannot tell: {', '.join(motion['not_told'])}", highlight=False, soft_wrap=True)
     for note in result["notes"]:
         console.print(note, highlight=False, soft_wrap=True)
     if "forecast" in result:
-        console.print(_effects(result["forecast"]))
+        show_table(_effects(result["forecast"]), console)
         for line in (result["forecast"]["parameters_statement"], f"forecast made with {result['forecast']['basis']}"):
             console.print(line, highlight=False, soft_wrap=True)
 

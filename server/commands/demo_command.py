@@ -9,8 +9,8 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import ExitStack
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -23,7 +23,9 @@ if TYPE_CHECKING:
     from daq.acquisition.acquisition import AcquisitionProcess
     from daq.acquisition.recorder import RecordingSummary
     from daq.machine.machine_file import Machine
+    from daq.recordings.recording import Recording
     from fitting.excitation.motion import Motion
+    from fitting.loop.closing import Asked
     from sim_backends.simulated_machine import SimulatedMachine
 
 Progress = Callable[[float, str], None]
@@ -36,6 +38,8 @@ PLAN = (
     ("repeat", "repeat", "train-1"),
     ("validate", "validate", "validate"),
 )
+#: What each of them leaves.
+_OF_A_MOTION = ("motions/{}.csv", "machine/inbox/{}.csv", "recordings/{}.parquet", "recordings/{}.parquet.journal")
 #: Share of the progress bar that each part takes.
 _DESIGN, _RECORD = 0.12, 0.7
 
@@ -145,7 +149,7 @@ def run_demo(
     from fitting.loop.session import Request
     from fitting.pipeline.resolving import identify_and_resolve
     from fitting.pipeline.stages import identify, require_writable
-    from server.commands.demo_recorder import DemoRecorder
+    from server.platform.files import held
     from sim_backends.cli import checked_faults
     from sim_backends.machines import default_machine
     from sim_backends.simulated_machine import SimulatedMachine
@@ -153,22 +157,39 @@ def run_demo(
     machine, _ = default_machine()
     script = None if faults is None else checked_faults(faults, machine)
     require_writable(output)
-    with ExitStack() as stack:
+    effects = _effects(undeclared, machine)
+    simulated = SimulatedMachine(machine, None, effects, seed, speed, output / "machine", faults=script)
+    output.mkdir(parents=True, exist_ok=True)
+    taken = "another demo is running in this directory; wait for its end, or choose another with -o"
+    with held(output / ".lock", str(output), taken):
+        _discard(output)
         progress(0.0, "starting the simulated machine")
-        simulated = stack.enter_context(
-            SimulatedMachine(
-                machine, None, _effects(undeclared, machine), seed, speed, output / "machine", faults=script
-            )
-        )
-        acquired = _acquired(simulated, output, seconds, seed, lambda s, t: progress(_RECORD * s, t))
-        request = Request(output / "machine" / "machine.yaml", acquired.recordings, output, languages=(language,))
+        with simulated:
+            acquired = _acquired(simulated, output, seconds, seed, lambda s, t: progress(_RECORD * s, t))
+            request = Request(output / "machine" / "machine.yaml", acquired.recordings, output, languages=(language,))
 
-        def identifying(share: float, text: str) -> None:
-            progress(_RECORD + (1 - _RECORD) * share, text)
+            def identifying(share: float, text: str) -> None:
+                progress(_RECORD + (1 - _RECORD) * share, text)
 
-        if resolve:
-            return identify_and_resolve(request, DemoRecorder(simulated, output), identifying), acquired
-    return identify(request, identifying), acquired
+            if resolve:
+                return identify_and_resolve(request, partial(_record_asked, simulated, output), identifying), acquired
+        return identify(request, identifying), acquired
+
+
+def _discard(output: Path) -> None:
+    """Remove what an earlier demo left, by the names that demos use: no old report stands beside new recordings.
+
+    A demo that was interrupted left a journal, which would be refused, and perhaps a motion for the arm's controller.
+    """
+    from fitting.model.codec import MODEL_FILE
+    from fitting.pipeline.stage_names import NEXT_MOTION
+
+    names = (*(name for name, _, _ in PLAN), "resolve-*")
+    old = ["report.json", "report*.html", MODEL_FILE, NEXT_MOTION]
+    old += [place.format(name) for name in names for place in _OF_A_MOTION]
+    for pattern in old:
+        for path in output.glob(pattern):
+            path.unlink()
 
 
 def _acquired(simulated: SimulatedMachine, output: Path, seconds: float, seed: int, progress: Progress) -> Acquired:
@@ -258,6 +279,23 @@ def record_motion(
     # The arm holds its last pose; the next motion starts from there.
     simulated.wait_done(name)
     return summary
+
+
+def _record_asked(simulated: SimulatedMachine, output: Path, asked: Asked, number: int) -> Recording:
+    """Let the arm make a motion that the identification asks for (a :class:`fitting.loop.closing.Recorder`).
+
+    Acquisition runs while it is recorded and not in between, so machine time stands still meanwhile.
+    """
+    from daq.acquisition.acquisition import AcquisitionProcess
+    from daq.recordings.recording import read_recording
+
+    name = f"resolve-{number}"
+    save_motion(output / "motions" / f"{name}.csv", asked.motion)
+    path = output / "recordings" / f"{name}.parquet"
+    with AcquisitionProcess(simulated.machine_path) as acquisition:
+        record_motion(simulated, acquisition, asked.motion, (name, asked.role), path)
+        machine = acquisition.machine
+    return read_recording(path, machine, asked.role)
 
 
 def _effects(texts: Sequence[str] | None, machine: Machine) -> Any:

@@ -6,14 +6,12 @@ them, so ``data_dir`` is a directory that all share.
 
 from __future__ import annotations
 
-import fcntl
 import os
 import shutil
 import signal
 import tempfile
 import threading
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from types import FrameType
 from typing import Any
@@ -28,7 +26,7 @@ from server.jobs.job_runner import EXECUTOR, JobRunner
 from server.platform import logs
 from server.platform.database.engine import Database
 from server.platform.errors import StartError
-from server.platform.files import DataDirectory, private_files
+from server.platform.files import DataDirectory, held, private_files
 from server.platform.parts import Key, Parts
 from server.platform.resource import providers_of
 from server.platform.settings import Settings
@@ -66,7 +64,8 @@ def work(settings: Settings, name: str, ready: Callable[[], None], given: Mappin
         signal.signal(number, stop)
     files = DataDirectory(settings.data_dir)
     scratch = Path(tempfile.gettempdir()) / f"hilfit-{name}"
-    with _alone(files, name):
+    # Two of one name would both resume the same jobs.
+    with held(files.root / f"lock-worker-{name}", f"--name {name}", "another worker has this name; give each its own"):
         shutil.rmtree(scratch, ignore_errors=True)  # what a killed worker of this name had fetched
         database = Database(settings.full_database_url or "", TABLES, changed=lambda: None, backups=files.backups)
         # The lock's age tells a health check that this process lives and reaches the database.
@@ -104,14 +103,3 @@ def _kinds(
     parts.put(given)
     kinds = (kind for resource in RESOURCES for kind in resource.job_kinds)
     return tuple(parts[kind] for kind in kinds if kind.queue == NUMERICAL)
-
-
-@contextmanager
-def _alone(files: DataDirectory, name: str) -> Iterator[None]:
-    """Refuse a second worker of the same name: both would resume the same jobs."""
-    with (files.root / f"lock-worker-{name}").open("a") as file:
-        try:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError:
-            raise StartError(f"--name {name}: another worker has this name; give each its own") from None
-        yield

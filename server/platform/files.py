@@ -36,6 +36,27 @@ WRITE_BYTES = 2**20
 DATABASE_FILE = "hilfit.sqlite"
 
 
+@contextmanager
+def held(lock: Path, place: str, taken: str) -> Iterator[int]:
+    """Hold a lock file, which goes with the process; gives its descriptor.
+
+    Raises
+    ------
+    StartError
+        If another process holds it (then ``place`` is ``taken``), or it cannot be written.
+    """
+    try:
+        opened = lock.open("a")
+    except OSError as error:
+        raise StartError(f"{place}: cannot be written ({error.strerror}); give another directory") from None
+    with opened as file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            raise StartError(f"{place}: {taken}") from None
+        yield file.fileno()
+
+
 class DataDirectory:
     """Paths below ``data_dir``; creates the directories."""
 
@@ -86,21 +107,8 @@ class DataDirectory:
         StartError
             If another server holds it.
         """
-        try:
-            opened = (self.root / "lock").open("a")
-        except OSError as error:
-            raise StartError(
-                f"--data-dir {self.root}: cannot be written ({error.strerror}); give another directory"
-            ) from None
-        with opened as file:
-            try:
-                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except OSError:
-                raise StartError(
-                    f"--data-dir {self.root}: another hilfit server is using it; stop that one or "
-                    "give another directory"
-                ) from None
-            self._held = file.fileno()
+        taken = "another hilfit server is using it; stop that one or give another directory"
+        with held(self.root / "lock", f"--data-dir {self.root}", taken) as self._held:
             try:
                 yield
             finally:

@@ -359,7 +359,10 @@ def test_what_is_too_large_is_refused_before_it_is_unpacked(tmp_path: Path, monk
 
 
 @pytest.mark.slow
-def test_damaged_containers_are_refused(tmp_path: Path) -> None:
+def test_damaged_containers_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    temporary = tmp_path / "temporary"
+    temporary.mkdir()
+    monkeypatch.setattr("tempfile.tempdir", str(temporary))
     for name, content, word in (
         ("r.mf4", b"MDF     4.10    ".ljust(4096, b"\7"), "MDF"),
         ("r.db3", b"SQLite format 3\0".ljust(4096, b"\7"), "bag"),
@@ -368,6 +371,7 @@ def test_damaged_containers_are_refused(tmp_path: Path) -> None:
         path = tmp_path / name
         path.write_bytes(content)
         refused(path, word)
+        assert not list(temporary.iterdir()), "a copy of a file that was not closed properly"
 
 
 def command(*arguments: object) -> int:

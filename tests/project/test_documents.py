@@ -1,4 +1,4 @@
-"""Documents: links lead somewhere, decisions are short and numbered without holes."""
+"""Documents: links lead somewhere, decisions are short, each with a number of its own."""
 
 from __future__ import annotations
 
@@ -34,8 +34,9 @@ def test_links_lead_to_files(path: Path) -> None:
     assert [link for link in here if link and not (base / link).exists()] == []
 
 
-def test_decisions_are_numbered_without_holes_and_listed() -> None:
-    assert [int(path.name[:4]) for path in DECISIONS] == list(range(1, len(DECISIONS) + 1))
+def test_decisions_are_numbered_and_listed() -> None:
+    numbers = [int(path.name[:4]) for path in DECISIONS]
+    assert len(set(numbers)) == len(numbers)
     listed = (ROOT / "docs" / "decisions" / "README.md").read_text()
     for path in DECISIONS:
         title = re.fullmatch(r"# (\d+)\. (.+)", path.read_text().splitlines()[0])

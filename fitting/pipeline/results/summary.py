@@ -9,6 +9,8 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
+from daq.console import show_table
+
 
 def print_summary(report: Mapping[str, Any], output: Path) -> None:
     """Print the table of errors, the verdict and where the report is."""
@@ -34,8 +36,8 @@ def print_summary(report: Mapping[str, Any], output: Path) -> None:
         table.add_row(joint, errors["unit"], *map(_short, (errors["noise_floor"], before, after)), change)
         more = [_short(entry.get(f"{role}_{size}")) for size in ("rms", "mean") for entry in pair]
         sizes.add_row(joint, errors["unit"], *more, *(share(entry.get(f"{role}_relative")) for entry in pair))
-    console.print(table)
-    console.print(sizes)
+    show_table(table, console)
+    show_table(sizes, console)
     relative = report["overall"].get("relative")
     if relative:
         console.print(

@@ -10,10 +10,11 @@ from __future__ import annotations
 import asyncio
 import json
 from dataclasses import dataclass
-from http import HTTPStatus
 from typing import Any
 
 from uvicorn.protocols.http.httptools_impl import HttpToolsProtocol
+
+from server.platform.http.problems import status_phrase
 
 
 @dataclass(frozen=True)
@@ -141,7 +142,7 @@ class BoundedHttp(HttpToolsProtocol):
             return
         self._refused = True
         self._stop()
-        phrase = HTTPStatus(status).phrase
+        phrase = status_phrase(status)
         slug = phrase.lower().replace(" ", "-")
         content = {"type": f"urn:hilfit:problem:{slug}", "title": phrase, "status": status, "detail": detail}
         body = json.dumps({**content, "instance": "/"}).encode()

@@ -22,6 +22,13 @@ from server.platform.database.patience import away
 from server.platform.errors import ServiceError
 
 INVALID = "Invalid content"
+#: Names of statuses that Python 3.13 renamed with RFC 9110; types of problems are made of them and stay what they were.
+_PHRASES = {
+    413: "Request Entity Too Large",
+    414: "Request-URI Too Long",
+    416: "Requested Range Not Satisfiable",
+    422: "Unprocessable Entity",
+}
 MEDIA_TYPE = "application/problem+json"
 _log = structlog.stdlib.get_logger(__name__)
 
@@ -37,6 +44,11 @@ class Problem(BaseModel):
     errors: list[dict[str, Any]] | None = None
 
 
+def status_phrase(status: int) -> str:
+    """What a status is called in problems and in the OpenAPI description, whichever Python runs."""
+    return _PHRASES.get(status) or HTTPStatus(status).phrase
+
+
 def problem(
     request: Request,
     status: int,
@@ -48,7 +60,7 @@ def problem(
     headers: dict[str, str] | None = None,
 ) -> JSONResponse:
     """The response that tells ``detail``; ``type`` is ``urn:hilfit:problem:<slug>``, RFC 9457 section 3.1."""
-    phrase = title or HTTPStatus(status).phrase
+    phrase = title or status_phrase(status)
     document = Problem(
         type=f"urn:hilfit:problem:{slug or phrase.lower().replace(' ', '-')}",
         title=phrase,

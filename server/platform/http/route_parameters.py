@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from http import HTTPStatus
 from typing import Annotated, Any
 
 from fastapi import Depends, Header, Query, Request
 
 from server.platform.authorization.named_things import Names
-from server.platform.http.problems import MEDIA_TYPE
+from server.platform.http.problems import MEDIA_TYPE, status_phrase
 from server.platform.service import Service
 
 
@@ -30,4 +29,4 @@ Cursor = Annotated[int, Query(ge=0, le=2**53, description="`next` of the page be
 def problems(*statuses: int) -> dict[int | str, dict[str, Any]]:
     """The error responses of a route, for its ``responses``; the schema is added by the application."""
     content = {MEDIA_TYPE: {"schema": {"$ref": "#/components/schemas/Problem"}}}
-    return {status: {"description": HTTPStatus(status).phrase, "content": content} for status in statuses}
+    return {status: {"description": status_phrase(status), "content": content} for status in statuses}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
@@ -26,9 +27,13 @@ class Bench:
         self.seconds = 0.0
         self.wall = datetime(2026, 1, 1, tzinfo=UTC)
         self.changes = 0
-        self.restart()
+        self._open()
 
     def restart(self) -> None:
+        self.database.close()
+        self._open()
+
+    def _open(self) -> None:
         self.database = Database(self.path, TABLES, clock=lambda: self.wall, changed=lambda: None)
         self.desk = Alarms(self.database, lambda: self.seconds)
 
@@ -44,8 +49,10 @@ class Bench:
 
 
 @pytest.fixture
-def bench(tmp_path: Path) -> Bench:
-    return Bench(tmp_path / "store.sqlite")
+def bench(tmp_path: Path) -> Iterator[Bench]:
+    bench = Bench(tmp_path / "store.sqlite")
+    yield bench
+    bench.database.close()
 
 
 def test_an_alarm_is_raised_and_cleared_after_its_delays(bench: Bench) -> None:
@@ -132,8 +139,8 @@ class Acquisitions:
 class Surroundings(Bench):
     """A watch whose world a test makes."""
 
-    def restart(self) -> None:
-        super().restart()
+    def _open(self) -> None:
+        super()._open()
         self.acquisitions = Acquisitions()
         self.free = 10 * 2**30
         self.ended = 0
@@ -158,8 +165,10 @@ class Surroundings(Bench):
 
 
 @pytest.fixture
-def world(tmp_path: Path) -> Surroundings:
-    return Surroundings(tmp_path / "store.sqlite")
+def world(tmp_path: Path) -> Iterator[Surroundings]:
+    world = Surroundings(tmp_path / "store.sqlite")
+    yield world
+    world.database.close()
 
 
 def test_a_sound_machine_raises_no_alarm(world: Surroundings) -> None:

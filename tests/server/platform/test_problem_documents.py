@@ -8,6 +8,19 @@ import pytest
 from service_fakes import API, Running
 
 from server.jobs.job_store import Jobs
+from server.platform.http.problems import status_phrase
+
+
+def test_names_of_statuses_are_those_of_the_interface_whichever_python_runs() -> None:
+    """Python 3.13 renamed some with RFC 9110; types of problems and the OpenAPI file are made of them."""
+    released = {
+        404: "Not Found",
+        413: "Request Entity Too Large",
+        414: "Request-URI Too Long",
+        416: "Requested Range Not Satisfiable",
+        422: "Unprocessable Entity",
+    }
+    assert {status: status_phrase(status) for status in released} == released
 
 
 def problem(response: Any, status: int) -> dict[str, Any]:

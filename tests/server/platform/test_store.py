@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Iterator
+from contextlib import closing
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -83,7 +84,7 @@ def at_once(count: int, action: Callable[[int], object]) -> list[object]:
 
 
 def test_sqlite_is_set_up_to_survive_a_power_cut(files: DataDirectory) -> None:
-    with Database(files.database, TABLES, changed=nothing).read() as connection:
+    with closing(Database(files.database, TABLES, changed=nothing)) as store, store.read() as connection:
         assert connection.exec_driver_sql("PRAGMA journal_mode").scalar() == "delete"
         assert connection.exec_driver_sql("PRAGMA synchronous").scalar() == 2  # FULL
         assert connection.exec_driver_sql("PRAGMA foreign_keys").scalar() == 1
@@ -150,18 +151,19 @@ def job(database: Database, id: str = "job-1") -> Jobs:
 def test_progress_never_goes_back_and_events_have_no_hole(
     tmp_path_factory: pytest.TempPathFactory, fractions: list[float]
 ) -> None:
-    jobs = job(Database(tmp_path_factory.mktemp("store") / "s.sqlite", TABLES, changed=nothing))
-    for fraction in fractions:
-        assert jobs.progress("job-1", "a", fraction, "works")
-    assert jobs.finish("job-1", "done", "Done")
-    assert not jobs.finish("job-1", "failed", "Failed"), "a job ends once"
-    events = jobs.events("job-1")
-    assert [event.number for event in events] == list(range(1, len(fractions) + 3))
-    seen = [event.fraction for event in events]
-    assert seen == sorted(seen)
-    assert all(0 <= fraction <= 1 for fraction in seen)
-    assert jobs.events("job-1", after=len(events) - 1) == events[-1:]
-    assert not jobs.progress("job-1", "a", 0.5, "too late")
+    with closing(Database(tmp_path_factory.mktemp("store") / "s.sqlite", TABLES, changed=nothing)) as store:
+        jobs = job(store)
+        for fraction in fractions:
+            assert jobs.progress("job-1", "a", fraction, "works")
+        assert jobs.finish("job-1", "done", "Done")
+        assert not jobs.finish("job-1", "failed", "Failed"), "a job ends once"
+        events = jobs.events("job-1")
+        assert [event.number for event in events] == list(range(1, len(fractions) + 3))
+        seen = [event.fraction for event in events]
+        assert seen == sorted(seen)
+        assert all(0 <= fraction <= 1 for fraction in seen)
+        assert jobs.events("job-1", after=len(events) - 1) == events[-1:]
+        assert not jobs.progress("job-1", "a", 0.5, "too late")
 
 
 def test_a_page_ends_where_the_next_begins(database: Database) -> None:
