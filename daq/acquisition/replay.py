@@ -22,15 +22,13 @@ from daq.acquisition.recorder import UNMEASURED
 from daq.acquisition.trace import bus_file, read_trace, trace_files
 from daq.drivers.base import Driver, DriverContext, make_driver
 from daq.drivers.can.port import CanAccess, CanConfig, CanPort
-from daq.drivers.canopen.eds import Place
-from daq.drivers.canopen.listening import ListeningDriver, Member
-from daq.drivers.canopen.mapping import map_node
+from daq.drivers.canopen.listening import ListeningDriver, commissioned, nothing_to_ask
 from daq.errors import InputError
 from daq.frames.channels import channel_table, channels_by_bus
 from daq.frames.clock import NS, SyncClock, Tick
 from daq.frames.events import EventLog
 from daq.frames.frame import Frame
-from daq.machine.machine_file import CanopenBus, CanSignalsBus, CanSource, Channel, Machine
+from daq.machine.machine_file import CanopenBus, CanSignalsBus, Channel, Machine
 
 _NO_WAITING_S = 1e-12
 
@@ -140,28 +138,9 @@ def _files(trace: Path, buses: list[str]) -> dict[str, Path]:
 def _driver(bus: CanopenBus | CanSignalsBus, channels: tuple[Channel, ...], context: DriverContext) -> Driver:
     if isinstance(bus, CanSignalsBus) or bus.listen_only:
         return make_driver(bus, channels, context)
+    nothing_to_ask(bus, channels)
     followed = bus.model_copy(update={"listen_only": True, "sync": "external"})
     return ListeningDriver(followed, channels, context, commissioned(bus, channels))
-
-
-def commissioned(bus: CanopenBus, channels: tuple[Channel, ...]) -> list[Member]:
-    """Where the channels are in the TPDOs that commissioning maps."""
-    grouped: dict[int, list[tuple[int, Channel]]] = {}
-    for position, channel in enumerate(channels):
-        assert isinstance(channel.source, CanSource)
-        grouped.setdefault(channel.source.node, []).append((position, channel))
-    found = []
-    for node, members in grouped.items():
-        for mapping in map_node(node, members, f"bus '{bus.name}' node {node}"):
-            bit = 0
-            for entry, positions in zip(mapping.entries, mapping.positions, strict=True):
-                place = Place(mapping.cob_id, bit, entry & 0xFF, synchronous=True, event_ms=0)
-                bit += entry & 0xFF
-                for position in positions:
-                    source = channels[position].source
-                    assert isinstance(source, CanSource)
-                    found.append(Member(position, source, place))
-    return found
 
 
 def _frames(machine: Machine, tape: _Tape, drivers: list[Driver], leading: ListeningDriver | None) -> Iterator[Frame]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json as json_text
+import sys
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
@@ -41,11 +42,14 @@ def scan(
     registers: Annotated[str | None, typer.Option(help="Registers to read from units that answer, as 0-20.")] = None,
     nodes: Annotated[str, typer.Option(help="CANopen nodes to ask.")] = "1-127",
     seconds: Annotated[float, typer.Option(help="To listen before anything is sent.", min=0.1)] = 2.0,
-    listen_only: Annotated[bool, typer.Option("--listen-only", help="Send nothing, whatever is heard.")] = False,
+    ask: Annotated[
+        bool, typer.Option("--ask", help="Ask nodes and units what they are, where nobody else leads the bus.")
+    ] = False,
+    listen_only: Annotated[bool, typer.Option("--listen-only", help="Send nothing: as without --ask.")] = False,
     output: Annotated[Path | None, typer.Option("-o", "--output", help="Also write it for 'machine new'.")] = None,
     json: Annotated[bool, typer.Option("--json", help="Print the result as JSON.")] = False,
 ) -> None:
-    """Who is on a bus: listens for two seconds, then asks, unless somebody else leads. Nothing is written."""
+    """Who is on a bus: listens for two seconds. With --ask it then asks, unless somebody else leads; writes nothing."""
     from daq.commissioning.modbus_scan import scan_modbus, span
 
     if output is not None and output.suffix != ".json":
@@ -56,6 +60,8 @@ def scan(
         read = None if registers is None else span(registers, "registers", 0, 0xFFFF)
     except ValueError as error:
         raise InputError(str(error)) from None
+    if ask and listen_only:
+        raise InputError("bus scan: --ask and --listen-only say the opposite; keep one")
     chosen = _described(interface, channel, bitrate, option or (), tcp, serial, baudrate, parity)
     used: dict[str, list[int]] = {}
     if machine is not None:
@@ -65,15 +71,20 @@ def scan(
     results: list[CanScan | ModbusScan] = []
     for one in chosen:
         if isinstance(one, CanopenBus | CanSignalsBus):
-            from daq.commissioning.can_scan import scan_can
+            from daq.commissioning.can_scan import questions, scan_can
 
-            results.append(scan_can(one, seconds=seconds, ask=not listen_only, nodes=asked_nodes))
+            if asking := ask and not one.listen_only:
+                print(
+                    f"bus '{one.name}': listens for {seconds:g} s, then sends {questions(asked_nodes)}", file=sys.stderr
+                )
+            results.append(scan_can(one, seconds=seconds, ask=asking, nodes=asked_nodes))
             continue
-        numbers = asked_units or used.get(one.name)
-        if numbers is None:
-            raise InputError(f"bus '{one.name}': say which units to ask, as --units 1-8; no others are asked")
+        numbers = asked_units or (used.get(one.name) if ask else None)
         if listen_only:
             raise InputError(f"bus '{one.name}': Modbus is asked or silent; leave --listen-only out, or the bus")
+        if numbers is None:
+            units_of = "--ask for those of the machine file, or " if one.name in used else ""
+            raise InputError(f"bus '{one.name}': say which units to ask, {units_of}--units 1-8; no others are asked")
         results.append(scan_modbus(one, numbers, None if read is None else range(read[0], read[-1] + 1)))
     content = {"schema": SCAN_SCHEMA, "buses": [asdict(result) for result in results]}
     if output is not None:

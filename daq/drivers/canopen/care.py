@@ -110,6 +110,7 @@ class NodeCare:
     def _broke(self, error: Exception) -> None:
         self._counts["keeper_broke"] += 1
         self.failed(f"{self.node.place}: commissioning broke ({type(error).__name__}: {error}); it is tried again")
+        self._start.tried(self.node.config.node)
 
     def _care(self) -> None:
         node = self.node

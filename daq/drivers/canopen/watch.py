@@ -9,6 +9,7 @@ from collections import Counter
 from collections.abc import Iterable, MutableMapping
 
 from daq.drivers.base import DriverContext
+from daq.drivers.canopen.leadership import Leadership
 from daq.drivers.canopen.node import (
     LATE_TOLERATED,
     MISSES_LOST,
@@ -35,6 +36,7 @@ class NodeWatch:
         self._bus = bus
         self._context = context
         self._counts = counts
+        self.leadership: Leadership | None = None
         self._limits: dict[int, float] = {}  # ns without a sign of life, by node
 
     def _name(self, node: Node) -> str:
@@ -140,13 +142,13 @@ class NodeWatch:
     def _no_heartbeat(node: Node) -> str:
         return f"{node.place}: TPDOs come, but no heartbeat; check what else writes to it (0x1017)"
 
-    @staticmethod
-    def _out_of_step(node: Node) -> bool:
-        """Alive, but no longer doing what it was commissioned for."""
+    def _out_of_step(self, node: Node) -> bool:
+        """Alive, but no longer doing what it was commissioned for, by its own doing and not another master's."""
         if node.starting_anew:
             return False
         if node.heartbeat_state in (STATE_PRE_OPERATIONAL, STATE_STOPPED):
-            return node.misses >= MISSES_TOLERATED  # a single such heartbeat may be from before it went operational
+            by_itself = self.leadership is None or self.leadership.excused(node.config.node)
+            return by_itself and node.misses >= MISSES_TOLERATED
         return node.misses >= MISSES_LOST
 
     @staticmethod
