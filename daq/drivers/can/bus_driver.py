@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 
 from daq.drivers.base import DeviceStatus, DriverContext, DriverStatistics
 from daq.drivers.can.health import BusHealth, advice, told
-from daq.drivers.can.port import CanConfig, CanPort
+from daq.drivers.can.port import CanConfig, CanPort, first_line
 from daq.drivers.keeper import Keeper
 from daq.errors import AcquisitionError
 
@@ -74,7 +74,8 @@ class CanDriver:
 
     def _broke(self, error: Exception) -> None:
         self.counts["keeper_broke"] += 1
-        self.is_down(f"bus '{self.config.name}': opening it broke ({type(error).__name__}: {error}); it is tried again")
+        what = f"{type(error).__name__}: {first_line(error)}"
+        self.is_down(f"bus '{self.config.name}': opening it broke ({what}); it is tried again")
 
     def is_down(self, line: str) -> None:
         """The bus cannot be used; it is opened again after a while."""

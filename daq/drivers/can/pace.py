@@ -17,10 +17,11 @@ from collections.abc import Sequence
 
 INTERVALS = 9  # of which the median is taken for a frame's own
 REGULAR = 0.25  # of the median, by which no interval of a frame with a period of its own is off
-NEAR = 0.1  # of a period, by which a frame that is where it is due may be off; or so many of its largest deviations:
+NEAR = 0.15  # of a period, by which a frame that is where it is due may be off; or so many of its largest deviations:
 DEVIATIONS = 3
 BEHIND = 4  # frames in a row that are late after a stall; then they were lost
-HITS = 3  # frames in a row where they were due, with others between them, of a sender that also sends changes
+HITS = 3  # frames in a row where they were due with others between them: two senders
+PULL = 0.25  # of what a frame is off, by which the next one is expected otherwise
 DOUBT = 12  # frames after the last one too many in which a stream is still another's
 HALF = 16  # frames of each half that are compared
 
@@ -85,12 +86,13 @@ class Pace:
         if self._early:
             self._hits = self._hits + 1 if in_time else 0
             self._sends_changes |= not in_time and not self._doubt
-            if self._hits >= (HITS if self._sends_changes else 1):
+            if self._hits >= HITS:
                 self._doubt = DOUBT
         self._early = 0
         self._late = 0 if in_time else self._late + 1
         lost = self._late >= BEHIND or self._sends_changes
-        self._due = (at_ns if in_time or lost else self._due) + self._period
+        pull = 1.0 if lost else PULL if in_time else 0.0
+        self._due += self._period + pull * (at_ns - self._due)
         return False
 
     def mixed(self, values: Sequence[float]) -> bool:

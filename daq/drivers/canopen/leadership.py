@@ -86,7 +86,7 @@ class Leadership:
         self._lock = threading.Lock()
         self._until_ns = self._now() + round(self._listen_s * NS)
         self._led = False
-        self._sync_ns = 0
+        self._sync_ns = -(10**18)  # our last one
         self._commanded: dict[int, tuple[int, int]] = dict.fromkeys(started, (OPERATIONAL, 0))  # state, since when
         self._confirmed: dict[int, int] = {}  # by heartbeat; heartbeats since that say otherwise
         self._trouble_ns: dict[int, int] = {}

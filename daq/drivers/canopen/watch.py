@@ -23,6 +23,8 @@ from daq.drivers.canopen.node import (
 )
 from daq.frames.clock import NS
 
+NO_HEARTBEAT_MS = 100  # that takes its place for a node whose TPDOs alone say that it lives
+
 
 class NodeWatch:
     """Watches the nodes of one bus.
@@ -98,7 +100,7 @@ class NodeWatch:
 
     def limit_ns(self, node: Node) -> float:
         """How long a node may give no sign of life."""
-        heartbeat_s = WATCHDOG_PERIODS * max(node.config.heartbeat_ms * 1e-3, self._context.period_s)
+        heartbeat_s = WATCHDOG_PERIODS * max((node.heartbeat_ms or NO_HEARTBEAT_MS) * 1e-3, self._context.period_s)
         limit = self._limits[node.config.node] = max(heartbeat_s, self._context.patience_s) * NS
         return limit
 
@@ -130,7 +132,7 @@ class NodeWatch:
 
     def _heartbeat(self, node: Node, since_ns: int, limit_ns: float) -> None:
         """Its TPDOs come; whether its heartbeat does as well."""
-        lost = since_ns > limit_ns
+        lost = since_ns > limit_ns and node.heartbeat_ms > 0
         if lost and not node.heartbeat_lost:
             self._counts["heartbeat_lost"] += 1
             self._context.events.begin(self._name(node), "heartbeat_lost", self._no_heartbeat(node))
