@@ -82,9 +82,11 @@ def scan(
         numbers = asked_units or (used.get(one.name) if ask else None)
         if listen_only:
             raise InputError(f"bus '{one.name}': Modbus is asked or silent; leave --listen-only out, or the bus")
+        if numbers is None and one.name in used:
+            print(f"bus '{one.name}': its units are not asked without --ask", file=sys.stderr)
+            continue
         if numbers is None:
-            units_of = "--ask for those of the machine file, or " if one.name in used else ""
-            raise InputError(f"bus '{one.name}': say which units to ask, {units_of}--units 1-8; no others are asked")
+            raise InputError(f"bus '{one.name}': say which units to ask, as --units 1-8; no others are asked")
         results.append(scan_modbus(one, numbers, None if read is None else range(read[0], read[-1] + 1)))
     content = {"schema": SCAN_SCHEMA, "buses": [asdict(result) for result in results]}
     if output is not None:

@@ -232,7 +232,7 @@ def _notes(
         notes.append(f"bus '{name}': {health.error_frames} error frames and nothing else; the bitrate is wrong")
     elif not heard and not asked:
         notes.append(f"bus '{name}': nothing was heard; check bitrate, cable and power")
-    if masters and ask:
+    if masters:
         notes.append(
             f"bus '{name}': another master leads it ({masters}), so nothing was sent; take its PDOs as they are with "
             "listen_only: true"

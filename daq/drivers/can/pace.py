@@ -16,11 +16,12 @@ from collections import deque
 from collections.abc import Sequence
 
 INTERVALS = 9  # of which the median is taken for a frame's own
-REGULAR = 0.25  # of the median, by which no interval of a frame with a period of its own is off
+REGULAR = 0.1  # of the median, by which no interval of a frame with a period of its own is off
 NEAR = 0.15  # of a period, by which a frame that is where it is due may be off; or so many of its largest deviations:
 DEVIATIONS = 3
 BEHIND = 4  # frames in a row that are late after a stall; then they were lost
-HITS = 3  # frames in a row where they were due with others between them: two senders
+HITS = 6  # frames in a row where they were due with others between them: two senders
+ELSEWHERE = 2  # frames in a row where they were not due, behind others: one that also sends changes
 PULL = 0.25  # of what a frame is off, by which the next one is expected otherwise
 DOUBT = 12  # frames after the last one too many in which a stream is still another's
 HALF = 16  # frames of each half that are compared
@@ -42,7 +43,7 @@ class Pace:
         self._period = 0.0  # of one sender, once it was regular
         self._near = 0.0  # ns that a frame may be off
         self._due = 0.0
-        self._early = self._late = self._hits = self._doubt = 0
+        self._early = self._late = self._hits = self._elsewhere = self._doubt = 0
         self._sends_changes = False
         self._held: deque[tuple[float, ...]] = deque(maxlen=2 * HALF)
 
@@ -66,6 +67,7 @@ class Pace:
         if self._period:
             early = self._look(at_ns)
             if self._doubt or (early and not self._sends_changes):
+                self._intervals.clear()  # of one sender the period is, not of two
                 return True
         self._median = statistics.median(self._intervals)
         off = max(abs(interval - self._median) for interval in self._intervals)
@@ -83,14 +85,17 @@ class Pace:
                 self._doubt = DOUBT
             return True
         in_time = at_ns <= self._due + self._near
-        if self._early:
+        behind = self._early > 0
+        if behind:
             self._hits = self._hits + 1 if in_time else 0
-            self._sends_changes |= not in_time and not self._doubt
-            if self._hits >= HITS:
+            self._elsewhere = 0 if in_time else self._elsewhere + 1
+            if self._elsewhere >= ELSEWHERE:
+                self._sends_changes, self._doubt = True, 0
+            elif self._hits >= HITS and not self._sends_changes:
                 self._doubt = DOUBT
         self._early = 0
         self._late = 0 if in_time else self._late + 1
-        lost = self._late >= BEHIND or self._sends_changes
+        lost = self._late >= BEHIND or self._sends_changes or (behind and not in_time)
         pull = 1.0 if lost else PULL if in_time else 0.0
         self._due += self._period + pull * (at_ns - self._due)
         return False
