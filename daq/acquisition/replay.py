@@ -170,7 +170,7 @@ def _frames(machine: Machine, tape: _Tape, drivers: list[Driver], leading: Liste
     clock = None if leading is None else SyncClock(machine.rate_hz, 1 / machine.rate_hz, next_sync, lambda: tape.now_ns)
     if clock is not None:
         clock.start()
-    begin, number = tape.now_ns + _phase(tape.first, tape.now_ns, period_ns), 0
+    begin, number = tape.now_ns + _phase(tape.first, tape.now_ns, period_ns) - period_ns, 0
     while not tape.ended:
         if clock is not None:
             tick = clock.wait()

@@ -71,13 +71,7 @@ def scan(
     results: list[CanScan | ModbusScan] = []
     for one in chosen:
         if isinstance(one, CanopenBus | CanSignalsBus):
-            from daq.commissioning.can_scan import questions, scan_can
-
-            if asking := ask and not one.listen_only:
-                print(
-                    f"bus '{one.name}': listens for {seconds:g} s, then sends {questions(asked_nodes)}", file=sys.stderr
-                )
-            results.append(scan_can(one, seconds=seconds, ask=asking, nodes=asked_nodes))
+            results.append(_of_can(one, seconds, ask, asked_nodes))
             continue
         numbers = asked_units or (used.get(one.name) if ask else None)
         if listen_only:
@@ -97,6 +91,16 @@ def scan(
     print_scans(results)
     if output is not None:
         print(f"{output}: written; next: hilfit machine new --scan {output} -o machine.yaml")
+
+
+def _of_can(bus: CanopenBus | CanSignalsBus, seconds: float, ask: bool, nodes: Sequence[int]) -> CanScan:
+    """A CAN bus, and before anything is sent what that will be."""
+    from daq.commissioning.can_scan import questions, scan_can
+
+    asking = ask and not bus.listen_only
+    if asking:
+        print(f"bus '{bus.name}': listens for {seconds:g} s, then sends {questions(nodes)}", file=sys.stderr)
+    return scan_can(bus, seconds=seconds, ask=asking, nodes=nodes)
 
 
 def _described(

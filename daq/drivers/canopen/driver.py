@@ -18,9 +18,8 @@ from daq.drivers.canopen.lead import Lead
 from daq.drivers.canopen.leadership import Leadership, State
 from daq.drivers.canopen.link import CanLink
 from daq.drivers.canopen.listening import Guest, ListeningDriver
-from daq.drivers.canopen.look import Look
+from daq.drivers.canopen.look import Look, Sweep
 from daq.drivers.canopen.node import MISSES_TOLERATED, Cycle, Node, make_nodes
-from daq.drivers.canopen.sweep import Sweep
 from daq.drivers.canopen.watch import NodeWatch
 from daq.errors import BusError
 from daq.frames.clock import NS
