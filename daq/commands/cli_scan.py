@@ -73,14 +73,11 @@ def scan(
         if isinstance(one, CanopenBus | CanSignalsBus):
             results.append(_of_can(one, seconds, ask, asked_nodes))
             continue
-        numbers = asked_units or (used.get(one.name) if ask else None)
         if listen_only:
             raise InputError(f"bus '{one.name}': Modbus is asked or silent; leave --listen-only out, or the bus")
-        if numbers is None and one.name in used:
-            print(f"bus '{one.name}': its units are not asked without --ask", file=sys.stderr)
+        numbers = asked_units or _units_of(one.name, used, ask)
+        if not numbers:
             continue
-        if numbers is None:
-            raise InputError(f"bus '{one.name}': say which units to ask, as --units 1-8; no others are asked")
         results.append(scan_modbus(one, numbers, None if read is None else range(read[0], read[-1] + 1)))
     content = {"schema": SCAN_SCHEMA, "buses": [asdict(result) for result in results]}
     if output is not None:
@@ -91,6 +88,15 @@ def scan(
     print_scans(results)
     if output is not None:
         print(f"{output}: written; next: hilfit machine new --scan {output} -o machine.yaml")
+
+
+def _units_of(bus: str, used: dict[str, list[int]], ask: bool) -> list[int]:
+    """Units of a machine file that are asked: none unless somebody wants it."""
+    if bus not in used:
+        raise InputError(f"bus '{bus}': say which units to ask, as --units 1-8; no others are asked")
+    if not ask:
+        print(f"bus '{bus}': its units are not asked without --ask", file=sys.stderr)
+    return used[bus] if ask else []
 
 
 def _of_can(bus: CanopenBus | CanSignalsBus, seconds: float, ask: bool, nodes: Sequence[int]) -> CanScan:
