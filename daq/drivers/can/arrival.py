@@ -16,11 +16,14 @@ the clock as well. Frames of one interface never overtake each other.
 
 from __future__ import annotations
 
+import math
+
 from daq.frames.clock import NS
 
 DRIFT, UNKNOWN_DRIFT = 2e-4, 2e-3  # growth beside the rate, while it is known and while it is not: 1000 ppm and a slew
 TRANSIT_NS = 20_000_000  # that a gateway may take to hand on a frame: by so much the second line is to be contradicted
 WINDOW_NS, WINDOW = NS, 20  # time and frames in which one comes without waiting
+_NONE = (math.inf, 0.0, 0)
 
 
 class ArrivalTimes:
@@ -30,9 +33,9 @@ class ArrivalTimes:
         self._offset: float | None = None
         self._taken = self._came = self._empty = 0
         self._rate = 0.0  # of the offset, ns per ns
-        self._windows = self._begun = self._count = 0  # windows so far; the one that lasts: since when, frames
-        self._least = (0.0, 0.0, 0)  # of it: the shortest wait, with its difference and moment
-        self._before = (0.0, 0.0, 0)  # of the one before
+        self._windows = self._count = self._ends = 0  # windows so far; of the one that lasts: frames, when it ends
+        self._least = _NONE  # of it: the shortest wait, with its difference and moment
+        self._before = _NONE  # of the one before
         self.restarts = 0  # clocks that were set
 
     def nothing_at(self, now_ns: int) -> None:
@@ -49,26 +52,28 @@ class ArrivalTimes:
             growth = self._rate + (DRIFT if self._windows > 1 else UNKNOWN_DRIFT)
             grown = self._offset + growth * (taken_ns - self._taken)
             if stamp + grown >= self._empty - TRANSIT_NS:
-                offset = min(offset, self._window(grown, offset, taken_ns))
+                self._count += 1
+                if offset - grown < self._least[0]:
+                    self._least = (offset - grown, offset, taken_ns)
+                if taken_ns >= self._ends and self._count >= WINDOW:
+                    grown += self._close(taken_ns)
+                if grown < offset:
+                    offset = grown
             else:
                 self.restarts += 1
                 self._windows = self._count = 0
+                self._least, self._ends = _NONE, taken_ns + WINDOW_NS
         self._offset, self._taken = offset, taken_ns
         self._came = min(taken_ns, max(self._came, round(stamp + offset)))
         return self._came
 
-    def _window(self, grown: float, difference: float, now_ns: int) -> float:
-        """The offset, with what even the shortest of many waits had of it; windows tell its rate as well."""
-        if not self._count:
-            self._begun = now_ns
-        waited = (difference - grown, difference, now_ns)
-        self._least = min(self._least, waited) if self._count else waited
-        self._count += 1
-        if self._count < WINDOW or now_ns - self._begun < WINDOW_NS:
-            return grown
+    def _close(self, now_ns: int) -> float:
+        """End a window: what even the shortest of its waits had of the offset; two of them tell its rate as well."""
+        least, before = self._least, self._before
         if self._windows:
-            slope = (self._least[1] - self._before[1]) / max(1, self._least[2] - self._before[2])
+            slope = (least[1] - before[1]) / max(1, least[2] - before[2])
             if abs(slope) <= UNKNOWN_DRIFT:  # else the clock was set meanwhile
                 self._rate += (slope - self._rate) / min(2, self._windows)
-        self._before, self._windows, self._count = self._least, self._windows + 1, 0
-        return grown + max(0.0, self._least[0])
+        self._before, self._least, self._windows, self._count = least, _NONE, self._windows + 1, 0
+        self._ends = now_ns + WINDOW_NS
+        return max(0.0, least[0])

@@ -28,7 +28,7 @@ from daq.frames.clock import NS
 OPEN_ATTEMPTS = 5
 OPEN_TIMEOUT_S = 2.0
 IDLE_S = 0.1
-LOOK_NS = 2_000_000  # between two looks whether a frame waits (:mod:`daq.drivers.can.arrival`)
+LOOK_NS = 5_000_000  # between two looks whether a frame waits (:mod:`daq.drivers.can.arrival`)
 LOOK_EVERY = 64  # frames between two looks at the controller's state
 
 

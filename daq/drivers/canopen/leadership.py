@@ -71,6 +71,7 @@ class Leadership:
     ----------
     signs : of another master, in words, and how often each was heard since the start
     reason : the sign that ended our leading; empty where nothing did
+    answers : identifiers that need not be heard: TPDOs of nodes that we made operational, as long as we lead
     """
 
     def __init__(
@@ -79,6 +80,7 @@ class Leadership:
         self.state = State.GUEST if bus.listen_only else State.LISTENING
         self.signs: Counter[str] = Counter()
         self.reason = ""
+        self.answers: set[int] = set()
         self._now = context.monotonic_ns
         # In lockstep with a simulation there is no time to listen in.
         self._listen_s = bus.listen_s if context.patience_s == 0 else 0.0
@@ -99,6 +101,7 @@ class Leadership:
             seconds = min(self._listen_s, RELISTEN_S) if self._led else self._listen_s
             self._until_ns = self._now() + round(seconds * NS)
             self._confirmed.clear()
+            self.answers.clear()
 
     def lead(self, pause: Callable[[float], bool | None] = time.sleep) -> bool:
         """Listen until the time is over, then lead; whether we do.
@@ -123,6 +126,7 @@ class Leadership:
             self._sync_ns = self._now()
         elif message.arbitration_id == NMT_ID:
             command, node = message.data[:2]
+            self.answers.difference_update(function + node for function in TPDOS)
             self._confirmed.pop(node, None)
             self._commanded[node] = (AFTER[command], self._now())
 
@@ -148,6 +152,7 @@ class Leadership:
             if self.state is State.GUEST:
                 return False
             self.state, self.reason = State.GUEST, f"{sign} (0x{identifier:03X})"
+            self.answers.clear()
         return True
 
     def _sign(self, identifier: int, data: bytes | bytearray, at_ns: int, remote: bool) -> str | None:
@@ -169,16 +174,17 @@ class Leadership:
             return self._heartbeat(node, data, at_ns)
         if function == 0x080 and any(data[:2]):
             self._trouble_ns[node] = at_ns
-        strange = function in RPDOS or (function in TPDOS and not self._answers(node, at_ns))
+        strange = function in RPDOS or (function in TPDOS and not self._answers(identifier, node, at_ns))
         if not strange or self._listen_s == 0:
             return None
         return "RPDOs" if function in RPDOS else "TPDOs that we did not ask for"
 
-    def _answers(self, node: int, at_ns: int) -> bool:
+    def _answers(self, identifier: int, node: int, at_ns: int) -> bool:
         """Whether a TPDO may be a node's answer to us."""
         if self.state is State.LEADING:
             if node in self._commanded and self._commanded[node][0] == OPERATIONAL and at_ns > self._commanded[node][1]:
                 self._confirmed.setdefault(node, 0)
+                self.answers.add(identifier)
             return node in self._nodes  # the driver counts them
         return node in self._commanded and at_ns - self._sync_ns < ANSWERS_S * NS
 

@@ -58,7 +58,7 @@ class CanLink(CanPort):
     def dispatch(self, message: can.Message, at_ns: int) -> None:
         """Let leadership hear it, then call the handler of its COB-ID."""
         identifier = message.arbitration_id
-        if self.leadership.heard(identifier, message.data, at_ns):
+        if identifier not in self.leadership.answers and self.leadership.heard(identifier, message.data, at_ns):
             self._let_go()
         handler = self.handlers.get(identifier)
         if handler is not None:
