@@ -10,6 +10,7 @@ import statistics
 import threading
 import time
 import uuid
+from bisect import bisect_right
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
@@ -37,6 +38,7 @@ from sim_backends.devices.wiring import wire
 LISTEN_S = 0.3
 RECOVERY_S = 2.0
 PATIENCE_S = 20.0
+FRESH_PERIODS = 1.6  # that a fresh value may be older than its tick, a little beyond what drivers allow
 COUNTED = 900  # SYNCs after which values begin again: as many as a 12-bit encoder tells apart
 STEPS_S = (0.05, -0.05, 0.3, -0.3, 1.0, -1.0, 60.0, -60.0)
 
@@ -49,6 +51,7 @@ class World(threading.Thread):
         self.bus = can.Bus(interface="virtual", channel=channel, preserve_timestamps=True)
         self.jump_s = 0.0
         self.syncs = 0
+        self.moments = [0]  # monotonic ns of each SYNC, beginning with power-on
         self.leads = False  # whether the other controller sends SYNC
         self.ended = threading.Event()
         self._limits = [channel.range or (-1.0, 1.0) for channel in machine.channels]
@@ -76,6 +79,7 @@ class World(threading.Thread):
     def sync(self) -> None:
         """SYNC, whosever it is."""
         self.syncs += 1
+        self.moments.append(time.monotonic_ns())
         for node in self.nodes.values():
             node.on_sync(self.values(self.syncs))
 
@@ -162,7 +166,7 @@ class Run:
         self.access.guest = lambda: driver._leadership.state is State.GUEST
         self.problems = driver.start()
         own = RealClock(self.machine.rate_hz)
-        clock = FollowingClock(
+        clock = self.clock = FollowingClock(
             own, self.machine.rate_hz, context.period_s, lambda: driver.next_sync if driver.external_sync else None
         )
         table = channel_table(self.machine)
@@ -176,8 +180,10 @@ class Run:
     def write_frame(self, frame: Frame) -> None:
         """In the ring's place: what came is looked at."""
         self.frames.append(frame)
-        newest = self.world.syncs
-        near = [np.array(self.world.values(sync)) for sync in range(max(0, newest - 2), newest + 1)]
+        tick = self.clock._last
+        assert tick is not None and tick.at_ns is not None
+        oldest = bisect_right(self.world.moments, tick.at_ns - FRESH_PERIODS * 1e9 / self.machine.rate_hz) - 1
+        near = [np.array(self.world.values(sync)) for sync in range(max(0, oldest), self.world.syncs + 1)]
         spans = np.array([high - low for low, high in self.world._limits]) / COUNTED
         fresh = frame.quality == Quality.FRESH
         agree = [np.abs(frame.values - values) <= 0.45 * spans for values in near]
