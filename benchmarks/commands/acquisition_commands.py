@@ -20,11 +20,20 @@ def faults(
 ) -> None:
     """Every fault at random moments: what is lost, what is wrong, how soon it is over."""
     from benchmarks.acquisition.faults import run, scripts
+    from benchmarks.acquisition.masters import names, run_masters
+    from benchmarks.targets import Outcome
     from daq.errors import InputError
 
-    if only is not None and not any(only in name for name, _ in scripts()):
-        raise InputError(f"--only {only}: is in no fault's name; there are {', '.join(name for name, _ in scripts())}")
-    finish("faults", run(times, seed, only, real_time, shown(json)), json)
+    ours, theirs = [name for name, _ in scripts()], names()
+    if only is not None and not any(only in name for name in (*ours, *theirs)):
+        raise InputError(f"--only {only}: is in no fault's name; there are {', '.join((*ours, *theirs))}")
+    outcome = Outcome((), ())
+    if only is None or any(only in name for name in ours):
+        outcome = run(times, seed, only, real_time, shown(json))
+    if only is None or any(only in name for name in theirs):
+        bus = run_masters(times, seed, only, shown(json))
+        outcome = Outcome((*outcome.checks, *bus.checks), (*outcome.notes, *bus.notes))
+    finish("faults", outcome, json)
 
 
 def channels(

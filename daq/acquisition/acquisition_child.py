@@ -12,6 +12,7 @@ import os
 import signal
 import sys
 import threading
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from multiprocessing.connection import Connection
 from pathlib import Path
@@ -21,11 +22,12 @@ from daq.acquisition.cycles import Cycles, run_cycles
 from daq.acquisition.ring import RingWriter
 from daq.acquisition.trace import TraceAccess
 from daq.drivers.base import Driver, DriverContext, Problem, make_driver
+from daq.drivers.canopen.driver import CanopenDriver
 from daq.drivers.canopen.listening import ListeningDriver
 from daq.drivers.found_setups import FoundSetups
 from daq.errors import AcquisitionError, HilfitError
 from daq.frames.channels import channel_table, channels_by_bus
-from daq.frames.clock import Clock, SyncClock, clock_for
+from daq.frames.clock import Clock, FollowingClock, RealClock, clock_for
 from daq.frames.events import EventLog
 from daq.machine.machine_file import Machine
 
@@ -134,11 +136,20 @@ class Drivers:
         return [problem for problems in started for problem in problems]
 
     def clock(self) -> Clock:
-        """What paces the cycle: another master's SYNC where a bus says so, else the machine's own clock."""
+        """What paces the cycle: the machine's own clock, or another master's SYNC where that leads."""
+        own = clock_for(self._machine)
+        return (
+            FollowingClock(own, self._machine.rate_hz, self._period_s, self._sync)
+            if isinstance(own, RealClock)
+            else own
+        )
+
+    def _sync(self) -> Callable[[int], int | None] | None:
+        """What tells the SYNC that leads, if one does: a bus says so, or a master came to one that we led."""
         for driver in self.drivers:
-            if isinstance(driver, ListeningDriver) and driver.external_sync:
-                return SyncClock(self._machine.rate_hz, self._period_s, driver.next_sync)
-        return clock_for(self._machine)
+            if isinstance(driver, ListeningDriver | CanopenDriver) and driver.external_sync:
+                return driver.next_sync
+        return None
 
     def is_fatal(self, problem: str) -> bool:
         """Whether a channel that is required is lost by it; a driver that does not say which loses all of its own."""

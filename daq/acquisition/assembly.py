@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
@@ -10,10 +11,13 @@ import numpy.typing as npt
 from daq.acquisition.frozen import FrozenDetector
 from daq.drivers.base import Samples
 from daq.frames.channels import ChannelTable
-from daq.frames.clock import Tick
+from daq.frames.clock import NS, Tick
 from daq.frames.frame import Frame
 from daq.quality import Quality
 
+#: After a tick's own moment, in periods, from which on what is sampled then is not of this cycle; and what sampling may
+#: be uncertain by.
+LATE, UNCERTAIN_NS = 0.1, 1_000_000
 HOLD_CYCLES = 5  # for so long the last value is shown as stale; then the channel is missing
 #: Whether a driver that gives this quality says that it has a number.
 _NUMBERS = np.array([quality in (Quality.FRESH, Quality.LATE, Quality.OUT_OF_RANGE) for quality in Quality])
@@ -54,17 +58,28 @@ class Assembler:
         self._last = np.full(count, np.nan)
         self._last_age = np.full(count, np.nan)  # at the cycle in which it came
         self._last_cycle = np.zeros(count, dtype=np.int64)
-        self._newest: tuple[npt.NDArray[np.float64], int] | None = None  # values and cycle, if it was a plain one
+        self._newest: tuple[npt.NDArray[np.float64], int, float] | None = None  # values, cycle, age, if it was plain
         self._counts = np.zeros((len(Quality), count), dtype=np.int64)
         self._plain_frames = 0  # that are not in there yet
         # Of plain frames, which share them:
         self._fresh, self._no_age = np.zeros(count, dtype=np.uint8), np.zeros(count)
         self._fresh.flags.writeable = self._no_age.flags.writeable = False
 
-    def frame(self, tick: Tick, sync_ns: int, utc_ns: int, samples: Sequence[Samples]) -> Frame:
-        """The frame of this tick; ``samples`` of every driver, in the order given at the start."""
+    def frame(
+        self, tick: Tick, sync_ns: int, utc_ns: int, samples: Sequence[Samples], sent_ns: int | None = None
+    ) -> Frame:
+        """The frame of this tick; ``samples`` of every driver, in the order given at the start.
+
+        ``sync_ns`` is when drivers were about to be triggered, ``sent_ns`` when all had been (None: at once). What they
+        bring is as much younger than the tick as that was later, which is its (negative) age.
+        """
+        lag_s = 0.0
+        if not self._lockstep and tick.at_ns is not None:
+            lag_s = (sync_ns - tick.at_ns) / NS
+            if lag_s > LATE * self._period or (sent_ns or sync_ns) - sync_ns > UNCERTAIN_NS:
+                samples = [part if part.from_tick else _late(part) for part in samples]
         if self._covered and all(part.plain for part in samples):
-            plain = self._plain(tick, sync_ns, utc_ns, samples)
+            plain = self._plain(tick, sync_ns, utc_ns, samples, lag_s)
             if plain is not None:
                 return plain
         table = self._table
@@ -76,7 +91,8 @@ class Assembler:
         interval = np.ones(count)
         for order, part in zip(self._order, samples, strict=True):
             raw[order], quality[order] = part.raw, part.quality
-            ago[order], after[order] = part.cycles_ago, part.after_sync_s
+            ago[order] = part.cycles_ago
+            after[order] = part.after_sync_s if part.from_tick else part.after_sync_s + lag_s
             if part.interval is not None:
                 interval[order] = part.interval
         for channel, sentinel in table.sentinels:
@@ -110,7 +126,7 @@ class Assembler:
         self._plain_frames = 0
         return self._counts
 
-    def _plain(self, tick: Tick, sync_ns: int, utc_ns: int, samples: Sequence[Samples]) -> Frame | None:
+    def _plain(self, tick: Tick, sync_ns: int, utc_ns: int, samples: Sequence[Samples], lag_s: float) -> Frame | None:
         """What :meth:`frame` makes of samples that are all plain; None if some value is no measurement after all."""
         table = self._table
         if self._in_order:
@@ -137,12 +153,13 @@ class Assembler:
             frozen = self._frozen.frozen(values, quality)
             if frozen.any():
                 quality = np.where(frozen, np.uint8(Quality.FROZEN), quality)
-        self._newest = (values, tick.cycle)
+        self._newest = (values, tick.cycle, -lag_s)
         if quality is self._fresh:
             self._plain_frames += 1
         else:
             self._counts[quality, self._all] += 1
-        return Frame(tick.cycle, sync_ns, utc_ns, tick.time, values, self._no_age, quality)
+        ages = self._no_age - lag_s if lag_s else self._no_age
+        return Frame(tick.cycle, sync_ns, utc_ns, tick.time, values, ages, quality)
 
     def _hold(
         self,
@@ -155,8 +172,8 @@ class Assembler:
     ) -> None:
         """Fill what did not come with the last value, as held or stale, while it is recent; in place."""
         if self._newest is not None:
-            self._last[:], self._last_cycle[:] = self._newest
-            self._last_age[:], self._newest = 0.0, None
+            self._last[:], self._last_cycle[:], self._last_age[:] = self._newest
+            self._newest = None
         old = ~new
         if not old.any():
             self._last[:], self._last_age[:], self._last_cycle[:] = values, ages, cycle
@@ -171,3 +188,10 @@ class Assembler:
         quality[absent] = np.where((interval > 1.0) & (elapsed <= 1.5 * interval), Quality.HELD, Quality.STALE)[absent]
         # A value that is no measurement is shown as such; holding is for values that did not come.
         values[old & (quality == Quality.INVALID)] = np.nan
+
+
+def _late(samples: Samples) -> Samples:
+    """Samples of a cycle that was sampled too late, or nobody knows when."""
+    return replace(
+        samples, plain=False, quality=np.where(samples.quality == Quality.FRESH, Quality.LATE, samples.quality)
+    )

@@ -107,8 +107,9 @@ class Cycles:
         sync_ns, utc_ns = self.clock.monotonic_ns(), self.clock.utc_ns()
         for driver in self.drivers:
             driver.trigger(tick.cycle)
+        sent_ns = self.clock.monotonic_ns()
         samples = [driver.collect(tick.collect_until_ns) for driver in self.drivers]
-        ring.write_frame(self.assembler.frame(tick, sync_ns, utc_ns, samples))
+        ring.write_frame(self.assembler.frame(tick, sync_ns, utc_ns, samples, sent_ns))
         self.cycles += 1
         self.skipped += tick.skipped
         self.late += tick.late_ns >= self._period_ns * (1.0 if self.lockstep else 0.1)

@@ -14,6 +14,7 @@ from __future__ import annotations
 import contextlib
 import errno
 import fcntl
+import json
 import mmap
 import os
 import struct
@@ -26,6 +27,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.ipc
 
+from daq.acquisition.ledger import ledger_of
 from daq.errors import DiskFullError, HilfitError, RecordingError, StorageError
 from daq.recordings.recording_files import ARROW_STREAM_MAGIC, JOURNAL_MARK, read_table, write_table
 
@@ -258,7 +260,10 @@ def _same(path: Path, table: pa.Table) -> bool:
 
 
 def _noted(found: _Found) -> dict[str, str]:
-    return {"hilfit.recovered": f"sealed after a kill; {found.damaged} damaged batches"}
+    noted = {"hilfit.recovered": f"sealed after a kill; {found.damaged} damaged batches"}
+    if "cycle" in found.table.column_names and any(name.endswith(".quality") for name in found.table.column_names):
+        noted["hilfit.ledger"] = json.dumps(ledger_of(found.table))
+    return noted
 
 
 def _free(path: Path) -> Path:

@@ -13,12 +13,15 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
 
 from daq.quality import Quality
+
+if TYPE_CHECKING:
+    import pyarrow as pa
 
 SKIPPED, OVERWRITTEN = "acquisition: cycle skipped", "ring: overwritten"
 REASONS = {
@@ -29,6 +32,8 @@ REASONS = {
     Quality.EMERGENCY: "device: emergency",
 }
 FRAME, SKIP, LOST = 0, 1, 2  # what a row stands for: a frame, a cycle that never happened, a frame the ring lost
+EMPTY = 3  # a journal does not say which: a row without any value
+UNTOLD, DAMAGED = "recovered: a row without values", "recovered: damaged batch"
 
 
 @dataclass
@@ -67,7 +72,7 @@ class Ledger:
             held = (quality[:, index] == Quality.HELD) & frames
             channel.stored += int((stored[:, index] & ~held).sum())
             missing = absent[:, index] & ~held
-            for reason, rows in ((SKIPPED, origin == SKIP), (OVERWRITTEN, origin == LOST)):
+            for reason, rows in ((SKIPPED, origin == SKIP), (OVERWRITTEN, origin == LOST), (UNTOLD, origin == EMPTY)):
                 channel.dropped[reason] += int((missing & rows).sum())
             flags, counts = np.unique(quality[missing & frames, index], return_counts=True)
             for flag, count in zip(flags.tolist(), counts.tolist(), strict=True):
@@ -88,3 +93,17 @@ class Ledger:
     def as_dict(self) -> dict[str, Any]:
         """For JSON."""
         return {name: channel.as_dict() for name, channel in self.channels.items()}
+
+
+def ledger_of(table: pa.Table) -> dict[str, Any]:
+    """The ledger of a recording's rows, as far as they tell: for one whose recorder was killed."""
+    names = tuple(name.removesuffix(".quality") for name in table.column_names if name.endswith(".quality"))
+    quality = np.column_stack([table.column(f"{name}.quality").to_numpy() for name in names])
+    stored = np.column_stack([np.isfinite(table.column(name).to_numpy()) for name in names])
+    cycles = table.column("cycle").to_numpy()
+    ledger = Ledger(names)
+    ledger.add(quality, stored, np.where((quality == Quality.MISSING).all(axis=1), EMPTY, FRAME).astype(np.uint8))
+    for channel in ledger.channels.values():
+        channel.dropped[DAMAGED] = int(cycles[-1] - cycles[0]) + 1 - len(cycles)
+    ledger.close(int(cycles[0]), int(cycles[-1]))
+    return ledger.as_dict()

@@ -1,13 +1,15 @@
 """A raw trace through the drivers: what acquisition made of these frames, without the machine.
 
-Time is the trace's: it passes by reading. Buses that were listened to go through their own drivers. A bus that hilfit
-led is taken as another master's whose SYNC leads: its TPDOs are those that commissioning maps, credited to the recorded
+Time is the trace's: it passes by reading. Where no SYNC leads, cycles end in the longest pause, so that each has one of
+every frame that comes once per cycle. Buses that were listened to go through their own drivers. A bus that hilfit led
+is taken as another master's whose SYNC leads: its TPDOs are those that commissioning maps, credited to the recorded
 SYNCs. Channels of other buses are missing.
 """
 
 from __future__ import annotations
 
 import heapq
+import itertools
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,17 +24,16 @@ from daq.acquisition.recorder import UNMEASURED
 from daq.acquisition.trace import bus_file, read_trace, trace_files
 from daq.drivers.base import Driver, DriverContext, make_driver
 from daq.drivers.can.port import CanAccess, CanConfig, CanPort
-from daq.drivers.canopen.eds import Place
-from daq.drivers.canopen.listening import ListeningDriver, Member
-from daq.drivers.canopen.mapping import map_node
+from daq.drivers.canopen.listening import ListeningDriver, commissioned, nothing_to_ask
 from daq.errors import InputError
 from daq.frames.channels import channel_table, channels_by_bus
 from daq.frames.clock import NS, SyncClock, Tick
 from daq.frames.events import EventLog
 from daq.frames.frame import Frame
-from daq.machine.machine_file import CanopenBus, CanSignalsBus, CanSource, Channel, Machine
+from daq.machine.machine_file import CanopenBus, CanSignalsBus, Channel, Machine
 
 _NO_WAITING_S = 1e-12
+_LOOKED_AT = 5000  # frames of each bus by which the cycle's phase is chosen
 
 
 @dataclass(frozen=True)
@@ -59,6 +60,7 @@ class _Tape(CanAccess):
 
     def __init__(self, files: dict[str, Path]) -> None:
         self._ports: dict[str, CanPort] = {}
+        self.first = {bus: _first(bus, path) for bus, path in files.items()}
         self._frames = heapq.merge(*(_stamped(bus, path) for bus, path in files.items()), key=lambda entry: entry[0])
         self._next = next(self._frames, None)
         self.now_ns = 0 if self._next is None else self._next[0]
@@ -86,6 +88,14 @@ class _Tape(CanAccess):
         self._ports[bus].take(message)
         self._next = next(self._frames, None)
         return True
+
+
+def _first(bus: str, path: Path) -> dict[int, list[int]]:
+    """When the first frames of a bus came, by identifier."""
+    found: dict[int, list[int]] = {}
+    for at_ns, _, message in itertools.islice(_stamped(bus, path), _LOOKED_AT):
+        found.setdefault(message.arbitration_id, []).append(at_ns)
+    return found
 
 
 def _stamped(bus: str, path: Path) -> Iterator[tuple[int, str, can.Message]]:
@@ -140,28 +150,9 @@ def _files(trace: Path, buses: list[str]) -> dict[str, Path]:
 def _driver(bus: CanopenBus | CanSignalsBus, channels: tuple[Channel, ...], context: DriverContext) -> Driver:
     if isinstance(bus, CanSignalsBus) or bus.listen_only:
         return make_driver(bus, channels, context)
+    nothing_to_ask(bus, channels)
     followed = bus.model_copy(update={"listen_only": True, "sync": "external"})
     return ListeningDriver(followed, channels, context, commissioned(bus, channels))
-
-
-def commissioned(bus: CanopenBus, channels: tuple[Channel, ...]) -> list[Member]:
-    """Where the channels are in the TPDOs that commissioning maps."""
-    grouped: dict[int, list[tuple[int, Channel]]] = {}
-    for position, channel in enumerate(channels):
-        assert isinstance(channel.source, CanSource)
-        grouped.setdefault(channel.source.node, []).append((position, channel))
-    found = []
-    for node, members in grouped.items():
-        for mapping in map_node(node, members, f"bus '{bus.name}' node {node}"):
-            bit = 0
-            for entry, positions in zip(mapping.entries, mapping.positions, strict=True):
-                place = Place(mapping.cob_id, bit, entry & 0xFF, synchronous=True, event_ms=0)
-                bit += entry & 0xFF
-                for position in positions:
-                    source = channels[position].source
-                    assert isinstance(source, CanSource)
-                    found.append(Member(position, source, place))
-    return found
 
 
 def _frames(machine: Machine, tape: _Tape, drivers: list[Driver], leading: ListeningDriver | None) -> Iterator[Frame]:
@@ -179,7 +170,7 @@ def _frames(machine: Machine, tape: _Tape, drivers: list[Driver], leading: Liste
     clock = None if leading is None else SyncClock(machine.rate_hz, 1 / machine.rate_hz, next_sync, lambda: tape.now_ns)
     if clock is not None:
         clock.start()
-    begin, number = tape.now_ns, 0
+    begin, number = tape.now_ns + _phase(tape.first, tape.now_ns, period_ns) - period_ns, 0
     while not tape.ended:
         if clock is not None:
             tick = clock.wait()
@@ -199,6 +190,18 @@ def _frames(machine: Machine, tape: _Tape, drivers: list[Driver], leading: Liste
             if not leading.counts["sync"]:
                 continue  # commissioning, or nobody leads yet
         yield assembler.frame(tick, at_ns, at_ns, [samples[id(driver)] for driver in drivers])
+
+
+def _phase(first: dict[str, dict[int, list[int]]], begin_ns: int, period_ns: int) -> int:
+    """Where in a period frames that come at least every second time come least: the middle of the longest pause, ns."""
+    streams = [moments for of_bus in first.values() for moments in of_bus.values()]
+    often = [moments for moments in streams if 2 * len(moments) * period_ns >= moments[-1] - moments[0] > 0]
+    phases = np.sort([(moment - begin_ns) % period_ns for moments in often for moment in moments])
+    if not len(phases):
+        return 0
+    pauses = np.diff(phases, append=phases[0] + period_ns)
+    widest = int(np.argmax(pauses))
+    return int(phases[widest] + pauses[widest] // 2) % period_ns
 
 
 def as_columns(frames: list[Frame], names: tuple[str, ...]) -> dict[str, Any]:

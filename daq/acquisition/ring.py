@@ -21,6 +21,7 @@ import time
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from multiprocessing import resource_tracker, shared_memory
+from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self
 
@@ -132,11 +133,15 @@ class _Ring:
             return False
         try:
             os.kill(pid, 0)
+            # One that was killed is still there until its parent looks: field 3 of proc_pid_stat(5).
+            return (
+                Path(f"/proc/{pid}/stat").read_text(encoding="ascii", errors="replace").rpartition(") ")[2][:1]
+                not in "ZX"
+            )
         except ProcessLookupError:
             return False
-        except PermissionError:
+        except OSError:
             return True
-        return True
 
     @property
     def writer_pid(self) -> int:

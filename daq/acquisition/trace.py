@@ -114,13 +114,15 @@ def read_trace(path: Path) -> Iterator[can.Message]:
                 yield from reader
         except Exception as error:  # python-can's readers let out whatever becomes of a file that contradicts itself
             line = str(error).split("\n")[0] or type(error).__name__
-            raise InputError(f"{file}: is no trace that can be read ({line}); give .blf, .asc or .log") from None
+            raise InputError(f"{file}: is no trace that can be read ({line}); give .blf, .asc, .log or .trc") from None
 
 
 def _reader(file: Path, opened: IO[Any]) -> Any:
     suffix = file.suffix.lower()
     if suffix == ".asc":
         return can.ASCReader(opened, relative_timestamp=False)
+    if suffix == ".trc":
+        return can.TRCReader(opened)
     if suffix == ".log":
         return can.CanutilsLogReader(opened)
     if suffix == ".blf":

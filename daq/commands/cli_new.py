@@ -34,12 +34,14 @@ def new(
 
     origins = Origins(scan or [], eds or [], dbc or [], interface, channel, joints)
     made = write_draft(output, origins, ask=not (yes or json))
+    failed = bool(made.notes) and made.whole  # it is written all the same: what is to be corrected stands in it
     if json:
         counts = {"buses": made.buses, "channels": list(made.channels), "skipped": made.skipped}
         print_json({"file": str(output), **counts, "notes": list(made.notes)})
-        return
+        raise typer.Exit(1 if failed else 0)
     print(f"{output}: {made.buses} buses, {len(made.channels)} channels; {made.skipped} values left out")
     for note in made.notes:
         print(f"note: {note}")
     after = f"hilfit machine check {output}" if made.whole else "add joints (hilfit machine import), and check it"
-    print(f"then: {after}")
+    print(f"then: {'correct that, then ' if failed else ''}{after}")
+    raise typer.Exit(1 if failed else 0)

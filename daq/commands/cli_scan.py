@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json as json_text
+import sys
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
@@ -41,11 +42,14 @@ def scan(
     registers: Annotated[str | None, typer.Option(help="Registers to read from units that answer, as 0-20.")] = None,
     nodes: Annotated[str, typer.Option(help="CANopen nodes to ask.")] = "1-127",
     seconds: Annotated[float, typer.Option(help="To listen before anything is sent.", min=0.1)] = 2.0,
-    listen_only: Annotated[bool, typer.Option("--listen-only", help="Send nothing, whatever is heard.")] = False,
+    ask: Annotated[
+        bool, typer.Option("--ask", help="Ask nodes and units what they are, where nobody else leads the bus.")
+    ] = False,
+    listen_only: Annotated[bool, typer.Option("--listen-only", help="Send nothing: as without --ask.")] = False,
     output: Annotated[Path | None, typer.Option("-o", "--output", help="Also write it for 'machine new'.")] = None,
     json: Annotated[bool, typer.Option("--json", help="Print the result as JSON.")] = False,
 ) -> None:
-    """Who is on a bus: listens for two seconds, then asks, unless somebody else leads. Nothing is written."""
+    """Who is on a bus: listens for two seconds. With --ask it then asks, unless somebody else leads; writes nothing."""
     from daq.commissioning.modbus_scan import scan_modbus, span
 
     if output is not None and output.suffix != ".json":
@@ -56,6 +60,8 @@ def scan(
         read = None if registers is None else span(registers, "registers", 0, 0xFFFF)
     except ValueError as error:
         raise InputError(str(error)) from None
+    if ask and listen_only:
+        raise InputError("bus scan: --ask and --listen-only say the opposite; keep one")
     chosen = _described(interface, channel, bitrate, option or (), tcp, serial, baudrate, parity)
     used: dict[str, list[int]] = {}
     if machine is not None:
@@ -65,15 +71,13 @@ def scan(
     results: list[CanScan | ModbusScan] = []
     for one in chosen:
         if isinstance(one, CanopenBus | CanSignalsBus):
-            from daq.commissioning.can_scan import scan_can
-
-            results.append(scan_can(one, seconds=seconds, ask=not listen_only, nodes=asked_nodes))
+            results.append(_of_can(one, seconds, ask, asked_nodes))
             continue
-        numbers = asked_units or used.get(one.name)
-        if numbers is None:
-            raise InputError(f"bus '{one.name}': say which units to ask, as --units 1-8; no others are asked")
         if listen_only:
             raise InputError(f"bus '{one.name}': Modbus is asked or silent; leave --listen-only out, or the bus")
+        numbers = asked_units or _units_of(one.name, used, ask)
+        if not numbers:
+            continue
         results.append(scan_modbus(one, numbers, None if read is None else range(read[0], read[-1] + 1)))
     content = {"schema": SCAN_SCHEMA, "buses": [asdict(result) for result in results]}
     if output is not None:
@@ -84,6 +88,25 @@ def scan(
     print_scans(results)
     if output is not None:
         print(f"{output}: written; next: hilfit machine new --scan {output} -o machine.yaml")
+
+
+def _units_of(bus: str, used: dict[str, list[int]], ask: bool) -> list[int]:
+    """Units of a machine file that are asked: none unless somebody wants it."""
+    if bus not in used:
+        raise InputError(f"bus '{bus}': say which units to ask, as --units 1-8; no others are asked")
+    if not ask:
+        print(f"bus '{bus}': its units are not asked without --ask", file=sys.stderr)
+    return used[bus] if ask else []
+
+
+def _of_can(bus: CanopenBus | CanSignalsBus, seconds: float, ask: bool, nodes: Sequence[int]) -> CanScan:
+    """A CAN bus, and before anything is sent what that will be."""
+    from daq.commissioning.can_scan import questions, scan_can
+
+    asking = ask and not bus.listen_only
+    if asking:
+        print(f"bus '{bus.name}': listens for {seconds:g} s, then sends {questions(nodes)}", file=sys.stderr)
+    return scan_can(bus, seconds=seconds, ask=asking, nodes=nodes)
 
 
 def _described(

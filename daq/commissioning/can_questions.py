@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 
 import can
 
+from daq.drivers.can.port import first_line
 from daq.drivers.canopen.link import CanLink, NoAnswerError, Sdo, SdoRefusedError
 from daq.drivers.canopen.profiles import ASKED, profile_name, profile_of
 from daq.errors import BusError
@@ -70,13 +71,13 @@ def answering(link: CanLink, nodes: Sequence[int]) -> dict[int, int]:
 
     for number in nodes:
         counted(number)
-        request = can.Message(
-            arbitration_id=0x600 + number, is_extended_id=False, data=bytes((0x40, 0, 0x10, 0, 0, 0, 0, 0))
-        )
+        request = can.Message(arbitration_id=0x600 + number, is_extended_id=False, data=_DEVICE_TYPE)
         try:
             link.send(request)
         except (can.CanError, OSError) as error:
-            raise BusError(f"bus '{link.name}': nothing can be sent ({error}); check the interface") from None
+            raise BusError(
+                f"bus '{link.name}': nothing can be sent ({first_line(error)}); check the interface"
+            ) from None
         time.sleep(ASK_EVERY_S)
     time.sleep(ANSWERS_S)
     for number in nodes:

@@ -1,8 +1,8 @@
-"""Who is on a CAN bus: listen first, ask only where nobody else leads and it is allowed.
+"""Who is on a CAN bus: listen, and ask only where nobody else leads and somebody wants it.
 
-Listening tells the other master, heartbeats, what is sent and how often. Only where neither SYNC, NMT, SDO requests nor
-node guarding were heard is every node asked for its device type, a frame each 5 ms, and those that answer for their
-identity and their TPDOs. Nothing is ever written.
+Listening tells the other master, heartbeats, what is sent and how often. Only where no sign of a master was heard
+(:mod:`daq.drivers.canopen.leadership`) is every node asked for its device type, a frame each 5 ms, and those that
+answer for their identity and their TPDOs. Nothing is ever written.
 """
 
 from __future__ import annotations
@@ -26,6 +26,7 @@ from daq.machine.can_database import pgn_of
 from daq.machine.machine_file import CanopenBus, CanSignalsBus
 
 LISTEN_S = 2.0
+LONGEST_S = 60.0  # that a machine file may say
 NODES = range(1, 128)
 STATES = {0x00: "booting", 0x04: "stopped", 0x05: "operational", 0x7F: "pre-operational"}
 _TIMES = 4096  # of one identifier that are kept
@@ -107,7 +108,7 @@ def scan_can(
     bus: CanopenBus | CanSignalsBus,
     *,
     seconds: float = LISTEN_S,
-    ask: bool = True,
+    ask: bool = False,
     nodes: Sequence[int] = NODES,
 ) -> CanScan:
     """Look who is on a CAN bus.
@@ -116,7 +117,7 @@ def scan_can(
     ----------
     bus : as in a machine file; one that is ``listen_only`` is never asked
     seconds : to listen before anything is sent
-    ask : whether nodes may be asked at all, if nobody else leads
+    ask : whether nodes are to be asked, if nobody else leads; else nothing is sent
     nodes : node-IDs to ask
 
     Raises
@@ -124,7 +125,7 @@ def scan_can(
     BusError
         If the bus cannot be opened.
     """
-    opened = _canopen(bus, listen_only=bus.listen_only or not ask)
+    opened = _canopen(bus, listen_only=bus.listen_only or not ask, listen_s=min(seconds, LONGEST_S))
     health = BusHealth()
     link = _Ear(opened, DriverContext(1.0, 0.0, time.monotonic_ns), health)
     try:
@@ -132,9 +133,9 @@ def scan_can(
         health.look(time.monotonic_ns())
         with link.lock:
             heard = tuple(_heard(key, link) for key in sorted(link.times, key=lambda key: (key[1], key[0])))
-        masters = link.masters()
         found = {node.node: node for node in _alive(heard)}
-        asked = ask and not bus.listen_only and not masters and link.failure is None
+        asked = link.failure is None and link.leadership.lead()
+        masters = link.leadership.told()
         if asked:
             for number, answers in answering(link, nodes).items():
                 known = found.get(number, FoundNode(number))
@@ -152,11 +153,19 @@ def scan_can(
         link.close()
 
 
-def _canopen(bus: CanopenBus | CanSignalsBus, *, listen_only: bool) -> CanopenBus:
+def questions(nodes: Sequence[int]) -> str:
+    """What asking sends, in words."""
+    return (
+        f"an SDO read of the device type to each of {len(nodes)} nodes, one per 5 ms; to those that answer SDO reads "
+        "of identity, scaling and TPDOs; nothing where another master is heard, and nothing is written"
+    )
+
+
+def _canopen(bus: CanopenBus | CanSignalsBus, *, listen_only: bool, listen_s: float) -> CanopenBus:
     """The bus as CANopen sees it; one that is only listened to is opened so that it does not even acknowledge."""
     return CanopenBus(
         name=bus.name, type="canopen", interface=bus.interface, channel=bus.channel, bitrate=bus.bitrate,
-        options=bus.options, listen_only=listen_only,
+        options=bus.options, listen_only=listen_only, listen_s=listen_s,
     )  # fmt: skip
 
 
@@ -223,7 +232,7 @@ def _notes(
         notes.append(f"bus '{name}': {health.error_frames} error frames and nothing else; the bitrate is wrong")
     elif not heard and not asked:
         notes.append(f"bus '{name}': nothing was heard; check bitrate, cable and power")
-    if masters and ask:
+    if masters:
         notes.append(
             f"bus '{name}': another master leads it ({masters}), so nothing was sent; take its PDOs as they are with "
             "listen_only: true"

@@ -177,7 +177,7 @@ def _asked(machine: Machine) -> tuple[dict[tuple[str, int], FoundNode], list[str
         if bus.listen_only:
             notes.append(f"bus '{bus.name}': is listen_only, so no device was asked who it is")
             continue
-        scanned = scan_can(bus, seconds=bus.listen_s, nodes=wanted)
+        scanned = scan_can(bus, seconds=bus.listen_s, ask=True, nodes=wanted)
         notes += scanned.notes
         found |= {(bus.name, node.node): node for node in scanned.nodes}
     return found, notes

@@ -15,8 +15,9 @@ from daq import safe_yaml
 from daq.commissioning import SCAN_SCHEMA
 from daq.commissioning.draft import QUANTITIES, SKIP, Choice, Draft, as_text, bus_of
 from daq.commissioning.offers import Offer, of_dbc, of_eds, of_nodes, signals_bus
-from daq.errors import InputError, MachineFileError
-from daq.machine.machine_file import Channel, parse_machine, read_machine_text
+from daq.errors import InputError
+from daq.machine.machine_check import check_machine
+from daq.machine.machine_file import Channel, read_machine_text
 from daq.machine.quantities import JOINT_QUANTITIES
 from daq.validation_words import in_words
 
@@ -74,13 +75,8 @@ def write_draft(output: Path, origins: Origins, *, ask: bool) -> Written:
     head = _head(draft, whole=bool(whole))
     kept = {key: value for key, value in whole.items() if key not in ("buses", "channels")}
     text = as_text(head, {**kept, "channels": draft.channels, "buses": buses})
-    notes = []
-    if whole:
-        try:
-            parse_machine(text, name=str(output), folder=output.absolute().parent)
-        except MachineFileError as error:
-            notes.append(str(error))
     output.write_text(text, encoding="utf-8")
+    notes = [finding.under(str(output)) for finding in check_machine(output).errors] if whole else []
     made = tuple(str(content["name"]) for content in draft.channels)
     return Written(len(buses), made, len(draft.skipped), tuple(notes), bool(whole))
 

@@ -90,6 +90,8 @@ class Samples:
     interval : (n,) cycles between two answers of a device that has a rate of its own; 1 where every cycle brings one
     plain : whether all of it is fresh, finite and sampled at this cycle's SYNC, as nearly always; then the other arrays
         hold zeros, and need not be looked at
+    from_tick : whether ``after_sync_s`` counts from the tick's own moment, as where another master's SYNC is the tick,
+        and not from when the driver was triggered
     """
 
     raw: npt.NDArray[np.float64]
@@ -98,6 +100,7 @@ class Samples:
     after_sync_s: npt.NDArray[np.float64]
     interval: npt.NDArray[np.float64] | None = None
     plain: bool = False
+    from_tick: bool = False
 
 
 class Answers:

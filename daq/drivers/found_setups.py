@@ -7,8 +7,9 @@ changed since is a new find, and the file before is kept beside it.
 
 from __future__ import annotations
 
+import contextlib
 import json
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -70,6 +71,27 @@ class FoundSetups:
                 f"bus '{bus}' node {node}: {path} cannot be written ({error.strerror}), so nothing was changed; give a "
                 "data directory that can"
             ) from None
+
+    def leads(self, bus: str, nodes: Iterable[int]) -> None:
+        """We are about to make these nodes operational: whoever finds them so after we were killed will know."""
+        with contextlib.suppress(OSError):
+            self._folder.mkdir(parents=True, exist_ok=True)
+            self._mark(bus).write_text(" ".join(str(node) for node in sorted(nodes)) + "\n", encoding="utf-8")
+
+    def started(self, bus: str) -> frozenset[int]:
+        """Nodes that an earlier run made operational, and did not put back."""
+        try:
+            return frozenset(int(word) for word in self._mark(bus).read_text(encoding="utf-8").split())
+        except (OSError, ValueError):
+            return frozenset()
+
+    def left(self, bus: str) -> None:
+        """The nodes were put back to the state in which they were found."""
+        with contextlib.suppress(OSError):
+            self._mark(bus).unlink(missing_ok=True)
+
+    def _mark(self, bus: str) -> Path:
+        return self._folder / f"{bus}.started"
 
     def read(self, bus: str, node: int) -> FoundSetup | None:
         """What is kept of a node; None if nothing is, or nothing that can be used."""

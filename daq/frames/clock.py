@@ -23,6 +23,7 @@ class Tick:
     late_ns : how long after its time it started
     skipped : ticks that were left out before it (their time had passed)
     collect_until_ns : monotonic ns until which answers of this cycle are waited for
+    at_ns : monotonic ns of the moment that ``time`` stands for; None: it began in time
     """
 
     cycle: int
@@ -30,6 +31,7 @@ class Tick:
     late_ns: int
     skipped: int
     collect_until_ns: int
+    at_ns: int | None = None
 
 
 class Clock(Protocol):
@@ -84,7 +86,7 @@ class RealClock:
             time.sleep((at - now) / NS)
         self._next = due + 1
         # The last tenth of the period is kept for publishing the frame and for waking up in time.
-        return Tick(due, due / self._rate, now - at, skipped, at + self._period * 9 // 10)
+        return Tick(due, due / self._rate, now - at, skipped, at + self._period * 9 // 10, at)
 
 
 class LockstepClock:
@@ -170,6 +172,10 @@ class SyncClock:
         """The first tick is the next SYNC, or one period from now."""
         self._last, self._cycle, self._free = self._now(), -1, True
 
+    def go_on(self, cycle: int, at_ns: int) -> None:
+        """Follow from here on: cycle ``cycle`` was at ``at_ns``, by another clock."""
+        self._last, self._cycle, self._free = at_ns, cycle, True
+
     def wait(self) -> Tick:
         """Wait for the SYNC that is due; half a period more than that, then go on without."""
         while True:
@@ -190,7 +196,44 @@ class SyncClock:
         self._cycle += steps
         self._last = at
         late_ns, until_ns = self._now() - at, at + self._period * 9 // 10
-        return Tick(self._cycle, self._cycle / self._rate, late_ns, steps - 1, until_ns)
+        return Tick(self._cycle, self._cycle / self._rate, late_ns, steps - 1, until_ns, at)
+
+
+class FollowingClock:
+    """Our own clock, until another master's SYNC leads the cycle; then that one, for good.
+
+    Parameters
+    ----------
+    own : our own
+    following : what tells the next SYNC (as :class:`SyncClock` takes it), once there is one to follow
+    """
+
+    def __init__(
+        self,
+        own: RealClock,
+        rate_hz: float,
+        period_s: float,
+        following: Callable[[], Callable[[int], int | None] | None],
+    ) -> None:
+        self._clock: RealClock | SyncClock = own
+        self._rate, self._period_s = rate_hz, period_s
+        self._following = following
+        self._last: Tick | None = None
+        self.monotonic_ns, self.utc_ns = own.monotonic_ns, own.utc_ns
+
+    def start(self) -> None:
+        """As the clock that leads does."""
+        self._clock.start()
+
+    def wait(self) -> Tick:
+        """The next tick; cycles are counted on from one clock to the other."""
+        if isinstance(self._clock, RealClock) and (next_sync := self._following()) is not None:
+            self._clock = SyncClock(self._rate, self._period_s, next_sync, self.monotonic_ns)
+            self._clock.start()
+            if self._last is not None and self._last.at_ns is not None:
+                self._clock.go_on(self._last.cycle, self._last.at_ns)
+        self._last = self._clock.wait()
+        return self._last
 
 
 def clock_for(machine: Machine) -> Clock:

@@ -111,7 +111,7 @@ def _channel(machine: Machine, index: int, channel: Channel) -> None:
 
 def _turns_once(place: str, to_si: Conversion, source: Word, joint: Joint) -> None:
     """An encoder does not begin anew within its joint's limits."""
-    if source.modulo is None:
+    if source.modulo is None or not hasattr(joint, "limits"):  # the joint itself is wrong, and told elsewhere
         return
     half = 0.5 * source.modulo * source.scale / 10.0**source.decimals
     low, high = sorted(float(to_si.to_si(source.offset + end)) for end in (-half, half))

@@ -277,6 +277,18 @@ def test_a_killed_process_is_noticed_and_leaves_nothing_behind(server: FakeModbu
 
 
 @pytest.mark.slow
+def test_a_recorder_notices_at_once_that_acquisition_was_killed(server: FakeModbus) -> None:
+    """It is a zombie as long as its parent does not look, and still answers to its number."""
+    with AcquisitionProcess(machine_at(server)) as acquisition, RingReader(acquisition.ring_name) as reader:
+        assert acquisition._process is not None and reader.writer_alive
+        os.kill(acquisition._process.pid, signal.SIGKILL)
+        state = Path(f"/proc/{acquisition._process.pid}/stat")
+        while ") Z" not in state.read_text():
+            time.sleep(0.01)
+        assert not reader.writer_alive
+
+
+@pytest.mark.slow
 def test_a_parent_that_is_gone_ends_the_process(server: FakeModbus) -> None:
     acquisition = AcquisitionProcess(machine_at(server))
     with acquisition:

@@ -119,7 +119,7 @@ def test_the_commands_on_a_simulated_machine(tmp_path: Path) -> None:
     with SimulatedMachine(machine, truth, seed=1, workdir=tmp_path) as running:
         file, page = str(running.machine_path), tmp_path / "check.html"
 
-        scanned = CliRunner().invoke(build(), ["bus", "scan", file, "--seconds", "0.5", "--json"])
+        scanned = CliRunner().invoke(build(), ["bus", "scan", file, "--seconds", "0.5", "--json", "--ask"])
         can_bus, modbus = json.loads(scanned.stdout)["buses"]
         sources = [channel.source for channel in machine.channels]
         wanted = {source.node for source in sources if source is not None and source.bus == "can"}

@@ -64,7 +64,8 @@ class Site:
 
     def scan(self, **options: object) -> CanScan:
         seconds = 0.3 if self._sender is None else 1.0  # a busy computer lets the sender run within that
-        return scan_can(self.bus, seconds=seconds, nodes=range(1, 9), **options)  # type: ignore[arg-type]
+        asked: dict[str, object] = {"ask": True} | options
+        return scan_can(self.bus, seconds=seconds, nodes=range(1, 9), **asked)  # type: ignore[arg-type]
 
     def close(self) -> None:
         self._ended.set()
@@ -94,6 +95,24 @@ def test_a_node_is_found_by_asking_and_nothing_is_written(site: Site) -> None:
     ]
     assert found.asked and not found.masters
     assert site.nodes[0].log == [] and site.nodes[0].commands == []  # not an NMT command, not a write
+
+
+def test_the_command_sends_nothing_unless_it_is_told_to_ask(site: Site) -> None:
+    code, said, told = run("--interface", "virtual", "--channel", site.channel, "--seconds", "0.2")
+    assert code == 0 and "nothing was sent" in said and told == ""
+    assert site.requests() == []
+
+
+@pytest.mark.parametrize(
+    ("identifier", "data"),
+    [(0x700 + NODE, b"\x05"), (0x181, bytes(4)), (0x201, bytes(4))],
+    ids=["heartbeat", "TPDO", "RPDO"],
+)
+def test_a_master_without_sync_is_not_asked_beside(site: Site, identifier: int, data: bytes) -> None:
+    site.send_always(identifier, data, 0.02)
+    found = site.scan(ask=True)
+    assert not found.asked and f"0x{identifier:03X}" in found.masters
+    assert site.requests() == []
 
 
 def test_listening_sends_nothing(site: Site) -> None:
@@ -184,10 +203,21 @@ def run(*arguments: str) -> tuple[int, str, str]:
 
 def test_the_command_writes_what_machine_new_reads(site: Site, tmp_path: Path) -> None:
     output = tmp_path / "scan.json"
-    code, said, _ = run(
-        "--interface", "virtual", "--channel", site.channel, "--seconds", "0.2", "--nodes", "6", "-o", str(output)
+    code, said, told = run(
+        "--interface",
+        "virtual",
+        "--channel",
+        site.channel,
+        "--seconds",
+        "0.2",
+        "--nodes",
+        "6",
+        "-o",
+        str(output),
+        "--ask",
     )
     assert code == 0 and "transducer" in said
+    assert "listens for 0.2 s, then sends an SDO read of the device type to each of 1 nodes" in told
     assert '"schema": "hilfit/scan/1"' in output.read_text()
 
 
@@ -195,6 +225,7 @@ def test_the_command_writes_what_machine_new_reads(site: Site, tmp_path: Path) -
     ("arguments", "line"),
     [
         ((), "says no bus"),
+        (("--interface", "virtual", "--ask", "--listen-only"), "say the opposite"),
         (("--tcp", "127.0.0.1:1"), "say which units to ask"),
         (("--tcp", "127.0.0.1:x", "--units", "1"), "write HOST or HOST:PORT"),
         (("--tcp", "h", "--units", "1-300"), "units go from 0 to 255"),

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 from bench_machines import can
 from canopen_test_bench import ANGLE, HEAD, ROD, Bench, fresh
-from canopen_test_node import PRE_OPERATIONAL
 
 from daq import Machine, MachineFileError, Quality, parse_machine
 from daq.drivers.base import Problem
@@ -101,9 +100,34 @@ def test_a_mapping_that_does_not_stay_is_found_by_reading_back(bench: Bench) -> 
 
 
 def test_a_refused_object_is_named(bench: Bench) -> None:
-    bench.angle.refused.add((0x1017, 0))
+    bench.angle.refused.add((0x1A00, 1))
     (problem,) = bench.driver.start()
-    assert "node 5" in problem and "refuses to write 0x1017:00" in problem
+    assert "node 5" in problem and "refuses to write 0x1A00:01" in problem
+
+
+@pytest.mark.slow
+def test_a_heartbeat_is_as_the_node_says_it(bench: Bench) -> None:
+    """One that has no 0x1017 sends none and is watched by its TPDOs; one that rounds it is watched as it rounds."""
+    bench.angle.refused.add((0x1017, 0))
+    bench.pressure.values[0x1017, 0] = struct.pack("<H", 125)
+    bench.pressure.set(0x1017, 0, struct.pack("<H", 125))
+    bench.pressure.frozen[0x1017, 0] = b""
+    assert bench.driver.start() == ()
+    assert [bench.driver._nodes[number].heartbeat_ms for number in (5, 6)] == [0, 125]
+    for _ in range(30):
+        bench.until(fresh)
+    assert bench.driver.statistics().counts["heartbeat_lost"] == bench.driver.statistics().counts["silent"] == 0
+    bench.angle.silent = True
+    bench.until(lambda s: bench.state(5) == "silent")
+    bench.angle.silent = False
+    bench.until(fresh)
+
+
+def test_a_node_that_is_not_there_is_not_waited_for_in_zero_seconds(bench: Bench) -> None:
+    bench.driver = bench.make(can(bench.channel).replace("boot_up_s: 0.2", "boot_up_s: 0"))
+    bench.angle.silent = True
+    (problem,) = bench.driver.start()
+    assert "does not answer; check its power" in problem and "0 s" not in problem
 
 
 def test_a_short_pdo_is_found_at_the_start(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -153,16 +177,6 @@ def test_a_killed_node_is_noticed_by_the_watchdog_and_comes_back(bench: Bench) -
     assert samples.quality[HEAD] == Quality.MISSING
     bench.pressure.silent = False
     bench.until(fresh)
-
-
-@pytest.mark.slow
-def test_a_node_that_leaves_operation_is_brought_back(bench: Bench) -> None:
-    bench.driver.start()
-    bench.until(fresh)
-    commissioned = bench.driver.statistics().counts["commissioned"]
-    bench.pressure.state = PRE_OPERATIONAL
-    bench.until(lambda s: s.quality[HEAD] == Quality.MISSING)
-    bench.until(lambda s: fresh(s) and bench.driver.statistics().counts["commissioned"] > commissioned)
 
 
 def test_an_emergency_marks_the_nodes_values_until_it_is_reset(bench: Bench) -> None:

@@ -24,7 +24,7 @@ from socketcand_test_hub import TestHub
 from daq import MachineFileError, Quality, load_machine, parse_machine
 from daq.acquisition.acquisition import AcquisitionProcess
 from daq.acquisition.ring import RingReader
-from daq.drivers import make_driver
+from daq.drivers import DriverContext, make_driver
 from daq.drivers.canopen.eds import pdo_places
 from daq.drivers.canopen.listening import ListeningDriver
 from daq.frames.clock import NS, SyncClock
@@ -213,6 +213,35 @@ def test_a_led_bus_follows_no_other_sync() -> None:
     second = text[text.index("- name: can0") :].replace("can0", "can1")
     with pytest.raises(MachineFileError, match="can0 and can1 both say sync: external"):
         parse_machine(text + second)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["stamps", "intervals"])
+def test_no_start_is_refused_for_jitter(tmp_path: Path, kind: str) -> None:
+    """10,000 starts at the master's 50 Hz with jitter up to 20 % of a period, of each SYNC or of each interval."""
+    machine = load_machine(written(tmp_path))
+    driver = ListeningDriver(machine.buses[0], machine.channels, DriverContext(PERIOD, 0.0, lambda: 0))  # type: ignore[arg-type]
+    random_ = np.random.default_rng(5)
+    refused = 0
+    for start in range(10_000):
+        jitter = random_.uniform(-1, 1, 16) * 0.2 * (start % 5 + 1) / 5
+        periods = np.arange(16) + jitter if kind == "stamps" else np.cumsum(1 + jitter)
+        driver._syncs.clear()
+        driver._syncs.extend(np.round(10 * NS + periods * PERIOD * NS).astype(int).tolist())
+        driver._judge_rate()
+        refused += not driver.external_sync
+        driver._wrong_rate, driver._fits = "", False
+    assert refused == 0
+
+
+@pytest.mark.parametrize("hz", [47.0, 40.0, 75.0, 30.0])
+def test_a_rate_that_does_not_fit_is_refused(tmp_path: Path, hz: float) -> None:
+    machine = load_machine(written(tmp_path))
+    driver = ListeningDriver(machine.buses[0], machine.channels, DriverContext(PERIOD, 0.0, lambda: 0))  # type: ignore[arg-type]
+    random_ = np.random.default_rng(6)
+    driver._syncs.extend(round(10 * NS + (k + random_.uniform(-0.02, 0.02)) * NS / hz) for k in range(16))
+    assert not driver.external_sync
+    assert "no multiple" in driver._wrong_rate
 
 
 # The clock

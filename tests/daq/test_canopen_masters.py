@@ -158,8 +158,9 @@ def test_what_does_not_come_is_missing_and_said_so(other: Listening) -> None:
 
 def test_short_pdos_nan_unknown_nodes_and_emergencies(other: Listening) -> None:
     other.driver.start()
-    other.send(0x186, struct.pack("<f", 50.0))
-    assert other.once().quality[[HEAD, ROD]].tolist() == [Quality.FRESH, Quality.INVALID]
+    other.send(0x186, struct.pack("<f", 50.0))  # its mapping is another one: nothing of it is where it was
+    assert other.once().quality[[HEAD, ROD]].tolist() == [Quality.INVALID] * 2
+    assert "4 bytes instead of 8" in other.driver.statistics().devices[1].detail
     other.send(0x186, struct.pack("<ff", float("nan"), 20.5))
     assert other.once().quality[[HEAD, ROD]].tolist() == [Quality.INVALID, Quality.FRESH]
     other.send(0x185, struct.pack("<I", 666), extended=True)

@@ -37,7 +37,7 @@ def detail(bench: Bench, number: int) -> str:
 
 
 def events(bench: Bench) -> list[tuple[str, str]]:
-    return [(event["device"], event["what"]) for event in bench.driver._context.events.published()]
+    return [(event["device"], event["what"]) for event in bench.driver.context.events.published()]
 
 
 # NaN
@@ -167,13 +167,14 @@ def test_arrival_is_when_the_frame_was_on_the_bus_not_when_a_thread_got_round_to
     times = ArrivalTimes()
     offset = 1_700_000_000  # s between the two clocks
     assert times.of(0.0, 5 * NS) == 5 * NS  # no stamp: what there is
-    for k in range(10):  # taken 1 ms after the stamp
-        taken = (5 * NS) + k * 20_000_000
+    for k in range(150):  # taken 1 ms after the stamp; how fast the other clock is takes two seconds to learn
+        taken = (3 * NS) + k * 20_000_000
         assert times.of(offset + (taken - 1_000_000) / NS, taken) == pytest.approx(taken, abs=10_000)
     on_bus = 6 * NS
     taken = on_bus + 31_000_000  # the thread was kept from running for 30 ms
     assert times.of(offset + (on_bus / NS), taken) == pytest.approx(on_bus + 1_000_000, abs=300_000)
     later = 7 * NS  # the other clock was set back by an hour: learnt anew
+    times.nothing_at(later - 15_000_000)
     assert times.of(offset - 3600 + later / NS, later) == later
 
 
@@ -287,11 +288,18 @@ def test_malformed_sdo_answers_cost_an_attempt_and_not_the_keeper(bench: Bench, 
 def test_no_frame_ends_the_receive_thread(bench: Bench) -> None:
     bench.driver.start()
     bench.until(fresh)
-    for identifier in (0x000, 0x080, 0x085, 0x185, 0x586, 0x606, 0x705, 0x706, 0x7FF):
-        for data in (b"", b"\0", b"\xff" * 8):
-            if (identifier, data) != (0x705, b"\0") and (identifier, data) != (0x706, b"\0"):
-                bench.listener.send(python_can.Message(arbitration_id=identifier, data=data, is_extended_id=False))
+
+    def send(identifiers: tuple[int, ...]) -> None:
+        for identifier in identifiers:
+            for data in (b"", b"\0", b"\xff" * 8):
+                if (identifier, data) != (0x705, b"\0") and (identifier, data) != (0x706, b"\0"):
+                    bench.listener.send(python_can.Message(arbitration_id=identifier, data=data, is_extended_id=False))
+
+    send((0x085, 0x185, 0x586, 0x705, 0x706, 0x7FF))
     bench.until(fresh)
+    send((0x000, 0x080, 0x606))  # a master's: from here on nothing is sent, and everything is heard
+    frames = bench.driver.statistics().counts["frames"]
+    bench.until(lambda s: bench.driver.statistics().counts["frames"] > frames)
     assert bench.driver.statistics().counts["bus_rebuilt"] == 0
 
 
@@ -343,7 +351,7 @@ def test_a_storm_of_emergencies_is_counted_to_the_last_one(bench: Bench) -> None
     bench.until(lambda s: bench.driver.statistics().counts["emergency"] == 2000)
     counts = bench.driver.statistics().counts
     assert (counts["emergency 0x5000"], counts["emergency 0x8110"]) == (1500, 500)
-    logged = [event for event in bench.driver._context.events.published() if event["what"] == "emergency"]
+    logged = [event for event in bench.driver.context.events.published() if event["what"] == "emergency"]
     assert sum(event["count"] for event in logged) == 2000
     assert len(logged) < 64  # only the log is limited
 

@@ -16,7 +16,7 @@ from daq.acquisition.assembly import HOLD_CYCLES, Assembler
 from daq.acquisition.frozen import FrozenDetector
 from daq.drivers.base import Samples, nothing
 from daq.frames.channels import channel_table, channels_by_bus
-from daq.frames.clock import NS, Clock, LockstepClock, RealClock, Tick, clock_for
+from daq.frames.clock import NS, Clock, FollowingClock, LockstepClock, RealClock, Tick, clock_for
 from daq.frames.frame import Frame, frame_from_row, row_dtype, row_from_frame
 
 MODBUS = parse_machine(modbus(502))
@@ -295,3 +295,57 @@ def test_frames_of_plain_samples_are_those_of_samples_that_are_looked_at_one_by_
         one, other = (row_from_frame(frame) for frame in frames)
         assert one.tobytes() == other.tobytes()
     np.testing.assert_array_equal(short.counts, long.counts)
+
+
+# When a value was sampled
+
+
+@pytest.mark.parametrize("late_ms", [0.0, 0.4, 1.9, 2.1, 5.0, 16.4])
+def test_the_lateness_of_a_tick_goes_into_age_and_quality(late_ms: float) -> None:
+    """A row's time is the tick's; what a SYNC that was sent later sampled is so much younger."""
+    made = assembler()
+    at = 7 * NS
+    late = round(late_ms * 1e6)
+    for whole in (True, False):
+        part = replace(samples(1.0, 2.0, 3.0), plain=whole)
+        frame = made.frame(Tick(7, 0.14, late, 0, at, at), at + late, 0, [part], at + late)
+        assert frame.ages == pytest.approx([-late_ms / 1e3] * 3, abs=1e-9)
+        assert frame.quality.tolist() == [Quality.FRESH if late_ms < 2.0 else Quality.LATE] * 3
+
+
+def test_a_sync_of_which_nobody_knows_when_it_was_sent_samples_nothing_fresh() -> None:
+    frame = assembler().frame(Tick(7, 0.14, 0, 0, 0, 0), 0, 0, [samples(1.0, 2.0, 3.0)], 1_500_000)
+    assert frame.quality.tolist() == [Quality.LATE] * 3
+
+
+def test_in_lockstep_no_tick_is_late() -> None:
+    frame = assembler(lockstep=True).frame(Tick(7, 0.14, NS, 0, 0, 0), NS, 0, [samples(1.0, 2.0, 3.0)], 2 * NS)
+    assert frame.quality.tolist() == [Quality.FRESH] * 3 and frame.ages.tolist() == [0.0] * 3
+
+
+def test_what_another_masters_sync_sampled_has_the_age_of_that_sync() -> None:
+    """Its tick is the SYNC itself: however late we look, nothing of it is older."""
+    part = replace(samples(1.0, 2.0, 3.0, after=-0.001), from_tick=True)
+    frame = assembler().frame(Tick(7, 0.14, 9_000_000, 0, 0, 0), 9_000_000, 0, [part], 9_000_000)
+    assert frame.quality.tolist() == [Quality.FRESH] * 3 and frame.ages == pytest.approx([0.001] * 3)
+
+
+def test_the_cycle_goes_over_to_another_masters_sync_and_counts_on(wall: Wall) -> None:
+    """A PLC that comes to a bus that we lead: its SYNC leads from then on, 7 ms behind ours."""
+    period = NS // 50
+    syncs: list[int] = []
+
+    def next_sync(deadline: int) -> int | None:
+        wall.now = max(wall.now, syncs.pop(0) if syncs else deadline)
+        return wall.now
+
+    there: list[bool] = []
+    clock = FollowingClock(RealClock(50), 50.0, 0.02, lambda: next_sync if there else None)
+    clock.start()
+    before = ticks(clock, 5)
+    syncs += [wall.now + 7_000_000 + k * period for k in range(20)]
+    came = syncs[:]
+    there.append(True)
+    after = ticks(clock, 10)
+    assert [tick.cycle for tick in before + after] == list(range(15))
+    assert [tick.at_ns for tick in after] == came[1:11]  # the first one says where its periods begin

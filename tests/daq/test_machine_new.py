@@ -91,6 +91,16 @@ def test_a_scan_and_joints_make_a_machine_file_that_can_be_acquired(tmp_path: Pa
     assert [n.device_type for n in machine.buses[0].nodes] == [0x0001_0196, 0x0002_0194]  # type: ignore[union-attr]
 
 
+def test_what_was_written_and_fails_the_check_is_no_success(tmp_path: Path) -> None:
+    output, joints = tmp_path / "machine.yaml", joints_file(tmp_path)
+    joints.write_text(joints.read_text().replace("rod: 0.04", "rod: 0.09"))  # wider than its bore
+    code, said, _ = run("--scan", scan_file(tmp_path), "--joints", joints, "--yes", "-o", output)
+    assert code == 1 and "note:" in said and "rod" in said and f"hilfit machine check {output}" in said
+    assert CliRunner().invoke(build(), ["machine", "check", str(output)]).exit_code != 0
+    code, said, _ = run("--scan", scan_file(tmp_path), "--joints", joints, "--json", "-o", output, "--force")
+    assert code == 1 and json.loads(said)["notes"]
+
+
 def test_where_another_master_leads_pdos_are_taken_as_they_are(tmp_path: Path) -> None:
     output = tmp_path / "machine.yaml"
     scan = scan_file(tmp_path, masters="12 SYNC")

@@ -167,6 +167,40 @@ def test_a_damaged_batch_costs_itself(
     np.testing.assert_array_equal(whole - whole[:, :1], np.tile(np.arange(10), (len(whole), 1)))
 
 
+def test_a_recovered_file_carries_its_ledger(tmp_path: Path) -> None:
+    """The killed recorder's own, but for rows without any value, of which a journal does not say why."""
+    quality = dict.fromkeys(NAMES, np.arange(10) % 2 * Quality.STALE)
+    made = Journal(tmp_path / "r.parquet", flagged(0, quality).schema)
+    for number in range(4):
+        made.append(flagged(10 * number, quality))
+    made.abandon()
+    journal = journal_path(tmp_path / "r.parquet")
+    (result,) = recover(tmp_path)
+    assert result.file is not None
+    ledger = json.loads(read_table(result.file).metadata["hilfit.ledger"])
+    assert ledger
+    for entry in ledger.values():
+        assert entry == {"produced": 40, "stored": 20, "dropped": {"bus: nothing came": 20}}
+    data = bytearray(Path(f"{journal}.recovered").read_bytes())
+    at = len(data) * 6 // 10  # a batch in the middle
+    data[at] ^= 0xFF
+    (tmp_path / "damaged").mkdir()
+    (tmp_path / "damaged" / journal.name).write_bytes(data)
+    (result,) = recover(tmp_path / "damaged")
+    assert result.file is not None and result.rows == 30
+    ledger = json.loads(read_table(result.file).metadata["hilfit.ledger"])
+    for entry in ledger.values():
+        assert entry["produced"] == 40 == entry["stored"] + sum(entry["dropped"].values())
+        assert entry["dropped"]["recovered: damaged batch"] == 10
+
+
+def flagged(first: int, quality: dict[str, np.ndarray]) -> pa.Table:
+    """Ten rows with flags; a stale one has no number."""
+    numbers = np.arange(first, first + 10, dtype=float)
+    values = {name: np.where(flags == Quality.STALE, np.nan, numbers) for name, flags in quality.items()}
+    return recording_table(MACHINE, "train", numbers / 50, values, cycle=numbers, quality=quality)
+
+
 def test_a_journal_whose_first_schema_is_damaged_is_recovered_by_the_second(tmp_path: Path) -> None:
     journal = written(tmp_path)
     data = bytearray(journal.read_bytes())

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import random
 import time
 from pathlib import Path
 
@@ -69,7 +70,7 @@ def test_full_files_are_read_in_order(bench: Bench, tmp_path: Path) -> None:
 
 def write(path: Path, *frames: tuple[float, int, bytes]) -> None:
     """A trace as another tool would write it: moment in s, identifier, data."""
-    with python_can.Logger(path) as logger:
+    with python_can.TRCWriter(path) if path.suffix == ".trc" else python_can.Logger(path) as logger:
         for at, identifier, data in frames:
             extended = identifier > 0x7FF
             logger(
@@ -83,7 +84,7 @@ def boom(pressure: float) -> bytes:
     return DATABASE.encode_message("Boom", {"Angle": 0, "HeadPressure": pressure, "RodPressure": 0, "Roll": 0})
 
 
-@pytest.mark.parametrize("suffix", [".blf", ".asc", ".log"])
+@pytest.mark.parametrize("suffix", [".blf", ".asc", ".log", ".trc"])
 def test_a_trace_of_another_tool_goes_through_the_driver(tmp_path: Path, suffix: str) -> None:
     machine = load_machine(written(tmp_path))
     oil = DATABASE.encode_message("Temperatures", {"OilTemperature": 43.0})
@@ -96,9 +97,25 @@ def test_a_trace_of_another_tool_goes_through_the_driver(tmp_path: Path, suffix:
     assert pressures[:20] == pytest.approx(np.arange(10.0, 30.0))
     assert quality[:20] == [Quality.FRESH] * 20 and quality[26:40] == [Quality.MISSING] * 14
     assert pressures[41:49] == pytest.approx(np.arange(51.0, 59.0))
-    assert result.frames[3].ages[HEAD_PRESSURE] == pytest.approx(0.015, abs=1e-4)  # came 5 ms into its cycle
+    assert result.frames[3].ages[HEAD_PRESSURE] == pytest.approx(
+        0.010, abs=1e-3
+    )  # cycles end in the middle of the pause
     assert result.frames[0].values[OIL] == pytest.approx(43.0 + 273.15)
     assert result.frames[1].time - result.frames[0].time == pytest.approx(0.02)
+
+
+@pytest.mark.parametrize("phase_ms", [0.0, 3.0, 10.0, 19.999])
+def test_the_grid_of_a_replay_is_in_phase_with_the_trace(tmp_path: Path, phase_ms: float) -> None:
+    """300 frames with a millisecond of jitter, wherever in a period they come: each cycle has its own."""
+    random_ = random.Random(round(phase_ms))
+    machine = load_machine(written(tmp_path))
+    oil = DATABASE.encode_message("Temperatures", {"OilTemperature": 43.0})
+    moments = [1.0 + 0.02 * k + phase_ms / 1e3 + random_.uniform(-0.0005, 0.0005) for k in range(300)]
+    frames = [(at, 291, boom(10.0 + k % 200)) for k, at in enumerate(moments)]
+    write(tmp_path / "case.blf", (moments[0] - 0.3, TEMPERATURES, oil), *frames)
+    quality = [frame.quality[HEAD_PRESSURE] for frame in replay(machine, tmp_path / "case.blf").frames]
+    first = quality.index(Quality.FRESH)
+    assert quality[first : first + 299] == [Quality.FRESH] * 299 and first <= 16
 
 
 def test_the_command_writes_a_recording(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -7,26 +7,23 @@ has a rate of its own: between two of them its channels are held.
 
 from __future__ import annotations
 
-import statistics
 import threading
 from collections import deque
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from daq.drivers.base import DeviceStatus, DriverContext, DriverStatistics, Problem, Samples, nothing
-from daq.drivers.can.health import BusHealth, advice, told
-from daq.drivers.can.port import CanConfig, CanPort
-from daq.drivers.keeper import Keeper
-from daq.errors import AcquisitionError
+from daq.drivers.base import DeviceStatus, DriverContext, Problem, Samples, nothing
+from daq.drivers.can.bus_driver import CanDriver
+from daq.drivers.can.pace import Pace
+from daq.drivers.can.port import CanConfig
 from daq.frames.clock import NS
 from daq.quality import Quality
 
 SILENT_S = 1.0  # without a frame that comes in every cycle; or three of its intervals
 FIRST_S = 2.0  # that a frame is waited for at the start
 LATE_PERIODS = 1.5
-INTERVALS = 9  # of which the median is taken for a frame's own
 INBOX = 256  # frames of one identifier that are kept until the cycle takes them
 
 
@@ -47,21 +44,17 @@ class Stream:
         self.positions = tuple(positions)
         self.at_ns: int | None = None
         self.fault = ""  # what was wrong with its last frame
-        self._declared_ns = declared_ns
-        self._intervals: deque[int] = deque(maxlen=INTERVALS)
-        self._median_ns: float | None = None
+        self.pace = Pace(declared_ns)
 
-    def arrived(self, at_ns: int) -> None:
-        """One of its frames was taken from the bus at ``at_ns``."""
-        if self._declared_ns is None and self.at_ns is not None:
-            self._intervals.append(at_ns - self.at_ns)
-            self._median_ns = statistics.median(self._intervals)
+    def arrived(self, at_ns: int) -> bool:
+        """One of its frames was taken from the bus at ``at_ns``; whether it may be another sender's."""
         self.at_ns = at_ns
+        return self.pace.arrived(at_ns)
 
     @property
     def interval_ns(self) -> float:
         """Time between two of its frames, ns; 0 while it is not known."""
-        return self._declared_ns or self._median_ns or 0.0
+        return self.pace.interval_ns
 
 
 class Inbox:
@@ -83,7 +76,7 @@ class Inbox:
             yield self._frames.popleft()
 
 
-class Listener:
+class Listener(CanDriver):
     """What drivers that only listen have in common (see :class:`daq.drivers.base.Driver`).
 
     A subclass fills ``streams`` and says how a port is made (:meth:`connected`) and what frames hold (:meth:`decode`).
@@ -91,22 +84,14 @@ class Listener:
 
     leads = False
 
-    def __init__(self, config: CanConfig, names: Sequence[str], context: DriverContext) -> None:
-        self.config = config
-        self.context = context
+    def __init__(
+        self, config: CanConfig, names: Sequence[str], context: DriverContext, counts: Iterable[str] = ()
+    ) -> None:
+        super().__init__(config, names, context, ("missing", "late", "short", "not_a_number", "two_senders", *counts))
         self.streams: list[Stream] = []
-        self.counts = dict.fromkeys(("missing", "late", "short", "not_a_number", "bus_rebuilt"), 0)
-        self.health = BusHealth(told(config.name, context.events))
         self.cycle_ns = 0
-        self._names = tuple(names)
+        self.led = False  # whether the cycle began with another master's SYNC, at cycle_ns
         self._silent: set[str] = set()
-        self._port: CanPort | None = None
-        self._failure = ""
-        self._keeper = Keeper(f"keeper-{config.name}", self._open, self._broke, context.monotonic_ns)
-
-    def connected(self) -> CanPort:
-        """A new port whose frames arrive; AcquisitionError if the bus cannot be opened."""
-        raise NotImplementedError
 
     def decode(self, samples: Samples) -> None:
         """Take what came, and put it into the samples with :meth:`came` and :meth:`value`."""
@@ -116,25 +101,19 @@ class Listener:
         """What there is to say about a device whose frames come."""
         return ""
 
-    @property
-    def channels(self) -> tuple[str, ...]:
-        """Names of the channels, in the order of the samples."""
-        return self._names
-
     def start(self) -> tuple[str, ...]:
         """Open the bus and wait a moment for every frame."""
-        self._keeper.start()
-        self._open()
+        self.keeper.start()
+        self.open()
         deadline = self.context.monotonic_ns() + round(min(FIRST_S, self.context.start_s or FIRST_S) * NS)
         scratch = nothing(len(self._names))
-        while self._port is not None and self.context.monotonic_ns() < deadline:
+        while self.port is not None and (left := deadline - self.context.monotonic_ns()) > 0:
             self.decode(scratch)
-            left = (deadline - self.context.monotonic_ns()) / NS
-            pause = max(0.0, min(self.context.period_s, left))
-            if all(stream.at_ns is not None for stream in self.streams) or self._keeper.paused(pause):
+            known = all(stream.at_ns is not None and stream.pace.known for stream in self.streams)
+            if known or self.keeper.paused(min(self.context.period_s, left / NS)):
                 break
-        if self._port is None:
-            return (Problem(self._failure, self._names),)
+        if self.port is None:
+            return (Problem(self.failure, self._names),)
         return tuple(
             Problem(
                 f"bus '{self.config.name}': {stream.name} does not come; check the source, bitrate and cable",
@@ -144,43 +123,17 @@ class Listener:
             if stream.at_ns is None
         )
 
-    def _open(self) -> None:
-        port, self._port = self._port, None
-        if port is not None:
-            port.close()
-            self.counts["bus_rebuilt"] += 1
-        try:
-            made = self.connected()
-        except AcquisitionError as error:
-            self._is_down(str(error))
-            return
-        self._failure = ""
-        self.health.opened()
-        self.context.events.end(self.config.name, "bus_down")
-        self._port = made
-        self._keeper.settled()
-
-    def _broke(self, error: Exception) -> None:
-        self._is_down(f"bus '{self.config.name}': opening it broke ({type(error).__name__}: {error})")
-
-    def _is_down(self, line: str) -> None:
-        self._failure = line
-        self.context.events.begin(self.config.name, "bus_down", line)
-        self._keeper.later()
-
     def trigger(self, cycle: int) -> None:
         """Nothing is sent."""
         self.cycle_ns = self.context.monotonic_ns()
 
     def collect(self, until_ns: int) -> Samples:
         """What came since the last cycle."""
-        port = self._port
-        if port is None or port.failure is not None:
-            if port is not None and not self._failure:
-                self._is_down(f"bus '{self.config.name}': {port.failure}; it is opened again")
-            self._keeper.later()
+        if not self.working():
+            self.keeper.later()
             return nothing(len(self._names), Quality.BUS_ERROR)
-        samples = replace(nothing(len(self._names)), interval=np.ones(len(self._names)))
+        count = len(self._names)
+        samples = replace(nothing(count), interval=np.ones(count), from_tick=self.led)
         self.decode(samples)
         assert samples.interval is not None
         for stream in self.streams:
@@ -194,21 +147,31 @@ class Listener:
 
     def came(self, stream: Stream, at_ns: int, samples: Samples) -> Quality:
         """A frame of a stream came: its age, and the quality of what it holds."""
-        stream.arrived(at_ns)
         stream.fault = ""
+        if stream.arrived(at_ns):
+            self.counts["two_senders"] += 1
+            stream.fault = f"{stream.name} comes from two devices; give each one an identifier of its own"
         age_ns = max(0, self.cycle_ns - at_ns)
         late = self.context.patience_s == 0 and age_ns > LATE_PERIODS * self.context.period_s * NS
         self.counts["late"] += late
         for position in stream.positions:
             samples.after_sync_s[position] = -age_ns / NS
-        return Quality.LATE if late else Quality.FRESH
+        return Quality.INVALID if stream.fault else Quality.LATE if late else Quality.FRESH
+
+    def alike(self, stream: Stream, values: Sequence[float], samples: Samples) -> None:
+        """What a frame held: where every second one of many belongs together, two devices send them."""
+        if stream.pace.mixed(values):
+            self.counts["two_senders"] += 1
+            stream.fault = f"{stream.name} comes from two devices; give each one an identifier of its own"
+            for position in stream.positions:
+                self.value(position, np.nan, Quality.INVALID, samples)
 
     def value(self, position: int, value: float, quality: Quality, samples: Samples) -> None:
         """What a frame holds for a channel; NaN is no measurement."""
         if not np.isfinite(value):
-            self.counts["not_a_number"] += 1
-            quality, value = Quality.INVALID, np.nan
-        samples.raw[position] = value
+            self.counts["not_a_number"] += quality != Quality.INVALID
+            quality = Quality.INVALID
+        samples.raw[position] = np.nan if quality == Quality.INVALID else value
         samples.quality[position] = quality
 
     def _devices(self) -> list[str]:
@@ -241,33 +204,8 @@ class Listener:
         faults = [stream.fault for stream in self.streams if stream.device == device and stream.fault]
         return faults[0] if faults else self.device_line(device)
 
-    def statistics(self) -> DriverStatistics:
-        """State of every device that is listened to, and counters since the start."""
-        port = self._port
-        failure = self._failure or (port.failure if port is not None else "closed")
-        devices = tuple(
-            DeviceStatus(
-                device,
-                "failed" if failure else "silent" if device in self._silent else "running",
-                failure or self._line(device),
-            )
-            for device in self._devices()
-        )
-        counts = dict(self.counts) | {"error_frames": self.health.error_frames}
-        if port is not None:
-            counts |= {"frames": port.frames, "extended_frames": port.extended, "unreadable_frames": port.broken}
-            counts["lost_frames"] = port.lost
-        return DriverStatistics(
-            self.config.name,
-            devices,
-            counts,
-            "down" if failure else self.health.state,
-            failure or advice(self.config.name, self.health.state),
-        )
-
-    def stop(self) -> None:
-        """Close the bus; nothing is sent."""
-        self._keeper.stop()
-        port, self._port = self._port, None
-        if port is not None:
-            port.close()
+    def devices(self, failure: str) -> Iterable[DeviceStatus]:
+        """State of every device that is listened to."""
+        for device in self._devices():
+            state = "failed" if failure else "silent" if device in self._silent else "running"
+            yield DeviceStatus(device, state, failure or self._line(device))

@@ -20,13 +20,15 @@ import can
 from daq.drivers.base import DriverContext
 from daq.drivers.can.arrival import ArrivalTimes
 from daq.drivers.can.health import BusHealth
-from daq.drivers.can.receive_queue import lengthen, lost_frames
+from daq.drivers.can.receive_queue import ended, lengthen, lost_frames
 from daq.errors import BusError
 from daq.frames.clock import NS
 
 # A hub that is busy may put a frame behind its handshake's last word, which python-can takes for a wrong answer.
 OPEN_ATTEMPTS = 5
 OPEN_TIMEOUT_S = 2.0
+IDLE_S = 0.1
+LOOK_NS = 5_000_000  # between two looks whether a frame waits (:mod:`daq.drivers.can.arrival`)
 LOOK_EVERY = 64  # frames between two looks at the controller's state
 
 
@@ -97,16 +99,26 @@ class CanPort:
         self._thread.start()
 
     def _receive(self) -> None:
-        receive = self._bus.recv
+        receive, now = self._bus.recv, self._monotonic_ns
+        looked = 0
         while not self._closing:
             try:
-                message = receive(0.1)
+                message = None
+                if (before := now()) - looked > LOOK_NS:  # else it is known well enough that nothing was there
+                    if (message := receive(0.0)) is None:
+                        self._times.nothing_at(before)
+                    looked = before
+                if message is None:
+                    message = receive(IDLE_S)
             except Exception as error:  # whatever it is, nothing is received from here on: the driver rebuilds the bus
                 if not self._closing:
                     self.fail(error)
                 return
             if message is None:
-                self.health.look(self._monotonic_ns())
+                self.health.look(now())
+                if ended(self._bus):
+                    self.fail(can.CanOperationError("the gateway closed the connection"))
+                    return
                 continue
             self.take(message)
             if self.health.state == "bus_off":
@@ -129,6 +141,7 @@ class CanPort:
             self.extended += 1
         elif message.is_remote_frame:
             self.remote += 1
+            self.remote_frame(message.arbitration_id, at_ns)
         else:
             try:
                 self.dispatch(message, at_ns)
@@ -146,9 +159,17 @@ class CanPort:
         """A data frame came, at monotonic ``at_ns``."""
         raise NotImplementedError
 
+    def remote_frame(self, identifier: int, at_ns: int) -> None:
+        """A remote frame came, at monotonic ``at_ns``."""
+
+    def permit(self, message: can.Message) -> None:
+        """Raise an error of python-can's if a frame must not be sent: none may, unless a subclass knows better."""
+        raise can.CanOperationError("nothing is sent on a bus that is listened to")
+
     def send(self, message: can.Message) -> None:
         """Send a frame; errors of the interface are the caller's. ``canopen`` sends through this as well."""
         with self._sending:
+            self.permit(message)
             self._bus.send(message)
         if self._noted is not None:
             sent = copy.copy(message)
@@ -220,6 +241,6 @@ def _reachable(config: CanConfig, host: str, port: int) -> None:
 
 
 def first_line(error: Exception | None) -> str:
-    """The first line of an error's text, or its kind."""
-    lines = str(error).split("\n")
-    return lines[0].strip() or type(error).__name__
+    """The first line of an error's text, or its kind; python-can puts tracebacks into some."""
+    line = str(error).split("\n")[0].split("Traceback (most recent")[0]
+    return line.strip() or type(error).__name__

@@ -90,11 +90,10 @@ class CanSignalsDriver(Listener):
     """Signals of DBC files (see :class:`daq.drivers.base.Driver`); nothing is ever sent."""
 
     def __init__(self, bus: CanSignalsBus, channels: Sequence[Channel], context: DriverContext) -> None:
-        super().__init__(bus, [channel.name for channel in channels], context)
+        super().__init__(bus, [channel.name for channel in channels], context, ("not_available", "unknown_part"))
         listed, problems = listed_messages(bus, channels)
         if problems:
             raise MachineFileError(f"bus '{bus.name}': {problems[0][1]}")
-        self.counts |= dict.fromkeys(("not_available", "unknown_part", "two_senders"), 0)
         self._bus = bus
         self._received = [_Received(message) for message in listed]
         self.streams = [stream for received in self._received for stream, _ in received.parts]
@@ -139,6 +138,8 @@ class CanSignalsDriver(Listener):
                 else:
                     scaled: Any = wanted.signal.conversion.raw_to_scaled(value, decode_choices=False)
                     self.value(wanted.position, float(scaled), quality, samples)
+            if quality != Quality.INVALID:
+                self.alike(stream, [float(samples.raw[wanted.position]) for wanted in members], samples)
 
     def _refuse(self, received: _Received, samples: Samples) -> None:
         """Two devices send one message: nothing of it is a measurement."""

@@ -11,7 +11,8 @@ from collections.abc import Iterable, MutableMapping
 from dataclasses import replace
 
 from daq.drivers.base import DriverContext
-from daq.drivers.canopen.commissioning import OPERATIONAL, PRE_OPERATIONAL, commission
+from daq.drivers.can.port import first_line
+from daq.drivers.canopen.commissioning import OPERATIONAL, PRE_OPERATIONAL, SdoAccess, commission
 from daq.drivers.canopen.identity import ask
 from daq.drivers.canopen.lead import Lead
 from daq.drivers.canopen.link import CanLink
@@ -109,7 +110,10 @@ class NodeCare:
 
     def _broke(self, error: Exception) -> None:
         self._counts["keeper_broke"] += 1
-        self.failed(f"{self.node.place}: commissioning broke ({type(error).__name__}: {error}); it is tried again")
+        self.failed(
+            f"{self.node.place}: commissioning broke ({type(error).__name__}: {first_line(error)}); it is tried again"
+        )
+        self._start.tried(self.node.config.node)
 
     def _care(self) -> None:
         node = self.node
@@ -146,7 +150,7 @@ class NodeCare:
                 answered=node.accept_boot_ups,
                 boot_up_s=node.config.boot_up_s if self._start.under_way else 0.0,
                 keep=lambda found, wrote, identity: self._keep(FoundSetup(found, wrote, identity)),
-                learn=node.learn_decimals,
+                learn=self._learn,
             )
         except AcquisitionError as error:
             self.failed(str(error))
@@ -154,6 +158,10 @@ class NodeCare:
         finally:
             sdo.close()
         return True
+
+    def _learn(self, sdo: SdoAccess) -> None:
+        self.node.learn(sdo)
+        self._watch.limit_ns(self.node)
 
     def _keep(self, setup: FoundSetup) -> None:
         """Before a node is changed: keep what it was like."""

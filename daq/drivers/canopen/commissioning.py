@@ -75,7 +75,7 @@ def commission(
     place : how errors call the node
     answered : called when it has answered for the first time: a boot-up after that means that all is to do again
     boot_up_s : how long it may take to answer at first
-    learn : called before it is operational, to read what else has to be known of it
+    learn : called before it is operational, to read what else has to be known of it, as its heartbeat time
     keep : called before the first object is written, with objects as they are, as they will be, and its identity
 
     Raises
@@ -110,8 +110,9 @@ def _await_answer(sdo: SdoAccess, place: str, monotonic_ns: Callable[[], int], b
             if monotonic_ns() >= deadline:
                 if "does not answer" not in str(error):
                     raise
+                within = f" within {boot_up_s:g} s" if boot_up_s else ""
                 raise NoAnswerError(
-                    f"{place}: does not answer within {boot_up_s:g} s; check its power, node-ID, bitrate and cable"
+                    f"{place}: does not answer{within}; check its power, node-ID, bitrate and cable"
                 ) from None
 
 
@@ -198,7 +199,8 @@ def _wanted(sdo: SdoAccess, node: CanNode, mappings: Sequence[Mapping], found: O
         wanted[objects, 0] = bytes((len(mapping.entries),))
         for subindex, entry in enumerate(mapping.entries, start=1):
             wanted[objects, subindex] = struct.pack("<I", entry)
-    wanted[0x1017, 0] = struct.pack("<H", node.heartbeat_ms)
+    if (0x1017, 0) in found:  # else it sends none
+        wanted[0x1017, 0] = struct.pack("<H", node.heartbeat_ms)
     for key, value in node.settings.items():
         index, subindex, data_type = _object(key)
         wanted[index, subindex] = _encode(sdo, index, subindex, data_type, value)
@@ -253,6 +255,8 @@ def _write_pdo(sdo: SdoAccess, parameters: int, mapping: int, objects: Objects) 
 def _read_back(sdo: SdoAccess, index: int, subindex: int, data: bytes, place: str) -> None:
     found = sdo.read(index, subindex)[: len(data)]
     if found == data:
+        return
+    if index == 0x1017 and any(found):  # in steps of its own; the watchdog goes by what it says
         return
     is_pdo = _pdo((index, subindex)) is not None
     if is_pdo and subindex == 1 and index < 0x1A00:

@@ -6,22 +6,22 @@ Threads: the caller's (``trigger``, ``collect``), the link's receive thread, and
 
 from __future__ import annotations
 
-import threading
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
 
 from daq.drivers.base import DeviceStatus, Driver, DriverContext, DriverStatistics, Problem, Samples, nothing
-from daq.drivers.can.health import BusHealth, advice, told
+from daq.drivers.can.bus_driver import CanDriver
+from daq.drivers.can.port import CanPort
 from daq.drivers.canopen.care import VERIFY_CYCLES, NodeCare, Start
 from daq.drivers.canopen.commissioning import LEFT, PRE_OPERATIONAL
 from daq.drivers.canopen.lead import Lead
+from daq.drivers.canopen.leadership import Leadership, State
 from daq.drivers.canopen.link import CanLink
-from daq.drivers.canopen.listening import ListeningDriver
-from daq.drivers.canopen.look import Look
+from daq.drivers.canopen.listening import Guest, ListeningDriver
+from daq.drivers.canopen.look import Look, Sweep
 from daq.drivers.canopen.node import MISSES_TOLERATED, Cycle, Node, make_nodes
-from daq.drivers.canopen.sweep import Sweep
 from daq.drivers.canopen.watch import NodeWatch
-from daq.drivers.keeper import Keeper
-from daq.errors import AcquisitionError, BusError
+from daq.errors import BusError
 from daq.frames.clock import NS
 from daq.machine.machine_file import CanopenBus, Channel
 from daq.quality import Quality
@@ -32,47 +32,42 @@ ANSWER_S = (
 EMERGENCY_CODES = 16  # codes that are told one by one; a device that makes codes up must not flood the statistics
 COUNTS = (
     "sync", "missing", "late", "superseded", "surplus", "not_a_number", "short_pdo", "emergency", "boot_up", "silent",
-    "heartbeat_lost", "started_anew", "commissioned", "bus_rebuilt", "keeper_broke",
+    "heartbeat_lost", "started_anew", "commissioned",
 )  # fmt: skip
 
 
-class CanopenDriver:
+class CanopenDriver(CanDriver):
     """CANopen sensors on one bus, sampled at SYNC (see :class:`daq.drivers.base.Driver`).
 
-    On the bus it sends SYNC, NMT commands to its own nodes, and the SDO requests of their commissioning; nothing else.
+    On the bus it sends SYNC, NMT commands to its own nodes, and the SDO requests of their commissioning; nothing else,
+    and nothing at all where another master is heard (:mod:`daq.drivers.canopen.leadership`).
     """
 
     leads = True
 
     def __init__(self, bus: CanopenBus, channels: Sequence[Channel], context: DriverContext) -> None:
-        self._config = bus
-        self._context = context
-        self._names = tuple(channel.name for channel in channels)
+        super().__init__(bus, [channel.name for channel in channels], context, COUNTS)
+        self._bus = bus
+        self._declared = tuple(channels)
         cycle = Cycle()
         self._nodes = make_nodes(bus, channels, cycle)
         self._all_ids = frozenset().union(*(node.cob_ids for node in self._nodes.values()))
-        self._counts = dict.fromkeys(COUNTS, 0)
-        self._health = BusHealth(told(bus.name, context.events))
-        self._watch = NodeWatch(bus.name, context, self._counts)
+        self._watch = NodeWatch(bus.name, context, self.counts)
         self._lead = Lead(self._nodes.values(), cycle, context)
         self._start = Start()
         self._cares = {
-            number: NodeCare(node, bus.name, context, self._watch, self._counts, self._lead, self._start)
+            number: NodeCare(node, bus.name, context, self._watch, self.counts, self._lead, self._start)
             for number, node in self._nodes.items()
         }
-        count, late_ns = len(self._names), context.late_ns
+        count, late_ns = len(channels), context.late_ns
         self._sweep = Sweep(tuple(self._nodes.values()), self._watch, count, late_ns)
-        self._look = Look(tuple(self._cares.values()), self._watch, self._counts, count, late_ns)
-        self._failure = ""  # why the bus could not be opened
-        self._stopped = threading.Event()
-        self._leading = False  # whether anything was ever sent
-        self._bus_keeper = Keeper(f"keeper-{bus.name}", self._rebuild, self._bus_broke, context.monotonic_ns)
-        self._before: dict[str, int] = {}  # counts of the links that were closed
-
-    @property
-    def channels(self) -> tuple[str, ...]:
-        """Names of the channels, in the order of the samples."""
-        return self._names
+        self._look = Look(tuple(self._cares.values()), self._watch, self.counts, count, late_ns)
+        started = context.found.started(bus.name) if context.found is not None else frozenset()
+        for number in started & self._nodes.keys():
+            self._nodes[number].found_state = -1  # as an earlier run of ours left it, not as it was found
+        self._leadership = Leadership(bus, context, self._nodes, started)
+        self._watch.leadership = self._leadership
+        self._guest: Guest | None = None
 
     # Start
 
@@ -85,21 +80,18 @@ class CanopenDriver:
             If another master leads this bus; then nothing was sent, and nothing will be.
         """
         self._start.under_way = True
-        self._bus_keeper.start()
+        self.keeper.start()
         for care in self._cares.values():
             care.keeper.start()
-        try:
-            link = self._lead.link = self._open()
-        except AcquisitionError as error:
-            self._start.under_way = False
-            self._bus_is_down(str(error))
-            return (Problem(str(error), self._names),)
-        self._alone(link)
-        self._leading = True
         self._start.expect(self._nodes)
-        for care in self._cares.values():
-            care.keeper.soon()
-        untried = self._start.wait(self._context.start_s)
+        self.open()
+        link = self._lead.link
+        if link is None:
+            self._start.under_way = False
+            if self._leadership.state is State.GUEST:
+                self._refused()
+            return (Problem(self.failure or f"bus '{self._bus.name}': is still listened to", self._names),)
+        untried = self._start.wait(self.context.start_s)
         ready = [number for number, node in self._nodes.items() if node.operational and number not in untried]
         self._first_syncs(link, [self._nodes[number] for number in ready])
         for number in ready:
@@ -110,18 +102,16 @@ class CanopenDriver:
             if node.state != "running"
         )
 
-    def _alone(self, link: CanLink) -> None:
-        """Listen before the first frame is sent; in lockstep with a simulation there is no time to listen in."""
-        heard = link.listen(self._config.listen_s if self._context.patience_s == 0 else 0.0, self._stopped.wait)
-        if heard:
-            self._start.under_way = False
-            self.stop()
-            self._failure = (
-                f"bus '{self._config.name}': another master leads it ({heard} within {self._config.listen_s:g} s); "
-                "nothing was sent; take its sensors as they are with 'listen_only: true', or disconnect it"
-            )
-            self._context.events.begin(self._config.name, "second_master", self._failure)
-            raise BusError(self._failure)
+    def _refused(self) -> None:
+        """Another master leads, and nothing was sent yet: whoever starts this is told."""
+        self.stop()
+        self.failure = (
+            f"bus '{self._bus.name}': another master leads it ({self._leadership.told()} within "
+            f"{self._bus.listen_s:g} s); nothing was sent; take its sensors as they are with 'listen_only: true', or "
+            "disconnect it; nodes that are operational without one, reset (or listen_s: 0)"
+        )
+        self.context.events.begin(self._bus.name, "second_master", self.failure)
+        raise BusError(self.failure)
 
     def _channels_of(self, node: Node) -> list[str]:
         return [self._names[position] for mapping in node.mappings for entry in mapping.positions for position in entry]
@@ -132,53 +122,76 @@ class CanopenDriver:
             if all(node.complete() for node in ready):
                 return
             self._lead.sync(link, number, set().union(*(node.cob_ids for node in ready)))
-            self._lead.cycle.done.wait(max(self._context.period_s, ANSWER_S) + self._context.patience_s)
+            self._lead.cycle.done.wait(max(self.context.period_s, ANSWER_S) + self.context.patience_s)
 
-    def _open(self) -> CanLink:
-        link = CanLink(self._config, self._context, self._health)
+    def connected(self) -> CanPort:
+        """The bus, frames of its nodes to them, or to the guest."""
+        link = CanLink(self._bus, self.context, self.health, self._leadership)
+        if self._guest is not None:
+            self._guest.attach(link)
+            self._guest.port = link
+            return link
         for node in self._nodes.values():
             link.handlers.update(node.handlers())
         return link
 
-    # What the keeper of the bus does
-
-    def _bus_broke(self, error: Exception) -> None:
-        self._counts["keeper_broke"] += 1
-        self._bus_is_down(f"bus '{self._config.name}': opening it broke ({type(error).__name__}: {error})")
-
-    def _rebuild(self) -> None:
-        link, self._lead.link = self._lead.link, None
-        if link is not None:
-            for name, value in self._counts_of(link).items():
-                self._before[name] = self._before.get(name, 0) + value
-            link.close()
-        try:
-            link = self._open()
-        except AcquisitionError as error:
-            self._bus_is_down(str(error))
+    def opened(self) -> None:
+        """Listen; then lead, and commission all nodes. A guest only listens on."""
+        link = self.port
+        assert isinstance(link, CanLink)
+        if not self._leadership.lead(self.keeper.paused):
             return
-        self._counts["bus_rebuilt"] += 1
-        self._failure = ""
-        self._health.opened()
-        self._context.events.end(self._config.name, "bus_down")
-        self._lead.link = link  # from here on the cycle sends SYNC again
-        self._bus_keeper.settled()
-        self._leading = True
+        if self.context.found is not None:
+            self.context.found.leads(self._bus.name, self._nodes)
+        self._lead.link = link  # from here on the cycle sends SYNC
         for care in self._cares.values():
             care.keeper.soon()
 
-    def _bus_is_down(self, line: str) -> None:
-        self._failure = line
-        self._context.events.begin(self._config.name, "bus_down", line)
+    def went_down(self) -> None:
+        """No node can be reached."""
+        self._lead.link = None
         for node in self._nodes.values():
             node.operational = False
-            self._watch.away(node, "failed", "bus_down", line)
-        self._bus_keeper.later()
+            self._watch.away(node, "failed", "bus_down", self.failure)
+
+    def _hand_over(self) -> Guest:
+        """Another master was heard while we led, or before: go on without sending."""
+        line = (
+            f"bus '{self._bus.name}': another master leads it ({self._leadership.reason}); nothing is sent any more, "
+            "its PDOs are taken as they are; disconnect it and start again, or describe its PDOs with listen_only: true"
+        )
+        self.context.events.begin(self._bus.name, "second_master", line)
+        self._lead.link = None
+        refused = {
+            number: f"{node.place}: was not commissioned before another master came; describe its PDOs, listen_only"
+            for number, node in self._nodes.items()
+            if node.state != "running"
+        }
+        guest = Guest(self._bus, self._declared, self.context, refused)
+        self._guest = guest
+        for care in self._cares.values():
+            care.keeper.settled()
+        if isinstance(self.port, CanLink):
+            guest.attach(self.port)
+            guest.port = self.port
+        return guest
+
+    @property
+    def external_sync(self) -> bool:
+        """Whether the cycle is to be led by :meth:`next_sync`: another master's, since it was heard."""
+        return self._guest is not None and self._guest.external_sync
+
+    def next_sync(self, deadline_ns: int) -> int | None:
+        """When the other master's next SYNC came, monotonic ns, or None if none has until the deadline."""
+        return None if self._guest is None else self._guest.next_sync(deadline_ns)
 
     # The cycle
 
     def trigger(self, cycle: int) -> None:
-        """Send SYNC."""
+        """Send SYNC, if we lead."""
+        if self._leadership.state is State.GUEST:
+            (self._guest or self._hand_over()).trigger(cycle)
+            return
         link = self._lead.working_link()
         if link is None:
             self._lead.no_sync(cycle)
@@ -187,75 +200,63 @@ class CanopenDriver:
         there = [n for n in nodes if n.state == "running" and n.operational and n.misses < MISSES_TOLERATED]
         expected = set(self._all_ids) if len(there) == len(nodes) else set().union(*(node.cob_ids for node in there))
         self._lead.sync(link, cycle, expected)
-        self._counts["sync"] += 1
+        self.counts["sync"] += 1
 
     def collect(self, until_ns: int) -> Samples:
         """TPDOs of this cycle, as soon as all that are expected came."""
-        link = self._lead.link
-        if link is None or link.failure is not None:
-            if link is not None and not self._failure:
-                self._bus_is_down(f"bus '{self._config.name}': {link.failure}; it is opened again")
+        if not self.working():
             return nothing(len(self._names), Quality.BUS_ERROR)
-        remaining = (until_ns - self._context.monotonic_ns()) / NS
-        lost = remaining > 0 and not self._lead.cycle.done.wait(remaining) and self._context.patience_s > 0
+        if self._guest is not None:
+            return self._guest.collect(until_ns)
+        remaining = (until_ns - self.context.monotonic_ns()) / NS
+        lost = remaining > 0 and not self._lead.cycle.done.wait(remaining) and self.context.patience_s > 0
         if lost:  # waited for far longer than anything takes; a machine that does not stand still is told by counting
             for tpdo in (
                 tpdo for node in self._nodes.values() if node.misses < MISSES_TOLERATED for tpdo in node.tpdos
             ):
                 tpdo.give_up()
-        now = self._context.monotonic_ns()
+        now = self.context.monotonic_ns()
         number = self._lead.cycle.number
         whole = self._sweep.samples(number, now)
         return self._look.samples(number, now) if whole is None else whole
 
     # What it says
 
-    def _counts_of(self, link: CanLink) -> dict[str, int]:
-        return {
-            "frames": link.frames,
-            "extended_frames": link.extended,
-            "remote_frames": link.remote,
-            "unreadable_frames": link.broken,
-            "lost_frames": link.lost,
-            "foreign_sync": link.foreign_syncs,
-            "foreign_nmt": link.foreign_nmts,
-        }
+    def counts_of(self, port: CanPort) -> dict[str, int]:
+        """Counters of a link."""
+        heard = self._leadership.count
+        return super().counts_of(port) | {"foreign_sync": heard("SYNC"), "foreign_nmt": heard("NMT")}
+
+    def devices(self, failure: str) -> Iterable[DeviceStatus]:
+        """State of every node."""
+        if self._guest is not None:
+            yield from self._guest.devices(failure)
+            return
+        for number, node in self._nodes.items():
+            line = failure or self._watch.line(node)
+            yield DeviceStatus(
+                f"node {number}", "failed" if failure else node.state, line, node.latency.told(), node.objects
+            )
 
     def statistics(self) -> DriverStatistics:
         """State of the bus and of every node, and counters since the start."""
-        link = self._lead.link
-        failure = link.failure if link is not None else self._failure or "closed"
-        devices = tuple(
-            DeviceStatus(
-                f"node {number}",
-                "failed" if failure else node.state,
-                failure or self._watch.line(node),
-                node.latency.told(),
-                node.objects,
-            )
-            for number, node in self._nodes.items()
-        )
-        counts = dict(self._counts) | {"error_frames": self._health.error_frames}
-        for name, value in (self._counts_of(link) if link is not None else {}).items():
-            counts[name] = value + self._before.get(name, 0)
-        for name, value in self._before.items():
-            counts.setdefault(name, value)
-        counts |= self._watch.emergency_codes(self._nodes.values(), EMERGENCY_CODES)
-        state = self._health.state if not failure or self._health.state == "bus_off" else "down"
-        return DriverStatistics(
-            self._config.name, devices, counts, state, advice(self._config.name, self._health.state) or failure or ""
-        )
+        told = super().statistics()
+        codes = self._watch.emergency_codes(self._nodes.values(), EMERGENCY_CODES)
+        guest = {} if self._guest is None else {name: n for name, n in self._guest.counts.items() if n}
+        return replace(told, counts={**told.counts, **codes, **guest})
 
     def stop(self) -> None:
         """Leave each node in the state in which its heartbeat found it, else pre-operational; close the bus."""
-        self._stopped.set()
-        for keeper in (self._bus_keeper, *(care.keeper for care in self._cares.values())):
-            keeper.stop()
-        link, self._lead.link = self._lead.link, None
+        self.keeper.stop()
+        for care in self._cares.values():
+            care.keeper.stop()
+        link, self._lead.link = self._lead.working_link(), None
         if link is not None:
-            for number, node in self._nodes.items() if self._leading else ():
+            for number, node in self._nodes.items():
                 link.send_nmt(LEFT.get(node.found_state, PRE_OPERATIONAL), number)
-            link.close()
+            if self.context.found is not None:
+                self.context.found.left(self._bus.name)
+        super().stop()
 
 
 def canopen_driver(bus: CanopenBus, channels: Sequence[Channel], context: DriverContext) -> Driver:

@@ -39,6 +39,7 @@ class Place:
     bit, bits : where in its data, little endian
     synchronous : whether it is sampled at SYNC
     event_ms : a PDO that nothing changes comes after so long all the same; 0: it does not, or nothing is said
+    length : bytes of the PDO; 0: as many as its first frame has
     """
 
     cob_id: int
@@ -46,6 +47,7 @@ class Place:
     bits: int
     synchronous: bool
     event_ms: int
+    length: int = 0
 
 
 def pdo_places(path: str, node: int, bus: str) -> dict[tuple[int, int], Place]:
@@ -64,12 +66,14 @@ def pdo_places(path: str, node: int, bus: str) -> dict[tuple[int, int], Place]:
             continue
         transmission = value_of(dictionary, 0x1800 + number, 2)
         event_ms = value_of(dictionary, 0x1800 + number, 5) or 0
+        synchronous = transmission is not None and transmission <= SYNCHRONOUS
+        count = min(value_of(dictionary, 0x1A00 + number, 0) or 0, _ENTRIES)
+        entries = [value_of(dictionary, 0x1A00 + number, entry) or 0 for entry in range(1, count + 1)]
+        length = (sum(mapped & 0xFF for mapped in entries) + 7) // 8
         bit = 0
-        for entry in range(1, min(value_of(dictionary, 0x1A00 + number, 0) or 0, _ENTRIES) + 1):
-            mapped = value_of(dictionary, 0x1A00 + number, entry) or 0
+        for mapped in entries:
             bits = mapped & 0xFF
-            synchronous = transmission is not None and transmission <= SYNCHRONOUS
-            place = Place(cob_id & 0x7FF, bit, bits, synchronous, 0 if synchronous else event_ms)
+            place = Place(cob_id & 0x7FF, bit, bits, synchronous, 0 if synchronous else event_ms, length)
             found.setdefault((mapped >> 16, mapped >> 8 & 0xFF), place)
             bit += bits
     return found

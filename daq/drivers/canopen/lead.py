@@ -11,6 +11,7 @@ from collections.abc import Collection
 
 from daq.drivers.base import DriverContext
 from daq.drivers.canopen.commissioning import OPERATIONAL
+from daq.drivers.canopen.leadership import State
 from daq.drivers.canopen.link import CanLink
 from daq.drivers.canopen.node import Cycle, Node
 
@@ -21,7 +22,7 @@ class Lead:
     Attributes
     ----------
     cycle : the one that is under way
-    link : the open bus; None while there is none
+    link : the open bus, once we lead it
     """
 
     def __init__(self, nodes: Collection[Node], cycle: Cycle, context: DriverContext) -> None:
@@ -33,9 +34,10 @@ class Lead:
         self._synced = threading.Condition()
 
     def working_link(self) -> CanLink | None:
-        """The link, if it can be used."""
+        """The link, if it can be used, and is ours to lead."""
         link = self.link
-        return link if link is not None and link.failure is None else None
+        usable = link is not None and link.failure is None and link.leadership.state is State.LEADING
+        return link if usable else None
 
     def sync(self, link: CanLink, number: int, expected: set[int]) -> None:
         """Send SYNC of cycle ``number``, in which TPDOs of the COB-IDs ``expected`` are waited for."""

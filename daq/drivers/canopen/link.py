@@ -19,16 +19,13 @@ from canopen.sdo import SdoAbortedError, SdoClient, SdoCommunicationError
 from daq.drivers.base import DriverContext
 from daq.drivers.can.health import BusHealth
 from daq.drivers.can.port import CanPort, first_line
+from daq.drivers.canopen.leadership import NMT_ID, SYNC_ID, Leadership, NotLeadingError
 from daq.errors import BusError, CommissioningError
 from daq.machine.machine_file import CanopenBus
 
-SYNC_ID = 0x080
-NMT_ID = 0x000
-SDO_REQUESTS = (0x601, 0x67F)
 Handler = Callable[[bytearray, int], None]
 SDO_TIMEOUT_S = 0.5
 SDO_ATTEMPTS = 3
-LOOK_S = 0.02  # between two looks whether another master was heard
 SDO_SEGMENTS = 64  # answers to one transfer: no object that is read or written here has as many as 448 bytes
 
 
@@ -36,53 +33,46 @@ class CanLink(CanPort):
     """An open CANopen bus.
 
     ``handlers`` maps a COB-ID to what is called, in the receive thread, with data and arrival time.
+
+    Parameters
+    ----------
+    leadership : hears every frame, and permits every one of ours
     """
 
-    def __init__(self, config: CanopenBus, context: DriverContext, health: BusHealth) -> None:
+    def __init__(
+        self, config: CanopenBus, context: DriverContext, health: BusHealth, leadership: Leadership | None = None
+    ) -> None:
         super().__init__(config, context, health)
-        self.handlers: dict[int, Handler] = {SYNC_ID: self._foreign_sync, NMT_ID: self._foreign_nmt}
-        self.foreign_syncs = self.foreign_nmts = self.foreign_requests = 0  # our own do not come back to us
+        self.leadership = Leadership(config, context) if leadership is None else leadership
+        self.leadership.opened()
+        self.handlers: dict[int, Handler] = {}
         self._network = canopen.Network(self)
         self._sync = can.Message(arbitration_id=SYNC_ID, is_extended_id=False, data=b"")
+        self.clients: dict[int, _Client] = {}  # of transfers that may be under way, by node
         self.open()
 
+    def permit(self, message: can.Message) -> None:
+        """As leadership says."""
+        self.leadership.permit(message)
+
     def dispatch(self, message: can.Message, at_ns: int) -> None:
-        """Call the handler of its COB-ID."""
-        handler = self.handlers.get(message.arbitration_id)
+        """Let leadership hear it, then call the handler of its COB-ID."""
+        identifier = message.arbitration_id
+        if identifier not in self.leadership.answers and self.leadership.heard(identifier, message.data, at_ns):
+            self._let_go()
+        handler = self.handlers.get(identifier)
         if handler is not None:
             handler(message.data, at_ns)
-        elif SDO_REQUESTS[0] <= message.arbitration_id <= SDO_REQUESTS[1]:
-            self.foreign_requests += 1
 
-    def _foreign_sync(self, data: bytearray, at_ns: int) -> None:
-        self.foreign_syncs += 1
+    def remote_frame(self, identifier: int, at_ns: int) -> None:
+        """Only a master asks nodes for their state, and for their PDOs."""
+        if self.leadership.heard(identifier, b"", at_ns, remote=True):
+            self._let_go()
 
-    def _foreign_nmt(self, data: bytearray, at_ns: int) -> None:
-        self.foreign_nmts += 1
-
-    def masters(self) -> str:
-        """What was heard that only a master sends, in words; empty if nothing."""
-        heard = (
-            (self.foreign_syncs, "SYNC"),
-            (self.foreign_nmts, "NMT commands"),
-            (self.foreign_requests, "SDO requests"),
-            (self.remote, "remote frames (node guarding)"),
-        )
-        return ", ".join(f"{count} {what}" for count, what in heard if count)
-
-    def listen(self, seconds: float, pause: Callable[[float], bool | None] = time.sleep) -> str:
-        """Listen before anything is sent: what only a master sends, as soon as some came, in words; empty if none did.
-
-        Parameters
-        ----------
-        seconds : at most
-        pause : sleeps for so many seconds; True where there is no point in listening on
-        """
-        deadline = time.monotonic() + seconds
-        while not (heard := self.masters()) and (left := deadline - time.monotonic()) > 0:
-            if pause(min(left, LOOK_S)):
-                break
-        return heard
+    def _let_go(self) -> None:
+        """End transfers that are under way: with what is no answer, their next request is not permitted."""
+        for client in list(self.clients.values()):
+            client.responses.put(b"")
 
     def send_sync(self) -> None:
         """Send SYNC; a failure marks the link as failed."""
@@ -97,6 +87,8 @@ class CanLink(CanPort):
             return
         try:
             self.send(message)
+        except NotLeadingError:  # another master was heard meanwhile: the driver sees to it
+            pass
         except (can.CanError, OSError) as error:
             self.fail(error)
 
@@ -138,9 +130,11 @@ class Sdo:
         self._link = link
         self._place = place
         link.handlers[0x580 + node] = self._client.receive
+        link.clients[node] = self._client
 
     def close(self) -> None:
         """Stop listening for the node's answers."""
+        self._link.clients.pop(self._client.rx_cobid - 0x600, None)
         self._link.handlers.pop(self._client.tx_cobid, None)
 
     @property

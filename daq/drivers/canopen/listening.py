@@ -9,25 +9,30 @@ at SYNC belongs to the SYNC before it: half a period after that it is late.
 from __future__ import annotations
 
 import math
-import statistics
 import threading
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
 
 from daq import wire
 from daq.drivers.base import DriverContext, Problem, Samples
 from daq.drivers.can.listening import FIRST_S, Inbox, Listener, Stream
 from daq.drivers.can.port import CanPort
 from daq.drivers.canopen.eds import Place, pdo_places
-from daq.drivers.canopen.link import SYNC_ID, CanLink, Handler
+from daq.drivers.canopen.leadership import SYNC_ID
+from daq.drivers.canopen.link import CanLink, Handler
+from daq.drivers.canopen.mapping import map_node
 from daq.errors import MachineFileError
 from daq.frames.clock import NS
 from daq.machine.machine_file import CanopenBus, CanSource, Channel
 from daq.quality import Quality
 
-EMERGENCY_ID = 0x080
+EMERGENCY_ID, HEARTBEAT_ID, SDO_ID = 0x080, 0x700, 0x600
 RATE_TOLERANCE = 0.03  # of a SYNC's period against the machine file's
+STANDARD_ERRORS = 4
 _SYNCS = 16
 _RECENT_PERIODS = 4  # a PDO that has not come for so long is not waited for
 
@@ -51,7 +56,9 @@ class _Pdo:
             f"PDO 0x{cob_id:03X}", f"node {node}", [m.position for m in members], event_ms * 1e6 if event_ms else None
         )
         self.members = tuple(members)
-        self.inbox = Inbox(1)
+        self.node = node
+        self.length = members[0].place.length  # 0 while nobody said it and nothing came
+        self.inbox = Inbox(4)  # of one sender the newest counts; more of them are for telling two apart
         self.synchronous = any(member.place.synchronous for member in members)
         self.newest_ns = 0
         self.due = threading.Event()
@@ -78,22 +85,21 @@ class ListeningDriver(Listener):
         context: DriverContext,
         members: Sequence[Member] | None = None,
     ) -> None:
-        super().__init__(bus, [channel.name for channel in channels], context)
-        nothing_to_ask(bus, channels)
+        super().__init__(bus, [channel.name for channel in channels], context, ("emergency", "boot_up", "sync"))
         self._bus = bus
         grouped: dict[int, list[Member]] = {}
         for member in pdo_members(bus, channels) if members is None else members:
             grouped.setdefault(member.place.cob_id, []).append(member)
         self._pdos = {cob_id: _Pdo(cob_id, members) for cob_id, members in grouped.items()}
         self.streams = [pdo.stream for pdo in self._pdos.values()]
-        self.counts |= dict.fromkeys(("emergency", "sync"), 0)
+        self.refused: dict[int, str] = {}  # nodes of which nothing is taken, and why
         self._emergencies: dict[int, int] = {}
         self._external = bus.sync == "external"
         self._syncs: deque[int] = deque(maxlen=_SYNCS)
         self._sync_came = threading.Condition()
         self._taken_ns = 0  # the SYNC that next_sync told last
-        self._led = False  # whether the cycle that is under way began with a SYNC
         self._wrong_rate = ""
+        self._fits = False
 
     # The other master's SYNC
 
@@ -105,14 +111,32 @@ class ListeningDriver(Listener):
     @property
     def external_sync(self) -> bool:
         """Whether the cycle is to be led by :meth:`next_sync`: it is wanted, and SYNC comes at a rate that fits."""
-        return self._external and not self._wrong_rate
+        if not self._fits and self._external and not self._wrong_rate and len(self._syncs) == _SYNCS:
+            with self._sync_came:
+                self._judge_rate()
+        return self._fits
+
+    def _judge_rate(self) -> None:
+        """SYNC's period is its mean over the span; it fits within a tolerance and four standard errors of that."""
+        steps = np.diff(self._syncs)
+        if not len(steps):
+            return
+        mean = float(steps.mean())
+        error = float(steps.std(ddof=1)) / math.sqrt(len(steps)) if len(steps) > 1 else 0.0
+        every = self.context.period_s * NS / mean
+        self._fits = abs(every / max(1, round(every)) - 1) <= RATE_TOLERANCE + STANDARD_ERRORS * error / mean
+        if not self._fits:
+            self._wrong_rate = (
+                f"bus '{self._bus.name}': SYNC comes at {NS / mean:.4g} Hz, which is no multiple of the machine file's "
+                "rate_hz; correct rate_hz, or leave out sync: external"
+            )
 
     def next_sync(self, deadline_ns: int) -> int | None:
         """When the next SYNC came, monotonic ns, or None if none has until the deadline."""
         with self._sync_came:
             left = (deadline_ns - self.context.monotonic_ns()) / NS
-            self._led = self._sync_came.wait_for(self._new_sync, max(0.0, left))
-            if not self._led:
+            self.led = self._sync_came.wait_for(self._new_sync, max(0.0, left))
+            if not self.led:
                 return None
             self._taken_ns = self._syncs[-1]
             return self._taken_ns
@@ -129,59 +153,67 @@ class ListeningDriver(Listener):
     def start(self) -> tuple[str, ...]:
         """Open the bus, wait a moment for every PDO, and for some SYNCs where they lead."""
         problems = super().start()
-        if not self._external or self._port is None:
+        if not self._external or self.port is None:
             return problems
-        period_ns = self.context.period_s * NS
         allowed = min(FIRST_S, self.context.start_s or FIRST_S)
         with self._sync_came:
             self._sync_came.wait_for(lambda: len(self._syncs) == _SYNCS, allowed)
-            steps = [after - before for before, after in zip(self._syncs, list(self._syncs)[1:], strict=False)]
-        if not steps:
+            self._judge_rate()
+        line = self._wrong_rate
+        if len(self._syncs) < 2:
             line = f"bus '{self._bus.name}': no SYNC comes; start its master, or leave out sync: external"
-            return (*problems, Problem(line, self._names))
-        every = period_ns / statistics.median(steps)
-        if abs(every / max(1, round(every)) - 1) > RATE_TOLERANCE:
-            hz = NS / statistics.median(steps)
-            self._wrong_rate = (
-                f"bus '{self._bus.name}': SYNC comes at {hz:.4g} Hz, which is no multiple of the machine file's "
-                "rate_hz; correct rate_hz, or leave out sync: external"
-            )
-            return (*problems, Problem(self._wrong_rate, self._names))
-        return problems
+        return (*problems, Problem(line, self._names)) if line else problems
 
     # Frames
 
     def connected(self) -> CanPort:
         """The bus, its PDOs into the inboxes."""
         made = CanLink(self._bus, self.context, self.health)
-        for cob_id, pdo in self._pdos.items():
-            made.handlers[cob_id] = pdo.receive
-        for node in {member.source.node for pdo in self._pdos.values() for member in pdo.members}:
-            made.handlers.setdefault(EMERGENCY_ID + node, self._on_emergency(node))
-        if self._external:
-            made.handlers[SYNC_ID] = self._on_sync
+        self.attach(made)
         return made
 
-    def _on_emergency(self, node: int) -> Handler:
-        def receive(data: bytearray, at_ns: int) -> None:
-            code = int.from_bytes(data[:2], "little")
-            if code & 0xFF00:
-                self._emergencies[node] = code
-                self.counts["emergency"] += 1
-            else:
-                self._emergencies.pop(node, None)
+    def attach(self, link: CanLink) -> None:
+        """Let a link's frames come here."""
+        handlers: dict[int, Handler] = {cob_id: pdo.receive for cob_id, pdo in self._pdos.items()}
+        for node in {pdo.node for pdo in self._pdos.values()}:
+            handlers.setdefault(EMERGENCY_ID + node, partial(self._on_emergency, node))
+            handlers.setdefault(HEARTBEAT_ID + node, partial(self._on_heartbeat, node))
+        if self._external:
+            handlers[SYNC_ID] = self._on_sync
+        link.handlers |= handlers
 
-        return receive
+    def _on_emergency(self, node: int, data: bytearray, at_ns: int) -> None:
+        code = int.from_bytes(data[:2], "little")
+        name = f"{self._bus.name}/node {node}"
+        if code & 0xFF00:
+            self._emergencies[node] = code
+            self.counts["emergency"] += 1
+            self.context.events.begin(name, "emergency", f"bus '{self._bus.name}' node {node}: emergency 0x{code:04X}")
+        elif self._emergencies.pop(node, None) is not None:
+            self.context.events.end(name, "emergency")
+
+    def _on_heartbeat(self, node: int, data: bytearray, at_ns: int) -> None:
+        if bytes(data[:1]) != b"\0":
+            return
+        name = f"{self._bus.name}/node {node}"
+        self.counts["boot_up"] += 1
+        self.context.events.note(name, "boot_up", f"bus '{self._bus.name}' node {node}: booted")
+        if self._emergencies.pop(node, None) is not None:
+            self.context.events.end(name, "emergency")
+        self.booted(node)
+
+    def booted(self, node: int) -> None:
+        """A node booted; what that means for its mapping its master knows."""
 
     def trigger(self, cycle: int) -> None:
         """Nothing is sent; the cycle began at the other master's SYNC, or now."""
         super().trigger(cycle)
-        if self._led:
+        if self.led:
             self.cycle_ns = self._taken_ns
 
     def collect(self, until_ns: int) -> Samples:
         """What came since the last cycle; of a cycle that a SYNC leads, what was sampled at it."""
-        if self._led and self._port is not None and self._port.failure is None:
+        if self.led and self.port is not None and self.port.failure is None:
             self._await(until_ns)
         return super().collect(until_ns)
 
@@ -199,10 +231,27 @@ class ListeningDriver(Listener):
         for pdo in self._pdos.values():
             for data, at_ns, _ in pdo.inbox.taken():
                 quality = self.came(pdo.stream, at_ns, samples)
-                if pdo.synchronous and self._led:
+                if quality != Quality.INVALID and pdo.synchronous and self.led:
                     quality = self._at_sync(pdo, at_ns, samples)
+                if fault := self._fault(pdo, data):
+                    quality, pdo.stream.fault = Quality.INVALID, fault
                 for member in pdo.members:
-                    self._member(pdo, data, member, quality, samples)
+                    self._member(data, member, quality, samples)
+                if quality != Quality.INVALID:
+                    self.alike(pdo.stream, [float(samples.raw[m.position]) for m in pdo.members], samples)
+
+    def _fault(self, pdo: _Pdo, data: bytes) -> str:
+        """Why nothing of a frame is taken; empty if it is."""
+        if pdo.node in self.refused:
+            return self.refused[pdo.node]
+        pdo.length = pdo.length or max(len(data), *(-(-(m.place.bit + m.place.bits) // 8) for m in pdo.members))
+        if len(data) == pdo.length:
+            return ""
+        self.counts["short"] += 1
+        return (
+            f"{pdo.stream.name} has {len(data)} bytes instead of {pdo.length}: its mapping is another one now; "
+            "check byte, data_type, eds"
+        )
 
     def _at_sync(self, pdo: _Pdo, at_ns: int, samples: Samples) -> Quality:
         """A PDO that was sampled at SYNC: at which, and whether it was in time."""
@@ -214,16 +263,11 @@ class ListeningDriver(Listener):
             samples.after_sync_s[position] = 0.0
         return Quality.LATE if ago or behind_ns > period_ns / 2 else Quality.FRESH
 
-    def _member(self, pdo: _Pdo, data: bytes, member: Member, quality: Quality, samples: Samples) -> None:
-        try:
-            value = wire.from_bits(member.source.data_type, data, member.place.bit, member.place.bits)
-        except ValueError:
-            self.counts["short"] += 1
-            pdo.stream.fault = (
-                f"{pdo.stream.name} has {len(data)} bytes, fewer than its channels need; check byte, data_type"
-            )
-            samples.quality[member.position] = Quality.INVALID
+    def _member(self, data: bytes, member: Member, quality: Quality, samples: Samples) -> None:
+        if quality == Quality.INVALID:
+            self.value(member.position, math.nan, quality, samples)
             return
+        value = wire.from_bits(member.source.data_type, data, member.place.bit, member.place.bits)
         emergency = member.source.node in self._emergencies
         self.value(member.position, value, Quality.EMERGENCY if emergency else quality, samples)
 
@@ -231,6 +275,65 @@ class ListeningDriver(Listener):
         """Its emergency, or what is wrong with the SYNC that should lead."""
         code = self._emergencies.get(int(device.split()[1]))
         return self._wrong_rate if code is None else f"emergency 0x{code:04X}"
+
+
+class Guest(ListeningDriver):
+    """Takes over a bus that we led until another master was heard: TPDOs as we commissioned them, nothing is sent.
+
+    Of a node whose mapping may be another one nothing is taken any more: one that boots loses ours, and what is
+    written to its PDO objects is not ours.
+
+    Parameters
+    ----------
+    refused : nodes that are not commissioned, and why
+    """
+
+    def __init__(
+        self, bus: CanopenBus, channels: Sequence[Channel], context: DriverContext, refused: Mapping[int, str]
+    ) -> None:
+        followed = bus.model_copy(update={"listen_only": True, "sync": "external"})
+        members = [member for member in commissioned(bus, channels) if not member.source.told_decimals]
+        super().__init__(followed, channels, context, members)
+        self.refused |= refused
+
+    def attach(self, link: CanLink) -> None:
+        """As any listener, and to what the other master writes."""
+        super().attach(link)
+        for pdo in self._pdos.values():
+            link.handlers[SDO_ID + pdo.node] = partial(self._on_request, pdo.node)
+
+    def _on_request(self, node: int, data: bytearray, at_ns: int) -> None:
+        if len(data) >= 3 and data[0] >> 5 == 1 and 0x1800 <= int.from_bytes(data[1:3], "little") < 0x1C00:
+            self._refuse(node, "another master changes its PDOs")
+
+    def booted(self, node: int) -> None:
+        """Its mapping is not ours any more."""
+        self._refuse(node, "it booted, and its mapping is another one")
+
+    def _refuse(self, node: int, why: str) -> None:
+        self.refused.setdefault(
+            node, f"bus '{self._bus.name}' node {node}: {why}; describe its PDOs, listen_only: true"
+        )
+
+
+def commissioned(bus: CanopenBus, channels: Sequence[Channel]) -> list[Member]:
+    """Where the channels are in the TPDOs that commissioning maps."""
+    grouped: dict[int, list[tuple[int, Channel]]] = {}
+    for position, channel in enumerate(channels):
+        assert isinstance(channel.source, CanSource)
+        grouped.setdefault(channel.source.node, []).append((position, channel))
+    found = []
+    for node, members in grouped.items():
+        for mapping in map_node(node, members, f"bus '{bus.name}' node {node}"):
+            bit = 0
+            for entry, positions in zip(mapping.entries, mapping.positions, strict=True):
+                place = Place(mapping.cob_id, bit, entry & 0xFF, True, 0, mapping.length)
+                bit += entry & 0xFF
+                for position in positions:
+                    source = channels[position].source
+                    assert isinstance(source, CanSource)
+                    found.append(Member(position, source, place))
+    return found
 
 
 def pdo_members(bus: CanopenBus, channels: Sequence[Channel]) -> list[Member]:

@@ -17,6 +17,7 @@ from typing import NamedTuple
 
 from daq.drivers.base import Spread
 from daq.drivers.canopen.commissioning import SdoAccess
+from daq.drivers.canopen.link import SdoRefusedError
 from daq.drivers.canopen.mapping import Mapping, map_node
 from daq.drivers.decimals import Decimals
 from daq.errors import CommissioningError
@@ -152,6 +153,7 @@ class Node:
         self.tpdos = tuple(Tpdo(mapping, cycle) for mapping in mappings)
         self.cob_ids = frozenset(mapping.cob_id for mapping in mappings)
         self.latency = Spread()  # of its TPDOs after the SYNC that they answer
+        self.heartbeat_ms = config.heartbeat_ms  # as it says itself; 0: it sends none
         self.objects: dict[str, int | str] = {}  # what it said of itself, once it ran
         self.to_be_asked = False
         self.decimals: dict[int, Decimals] = {}  # by position, of channels whose decimals the device tells
@@ -260,8 +262,12 @@ class Node:
                 return True
         return False
 
-    def learn_decimals(self, sdo: SdoAccess) -> None:
-        """Ask for the decimals of its channels (CommissioningError if it has none, or too many)."""
+    def learn(self, sdo: SdoAccess) -> None:
+        """Ask for its heartbeat time, and the decimals of its channels (CommissioningError if none, or too many)."""
+        try:
+            self.heartbeat_ms = sdo.read_unsigned(0x1017)
+        except SdoRefusedError:
+            self.heartbeat_ms = 0
         for position, text in self.decimals_objects.items():
             places = sdo.read_unsigned(*object_of(text))
             if not self.decimals[position].learn(places):

@@ -9,9 +9,10 @@ from pathlib import Path
 from daq.drivers.base import DriverContext
 from daq.drivers.can.health import BusHealth
 from daq.drivers.canopen.commissioning import LEFT, PRE_OPERATIONAL, SdoAccess, identity_of, write_objects
+from daq.drivers.canopen.leadership import Leadership
 from daq.drivers.canopen.link import CanLink
 from daq.drivers.found_setups import FoundSetup, FoundSetups
-from daq.errors import BusError, CommissioningError
+from daq.errors import AcquisitionError, BusError, CommissioningError
 from daq.machine.machine_file import CanopenBus, CanSource, Machine
 
 
@@ -47,11 +48,14 @@ def restore_nodes(machine: Machine, data_directory: Path) -> list[Restored]:
 
 
 def _bus(bus: CanopenBus, setups: dict[int, FoundSetup], kept: FoundSetups) -> list[Restored]:
-    link = CanLink(bus, DriverContext(1.0, 0.0, time.monotonic_ns), BusHealth())
+    context = DriverContext(1.0, 0.0, time.monotonic_ns)
+    leadership = Leadership(bus, context, setups, kept.started(bus.name))
+    link = CanLink(bus, context, BusHealth(), leadership)
     try:
-        if heard := link.listen(bus.listen_s):
+        if not link.leadership.lead():
             raise BusError(
-                f"bus '{bus.name}': another master leads it ({heard}); nothing was sent; end what leads it, try again"
+                f"bus '{bus.name}': another master leads it ({link.leadership.told()}); nothing was sent; end what "
+                "leads it, try again"
             )
         done = []
         for node, setup in setups.items():
@@ -59,7 +63,7 @@ def _bus(bus: CanopenBus, setups: dict[int, FoundSetup], kept: FoundSetups) -> l
             sdo = link.sdo(node)
             try:
                 _restore(sdo, setup, f"bus '{bus.name}' node {node}")
-            except CommissioningError as error:
+            except AcquisitionError as error:
                 done.append(Restored(bus.name, node, str(error)))
                 continue
             finally:

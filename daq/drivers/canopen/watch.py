@@ -9,6 +9,7 @@ from collections import Counter
 from collections.abc import Iterable, MutableMapping
 
 from daq.drivers.base import DriverContext
+from daq.drivers.canopen.leadership import Leadership
 from daq.drivers.canopen.node import (
     LATE_TOLERATED,
     MISSES_LOST,
@@ -21,6 +22,8 @@ from daq.drivers.canopen.node import (
     Node,
 )
 from daq.frames.clock import NS
+
+NO_HEARTBEAT_MS = 100  # that takes its place for a node whose TPDOs alone say that it lives
 
 
 class NodeWatch:
@@ -35,6 +38,7 @@ class NodeWatch:
         self._bus = bus
         self._context = context
         self._counts = counts
+        self.leadership: Leadership | None = None
         self._limits: dict[int, float] = {}  # ns without a sign of life, by node
 
     def _name(self, node: Node) -> str:
@@ -96,7 +100,7 @@ class NodeWatch:
 
     def limit_ns(self, node: Node) -> float:
         """How long a node may give no sign of life."""
-        heartbeat_s = WATCHDOG_PERIODS * max(node.config.heartbeat_ms * 1e-3, self._context.period_s)
+        heartbeat_s = WATCHDOG_PERIODS * max((node.heartbeat_ms or NO_HEARTBEAT_MS) * 1e-3, self._context.period_s)
         limit = self._limits[node.config.node] = max(heartbeat_s, self._context.patience_s) * NS
         return limit
 
@@ -128,7 +132,7 @@ class NodeWatch:
 
     def _heartbeat(self, node: Node, since_ns: int, limit_ns: float) -> None:
         """Its TPDOs come; whether its heartbeat does as well."""
-        lost = since_ns > limit_ns
+        lost = since_ns > limit_ns and node.heartbeat_ms > 0
         if lost and not node.heartbeat_lost:
             self._counts["heartbeat_lost"] += 1
             self._context.events.begin(self._name(node), "heartbeat_lost", self._no_heartbeat(node))
@@ -140,13 +144,13 @@ class NodeWatch:
     def _no_heartbeat(node: Node) -> str:
         return f"{node.place}: TPDOs come, but no heartbeat; check what else writes to it (0x1017)"
 
-    @staticmethod
-    def _out_of_step(node: Node) -> bool:
-        """Alive, but no longer doing what it was commissioned for."""
+    def _out_of_step(self, node: Node) -> bool:
+        """Alive, but no longer doing what it was commissioned for, by its own doing and not another master's."""
         if node.starting_anew:
             return False
         if node.heartbeat_state in (STATE_PRE_OPERATIONAL, STATE_STOPPED):
-            return node.misses >= MISSES_TOLERATED  # a single such heartbeat may be from before it went operational
+            by_itself = self.leadership is None or self.leadership.excused(node.config.node)
+            return by_itself and node.misses >= MISSES_TOLERATED
         return node.misses >= MISSES_LOST
 
     @staticmethod

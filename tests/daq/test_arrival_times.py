@@ -1,0 +1,97 @@
+"""When frames came, by simulated clocks: stamps of a clock that is set, slewed and off, a thread that is starved."""
+
+from __future__ import annotations
+
+import random
+from collections.abc import Iterator
+
+import pytest
+
+from daq.drivers.can.arrival import ArrivalTimes
+from daq.frames.clock import NS
+
+PERIOD = 0.02
+MOST = 1e-3  # s that an age may be wrong by
+SET_AT = 20.0
+
+
+def frames(random_: random.Random, seconds: float) -> Iterator[float]:
+    """A burst of five behind each SYNC, as nodes answer."""
+    for cycle in range(round(seconds / PERIOD)):
+        yield from sorted(cycle * PERIOD + 0.0003 * n + random_.uniform(0, 0.0002) for n in range(5))
+
+
+def errors(
+    seed: int,
+    *,
+    step: float = 0.0,
+    slew_ppm: float = 0.0,
+    off_ppm: float = 0.0,
+    proofs: bool = True,
+    seconds: float = 40.0,
+) -> list[tuple[float, float]]:
+    """(when a frame was on the bus, by how much the estimate is off), both in s.
+
+    The thread looks whether a frame waits as :mod:`daq.drivers.can.port` does, is woken after an exponential time, and
+    every 200th frame kept from running for up to 0.12 s.
+    """
+    random_ = random.Random(seed)
+    times, now, looked, found = ArrivalTimes(), 0.0, -1.0, []
+    for at in frames(random_, seconds):
+        if at > now:
+            if proofs and now - looked > 0.002:
+                times.nothing_at(round(now * NS))
+                looked = now
+            now = at + random_.expovariate(1 / 80e-6) + (random_.uniform(0, 0.12) if random_.random() < 0.005 else 0.0)
+        else:
+            now += 40e-6
+        stamp = 1.7e9 + at * (1 + off_ppm * 1e-6)
+        if at > SET_AT:
+            stamp += step + (at - SET_AT) * slew_ppm * 1e-6
+        found.append((at, times.of(stamp, round(now * NS)) / NS - at))
+    return found
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "clock",
+    [
+        *({"step": sign * size} for size in (0.05, 0.3, 1.0, 60.0) for sign in (1, -1)),
+        {"slew_ppm": 500.0}, {"slew_ppm": -500.0}, {"off_ppm": 1000.0}, {"off_ppm": -1000.0}, {},
+    ],
+    ids=str,
+)  # fmt: skip
+def test_ages_are_right_whatever_is_done_to_the_clock_of_the_stamps(clock: dict[str, float]) -> None:
+    for seed in range(4):
+        wrong = [(at, error) for at, error in errors(seed, **clock) if abs(error) > MOST]
+        assert len({round(at / PERIOD) for at, _ in wrong}) <= 1, wrong[:5]  # cycles that are marked
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("step", [0.3, -0.3, -60.0])
+def test_an_interface_that_does_not_say_whether_frames_wait_takes_two_seconds(step: float) -> None:
+    """Whatever reads by itself (a trace, another package): a second of frames that all waited is no waiting."""
+    late = [at for at, error in errors(1, step=step, proofs=False) if abs(error) > MOST]
+    assert all(SET_AT <= at <= SET_AT + 2.5 for at in late)
+
+
+def test_a_thread_that_was_kept_from_running_is_no_clock_that_was_set() -> None:
+    times = ArrivalTimes()
+    for k in range(150):
+        times.nothing_at(round((k * PERIOD + 0.001) * NS))
+        times.of(1e9 + (k + 1) * PERIOD, round((k + 1) * PERIOD * NS))
+    times.nothing_at(round(3.001 * NS))
+    taken = round(3.5 * NS)  # 24 frames wait by then
+    came = [times.of(1e9 + 3.0 + k * PERIOD, taken + 40_000 * k) for k in range(1, 25)]
+    assert [at / NS for at in came] == pytest.approx([3.0 + k * PERIOD for k in range(1, 25)], abs=MOST)
+    assert times.restarts == 0
+
+
+def test_frames_never_overtake_each_other_nor_come_after_they_were_taken() -> None:
+    random_ = random.Random(3)
+    times, now, before = ArrivalTimes(), 10 * NS, 0
+    for _ in range(5000):
+        now += random_.randrange(1, 30_000_000)
+        came = times.of(random_.choice((1e9, 1.1e9, 9e8)) + now / NS + random_.gauss(0, 0.5), now)
+        assert before <= came <= now
+        before = came
