@@ -9,7 +9,7 @@ LOCK ?= locks
 EXTRAS_use := sim consistent
 EXTRAS_dev := dev
 EXTRAS_docs := docs
-EXTRAS_image := sim postgresql export
+EXTRAS_image := sim postgresql export dbc consistent xacro s3
 comma := ,
 space := $(subst ,, )
 # install NAME MORE: what locks/NAME.txt lists, then this project and others; nothing is downloaded without a hash.

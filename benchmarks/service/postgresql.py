@@ -12,11 +12,14 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
+from urllib.parse import quote
 
 from daq.errors import HilfitError
 
 PROGRAMS = Path("/usr/lib/postgresql")
 OWNER = "tests"
+#: Asked for, as on every host; with a character that has a meaning in URLs.
+PASSWORD = "tests%only"
 
 
 class AbsentError(HilfitError):
@@ -33,7 +36,7 @@ class PostgreSQL:
 
     def __init__(self, port: int, programs: Path, start: Callable[[], None] = lambda: None) -> None:
         self.programs = programs
-        self._address = f"postgresql://{OWNER}@127.0.0.1:{port}"
+        self._address = f"postgresql://{OWNER}:{quote(PASSWORD)}@127.0.0.1:{port}"
         self._start = start
         self._count = 0
 
@@ -121,7 +124,11 @@ def postgresql_server(parent: Path | None = None) -> Iterator[PostgreSQL]:
         if account:
             os.chown(directory, account["user"], account["group"])
         data, port = directory / "data", _free_port()
-        run("initdb", "-D", str(data), "-U", OWNER, "--auth=trust", "--no-sync", "-E", "UTF8")
+        secret = directory / "password"
+        secret.write_text(PASSWORD)
+        if account:
+            os.chown(secret, account["user"], account["group"])
+        run("initdb", "-D", str(data), "-U", OWNER, "--auth=scram-sha-256", f"--pwfile={secret}", "--no-sync", "-E", "UTF8")
         options = (
             f"-p {port} -c listen_addresses=127.0.0.1 -c unix_socket_directories= -c fsync=off -c max_connections=60"
         )

@@ -14,7 +14,7 @@ from server.jobs.job_kinds import AT_MACHINES
 from server.jobs.job_routes import router
 from server.jobs.job_runner import EXECUTOR, QUEUES, JobRunner
 from server.jobs.job_store import Jobs
-from server.jobs.job_tables import executors, job_claims, job_events, jobs
+from server.jobs.job_tables import executors, hosts, job_claims, job_events, job_files, jobs, store_identity
 from server.jobs.job_times import JobTimes
 from server.platform.database.engine import Database
 from server.platform.files import DataDirectory
@@ -49,12 +49,15 @@ def _heartbeat(parts: Parts) -> Heartbeat:
             return
         silence.look()
         parts[JobRunner].take_over(silence.silent)
+        parts[JobRunner].reconcile()
 
     return Heartbeat(database, EXECUTOR, take_over)
 
 
 def _running(parts: Parts) -> Iterator[Running]:
-    runner = parts[JobRunner]
+    runner, storage = parts[JobRunner], parts[DataDirectory].storage
+    if not storage.shared:  # else the first order says so
+        storage.claim(parts[Jobs].store())
     yield Running(Phase.JOBS, runner.start, runner.stop)
     yield Running(Phase.ORDERS, stop=runner.halt)
     if not parts[Database].is_sqlite:  # else nobody shares it
@@ -72,7 +75,7 @@ def _metrics(parts: Parts) -> Iterator[Metric]:
 JOBS = Resource(
     name="jobs",
     routers=(router,),
-    tables=(jobs, job_events, executors, job_claims),
+    tables=(jobs, job_events, executors, job_claims, job_files, store_identity, hosts),
     kept={"/jobs": ("jobs", "identifications", "excitations", "recalibrations")},
     provides={
         Jobs: lambda parts: Jobs(parts[Database]),

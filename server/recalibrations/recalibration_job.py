@@ -122,6 +122,10 @@ class RecalibrationKind:
         """Where the stages get their places; only the comparison leaves files."""
         return self._files.recalibrations / job.subject
 
+    def inputs(self, job: Job) -> tuple[Path, ...]:
+        """None: it runs where the machines are."""
+        return ()
+
     def run(self, run: StageRun) -> ChildResult:
         """One stage."""
         return self._stages[run.stage](run, self._recalibrations.get(run.job.subject))
@@ -182,7 +186,7 @@ class RecalibrationKind:
         chosen = held_out or [id for id, role in recordings if role == "operation"]
         return {
             "model": str(self._results.directory(identification) / MODEL_FILE),
-            "recordings": [str(self._files.recordings / f"{id}.{self._recordings.get(id).format}") for id in chosen],
+            "recordings": [str(self._files.recording(id, self._recordings.get(id).format)) for id in chosen],
         }
 
     def _propose(self, run: StageRun, this: Recalibration) -> ChildResult:

@@ -195,8 +195,11 @@ def test_without_a_copy_there_is_no_migration(tmp_path: Path, url: str) -> None:
         assert connection.exec_driver_sql("SELECT version FROM store_version").scalar() == 2
 
 
-def test_pairing_with_a_service_on_postgresql(tmp_path: Path, url: str, capsys: pytest.CaptureFixture[str]) -> None:
-    arguments = ["access", "pair", "--role", "operator", "--data-dir", str(tmp_path), "--database-url", url, "--json"]
+def test_pairing_with_a_service_on_postgresql(
+    tmp_path: Path, url: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("HILFIT_DATABASE_URL", url)
+    arguments = ["access", "pair", "--role", "operator", "--data-dir", str(tmp_path), "--json"]
     with pytest.raises(SystemExit) as ended:
         main(arguments)
     assert ended.value.code == 0
