@@ -2,20 +2,21 @@
 ARG BASE=docker.io/library/python:3.11-slim-bookworm@sha256:a36c24f9cbdf4fd0f52d67f0823eeac19c2028c637cecc392d97f980d4fec56b
 FROM ${BASE} AS build
 WORKDIR /source
-COPY pyproject.toml README.md LICENSE ./
+RUN apt-get update && apt-get install --yes --no-install-recommends binutils
 COPY locks/image.txt locks/image.txt
+COPY deploy/trim.sh deploy/trim.sh
+RUN python -m venv /opt/hilfit \
+ && /opt/hilfit/bin/pip install --no-cache-dir --disable-pip-version-check --require-hashes -r locks/image.txt \
+ && deploy/trim.sh /opt/hilfit \
+ && /opt/hilfit/bin/python -c "import asammdf, cantools, clarabel, cvxpy, mujoco, pyarrow.parquet, s3fs, scipy.optimize"
+COPY pyproject.toml README.md LICENSE ./
 COPY daq daq
 COPY fitting fitting
 COPY hilfit hilfit
 COPY server server
 COPY sim_backends sim_backends
-COPY deploy/trim.sh deploy/trim.sh
-RUN apt-get update && apt-get install --yes --no-install-recommends binutils
-RUN python -m venv /opt/hilfit \
- && /opt/hilfit/bin/pip install --no-cache-dir --disable-pip-version-check --require-hashes -r locks/image.txt \
- && /opt/hilfit/bin/pip install --no-cache-dir --disable-pip-version-check --no-deps --no-build-isolation . \
- && deploy/trim.sh /opt/hilfit \
- && /opt/hilfit/bin/python -c "import asammdf, cantools, clarabel, cvxpy, mujoco, pandas, pyarrow.parquet, s3fs, scipy.optimize"
+RUN /opt/hilfit/bin/pip install --no-cache-dir --disable-pip-version-check --no-deps --no-build-isolation . \
+ && rm -rf /opt/hilfit/lib/python3*/site-packages/pip*
 
 FROM ${BASE}
 # pg_dump for backups; Debian 12 has PostgreSQL 15, like the database of docker-compose.yml.

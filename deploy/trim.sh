@@ -4,6 +4,6 @@
 set -eu
 cd "$1"/lib/python3*/site-packages
 find . -depth -type d -name tests -exec rm -rf {} +
-rm -rf scs/_scs_mkl* scs/LICENSE-INTEL-MKL.txt mujoco/studio OpenGL pip pip-*.dist-info pyarrow/include pyarrow/src
+rm -rf scs/_scs_mkl* scs/LICENSE-INTEL-MKL.txt mujoco/studio OpenGL pyarrow/include pyarrow/src
 find botocore/data -mindepth 1 -maxdepth 1 -type d ! -name s3 ! -name sts ! -name 'sso*' -exec rm -rf {} +
 find . -name '*.so*' -type f -exec strip --strip-unneeded {} +

@@ -165,7 +165,7 @@ def scheduling() -> Line:
         "note",
         "SCHED_FIFO is refused: cycles may be late on a busy computer",
         "add '@hilfit - rtprio 20' to /etc/security/limits.d/hilfit.conf and join that group, or "
-        "AmbientCapabilities=CAP_SYS_NICE in the unit; in a container --cap-add SYS_NICE",
+        "AmbientCapabilities=CAP_SYS_NICE in the unit; in a container --ulimit rtprio=20",
     )
 
 

@@ -13,7 +13,8 @@ from server.platform.processes.children import ChildResult
 
 #: Queue of numerical work: one job at a time per process that takes from it, on whatever host.
 NUMERICAL = "identifications"
-#: Queue of jobs that need the machines themselves: only the server takes from it, many at a time (they mostly wait).
+#: Queue of jobs that need the machines themselves: only the server takes from it, many at a time: they mostly wait, for
+#: a recording (of which there are ``recordings_at_once``), or for a worker that fits.
 AT_MACHINES = "recalibrations"
 
 

@@ -35,11 +35,11 @@ from server.platform.disk import RESERVE_BYTES
 from server.platform.errors import ServiceStopping, TakenOver
 from server.platform.files import DataDirectory, sync_tree
 from server.platform.processes.children import GRACE_S, LOOK_S, Child, ChildResult
-from server.platform.storage import StorageAwayError, digest
+from server.platform.storage import StorageAwayError, digest, input_key
 
 #: Jobs of a queue that one process runs at a time. Numerical work may take all cores but those of acquisition and
 #: HTTP; what is done at machines is mostly waiting, and one machine has one at a time.
-QUEUES: Mapping[str, int] = {NUMERICAL: 1, AT_MACHINES: 8}
+QUEUES: Mapping[str, int] = {NUMERICAL: 1, AT_MACHINES: 200}
 #: Changed when the order or meaning of a workflow's steps changes: only workflows of the same version are
 #: resumed.
 WORKFLOW_VERSION = "hilfit-jobs-1"
@@ -226,9 +226,10 @@ class JobRunner:
         paths = self._kinds[row.kind].inputs(row) if storage.shared else ()
         if paths:
             storage.claim(self._jobs.store())
-            for path in paths:
-                storage.put(path, key(path))
-            self._jobs.note_inputs(row.id, {key(path): digest(path) for path in paths})
+            sums = {path: digest(path) for path in paths}
+            for path, sha256 in sums.items():
+                storage.put(path, input_key(sha256))
+            self._jobs.note_inputs(row.id, {key(path): sha256 for path, sha256 in sums.items()})
 
     def _enqueue(self, job: Job) -> None:
         with SetWorkflowID(job.id):

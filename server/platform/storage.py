@@ -1,4 +1,4 @@
-"""What hosts share of the data directory: one folder or object store, the same paths below it as below ``data_dir``.
+"""What hosts share of the data directory: one folder or object store, with files named by their content.
 
 Alone, a service needs none: every file is where it was written (:class:`DataFolder`). With ``storage_url`` whoever
 makes a file that another host needs puts it there, and whoever needs one that is not in its own data directory fetches
@@ -53,7 +53,7 @@ class DataFolder:
         (self.root / IDENTITY).write_text(store, encoding="utf-8")
 
     def put(self, path: Path, key: str) -> None:
-        """Let other hosts find a file below a path of the data directory."""
+        """Let other hosts find a file."""
 
     def local(self, wanted: Mapping[str, str]) -> dict[str, Path]:
         """Where the files at some paths are here, by path, given the SHA-256 of each.
@@ -77,8 +77,8 @@ class DataFolder:
     def tidy(self, folder: str, keep: Collection[str]) -> None:
         """Remove what was kept in a folder but for some SHA-256."""
 
-    def remove(self, key: str) -> None:
-        """Remove a file for other hosts; nothing happens if it is not there, or the storage is not."""
+    def forget(self, sha256: str) -> None:
+        """Remove an input for other hosts; nothing happens if it is not there, or the storage is not."""
 
     def __str__(self) -> str:
         return str(self.root)
@@ -177,7 +177,7 @@ class SharedStorage(DataFolder):
                 continue
             found[key] = self._cache / sha256 / Path(key).name
             if not found[key].is_file():
-                self._fetch(key, sha256, found[key])
+                self._fetch(input_key(sha256), sha256, found[key])
             os.utime(found[key].parent)
         self._bound(wanted.values())
         return found
@@ -211,10 +211,10 @@ class SharedStorage(DataFolder):
                 if str(place).rpartition("/")[2] not in keep:
                     self._files.rm_file(place)
 
-    def remove(self, key: str) -> None:
-        """Remove one file."""
+    def forget(self, sha256: str) -> None:
+        """Remove one."""
         with suppress(Exception):
-            self._files.rm_file(f"{self._base}/{key}")
+            self._files.rm_file(f"{self._base}/{input_key(sha256)}")
 
     def __str__(self) -> str:
         return f"storage_url {self._url}"
@@ -259,6 +259,11 @@ class SharedStorage(DataFolder):
     def _away(self, key: str, error: Exception) -> StorageAwayError:
         reason = " ".join(f"{type(error).__name__}: {error}".split())[:200]
         return StorageAwayError(f"storage_url {self._url}: {key} cannot be reached ({reason}); mend the way there")
+
+
+def input_key(sha256: str) -> str:
+    """Where an input of jobs is: by its content, for a file of the data directory may be written again."""
+    return f"inputs/{sha256}"
 
 
 def digest(path: Path) -> str:

@@ -41,6 +41,7 @@ class RecordingDesk:
         file = self._files.recordings / f"{id}.{row.format}"
         for path in (file, events_path(file)):
             path.unlink(missing_ok=True)
-        self._files.storage.remove(self._files.key(file))
+        if row.sha256 is not None:
+            self._files.storage.forget(row.sha256)
         for kept in self._files.recordings.glob(f"{id}.*"):  # statistics, what plots are drawn from, findings
             kept.unlink(missing_ok=True)
