@@ -2,7 +2,6 @@
 ARG BASE=docker.io/library/python:3.11-slim-bookworm@sha256:a36c24f9cbdf4fd0f52d67f0823eeac19c2028c637cecc392d97f980d4fec56b
 FROM ${BASE} AS build
 WORKDIR /source
-RUN apt-get update && apt-get install --yes --no-install-recommends binutils
 COPY locks/image.txt locks/image.txt
 COPY deploy/trim.sh deploy/trim.sh
 RUN python -m venv /opt/hilfit \

@@ -34,9 +34,11 @@ class PostgreSQL:
     programs : directory of its programs
     """
 
-    def __init__(self, port: int, programs: Path, start: Callable[[], None] = lambda: None) -> None:
+    def __init__(
+        self, port: int, programs: Path, start: Callable[[], None] = lambda: None, host: str = "127.0.0.1"
+    ) -> None:
         self.programs = programs
-        self._address = f"postgresql://{OWNER}:{quote(PASSWORD)}@127.0.0.1:{port}"
+        self._address = f"postgresql://{OWNER}:{quote(PASSWORD)}@{host}:{port}"
         self._start = start
         self._count = 0
 
@@ -80,12 +82,13 @@ def _free_port() -> int:
 
 
 @contextmanager
-def postgresql_server(parent: Path | None = None) -> Iterator[PostgreSQL]:
+def postgresql_server(parent: Path | None = None, network: tuple[str, str] | None = None) -> Iterator[PostgreSQL]:
     """Start one in a temporary directory; stopped and removed at the end.
 
     Parameters
     ----------
     parent : where that is made, a directory that other accounts may enter
+    network : its address and the network that it lets in, where other hosts use it
 
     Raises
     ------
@@ -128,17 +131,31 @@ def postgresql_server(parent: Path | None = None) -> Iterator[PostgreSQL]:
         secret.write_text(PASSWORD)
         if account:
             os.chown(secret, account["user"], account["group"])
-        run("initdb", "-D", str(data), "-U", OWNER, "--auth=scram-sha-256", f"--pwfile={secret}", "--no-sync", "-E", "UTF8")
-        options = (
-            f"-p {port} -c listen_addresses=127.0.0.1 -c unix_socket_directories= -c fsync=off -c max_connections=60"
+        run(
+            "initdb",
+            "-D",
+            str(data),
+            "-U",
+            OWNER,
+            "--auth=scram-sha-256",
+            f"--pwfile={secret}",
+            "--no-sync",
+            "-E",
+            "UTF8",
         )
+        host = "127.0.0.1"
+        if network is not None:
+            host = network[0]
+            with (data / "pg_hba.conf").open("a") as rules:
+                rules.write(f"host all all {network[1]} scram-sha-256\n")
+        options = f"-p {port} -c listen_addresses={host} -c unix_socket_directories= -c fsync=off -c max_connections=60"
 
         def start() -> None:
             run("pg_ctl", "-D", str(data), "-w", "-t", "60", "-l", str(directory / "log"), "-o", options, "start")
 
         start()
         try:
-            yield PostgreSQL(port, programs, start)
+            yield PostgreSQL(port, programs, start, host)
         finally:
             run("pg_ctl", "-D", str(data), "-m", "immediate", "-w", "stop")
     finally:

@@ -30,7 +30,7 @@ from pathlib import Path
 import structlog
 
 from daq.errors import HilfitError
-from server.backups.backup_files import BackupContent, copy_named
+from server.backups.backup_files import BackupContent, copy_named, fetch_results
 from server.platform.database.database_copies import check_restore, copy_database, newer, restore_database
 from server.platform.database.schema import SCHEMA_VERSION
 from server.platform.errors import StartError
@@ -127,6 +127,7 @@ class Backups:
         before = None if self._url.startswith("sqlite") else self._content.named(self._url)
         copy = copy_database(self._url, partial, "store")
         named = self._content.named(f"sqlite:///{copy}") if before is None else before | self._content.named(self._url)
+        fetch_results(named, self._files, self._url)
         return copy_named(named, self._files.root, partial, self._content.unchanging)
 
     def list(self) -> tuple[Backup, ...]:
