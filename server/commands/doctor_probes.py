@@ -24,7 +24,7 @@ EXTRAS = {
     "xacro": "machine import of xacro files",
     "dbc": "CAN buses that a DBC file describes",
     "postgresql": "a service with several hosts",
-    "s3": "recordings in a storage that hosts share",
+    "s3": "an object store that hosts share",
 }
 #: Bytes: below the first recordings are in danger, below the second a day of recordings may not fit.
 _LEAST_FREE, _GOOD_FREE = 100 * 2**20, 2 * 2**30

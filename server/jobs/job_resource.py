@@ -5,6 +5,8 @@ from __future__ import annotations
 import os
 import signal
 from collections.abc import Iterator
+from contextlib import suppress
+from itertools import count
 
 import structlog
 from prometheus_client.core import GaugeMetricFamily, Metric
@@ -23,7 +25,10 @@ from server.platform.parts import Parts
 from server.platform.resource import Phase, Resource, Running
 from server.platform.service import Service
 from server.platform.settings import Settings
+from server.platform.storage import StorageAwayError
 
+#: Store and engine are brought together at every so many words of the server.
+RECONCILED = 6
 _log = structlog.stdlib.get_logger(__name__)
 
 
@@ -40,7 +45,7 @@ def _runner(parts: Parts) -> JobRunner:
 
 
 def _heartbeat(parts: Parts) -> Heartbeat:
-    database, silence = parts[Database], parts[Silence]
+    database, silence, beats = parts[Database], parts[Silence], count()
 
     def take_over() -> None:
         """Let others go on with the jobs of workers that fell silent."""
@@ -50,15 +55,16 @@ def _heartbeat(parts: Parts) -> Heartbeat:
             return
         silence.look()
         parts[JobRunner].take_over(silence.silent)
-        parts[JobRunner].reconcile()
+        if next(beats) % RECONCILED == 0:
+            parts[JobRunner].reconcile()
 
     return Heartbeat(database, EXECUTOR, take_over)
 
 
 def _running(parts: Parts) -> Iterator[Running]:
-    runner, storage = parts[JobRunner], parts[DataDirectory].storage
-    if not storage.shared:  # else the first order says so
-        storage.claim(parts[Jobs].store())
+    runner = parts[JobRunner]
+    with suppress(StorageAwayError):  # :meth:`JobRunner.reconcile` does it later
+        parts[DataDirectory].storage.claim(parts[Jobs].store())
     yield Running(Phase.JOBS, runner.start, runner.stop)
     yield Running(Phase.ORDERS, stop=runner.halt)
     if not parts[Database].is_sqlite:  # else nobody shares it

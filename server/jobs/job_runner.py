@@ -180,6 +180,8 @@ class JobRunner:
 
     def reconcile(self) -> None:
         """Queue jobs that were stored and not queued; end those that the engine gave up. Called now and then."""
+        with suppress(StorageAwayError):  # workers wait until it is this store's
+            self._files.storage.claim(self._jobs.store())
         for job in self._jobs.unfinished():
             self._take_up(job)
 
@@ -497,7 +499,7 @@ class JobRunner:
         error = result.error
         if error is not None:
             # Where the service keeps its files is nobody's business.
-            error = error.replace(f"{self._files.root}/", "")
+            error = self._files.without_place(error)
             error = f"stage {stage}: {error}" if result.outcome == "failed" else error
         return {"outcome": result.outcome, "stage": stage, "error": error, "summary": result.summary}
 

@@ -24,6 +24,7 @@ from __future__ import annotations
 
 import fcntl
 import os
+import re
 import secrets
 from collections.abc import AsyncIterable, Awaitable, Callable, Iterator
 from contextlib import contextmanager, suppress
@@ -85,6 +86,10 @@ class DataDirectory:
     def key(self, path: Path) -> str:
         """A path below the directory as hosts that share it say it."""
         return str(path.relative_to(self.root))
+
+    def without_place(self, text: str) -> str:
+        """A text without the place of the directory and of its cache."""
+        return re.sub(f"{re.escape(str(self.root))}/(cache/[0-9a-f]{{64}}/)?", "", text)
 
     def incoming(self) -> Path:
         """A new name for an upload in progress."""

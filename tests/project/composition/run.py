@@ -141,8 +141,17 @@ def attempt(site: Site) -> None:
     site.say("up, and every container is healthy")
     site.pair()
     (machine,) = (row["name"] for row in site.ask("GET", "/machines")["items"])
+    made = site.ask("POST", "/excitations", {"machine": machine, "duration_s": 60, "starts": 1, "seed": 1})
+    site.until(f"/jobs/{made['job']}", lambda row: row["state"] == "done")
+    site.say("paired, and a worker designed a motion")
+    sent = site.ask("POST", f"/excitations/{made['id']}/send")["name"]
+    while (
+        sent
+        not in json.loads(site.compose("exec", "-T", "server", "cat", "/data/simulation/controller.json"))["followed"]
+    ):
+        time.sleep(0.5)
     recordings = [site.record(machine, role, 20) for role in ("train", "validate")]
-    site.say("paired, and recorded twice 20 s")
+    site.say("recorded twice 20 s of it")
     _, job = site.identify(machine, recordings)
     taken = site.until(f"/jobs/{job}", lambda row: row["state"] == "running")
     hosts = {row["id"]: row for row in site.ask("GET", "/workers")["items"]}
