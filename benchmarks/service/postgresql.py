@@ -81,6 +81,15 @@ def _free_port() -> int:
         return int(probe.getsockname()[1])
 
 
+def _let_in(data: Path, network: tuple[str, str] | None) -> str:
+    """Let a network in, where one is given; the address to listen on."""
+    if network is None:
+        return "127.0.0.1"
+    with (data / "pg_hba.conf").open("a") as rules:
+        rules.write(f"host all all {network[1]} scram-sha-256\n")
+    return network[0]
+
+
 @contextmanager
 def postgresql_server(parent: Path | None = None, network: tuple[str, str] | None = None) -> Iterator[PostgreSQL]:
     """Start one in a temporary directory; stopped and removed at the end.
@@ -131,23 +140,9 @@ def postgresql_server(parent: Path | None = None, network: tuple[str, str] | Non
         secret.write_text(PASSWORD)
         if account:
             os.chown(secret, account["user"], account["group"])
-        run(
-            "initdb",
-            "-D",
-            str(data),
-            "-U",
-            OWNER,
-            "--auth=scram-sha-256",
-            f"--pwfile={secret}",
-            "--no-sync",
-            "-E",
-            "UTF8",
-        )
-        host = "127.0.0.1"
-        if network is not None:
-            host = network[0]
-            with (data / "pg_hba.conf").open("a") as rules:
-                rules.write(f"host all all {network[1]} scram-sha-256\n")
+        asks = ("--auth=scram-sha-256", f"--pwfile={secret}")
+        run("initdb", "-D", str(data), "-U", OWNER, *asks, "--no-sync", "-E", "UTF8")
+        host = _let_in(data, network)
         options = f"-p {port} -c listen_addresses={host} -c unix_socket_directories= -c fsync=off -c max_connections=60"
 
         def start() -> None:

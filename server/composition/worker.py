@@ -91,7 +91,7 @@ def work(settings: Settings, name: str, ready: Callable[[], None], given: Mappin
         def said() -> str:
             # The lock's age tells a health check that this process lives and reaches the database.
             os.utime(files.root / f"lock-worker-{name}")
-            return waiting.why or runner.out_of_reach() or "works"
+            return waiting.why or runner.away or "works"
 
         presence = Heartbeat(database, f"worker-{name}", state=said)
         try:

@@ -114,6 +114,10 @@ class JobRunner:
     stage_timeout_s : most seconds that a stage's process may take
     executor : name of this process among those that share the store; the same after a restart
     queues : from which it takes jobs; it may put jobs into all of them
+
+    Attributes
+    ----------
+    away : why the storage could not be reached when it was last asked for something
     """
 
     def __init__(
@@ -141,6 +145,7 @@ class JobRunner:
         self._at_work = 0
         self._workflows: dict[str, Any] = {}
         self._started = False
+        self.away: str | None = None
 
     def start(self) -> None:
         """Start the engine: unfinished jobs go on, waiting ones are taken from the queues."""
@@ -313,7 +318,7 @@ class JobRunner:
         row = self._patiently(lambda: self._jobs.get(job))
         if not self._kinds[row.kind].inputs(row):
             return
-        why = self._patiently(self.out_of_reach)
+        why = self.away = self._patiently(self.out_of_reach)
         if why is None:
             return
         _log.warning("job_left_to_others", job=job, reason=why)
@@ -341,8 +346,10 @@ class JobRunner:
         end = time.monotonic() + PATIENCE_S
         while True:
             try:
-                return do()
+                value, self.away = do(), None
+                return value
             except StorageAwayError as error:
+                self.away = str(error)
                 _log.warning("storage_away", job=row.id, error=str(error))
                 if time.monotonic() > end:
                     self._patiently(lambda: self._claims.give_back(claim))
