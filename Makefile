@@ -9,7 +9,7 @@ LOCK ?= locks
 EXTRAS_use := sim consistent
 EXTRAS_dev := dev
 EXTRAS_docs := docs
-EXTRAS_image := sim postgresql export
+EXTRAS_image := sim postgresql export dbc consistent xacro s3
 comma := ,
 space := $(subst ,, )
 # install NAME MORE: what locks/NAME.txt lists, then this project and others; nothing is downloaded without a hash.
@@ -24,7 +24,7 @@ PYTEST := $(BIN)/pytest --dist loadfile --no-loadscope-reorder
 # Tests start hundreds of Python processes; none should compile again what another has compiled.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: help demo test test-quick test-socketcan test-fresh fuzz check client bench docs picture readme paper page lock changelog clean
+.PHONY: help demo test test-quick test-socketcan test-compose test-fresh fuzz check client bench docs picture readme paper page lock changelog clean
 
 help: ## this list
 	@sed -n 's/^\([a-z-]*\):[^#]*## \(.*\)/make \1|\2/p' Makefile | while IFS='|' read -r name text; do \
@@ -91,6 +91,9 @@ locks/%.txt.new: FORCE
 	  echo 'setuptools>=77' | $(COMPILE) - $(EXTRAS_$*:%=--extra %) --constraint locks/all.new --generate-hashes; } > $@
 
 FORCE:
+
+test-compose: $(VENV)/.dev ## docker-compose.yml itself: built, up, a worker killed, backed up, upgraded; ten minutes at most
+	$(BIN)/python tests/project/composition/run.py
 
 changelog: $(VENV)/.dev ## CHANGELOG.md from the fragments in news/, which are deleted: make changelog VERSION=0.1.0
 	$(BIN)/towncrier build --yes --version "$${VERSION:?say which, as in: make changelog VERSION=0.1.0}"

@@ -21,7 +21,7 @@ from benchmarks.commands.identification_commands import (
     stages,
 )
 from benchmarks.commands.loop_commands import attribution, resolve
-from benchmarks.commands.service_commands import page, service, storm, throughput
+from benchmarks.commands.service_commands import fleet, page, service, storm, throughput
 from daq.console import print_json, reported
 
 #: Name and what it shows; in the order of the list.
@@ -47,6 +47,7 @@ BENCHMARKS = {
     "page": "The page on a slow tablet: first view, frames dropped at 50 Hz; pictures of every view (--pictures).",
     "throughput": "Identifications per hour with several workers on PostgreSQL, and how well they share the work.",
     "storm": "kill -9 of servers, workers, stages and acquisitions: nothing lost, nothing twice.",
+    "fleet": "Workers on other hosts that share only database and storage: cut off, killed, and what they cost.",
 }
 
 
@@ -56,7 +57,7 @@ def register(app: typer.Typer) -> None:
     bench.callback()(_list)
     commands: tuple[Callable[..., None], ...] = (
         attribution, resolve, samples, demo, stages, speed, long, regressor, excitation, measured, mistakes, model,
-        uses, service, faults, soak, channels, paper, page, throughput, storm,
+        uses, service, faults, soak, channels, paper, page, throughput, storm, fleet,
     )  # fmt: skip
     for name, command in zip(BENCHMARKS, commands, strict=True):
         bench.command(name, help=BENCHMARKS[name])(reported(command))

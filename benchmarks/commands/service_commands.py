@@ -1,4 +1,4 @@
-"""``hilfit bench service``, ``page``, ``storm`` and ``throughput``."""
+"""``hilfit bench service``, ``page``, ``storm``, ``throughput`` and ``fleet``."""
 
 from __future__ import annotations
 
@@ -86,3 +86,15 @@ def throughput(
     if not counts or min(counts) < 1 or len(counts) != len(workers.split(",")):
         raise InputError(f"--workers {workers}: write numbers from 1 on, as in 1,2,4")
     finish("throughput", run(counts, jobs, shown(json)), json)
+
+
+def fleet(
+    jobs: Annotated[int, typer.Option(help="Identifications that both workers do.", min=2, max=1000)] = 24,
+    cut: Annotated[float, typer.Option(help="Seconds that a worker is cut off.", min=1, max=300)] = 60.0,
+    every: Annotated[float, typer.Option(help="Seconds between two kills of a worker.", min=5)] = 60.0,
+    json: Annotated[bool, typer.Option("--json", help="Print the checks as JSON.")] = False,
+) -> None:
+    """Workers on hosts of their own, that share nothing but database and storage."""
+    from benchmarks.fleet.run import run
+
+    finish("fleet", run(jobs, cut, every, shown(json)), json)

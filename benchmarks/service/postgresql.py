@@ -12,11 +12,14 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
+from urllib.parse import quote
 
 from daq.errors import HilfitError
 
 PROGRAMS = Path("/usr/lib/postgresql")
 OWNER = "tests"
+#: Asked for, as on every host; with a character that has a meaning in URLs.
+PASSWORD = "tests%only"
 
 
 class AbsentError(HilfitError):
@@ -31,9 +34,11 @@ class PostgreSQL:
     programs : directory of its programs
     """
 
-    def __init__(self, port: int, programs: Path, start: Callable[[], None] = lambda: None) -> None:
+    def __init__(
+        self, port: int, programs: Path, start: Callable[[], None] = lambda: None, host: str = "127.0.0.1"
+    ) -> None:
         self.programs = programs
-        self._address = f"postgresql://{OWNER}@127.0.0.1:{port}"
+        self._address = f"postgresql://{OWNER}:{quote(PASSWORD)}@{host}:{port}"
         self._start = start
         self._count = 0
 
@@ -76,13 +81,23 @@ def _free_port() -> int:
         return int(probe.getsockname()[1])
 
 
+def _let_in(data: Path, network: tuple[str, str] | None) -> str:
+    """Let a network in, where one is given; the address to listen on."""
+    if network is None:
+        return "127.0.0.1"
+    with (data / "pg_hba.conf").open("a") as rules:
+        rules.write(f"host all all {network[1]} scram-sha-256\n")
+    return network[0]
+
+
 @contextmanager
-def postgresql_server(parent: Path | None = None) -> Iterator[PostgreSQL]:
+def postgresql_server(parent: Path | None = None, network: tuple[str, str] | None = None) -> Iterator[PostgreSQL]:
     """Start one in a temporary directory; stopped and removed at the end.
 
     Parameters
     ----------
     parent : where that is made, a directory that other accounts may enter
+    network : its address and the network that it lets in, where other hosts use it
 
     Raises
     ------
@@ -121,17 +136,21 @@ def postgresql_server(parent: Path | None = None) -> Iterator[PostgreSQL]:
         if account:
             os.chown(directory, account["user"], account["group"])
         data, port = directory / "data", _free_port()
-        run("initdb", "-D", str(data), "-U", OWNER, "--auth=trust", "--no-sync", "-E", "UTF8")
-        options = (
-            f"-p {port} -c listen_addresses=127.0.0.1 -c unix_socket_directories= -c fsync=off -c max_connections=60"
-        )
+        secret = directory / "password"
+        secret.write_text(PASSWORD)
+        if account:
+            os.chown(secret, account["user"], account["group"])
+        asks = ("--auth=scram-sha-256", f"--pwfile={secret}")
+        run("initdb", "-D", str(data), "-U", OWNER, *asks, "--no-sync", "-E", "UTF8")
+        host = _let_in(data, network)
+        options = f"-p {port} -c listen_addresses={host} -c unix_socket_directories= -c fsync=off -c max_connections=60"
 
         def start() -> None:
             run("pg_ctl", "-D", str(data), "-w", "-t", "60", "-l", str(directory / "log"), "-o", options, "start")
 
         start()
         try:
-            yield PostgreSQL(port, programs, start)
+            yield PostgreSQL(port, programs, start, host)
         finally:
             run("pg_ctl", "-D", str(data), "-m", "immediate", "-w", "stop")
     finally:

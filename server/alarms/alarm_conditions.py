@@ -37,6 +37,7 @@ KINDS: dict[str, AlarmKind] = {
     "overload": AlarmKind(),
     "residual_grew": AlarmKind(),
     "recalibration_failed": AlarmKind(),
+    "backup_failed": AlarmKind(),
     "worker_silent": AlarmKind(),
 }
 

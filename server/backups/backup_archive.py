@@ -21,6 +21,7 @@ import secrets
 import shutil
 import threading
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from importlib.metadata import version
@@ -29,7 +30,7 @@ from pathlib import Path
 import structlog
 
 from daq.errors import HilfitError
-from server.backups.backup_files import BackupContent, copy_named
+from server.backups.backup_files import BackupContent, copy_named, fetch_results
 from server.platform.database.database_copies import check_restore, copy_database, newer, restore_database
 from server.platform.database.schema import SCHEMA_VERSION
 from server.platform.errors import StartError
@@ -126,6 +127,7 @@ class Backups:
         before = None if self._url.startswith("sqlite") else self._content.named(self._url)
         copy = copy_database(self._url, partial, "store")
         named = self._content.named(f"sqlite:///{copy}") if before is None else before | self._content.named(self._url)
+        fetch_results(named, self._files, self._url)
         return copy_named(named, self._files.root, partial, self._content.unchanging)
 
     def list(self) -> tuple[Backup, ...]:
@@ -148,10 +150,16 @@ class Backups:
 
 
 class DailyBackups:
-    """Makes a backup a day while the service runs."""
+    """Makes a backup a day while the service runs.
 
-    def __init__(self, backups: Backups) -> None:
+    Parameters
+    ----------
+    failed : told after every look why there is none; None: nothing is wrong
+    """
+
+    def __init__(self, backups: Backups, failed: Callable[[str | None], object] = lambda why: None) -> None:
         self._backups = backups
+        self._failed = failed
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, name="backups", daemon=True)
 
@@ -167,12 +175,21 @@ class DailyBackups:
 
     def _run(self) -> None:
         while not self._stop.wait(LOOK_S):
-            try:
-                self._backups.daily()
-            except HilfitError as error:
-                _log.error("backup_failed", error=str(error))
-            except Exception as error:  # of a store or a disk that is away; the next look may do better
-                _log.error("backup_failed", exc_info=error)
+            self.look()
+
+    def look(self) -> None:
+        """Make one if it is time; nothing is raised."""
+        why: str | None = None
+        try:
+            self._backups.daily()
+        except HilfitError as error:
+            _log.error("backup_failed", error=str(error))
+            why = str(error)
+        except Exception as error:  # of a store or a disk that is away; the next look may do better
+            _log.error("backup_failed", exc_info=error)
+            why = "it broke off unexpectedly; the log of the service says why"
+        with suppress(Exception):  # a store that is away takes no alarm either; the next look says it again
+            self._failed(why)
 
 
 def manifest_of(backup: Path) -> dict[str, str]:

@@ -11,11 +11,15 @@ import errno
 import os
 import shutil
 from collections.abc import Collection, Iterable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
 import sqlalchemy as sa
 
+from server.jobs.job_tables import job_files, jobs
+from server.platform.errors import ServiceError
+from server.platform.files import DataDirectory
 from server.platform.resource import BackedUp, NamedFiles, Resource
 
 #: What is being written now has a name that begins so, or ends so; it is not a file yet.
@@ -54,6 +58,25 @@ class BackupContent:
         finally:
             engine.dispose()
         return found
+
+
+def fetch_results(named: NamedFiles, files: DataDirectory, url: str) -> None:
+    """Bring what jobs left on other hosts here before it is copied; what cannot be brought will be missing."""
+    away = [place for place in named.needed if place.count("/") == 2 and not (files.root / place).exists()]
+    if not away or not files.storage.shared:
+        return
+    engine = sa.create_engine(url, poolclass=sa.NullPool)
+    try:
+        with engine.connect() as connection:
+            for place in away:
+                folder, name = place.rsplit("/", 1)
+                query = sa.select(job_files.c.name, job_files.c.sha256).join(jobs, jobs.c.id == job_files.c.job)
+                wanted = (jobs.c.subject == folder.split("/")[1], jobs.c.place == name, job_files.c.use == "result")
+                left = {row.name: row.sha256 for row in connection.execute(query.where(*wanted))}
+                with suppress(ServiceError):
+                    files.storage.bring(files.root / place, folder, left)
+    finally:
+        engine.dispose()
 
 
 def copy_named(named: NamedFiles, source: Path, target: Path, unchanging: Collection[str]) -> tuple[str, ...]:

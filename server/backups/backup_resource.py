@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+from server.alarms.alarm_desk import Alarms
 from server.backups.backup_archive import Backups, DailyBackups
 from server.backups.backup_files import BackupContent
 from server.backups.backup_routes import router
@@ -21,6 +22,14 @@ def _backups(parts: Parts) -> Backups:
     return Backups(parts[DataDirectory], content, parts[Database].url, utc_now, directory)
 
 
+def _daily(parts: Parts) -> DailyBackups:
+    def failed(why: str | None) -> None:
+        text = f"the automatic backup failed: {why}"
+        parts[Alarms].report(None, "backup_failed", text, "warning", why is not None)
+
+    return DailyBackups(parts[Backups], failed)
+
+
 def _running(parts: Parts) -> Iterator[Running]:
     daily = parts[DailyBackups]
     yield Running(Phase.CLOCKS, daily.start, daily.stop)
@@ -29,6 +38,6 @@ def _running(parts: Parts) -> Iterator[Running]:
 BACKUPS = Resource(
     name="backups",
     routers=(router,),
-    provides={Backups: _backups, DailyBackups: lambda parts: DailyBackups(parts[Backups])},
+    provides={Backups: _backups, DailyBackups: _daily},
     running=_running,
 )

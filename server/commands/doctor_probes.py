@@ -23,7 +23,7 @@ EXTRAS = {
     "xacro": "machine import of xacro files",
     "dbc": "CAN buses that a DBC file describes",
     "postgresql": "a service with several hosts",
-    "s3": "recordings in a storage that hosts share",
+    "s3": "an object store that hosts share",
 }
 #: Bytes: below the first recordings are in danger, below the second a day of recordings may not fit.
 _LEAST_FREE, _GOOD_FREE = 100 * 2**20, 2 * 2**30
@@ -164,7 +164,7 @@ def scheduling() -> Line:
         "note",
         "SCHED_FIFO is refused: cycles may be late on a busy computer",
         "add '@hilfit - rtprio 20' to /etc/security/limits.d/hilfit.conf and join that group, or "
-        "AmbientCapabilities=CAP_SYS_NICE in the unit; in a container --cap-add SYS_NICE",
+        "AmbientCapabilities=CAP_SYS_NICE in the unit; in a container --ulimit rtprio=20",
     )
 
 

@@ -68,7 +68,7 @@ def backup(
     missing = settings.database_url is None and not (settings.data_dir / DATABASE_FILE).is_file()
     if missing or not settings.data_dir.is_dir():
         raise StartError(f"--data-dir {settings.data_dir}: there is nothing to back up; name the service's directory")
-    files = DataDirectory(settings.data_dir)
+    files = DataDirectory(settings.data_dir, settings.storage_url, settings.cache_bytes)
     backups = Backups(
         files, BackupContent.of(RESOURCES), settings.database(files), utc_now, output or settings.backup_dir
     )

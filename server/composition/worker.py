@@ -1,37 +1,42 @@
 """``hilfit worker``: takes numerical jobs of a service with PostgreSQL, on this host or another.
 
-It needs the service's database and its files: recordings are read and results are written where the service expects
-them, so ``data_dir`` is a directory that all share.
+It needs the addresses of the service's database and storage, and a directory of its own for what it is working on.
+Before it takes a job it waits until both are there, are those of one store, and a server of its own version has used
+them; a line a minute says what it waits for.
 """
 
 from __future__ import annotations
 
+import math
 import os
-import shutil
 import signal
-import tempfile
 import threading
+import time
 from collections.abc import Callable, Mapping
-from pathlib import Path
+from contextlib import suppress
+from importlib.metadata import version
 from types import FrameType
 from typing import Any
 
+import sqlalchemy as sa
 import structlog
 
 from server.composition.declarations import RESOURCES, TABLES
-from server.identifications.identification_resource import FETCHED
 from server.jobs.executors import Heartbeat
 from server.jobs.job_kinds import NUMERICAL, JobKind
 from server.jobs.job_runner import EXECUTOR, JobRunner
+from server.jobs.job_tables import hosts
 from server.platform import logs
 from server.platform.database.engine import Database
-from server.platform.errors import StartError
+from server.platform.database.patience import PAUSE_S, patiently
+from server.platform.errors import ServiceStopping, StartError
 from server.platform.files import DataDirectory, held, private_files
 from server.platform.parts import Key, Parts
 from server.platform.resource import providers_of
 from server.platform.settings import Settings
-from server.recordings.shared_recordings import SharedRecordings
 
+#: s between two lines about what is waited for.
+SAY_S = 60.0
 _log = structlog.stdlib.get_logger(__name__)
 
 
@@ -62,25 +67,39 @@ def work(settings: Settings, name: str, ready: Callable[[], None], given: Mappin
 
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, stop)
-    files = DataDirectory(settings.data_dir)
-    scratch = Path(tempfile.gettempdir()) / f"hilfit-{name}"
+    files = DataDirectory(settings.data_dir, settings.storage_url, settings.cache_bytes)
+    waiting = Waiting(told)
     # Two of one name would both resume the same jobs.
-    with held(files.root / f"lock-worker-{name}", f"--name {name}", "another worker has this name; give each its own"):
-        shutil.rmtree(scratch, ignore_errors=True)  # what a killed worker of this name had fetched
-        database = Database(settings.full_database_url or "", TABLES, changed=lambda: None, backups=files.backups)
-        # The lock's age tells a health check that this process lives and reaches the database.
-        presence = Heartbeat(database, f"worker-{name}", lambda: os.utime(files.root / f"lock-worker-{name}"))
-        kinds = _kinds(settings, files, database, scratch, given or {})
+    alone = held(
+        files.root / f"lock-worker-{name}", f"--name {name}", "another worker has this name; give each its own"
+    )
+    with alone, suppress(ServiceStopping):
+        database = Database(
+            settings.full_database_url or "",
+            TABLES,
+            changed=lambda: None,
+            backups=files.backups,
+            pause=waiting.database,
+            may_migrate=False,
+        )
         runner = JobRunner(
             database,
             files,
-            kinds,
+            _kinds(settings, files, database, given or {}),
             stage_timeout_s=settings.stage_timeout_s,
             executor=f"worker-{name}",
             queues=(NUMERICAL,),
         )
+
+        def said() -> str:
+            # The lock's age tells a health check that this process lives and reaches the database.
+            os.utime(files.root / f"lock-worker-{name}")
+            return waiting.why or runner.away or "works"
+
+        presence = Heartbeat(database, f"worker-{name}", state=said)
         try:
-            presence.start()
+            patiently(presence.start, waiting.pause)
+            waiting.until(lambda: runner.out_of_reach() or _other_version(database))
             runner.start()
             _log.info("working", worker=name)
             ready()
@@ -92,14 +111,56 @@ def work(settings: Settings, name: str, ready: Callable[[], None], given: Mappin
             _log.info("stopped", worker=name)
 
 
+class Waiting:
+    """Waits for what is not there yet, and says for what once a minute.
+
+    Parameters
+    ----------
+    told : set when the process has to stop; then ServiceStopping is raised
+    """
+
+    def __init__(self, told: threading.Event) -> None:
+        self._told = told
+        self._said = -math.inf
+        self.why: str | None = None
+
+    def pause(self, seconds: float) -> None:
+        """Wait a while."""
+        if self._told.wait(seconds):
+            raise ServiceStopping
+
+    def database(self, why: str) -> None:
+        """Wait for the database."""
+        self.until(iter((why, None)).__next__)
+
+    def until(self, why: Callable[[], str | None]) -> None:
+        """Wait until nothing is missing, looking every second."""
+        while (found := patiently(why, self.pause)) is not None:
+            if time.monotonic() - self._said > SAY_S:
+                self._said = time.monotonic()
+                _log.warning("waiting", reason=found)
+            self.why = found
+            self.pause(PAUSE_S)
+        self.why = None
+
+
+def _other_version(database: Database) -> str | None:
+    """Why the server is not one to work for; None if it is."""
+    with database.read() as connection:
+        found = connection.execute(sa.select(hosts.c.version).where(hosts.c.id == EXECUTOR)).scalar()
+    if found == version("hilfit"):
+        return None
+    if found is None:
+        return "no server has used this database yet; start it"
+    return f"the server is hilfit {found}, this worker {version('hilfit')}; give both the same version"
+
+
 def _kinds(
-    settings: Settings, files: DataDirectory, database: Database, scratch: Path, given: Mapping[Key, Any]
+    settings: Settings, files: DataDirectory, database: Database, given: Mapping[Key, Any]
 ) -> tuple[JobKind, ...]:
     """The kinds of jobs that are numerical work, of all resources."""
     parts = Parts(providers_of(RESOURCES))
-    url = settings.recordings_url
-    fetched = None if url is None else (SharedRecordings(url), scratch)
-    parts.put({Settings: settings, DataDirectory: files, Database: database, FETCHED: fetched})
+    parts.put({Settings: settings, DataDirectory: files, Database: database})
     parts.put(given)
     kinds = (kind for resource in RESOURCES for kind in resource.job_kinds)
     return tuple(parts[kind] for kind in kinds if kind.queue == NUMERICAL)

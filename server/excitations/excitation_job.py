@@ -73,8 +73,8 @@ class ExcitationKind:
 
     def motion(self, id: str) -> Path:
         """Where the motion file is once it is designed; NotFoundError if there is no such excitation."""
-        job = self._jobs.get(self._excitations.get(id).job)
-        return kept_place(self._files.excitations / id, job) / "motion.csv"
+        job = self._excitations.get(id).job
+        return kept_place(self._files, self._files.excitations / id, self._jobs, job) / "motion.csv"
 
     def words(self, stage: str) -> str:
         """What a person reads while it runs."""
@@ -84,13 +84,18 @@ class ExcitationKind:
         """Where the design gets its place."""
         return self._files.excitations / job.subject
 
+    def inputs(self, job: Job) -> tuple[Path, ...]:
+        """The machine file."""
+        excitation = self._excitations.get(job.subject)
+        return (self._files.machine_file(excitation.machine, excitation.machine_version),)
+
     def run(self, run: StageRun) -> ChildResult:
         """Design."""
-        excitation = self._excitations.get(run.job.subject)
+        (machine,) = self.inputs(run.job)
         request = {
-            "machine": str(self._files.machine_file(excitation.machine, excitation.machine_version)),
+            "machine": str(run.here(machine)),
             "output": str(run.place),
-            "options": excitation.options,
+            "options": self._excitations.get(run.job.subject).options,
         }
         path = run.place / "request.json"
         write_atomically(path, json.dumps(request, indent=1).encode())

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from functools import cached_property
 from pathlib import Path
 
-from server.identifications.identification_store import Identification, Identifications
+from server.identifications.identification_store import Identifications
 from server.identifications.report_verdict import verdict_of
 from server.identifications.stage_request import StageProgram, StageRequest, words
 from server.jobs.job_kinds import NUMERICAL, JobError, StageRun
@@ -16,7 +16,6 @@ from server.platform.database.engine import Database
 from server.platform.files import DataDirectory
 from server.platform.processes.children import ChildResult
 from server.recordings.recording_store import Recordings
-from server.recordings.shared_recordings import SharedRecordings
 
 
 class IdentificationKind:
@@ -25,8 +24,6 @@ class IdentificationKind:
     Parameters
     ----------
     program : gives the stages and the command that runs one; called when the first job needs it
-    shared : where recordings are fetched from; None: they are in the data directory
-    scratch : directory for what is fetched
     """
 
     name = "identification"
@@ -37,12 +34,8 @@ class IdentificationKind:
         database: Database,
         files: DataDirectory,
         program: Callable[[], StageProgram],
-        shared: SharedRecordings | None = None,
-        scratch: Path | None = None,
     ) -> None:
         self._files = files
-        self._shared = shared
-        self._scratch = scratch or files.root / "scratch"
         self._make_program = program
         self._identifications = Identifications(database)
         self._recordings = Recordings(database)
@@ -64,38 +57,27 @@ class IdentificationKind:
         """Where the stages get their places."""
         return self._files.identifications / job.subject
 
+    def inputs(self, job: Job) -> tuple[Path, ...]:
+        """The machine file, then the recordings."""
+        identification = self._identifications.get(job.subject)
+        rows = [self._recordings.get(id) for id, _ in identification.recordings]
+        machine = self._files.machine_file(identification.machine, identification.machine_version)
+        return (machine, *(self._files.recording(row.id, row.format) for row in rows))
+
     def run(self, run: StageRun) -> ChildResult:
         """One stage, in the process of the one before if it is there; those before it again if their files are gone."""
         identification = self._identifications.get(run.job.subject)
-        rows = {id: self._recordings.get(id) for id, _ in identification.recordings}
-        # What stays says where the service keeps recordings, also if this host reads copies of them.
-        kept = {id: self._files.recordings / f"{id}.{row.format}" for id, row in rows.items()}
-        request = self._request(identification, kept, run.place).write()
-        if self._shared is None:
-            return self._stages_of(run, request)
-        with self._shared.fetched(tuple(rows.values()), self._scratch) as copies:
-            scratch = self._scratch / f"{identification.id}.json"
-            try:
-                return self._stages_of(run, self._request(identification, copies, run.place).write(scratch))
-            finally:
-                scratch.unlink(missing_ok=True)
-
-    def _stages_of(self, run: StageRun, request: Path) -> ChildResult:
+        machine, *recordings = map(run.here, self.inputs(run.job))
+        roles = [role for _, role in identification.recordings]
+        request = StageRequest(
+            machine, tuple(zip(roles, recordings, strict=True)), identification.options, run.place
+        ).write()
         stages = (run.stage,) if run.whole else self.stages[: self.stages.index(run.stage) + 1]
         for stage in stages:
             result = run.child(self._program.command, [str(request), stage], run.place / f"{stage}.log")
             if result.outcome != "done":
                 break
         return result
-
-    def _request(self, identification: Identification, places: Mapping[str, Path], output: Path) -> StageRequest:
-        recordings = tuple((role, places[id]) for id, role in identification.recordings)
-        return StageRequest(
-            machine=self._files.machine_file(identification.machine, identification.machine_version),
-            recordings=recordings,
-            options=identification.options,
-            output=output,
-        )
 
     def result(self, job: Job, place: Path) -> Result:
         """What the report says."""

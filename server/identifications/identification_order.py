@@ -36,7 +36,6 @@ class IdentificationOrders:
     Parameters
     ----------
     stages : of an identification; asked for when one is ordered
-    share : lets workers find a recording; UnavailableError if they could not get it
     enqueue : queues a stored job
     """
 
@@ -44,12 +43,10 @@ class IdentificationOrders:
         self,
         database: Database,
         stages: Callable[[], tuple[str, ...]],
-        share: Callable[[str], None],
         enqueue: Callable[[str], None],
     ) -> None:
         self._database = database
         self._stages = stages
-        self._share = share
         self._enqueue = enqueue
 
     def order(self, wish: Wish, key: str | None) -> Identification:
@@ -65,8 +62,6 @@ class IdentificationOrders:
         NotFoundError, InvalidError, ConflictError, UnavailableError
             One line: what is wrong and what to do.
         """
-        for id, _ in wish.recordings:
-            self._share(id)
         identification = self._stored(wish, key)
         self._enqueue(identification.job)
         return identification

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
-from pathlib import Path
 
 import sqlalchemy as sa
 
@@ -21,18 +20,14 @@ from server.platform.database.engine import Database
 from server.platform.files import DataDirectory
 from server.platform.parts import PartName, Parts
 from server.platform.resource import BackedUp, Resource
-from server.recordings.recording_desk import USED_BY, RecordingDesk
-from server.recordings.shared_recordings import SharedRecordings
+from server.recordings.recording_desk import USED_BY
 
 #: The stages of an identification, and the command that runs one; called when the first job needs it.
 STAGE_PROGRAM: PartName[Callable[[], StageProgram]] = PartName("stages of an identification")
-#: Where jobs fetch recordings from, and the directory for what is fetched; None: they are in the data directory.
-FETCHED: PartName[tuple[SharedRecordings, Path] | None] = PartName("where jobs fetch recordings")
 
 
 def _kind(parts: Parts) -> IdentificationKind:
-    fetched = parts[FETCHED] or (None, None)
-    return IdentificationKind(parts[Database], parts[DataDirectory], parts[STAGE_PROGRAM], *fetched)
+    return IdentificationKind(parts[Database], parts[DataDirectory], parts[STAGE_PROGRAM])
 
 
 def _used_by(connection: sa.Connection, recording: str) -> str | None:
@@ -46,7 +41,6 @@ def _orders(parts: Parts) -> IdentificationOrders:
     return IdentificationOrders(
         parts[Database],
         lambda: parts[IdentificationKind].stages,
-        lambda id: parts[RecordingDesk].share(id),
         lambda job: parts[JobRunner].enqueue(job),
     )
 
@@ -59,7 +53,6 @@ IDENTIFICATIONS = Resource(
     kept={"/identifications": ("identifications",)},
     provides={
         STAGE_PROGRAM: lambda parts: fitting_program,
-        FETCHED: lambda parts: None,
         USED_BY: lambda parts: _used_by,
         Identifications: lambda parts: Identifications(parts[Database]),
         IdentificationResults: lambda parts: IdentificationResults(parts[Database], parts[DataDirectory]),

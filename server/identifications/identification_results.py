@@ -24,4 +24,5 @@ class IdentificationResults:
 
     def directory(self, id: str) -> Path:
         """Of one identification; NotFoundError if there is none."""
-        return kept_place(self._files.identifications / id, self._jobs.get(self._identifications.get(id).job))
+        job = self._identifications.get(id).job
+        return kept_place(self._files, self._files.identifications / id, self._jobs, job)

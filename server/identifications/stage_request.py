@@ -36,8 +36,8 @@ class StageRequest:
     options: dict[str, Any]
     output: Path
 
-    def write(self, path: Path | None = None) -> Path:
-        """Write it to a file, by default ``request.json`` in the output directory; returns its path."""
+    def write(self) -> Path:
+        """Write it to ``request.json`` in the output directory; returns its path."""
         content = {
             "machine": str(self.machine),
             "recordings": [[role, str(path)] for role, path in self.recordings],
@@ -45,7 +45,7 @@ class StageRequest:
             "output": str(self.output),
             "languages": get_args(ReportLanguage),
         }
-        path = path or self.output / "request.json"
+        path = self.output / "request.json"
         write_atomically(path, json.dumps(content, indent=1).encode())
         return path
 

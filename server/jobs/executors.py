@@ -5,15 +5,17 @@ Its own clock decides nothing: what is silent is judged by when its last word wa
 
 from __future__ import annotations
 
+import os
 import socket
 import threading
 import time
 from collections.abc import Callable
+from importlib.metadata import version
 
 import sqlalchemy as sa
 import structlog
 
-from server.jobs.job_tables import executors
+from server.jobs.job_tables import executors, hosts
 from server.platform.database.engine import Database
 
 BEAT_S = 5.0
@@ -68,9 +70,17 @@ class Heartbeat:
     ----------
     executor : name of this process
     each : done after every word; what it raises is logged
+    state : what it says of itself besides
     """
 
-    def __init__(self, database: Database, executor: str, each: Callable[[], object] = lambda: None) -> None:
+    def __init__(
+        self,
+        database: Database,
+        executor: str,
+        each: Callable[[], object] = lambda: None,
+        state: Callable[[], str] = lambda: "works",
+    ) -> None:
+        self._state = state
         self._database = database
         self._executor = executor
         self._each = each
@@ -95,10 +105,19 @@ class Heartbeat:
         self._count += 1
         # The count makes every word a new one, whatever the clock does.
         values = {"host": socket.gethostname(), "started": self._started, "seen": f"{self._started} {self._count}"}
+        own = {
+            "version": version("hilfit"),
+            "cores": os.cpu_count() or 1,
+            "load": os.getloadavg()[0],
+            "state": self._state(),
+            "heard": self._database.now(),
+        }
         with self._database.write() as connection:
             known = connection.execute(executors.update().where(executors.c.id == self._executor).values(**values))
             if known.rowcount == 0:
                 connection.execute(executors.insert().values(id=self._executor, **values))
+            connection.execute(hosts.delete().where(hosts.c.id == self._executor))
+            connection.execute(hosts.insert().values(id=self._executor, **own))
 
     def _run(self) -> None:
         while not self._stop.wait(BEAT_S):

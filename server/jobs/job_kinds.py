@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Protocol
 
@@ -13,7 +13,8 @@ from server.platform.processes.children import ChildResult
 
 #: Queue of numerical work: one job at a time per process that takes from it, on whatever host.
 NUMERICAL = "identifications"
-#: Queue of jobs that need the machines themselves: only the server takes from it, many at a time (they mostly wait).
+#: Queue of jobs that need the machines themselves: only the server takes from it, many at a time: they mostly wait, for
+#: a recording (of which there are ``recordings_at_once``), or for a worker that fits.
 AT_MACHINES = "recalibrations"
 
 
@@ -33,6 +34,8 @@ class StageRun:
         (:class:`server.platform.processes.children.Child`)
     place : directory that nobody else writes to, with all that the stages before left (:mod:`server.jobs.job_places`)
     whole : whether what they left is there; False also for the first stage
+    inputs : where the kind's inputs are on this host, by their keys
+    key : of a path of the data directory
     """
 
     job: Job
@@ -42,6 +45,12 @@ class StageRun:
     child: Callable[[Sequence[str], Sequence[str], Path], ChildResult]
     place: Path
     whole: bool
+    inputs: Mapping[str, Path] = field(default_factory=dict)
+    key: Callable[[Path], str] = str
+
+    def here(self, path: Path) -> Path:
+        """Where an input is on this host, given where it is in the data directory."""
+        return self.inputs.get(self.key(path), path)
 
 
 class JobKind(Protocol):
@@ -60,6 +69,9 @@ class JobKind(Protocol):
 
     def directory(self, job: Job) -> Path:
         """Where a job's stages get their places."""
+
+    def inputs(self, job: Job) -> tuple[Path, ...]:
+        """Files of the data directory that its stages read, and :meth:`StageRun.here` finds on their host."""
 
     def run(self, run: StageRun) -> ChildResult:
         """Run a stage; one that broke off is run again, so it must not do twice what may be done once."""

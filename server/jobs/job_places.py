@@ -16,11 +16,13 @@ end of the job, each only from whoever has the job. What is recorded is written 
 from __future__ import annotations
 
 import shutil
+from collections.abc import Collection, Mapping
 from contextlib import suppress
 from pathlib import Path
 
 from server.jobs.claims import Claim
-from server.jobs.job_store import Job
+from server.jobs.job_store import Jobs
+from server.platform.files import DataDirectory
 
 
 def place_name(claim: Claim, stage: str) -> str:
@@ -28,13 +30,16 @@ def place_name(claim: Claim, stage: str) -> str:
     return f"{claim.number}-{stage}"
 
 
-def begin(directory: Path, name: str, before: str | None) -> bool:
+def begin(files: DataDirectory, directory: Path, name: str, before: str | None, kept: Mapping[str, str]) -> bool:
     """Make a place below a job's ``directory`` with what the stage before left; False if that is gone.
 
     Parameters
     ----------
     before : name of the place of the stage before; None: nothing was recorded of one
+    kept : SHA-256 of its files, where they may have been left on another host
     """
+    if before is not None:
+        files.storage.bring(directory / before, files.key(directory), kept)
     if before is None or not (directory / before).is_dir():
         (directory / name).mkdir(parents=True)
         return False
@@ -43,15 +48,20 @@ def begin(directory: Path, name: str, before: str | None) -> bool:
     return True
 
 
-def tidy(directory: Path, keep: str) -> None:
-    """Remove every place but the one that counts."""
+def tidy(files: DataDirectory, directory: Path, keep: str | None, kept: Collection[str]) -> None:
+    """Remove every place but the one that counts (None: all), and from the storage all but what was ``kept``."""
     with suppress(OSError):
         for path in directory.iterdir():
             if path.is_dir() and path.name != keep:
                 shutil.rmtree(path, ignore_errors=True)
+    files.storage.tidy(files.key(directory), kept)
 
 
-def kept_place(directory: Path, job: Job) -> Path:
-    """Where a job that is over left its files, below the ``directory`` of what it made."""
+def kept_place(files: DataDirectory, directory: Path, jobs: Jobs, id: str) -> Path:
+    """Where a job that is over left its files, below the ``directory`` of what it made; fetched if need be."""
+    job = jobs.get(id)
     # Jobs of store version 3 and before had one directory for all executions.
-    return directory / (job.place or "")
+    place = directory / (job.place or "")
+    if job.place is not None and not place.is_dir():
+        files.storage.bring(place, files.key(directory), jobs.files(id, "result"))
+    return place

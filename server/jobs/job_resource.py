@@ -5,6 +5,8 @@ from __future__ import annotations
 import os
 import signal
 from collections.abc import Iterator
+from contextlib import suppress
+from itertools import count
 
 import structlog
 from prometheus_client.core import GaugeMetricFamily, Metric
@@ -14,15 +16,19 @@ from server.jobs.job_kinds import AT_MACHINES
 from server.jobs.job_routes import router
 from server.jobs.job_runner import EXECUTOR, QUEUES, JobRunner
 from server.jobs.job_store import Jobs
-from server.jobs.job_tables import executors, job_claims, job_events, jobs
+from server.jobs.job_tables import executors, hosts, job_claims, job_events, job_files, jobs, store_identity
 from server.jobs.job_times import JobTimes
+from server.jobs.worker_routes import router as worker_router
 from server.platform.database.engine import Database
 from server.platform.files import DataDirectory
 from server.platform.parts import Parts
 from server.platform.resource import Phase, Resource, Running
 from server.platform.service import Service
 from server.platform.settings import Settings
+from server.platform.storage import StorageAwayError
 
+#: Store and engine are brought together at every so many words of the server.
+RECONCILED = 6
 _log = structlog.stdlib.get_logger(__name__)
 
 
@@ -39,7 +45,7 @@ def _runner(parts: Parts) -> JobRunner:
 
 
 def _heartbeat(parts: Parts) -> Heartbeat:
-    database, silence = parts[Database], parts[Silence]
+    database, silence, beats = parts[Database], parts[Silence], count()
 
     def take_over() -> None:
         """Let others go on with the jobs of workers that fell silent."""
@@ -49,12 +55,16 @@ def _heartbeat(parts: Parts) -> Heartbeat:
             return
         silence.look()
         parts[JobRunner].take_over(silence.silent)
+        if next(beats) % RECONCILED == 0:
+            parts[JobRunner].reconcile()
 
     return Heartbeat(database, EXECUTOR, take_over)
 
 
 def _running(parts: Parts) -> Iterator[Running]:
     runner = parts[JobRunner]
+    with suppress(StorageAwayError):  # :meth:`JobRunner.reconcile` does it later
+        parts[DataDirectory].storage.claim(parts[Jobs].store())
     yield Running(Phase.JOBS, runner.start, runner.stop)
     yield Running(Phase.ORDERS, stop=runner.halt)
     if not parts[Database].is_sqlite:  # else nobody shares it
@@ -71,8 +81,8 @@ def _metrics(parts: Parts) -> Iterator[Metric]:
 
 JOBS = Resource(
     name="jobs",
-    routers=(router,),
-    tables=(jobs, job_events, executors, job_claims),
+    routers=(router, worker_router),
+    tables=(jobs, job_events, executors, job_claims, job_files, store_identity, hosts),
     kept={"/jobs": ("jobs", "identifications", "excitations", "recalibrations")},
     provides={
         Jobs: lambda parts: Jobs(parts[Database]),

@@ -12,6 +12,7 @@ import errno
 import os
 import shutil
 import threading
+import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from functools import partial
@@ -34,10 +35,11 @@ from server.platform.disk import RESERVE_BYTES
 from server.platform.errors import ServiceStopping, TakenOver
 from server.platform.files import DataDirectory, sync_tree
 from server.platform.processes.children import GRACE_S, LOOK_S, Child, ChildResult
+from server.platform.storage import StorageAwayError, digest, input_key
 
 #: Jobs of a queue that one process runs at a time. Numerical work may take all cores but those of acquisition and
 #: HTTP; what is done at machines is mostly waiting, and one machine has one at a time.
-QUEUES: Mapping[str, int] = {NUMERICAL: 1, AT_MACHINES: 8}
+QUEUES: Mapping[str, int] = {NUMERICAL: 1, AT_MACHINES: 200}
 #: Changed when the order or meaning of a workflow's steps changes: only workflows of the same version are
 #: resumed.
 WORKFLOW_VERSION = "hilfit-jobs-1"
@@ -52,6 +54,10 @@ WARM_S = 5.0
 NO_ROOM_WORDS = (os.strerror(errno.ENOSPC), os.strerror(errno.EDQUOT), "disk is full")
 #: Held by the runner that has started the engine, which keeps its state in its module.
 _ENGINE = threading.Lock()
+#: s between two looks at a storage that is away, and until a job that was begun is left to another host.
+AWAY_S, PATIENCE_S = 1.0, 300.0
+#: Place of the stage before, and SHA-256 of its files by name.
+Before = tuple[str | None, Mapping[str, str]]
 NO_ROOM = "Waiting for room on the disk"
 _LOST = "the job broke off unexpectedly; order it again"
 _log = structlog.stdlib.get_logger(__name__)
@@ -108,6 +114,10 @@ class JobRunner:
     stage_timeout_s : most seconds that a stage's process may take
     executor : name of this process among those that share the store; the same after a restart
     queues : from which it takes jobs; it may put jobs into all of them
+
+    Attributes
+    ----------
+    away : why the storage could not be reached when it was last asked for something
     """
 
     def __init__(
@@ -135,6 +145,7 @@ class JobRunner:
         self._at_work = 0
         self._workflows: dict[str, Any] = {}
         self._started = False
+        self.away: str | None = None
 
     def start(self) -> None:
         """Start the engine: unfinished jobs go on, waiting ones are taken from the queues."""
@@ -172,6 +183,13 @@ class JobRunner:
         # often is a victim, not a cause: no limit on attempts.
         return DBOS.workflow(name=name, max_recovery_attempts=None)(workflow)
 
+    def reconcile(self) -> None:
+        """Queue jobs that were stored and not queued; end those that the engine gave up. Called now and then."""
+        with suppress(StorageAwayError):  # workers wait until it is this store's
+            self._files.storage.claim(self._jobs.store())
+        for job in self._jobs.unfinished():
+            self._take_up(job)
+
     def _take_up(self, job: Job) -> None:
         """Bring a job that is not over in our store together with its workflow, which a crash may have kept from it."""
         workflow = DBOS.get_workflow_status(job.id)
@@ -200,8 +218,25 @@ class JobRunner:
 
     def enqueue(self, job: str) -> None:
         """Queue the workflow of a stored job; does nothing if it is queued, running or over."""
+        row = self._jobs.get(job)
+        try:
+            self._share(row)
+        except StorageAwayError as error:  # :meth:`reconcile` queues it
+            _log.warning("job_not_queued", job=job, error=str(error))
+            return
         # In a context of its own: the engine refuses to start a workflow inside a step, which a recalibration does.
-        contextvars.Context().run(self._enqueue, self._jobs.get(job))
+        contextvars.Context().run(self._enqueue, row)
+
+    def _share(self, row: Job) -> None:
+        """Let workers find what a job reads."""
+        storage, key = self._files.storage, self._files.key
+        paths = self._kinds[row.kind].inputs(row) if storage.shared else ()
+        if paths:
+            storage.claim(self._jobs.store())
+            sums = {path: digest(path) for path in paths}
+            for path, sha256 in sums.items():
+                storage.put(path, input_key(sha256))
+            self._jobs.note_inputs(row.id, {key(path): sha256 for path, sha256 in sums.items()})
 
     def _enqueue(self, job: Job) -> None:
         with SetWorkflowID(job.id):
@@ -232,12 +267,13 @@ class JobRunner:
 
         The claim is no step: every execution takes one of its own.
         """
+        self._within_reach(job)
         claim = self._claim(job)
         result: dict[str, Any] = {"outcome": "done"}
         try:
             with self._process(job) as process:
                 for index, stage in enumerate(stages):
-                    part, before = (index, len(stages)), result.get("place")
+                    part, before = (index, len(stages)), (result.get("place"), result.get("files", {}))
                     result = DBOS.run_step({"name": stage}, self._run_stage, claim, stage, part, before, process)
                     if result["outcome"] != "done":
                         break
@@ -267,7 +303,59 @@ class JobRunner:
             self._patiently(lambda: self._claims.give_back(claim))
             row = self._patiently(lambda: self._jobs.get(claim.job))
             if row.place is not None:
-                tidy(self._kinds[row.kind].directory(row), row.place)
+                keep = row.place if self._executor == EXECUTOR or not self._files.storage.shared else None
+                kept = self._patiently(lambda: self._jobs.files(row.id, "result"))
+                tidy(self._files, self._kinds[row.kind].directory(row), keep, set(kept.values()))
+
+    def _within_reach(self, job: str) -> None:
+        """Leave a job to others while its files cannot be reached from here.
+
+        Raises
+        ------
+        TakenOver
+            If it waits for whoever can.
+        """
+        row = self._patiently(lambda: self._jobs.get(job))
+        if not self._kinds[row.kind].inputs(row):
+            return
+        why = self.away = self._patiently(self.out_of_reach)
+        if why is None:
+            return
+        _log.warning("job_left_to_others", job=job, reason=why)
+        self._pause(AWAY_S)  # in which the others have their turn, and nothing more is taken here
+        self._requeue(row)
+        raise TakenOver(f"{job}: {why}")
+
+    def out_of_reach(self) -> str | None:
+        """Why no job can be done here now; None if the storage is there, and that of this store."""
+        return self._files.storage.check(self._jobs.store())
+
+    def _requeue(self, row: Job) -> None:
+        """Let any executor go on with a job, from the last stage that was recorded."""
+        resume = partial(DBOS.resume_workflow, row.id, queue_name=self._kinds[row.kind].queue)
+        self._patiently(lambda: contextvars.Context().run(resume))
+
+    def _stored(self, row: Job, claim: Claim, do: Callable[[], Value]) -> Value:
+        """The value of ``do``, done again while the storage is away; another host's turn when that lasts.
+
+        Raises
+        ------
+        TakenOver
+            After :data:`PATIENCE_S`.
+        """
+        end = time.monotonic() + PATIENCE_S
+        while True:
+            try:
+                value, self.away = do(), None
+                return value
+            except StorageAwayError as error:
+                self.away = str(error)
+                _log.warning("storage_away", job=row.id, error=str(error))
+                if time.monotonic() > end:
+                    self._patiently(lambda: self._claims.give_back(claim))
+                    self._requeue(row)
+                    raise TakenOver(f"{row.id}: {error}") from None
+                self._pause(AWAY_S)
 
     def _claim(self, job: str) -> Claim:
         """Take a job's claim; waits while somebody else, who woke up late, still holds it."""
@@ -300,13 +388,14 @@ class JobRunner:
                 self._idle.notify_all()
 
     def _run_stage(
-        self, claim: Claim, stage: str, part: tuple[int, int], before: str | None, process: Child
+        self, claim: Claim, stage: str, part: tuple[int, int], before: Before, process: Child
     ) -> dict[str, Any]:
-        """Step: one stage, after one that left its files in the place ``before``.
+        """Step: one stage, after another.
 
         Parameters
         ----------
         part : which of how many
+        before : the place in which that left its files, and their SHA-256
         process : of the stage before, if it stayed
         """
         row = self._patiently(lambda: self._jobs.get(claim.job))
@@ -317,17 +406,19 @@ class JobRunner:
                 raise ServiceStopping
             said = kind.words(stage)
             if not self._patiently(lambda: self._jobs.progress(row.id, stage, part[0] / part[1], said, claim)):
-                return {"outcome": "stopped", "stage": stage, "error": None, "place": before}
+                return {"outcome": "stopped", "stage": stage, "error": None, "place": before[0], "files": before[1]}
             for attempt in range(1, ATTEMPTS + 1):
                 result = self._kept(row, claim, kind, stage, part, directory / name, before, process)
                 if result.outcome != "failed" or attempt == ATTEMPTS or not self._lacked_room(result):
                     break
                 _log.warning("stage_without_room", job=row.id, stage=stage, error=result.error)
                 if not self._wait_for_room(row, claim, stage, part):
-                    return {"outcome": "stopped", "stage": stage, "error": None, "place": before}
+                    return {"outcome": "stopped", "stage": stage, "error": None, "place": before[0], "files": before[1]}
                 shutil.rmtree(directory / name, ignore_errors=True)
+            keep = partial(self._files.storage.keep, directory / name, self._files.key(directory))
+            files = self._stored(row, claim, keep)
         _log.info("stage_ended", job=row.id, stage=stage, outcome=result.outcome, error=result.error)
-        return self._outcome(stage, result) | {"place": name}
+        return self._outcome(stage, result) | {"place": name, "files": files}
 
     def _kept(
         self,
@@ -337,12 +428,12 @@ class JobRunner:
         stage: str,
         part: tuple[int, int],
         place: Path,
-        before: str | None,
+        before: Before,
         process: Child,
     ) -> ChildResult:
         """Do a stage in its ``place``, and see to it that its files survive a power cut."""
         try:
-            whole = begin(place.parent, place.name, before)
+            whole = self._stored(row, claim, lambda: begin(self._files, place.parent, place.name, *before))
             result = self._work(row, claim, kind, stage, part, place, whole, process)
             sync_tree(place)  # before it is recorded
         except OSError as error:
@@ -397,10 +488,13 @@ class JobRunner:
             self._stage_timeout_s,
         )
         _log.info("stage_started", job=job.id, stage=stage)
+        key = self._files.key
         try:
-            return self._patiently(
-                lambda: kind.run(StageRun(job, stage, work.progress, work.should_stop, work.child, place, whole))
-            )
+            sums = self._patiently(lambda: self._jobs.files(job.id, "input"))
+            wanted = {key(path): sums.get(key(path), "") for path in self._patiently(lambda: kind.inputs(job))}
+            inputs = self._stored(job, claim, lambda: self._files.storage.local(wanted))
+            run = StageRun(job, stage, work.progress, work.should_stop, work.child, place, whole, inputs, key)
+            return self._patiently(lambda: kind.run(run))
         except HilfitError as error:
             return ChildResult("input", error=str(error))
         except Exception as error:  # whatever it is, the job has to end
@@ -412,7 +506,7 @@ class JobRunner:
         error = result.error
         if error is not None:
             # Where the service keeps its files is nobody's business.
-            error = error.replace(f"{self._files.root}/", "")
+            error = self._files.without_place(error)
             error = f"stage {stage}: {error}" if result.outcome == "failed" else error
         return {"outcome": result.outcome, "stage": stage, "error": error, "summary": result.summary}
 
@@ -439,5 +533,5 @@ class JobRunner:
         else:
             state, text, error = "failed", f"{kind.words(result['stage'])}: failed", result["error"]
         kind.ended(row, state, error)  # first: whoever sees the end of the job sees what follows from it
-        self._jobs.finish(row.id, state, text, error, claim=claim, result=found, place=place)
+        self._jobs.finish(row.id, state, text, error, claim=claim, result=found, place=place, files=result.get("files"))
         return state

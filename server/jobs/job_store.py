@@ -6,13 +6,15 @@ of its progress is a row of its own, so a client that was away reads what it mis
 
 from __future__ import annotations
 
+import secrets
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
 
 import sqlalchemy as sa
 
 from server.jobs.claims import Claim
-from server.jobs.job_tables import job_events, jobs
+from server.jobs.job_tables import job_events, job_files, jobs, store_identity
 from server.platform.database.engine import Database, Page, page
 from server.platform.errors import NotFoundError
 
@@ -190,6 +192,7 @@ class Jobs:
         claim: Claim | None = None,
         result: Result | None = None,
         place: str | None = None,
+        files: Mapping[str, str] | None = None,
     ) -> bool:
         """End a job and store its result, and where its files are, in one transaction; only the first call counts.
 
@@ -197,7 +200,7 @@ class Jobs:
         -------
         Whether this call ended it.
         """
-        return self._finish_if(id, {"queued", "running"}, state, text, error, claim, result, place)
+        return self._finish_if(id, {"queued", "running"}, state, text, error, claim, result, place, files)
 
     def _finish_if(
         self,
@@ -209,6 +212,7 @@ class Jobs:
         claim: Claim | None = None,
         result: Result | None = None,
         place: str | None = None,
+        files: Mapping[str, str] | None = None,
     ) -> bool:
         with self._database.write("jobs", *([] if result is None else [result.resource])) as connection:
             if claim is not None:
@@ -218,6 +222,7 @@ class Jobs:
                 return False
             if result is not None:
                 connection.execute(result.change)
+            _note_files(connection, id, "result", files or {})
             fraction = 1.0 if state == "done" else row.fraction
             connection.execute(
                 jobs.update()
@@ -226,6 +231,29 @@ class Jobs:
             )
             self._event(connection, id, state, row.stage, fraction, text)
         return True
+
+    def store(self) -> str:
+        """What tells this store from all others; made when it is first asked for."""
+        with self._database.read() as connection:
+            found = connection.execute(sa.select(store_identity.c.id)).scalar()
+        if found is None:
+            with self._database.write() as connection:
+                found = connection.execute(sa.select(store_identity.c.id)).scalar()  # another may have been quicker
+                if found is None:
+                    found = f"store-{secrets.token_hex(8)}"
+                    connection.execute(store_identity.insert().values(id=found))
+        return str(found)
+
+    def note_inputs(self, id: str, files: Mapping[str, str]) -> None:
+        """Store the SHA-256 of what a job reads, by key."""
+        with self._database.write() as connection:
+            _note_files(connection, id, "input", files)
+
+    def files(self, id: str, use: Literal["input", "result"]) -> dict[str, str]:
+        """SHA-256 of what a job reads or left, by name; nothing where its files do not travel."""
+        query = sa.select(job_files.c.name, job_files.c.sha256).where(job_files.c.job == id, job_files.c.use == use)
+        with self._database.read() as connection:
+            return {row.name: row.sha256 for row in connection.execute(query)}
 
     def events(self, id: str, after: int = 0) -> tuple[JobEvent, ...]:
         """What happened after event number ``after``."""
@@ -255,6 +283,13 @@ class Jobs:
                 text=text,
             )
         )
+
+
+def _note_files(connection: sa.Connection, id: str, use: str, files: Mapping[str, str]) -> None:
+    connection.execute(job_files.delete().where(job_files.c.job == id, job_files.c.use == use))
+    rows = [{"job": id, "use": use, "name": name, "sha256": sha256} for name, sha256 in files.items()]
+    if rows:
+        connection.execute(job_files.insert(), rows)
 
 
 def _job(row: sa.Row[Any]) -> Job:

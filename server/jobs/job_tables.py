@@ -39,6 +39,31 @@ job_events = sa.Table(
     sa.Column("text", sa.String, nullable=False),
 )
 
+#: Digests of what jobs read and left, where that travels between hosts (:mod:`server.platform.storage`).
+job_files = sa.Table(
+    "job_files",
+    metadata,
+    sa.Column("job", sa.String, sa.ForeignKey("jobs.id"), primary_key=True),
+    sa.Column("use", sa.String, primary_key=True),  # input, result
+    sa.Column("name", sa.String, primary_key=True),  # below the data directory, or below the job's place
+    sa.Column("sha256", sa.String, nullable=False),
+)
+
+#: The one row that tells this store from all others, in storages and data directories too.
+store_identity = sa.Table("store_identity", metadata, sa.Column("id", sa.String, primary_key=True))
+
+#: What hosts say of themselves.
+hosts = sa.Table(
+    "hosts",
+    metadata,
+    sa.Column("id", sa.String, primary_key=True),  # as in executors
+    sa.Column("version", sa.String, nullable=False),
+    sa.Column("cores", sa.Integer, nullable=False),
+    sa.Column("load", sa.Float, nullable=False),  # mean of the last minute, of all its processes
+    sa.Column("state", sa.String, nullable=False),  # what it does, or what it waits for
+    sa.Column("heard", sa.String, nullable=False),
+)
+
 #: Processes that run jobs; one that is silent for long has lost its work to the others.
 executors = sa.Table(
     "executors",

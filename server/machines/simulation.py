@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import signal
 import subprocess
 import sys
 import threading
@@ -12,11 +13,14 @@ from contextlib import closing, contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
+import structlog
+
 from server.platform.errors import InvalidError, StartError, UnavailableError
 from server.platform.files import write_atomically
 
 #: s that the simulated buses have to end.
 LEAVING_S = 15.0
+_log = structlog.stdlib.get_logger(__name__)
 
 
 class Simulation:
@@ -82,10 +86,18 @@ class Simulation:
             if "error" in said:
                 raise StartError(f"--simulate: the simulated machine does not start: {said['error']}")
             self._runs = True
+            threading.Thread(target=self._watch, daemon=True).start()
             try:
                 yield Path(said["machine"])
             finally:
                 self._runs = False
+
+    def _watch(self) -> None:
+        """End the service when the simulation ends by itself: without a machine it has to start anew as a whole."""
+        self._process.wait()
+        if self._runs:
+            _log.critical("simulated_machine_ended", code=self._process.returncode)
+            os.kill(os.getpid(), signal.SIGTERM)
 
     def order(self, order: str, **details: Any) -> Any:
         """Ask it for something (:mod:`server.machines.faults.simulation_orders`) and wait for the answer.

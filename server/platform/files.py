@@ -14,6 +14,7 @@
     │                                    report.de.html, <stage>.log
     ├── tls/                     the site's own certificate and key
     ├── monitor/                 what monitors learnt, per calibration, and their logs
+    ├── cache/<SHA-256>/         what a worker fetched (server.platform.storage)
     └── simulation/              machine file and inbox of the simulated machine
 
 A place is the directory of one execution of a stage (:mod:`server.jobs.job_places`).
@@ -23,6 +24,7 @@ from __future__ import annotations
 
 import fcntl
 import os
+import re
 import secrets
 from collections.abc import AsyncIterable, Awaitable, Callable, Iterator
 from contextlib import contextmanager, suppress
@@ -30,6 +32,7 @@ from pathlib import Path
 from typing import Any
 
 from server.platform.errors import ConflictError, StartError, TooLargeError, UnavailableError
+from server.platform.storage import DataFolder, SharedStorage
 
 #: Bytes gathered before one write to disk; small enough to be nothing in memory.
 WRITE_BYTES = 2**20
@@ -58,9 +61,18 @@ def held(lock: Path, place: str, taken: str) -> Iterator[int]:
 
 
 class DataDirectory:
-    """Paths below ``data_dir``; creates the directories."""
+    """Paths below ``data_dir``; creates the directories.
 
-    def __init__(self, root: Path) -> None:
+    Parameters
+    ----------
+    url, cache_bytes : ``storage_url`` and ``cache_bytes`` of the settings
+
+    Attributes
+    ----------
+    storage : how its files come to other hosts, and theirs here
+    """
+
+    def __init__(self, root: Path, url: str | None = None, cache_bytes: int = 4 * 2**30) -> None:
         self.root = root.resolve()
         self._held: int | None = None
         self.machines = self.root / "machines"
@@ -77,6 +89,7 @@ class DataDirectory:
                 make_private(self.root)
         except OSError as error:
             raise StartError(f"--data-dir {root}: cannot be created ({error.strerror})") from None
+        self.storage = DataFolder(self.root) if url is None else SharedStorage(url, self.root, cache_bytes)
 
     @property
     def database(self) -> Path:
@@ -86,6 +99,18 @@ class DataDirectory:
     def machine_file(self, name: str, version: int) -> Path:
         """Text of one version of a machine file; never changed once written."""
         return self.machines / name / f"{version}.yaml"
+
+    def recording(self, id: str, format: str) -> Path:
+        """A sealed recording."""
+        return self.recordings / f"{id}.{format}"
+
+    def key(self, path: Path) -> str:
+        """A path below the directory as hosts that share it say it."""
+        return str(path.relative_to(self.root))
+
+    def without_place(self, text: str) -> str:
+        """A text without the place of the directory and of its cache."""
+        return re.sub(f"{re.escape(str(self.root))}/(cache/[0-9a-f]{{64}}/)?", "", text)
 
     def incoming(self) -> Path:
         """A new name for an upload in progress."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -11,6 +12,7 @@ from sqlalchemy.exc import SQLAlchemyError
 from server.platform.authorization.ownership import Ownership
 from server.platform.changes import Changes
 from server.platform.database.engine import Database, utc_now
+from server.platform.database.patience import PAUSE_S
 from server.platform.errors import UnavailableError
 from server.platform.files import DataDirectory
 from server.platform.http.replays import Replays
@@ -20,7 +22,16 @@ from server.platform.resource import Resource, providers_of, tables_of
 from server.platform.settings import Settings
 from server.platform.tls import Certificate, certificate
 
+#: s between two lines about what is waited for.
+SAY_S = 60.0
 _log = structlog.stdlib.get_logger(__name__)
+
+
+def _waits(why: str) -> None:
+    """Wait for a database, and say so once a minute."""
+    if time.monotonic() % SAY_S < PAUSE_S:
+        _log.warning("waiting", reason=why)
+    time.sleep(PAUSE_S)
 
 
 class Service(Parts):
@@ -39,7 +50,7 @@ class Service(Parts):
         self.settings = settings
         self.resources = tuple(resources)
         self.changes = Changes()
-        self.files = DataDirectory(settings.data_dir)
+        self.files = DataDirectory(settings.data_dir, settings.storage_url, settings.cache_bytes)
         self.replays = Replays()
         try:
             self._open()
@@ -58,7 +69,8 @@ class Service(Parts):
         self.entered(self.files.locked())
         self.files.clean()
         place, tables = self.settings.full_database_url or self.files.database, tables_of(self.resources)
-        self.database = Database(place, tables, changed=self.changes.notify, backups=self.files.backups)
+        backups = self.settings.backup_dir or self.files.backups
+        self.database = Database(place, tables, changed=self.changes.notify, backups=backups, pause=_waits)
         self.at_close(self.database.close)
         self.entered(self.database.alone())
         self.certificate = certificate(self.settings, self.files, utc_now)

@@ -30,8 +30,10 @@ class Settings(BaseSettings):
     database_url : PostgreSQL that several hosts share, ``postgresql://user:password@host/name``; without it a SQLite
         file in ``data_dir``
     database_password_file : file that holds the password of ``database_url`` alone
-    recordings_url : storage that hosts share, ``s3://bucket/folder`` or ``file:///mount/folder``; workers fetch
-        recordings from there, without it from ``data_dir``
+    storage_url : what hosts share of the data directory, ``s3://bucket/folder`` or ``file:///mount/folder``: inputs and
+        results of jobs; without it workers need the server's ``data_dir``
+    cache_bytes : that a worker keeps of what it fetched from there
+    recordings_at_once : recordings that recalibrations make at a time; the others wait, and hold up nobody
     local_jobs : the server runs numerical jobs itself; else only ``hilfit worker`` processes do
     backup_dir : where backups are kept; by default ``backups`` in ``data_dir``
     tls_cert, tls_key : files of a certificate and its key (PEM): HTTPS, and nothing else, is served
@@ -60,7 +62,9 @@ class Settings(BaseSettings):
     data_dir: Path = Path("hilfit-data")
     database_url: str | None = None
     database_password_file: Path | None = None
-    recordings_url: str | None = None
+    storage_url: str | None = None
+    cache_bytes: Annotated[int, Field(gt=0)] = 4 * 2**30
+    recordings_at_once: Annotated[int, Field(ge=1, le=1000)] = 64
     backup_dir: Path | None = None
     local_jobs: bool = True
     tls_cert: Path | None = None

@@ -54,10 +54,11 @@ def certificate(settings: Settings, files: DataDirectory, now: Callable[[], date
         return Certificate(settings.tls_cert, settings.tls_key, _checked(settings.tls_cert, settings.tls_key), False)
     if settings.tls == "off":
         return None
-    names = ["localhost", socket.gethostname(), "127.0.0.1", settings.host, *map(_without_port, settings.public_hosts)]
+    names = ["localhost", "127.0.0.1", settings.host, *map(_without_port, settings.public_hosts)]
     path, key = files.root / "tls" / "site.crt", files.root / "tls" / "site.key"
     if not _is_good(path, key, names, now()):
-        _make(path, key, names, now())
+        # The computer's name is in it as well, but is no reason to make another: containers change it.
+        _make(path, key, [*names, socket.gethostname()], now())
     return Certificate(path, key, _checked(path, key), True)
 
 
@@ -105,7 +106,11 @@ def _is_good(path: Path, key: Path, names: Sequence[str], now: datetime) -> bool
 
 
 def _make(path: Path, key: Path, names: Sequence[str], now: datetime) -> None:
-    private = ec.generate_private_key(ec.SECP256R1())
+    try:  # whoever knows the key, by another way than its certificate, is not warned
+        private = serialization.load_pem_private_key(key.read_bytes(), password=None)
+        assert isinstance(private, ec.EllipticCurvePrivateKey)
+    except (OSError, ValueError, TypeError, AssertionError):
+        private = ec.generate_private_key(ec.SECP256R1())
     name = x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, "hilfit of this site")])
     alternative = x509.SubjectAlternativeName(list(dict.fromkeys(map(_general, names))))
     made = (

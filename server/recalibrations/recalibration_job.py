@@ -11,7 +11,7 @@ import secrets
 import sys
 import threading
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -36,7 +36,7 @@ WORDS = {
     "compare": "Comparing with the active calibration",
     "propose": "Proposing the new calibration",
 }
-LOOK_S = 0.5
+LOOK_S = 1.0
 
 
 class CalibrationLike(Protocol):
@@ -79,6 +79,7 @@ class Surroundings:
     ----------
     identify : orders an identification; the same key gives the same one
     cancel : cancels a job
+    recorders : as many as may record at a time; whoever has recorded gives its place on before it fits
     pause : waits that many seconds
     """
 
@@ -87,6 +88,7 @@ class Surroundings:
     machines: RecalibratedMachines
     identify: Callable[[Wish, str], Identification]
     cancel: Callable[[str], Any]
+    recorders: threading.Semaphore = field(default_factory=lambda: threading.Semaphore(64))
     pause: Callable[[float], Any] = threading.Event().wait
 
 
@@ -122,11 +124,29 @@ class RecalibrationKind:
         """Where the stages get their places; only the comparison leaves files."""
         return self._files.recalibrations / job.subject
 
+    def inputs(self, job: Job) -> tuple[Path, ...]:
+        """None: it runs where the machines are."""
+        return ()
+
     def run(self, run: StageRun) -> ChildResult:
         """One stage."""
         return self._stages[run.stage](run, self._recalibrations.get(run.job.subject))
 
     def _record(self, run: StageRun, this: Recalibration) -> ChildResult:
+        said = False
+        while not self._around.recorders.acquire(blocking=False):
+            if run.should_stop():
+                return ChildResult("stopped")
+            if not said:
+                run.progress(0.0, "Waiting until other machines are recorded")
+                said = True
+            self._around.pause(LOOK_S)
+        try:
+            return self._recorded(run, this)
+        finally:
+            self._around.recorders.release()
+
+    def _recorded(self, run: StageRun, this: Recalibration) -> ChildResult:
         found = record(run, this, self._around.machines, self._recordings, self._recalibrations, self._around.pause)
         return ChildResult("stopped") if found is None else ChildResult("done", summary={"recordings": found})
 
@@ -182,7 +202,7 @@ class RecalibrationKind:
         chosen = held_out or [id for id, role in recordings if role == "operation"]
         return {
             "model": str(self._results.directory(identification) / MODEL_FILE),
-            "recordings": [str(self._files.recordings / f"{id}.{self._recordings.get(id).format}") for id in chosen],
+            "recordings": [str(self._files.recording(id, self._recordings.get(id).format)) for id in chosen],
         }
 
     def _propose(self, run: StageRun, this: Recalibration) -> ChildResult:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Sequence
 
 from server.alarms.alarm_desk import Alarms
@@ -15,6 +16,7 @@ from server.platform.database.engine import Database
 from server.platform.files import DataDirectory
 from server.platform.parts import PartName, Parts
 from server.platform.resource import Resource
+from server.platform.settings import Settings
 from server.recalibrations.recalibration_job import PROGRAM, CalibrationPolicy, RecalibrationKind, Surroundings
 from server.recalibrations.recalibration_routes import router
 from server.recalibrations.recalibration_site import Site
@@ -39,7 +41,12 @@ def _site(parts: Parts) -> Site:
 
 def _kind(parts: Parts) -> RecalibrationKind:
     around = Surroundings(
-        parts[POLICY], parts[Alarms], parts[Site], parts[IdentificationOrders].order, parts[Jobs].request_cancel
+        parts[POLICY],
+        parts[Alarms],
+        parts[Site],
+        parts[IdentificationOrders].order,
+        parts[Jobs].request_cancel,
+        threading.Semaphore(parts[Settings].recordings_at_once),
     )
     return RecalibrationKind(parts[Database], parts[DataDirectory], around, parts[COMPARISON])
 

@@ -10,7 +10,6 @@ from daq.frames.events import events_path
 from server.platform.files import DataDirectory
 from server.platform.parts import PartName
 from server.recordings.recording_store import Recordings
-from server.recordings.shared_recordings import SharedRecordings
 
 #: What was made of a recording, ``identification 'idn-1'``, read in a transaction; None: nothing, it may go.
 UsedBy = Callable[[sa.Connection, str], str | None]
@@ -22,7 +21,6 @@ class RecordingDesk:
 
     Parameters
     ----------
-    shared : where workers without the data directory find them; None without such a place
     used_by : see :data:`USED_BY`
     """
 
@@ -30,21 +28,11 @@ class RecordingDesk:
         self,
         recordings: Recordings,
         files: DataDirectory,
-        shared: SharedRecordings | None,
         used_by: UsedBy,
     ) -> None:
         self._used_by = used_by
         self._recordings = recordings
         self._files = files
-        self._shared = shared
-
-    def share(self, id: str) -> None:
-        """Let workers find a sealed recording; UnavailableError if they could not get it."""
-        if self._shared is None:
-            return
-        row = self._recordings.get(id)
-        if row.state == "sealed":
-            self._shared.put(row, self._files.recordings / f"{id}.{row.format}")
 
     def delete(self, id: str) -> None:
         """Delete a recording and its files; refused while it is in use."""
@@ -53,7 +41,7 @@ class RecordingDesk:
         file = self._files.recordings / f"{id}.{row.format}"
         for path in (file, events_path(file)):
             path.unlink(missing_ok=True)
-        if self._shared is not None:
-            self._shared.remove(row)
+        if row.sha256 is not None:
+            self._files.storage.forget(row.sha256)
         for kept in self._files.recordings.glob(f"{id}.*"):  # statistics, what plots are drawn from, findings
             kept.unlink(missing_ok=True)

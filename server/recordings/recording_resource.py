@@ -15,7 +15,6 @@ from server.platform.disk import Free, free_bytes
 from server.platform.files import DataDirectory
 from server.platform.parts import PartName, Parts
 from server.platform.resource import BackedUp, NamedFiles, Phase, Resource, Running
-from server.platform.settings import Settings
 from server.recordings.file_children import FileChildren
 from server.recordings.formats.exports import Exports
 from server.recordings.recording_desk import USED_BY, RecordingDesk
@@ -25,21 +24,14 @@ from server.recordings.recording_store import Recordings
 from server.recordings.recording_tables import recordings
 from server.recordings.recording_uploads import RecordingUploads
 from server.recordings.ring_recorder import RingRecorder
-from server.recordings.shared_recordings import SharedRecordings
 
 RECORDER: PartName[Recorder] = PartName("what records")
 #: Bytes that are free for recordings.
 FREE: PartName[Free] = PartName("free bytes for recordings")
-SHARED: PartName[SharedRecordings | None] = PartName("where workers find recordings")
 
 
 def _sessions(parts: Parts) -> Sessions:
     return Sessions(parts[Database], parts[DataDirectory], parts[Acquisition], parts[RECORDER], parts[FREE])
-
-
-def _shared(parts: Parts) -> SharedRecordings | None:
-    url = parts[Settings].recordings_url
-    return None if url is None else SharedRecordings(url)
 
 
 def _file_children(parts: Parts) -> FileChildren:
@@ -85,16 +77,13 @@ RECORDINGS = Resource(
     provides={
         RECORDER: lambda parts: RingRecorder(),
         FREE: lambda parts: partial(free_bytes, parts[DataDirectory].recordings),
-        SHARED: _shared,
         BEING_RECORDED: _being_recorded,
         Recordings: lambda parts: Recordings(parts[Database]),
         FileChildren: _file_children,
         Exports: lambda parts: Exports(parts[DataDirectory], parts[FileChildren]),
         RecordingUploads: lambda parts: RecordingUploads(parts[Database], parts[DataDirectory], parts[FileChildren]),
         Sessions: _sessions,
-        RecordingDesk: lambda parts: RecordingDesk(
-            parts[Recordings], parts[DataDirectory], parts[SHARED], parts[USED_BY]
-        ),
+        RecordingDesk: lambda parts: RecordingDesk(parts[Recordings], parts[DataDirectory], parts[USED_BY]),
     },
     running=_running,
     backed_up=BackedUp("recordings", _files, unchanging=True),

@@ -56,13 +56,13 @@ def test_commands_options_and_settings_exist(name: str) -> None:
     assert settings <= set(Settings.model_fields)
     if command == "worker":
         assert options == ["--name", name]
-        assert f"lock-worker-{name}" in service["healthcheck"]["test"][-1]
+        assert f"/tmp/hilfit/lock-worker-{name}" in service["healthcheck"]["test"][-1]
 
 
 def test_images_of_the_build_are_named_by_digest() -> None:
-    bases = re.findall(r"^FROM (\S+)", DOCKERFILE, re.MULTILINE)
-    assert len(bases) == 2
-    assert all(re.search("@sha256:[0-9a-f]{64}$", base) for base in bases)
+    (base,) = re.findall(r"^ARG BASE=(\S+)", DOCKERFILE, re.MULTILINE)
+    assert re.search("@sha256:[0-9a-f]{64}$", base)
+    assert set(re.findall(r"^FROM (\S+)", DOCKERFILE, re.MULTILINE)) == {"${BASE}"}
 
 
 def test_secrets_are_files_and_nowhere_else() -> None:
@@ -92,7 +92,34 @@ def test_pg_dump_is_of_the_version_of_the_database() -> None:
 
 
 def test_prometheus_gets_a_configuration_that_can_be_read() -> None:
-    content = yaml.safe_load(COMPOSE["configs"]["prometheus"]["content"])
+    (source,) = (volume.split(":")[0] for volume in SERVICES["prometheus"]["volumes"] if volume.startswith("./"))
+    content = yaml.safe_load((TOP / source).read_text())
+    assert "configs" not in COMPOSE, "a container whose root is read-only takes none"
     (job,) = content["scrape_configs"]
     assert job["static_configs"] == [{"targets": ["server:8350"]}]
     assert job["authorization"]["credentials_file"] == "/run/secrets/metrics_key"
+
+
+def test_the_server_s_own_commands_know_what_it_serves() -> None:
+    """What is an option of its command line only is not known to `docker compose exec server hilfit access pair`."""
+    assert SERVICES["server"]["command"] == ["hilfit", "serve", "--simulate"]
+    assert {"HILFIT_TLS", "HILFIT_HOST", "HILFIT_PUBLIC_HOSTS", "HILFIT_BACKUP_DIR"} <= set(
+        SERVICES["server"]["environment"]
+    )
+
+
+@pytest.mark.parametrize("name", SERVICES)
+def test_signals_are_handed_on_and_logs_end(name: str) -> None:
+    assert SERVICES[name]["init"] is True
+    assert {"max-size", "max-file"} <= set(SERVICES[name]["logging"]["options"])
+
+
+def test_a_worker_shares_no_folder_with_the_server_but_the_storage() -> None:
+    volumes = {name: {entry.split(":")[0] for entry in SERVICES[name]["volumes"]} for name in ("server", "worker-1")}
+    assert volumes["worker-1"] == {"storage"}
+    assert volumes["server"] == {"data", "backups", "storage"}
+
+
+def test_the_image_has_every_extra_that_a_service_can_use() -> None:
+    (line,) = (line for line in (TOP / "Makefile").read_text().splitlines() if line.startswith("EXTRAS_image"))
+    assert {"sim", "postgresql", "export", "dbc", "consistent", "xacro", "s3"} <= set(line.split())

@@ -9,7 +9,7 @@ from typing import Any, Literal, NotRequired, TypedDict, Unpack
 from hilfit_client.transport import Transport
 
 #: SHA-256 of the description that this was made from.
-SOURCE_SHA256 = "2955fdbba768fcff217529a974583a6d6f7adf931c51037fd0bc035e6c8748f9"
+SOURCE_SHA256 = "b29e15f1f3b3cf30551cb1a1b202b816350befeb8ca63a8b223e7f8b9984f2b9"
 
 
 class AcquisitionWish(TypedDict):
@@ -972,6 +972,26 @@ class VerificationResource(TypedDict):
     last_hash: str | None
 
 
+class WorkerList(TypedDict):
+    """All that were ever heard of, by name."""
+
+    items: list[WorkerResource]
+    next: NotRequired[None]
+
+
+class WorkerResource(TypedDict):
+    """A process that runs jobs."""
+
+    cores: int
+    heard: str
+    host: str
+    id: str
+    load: float
+    silent: bool
+    state: str
+    version: str
+
+
 class AccessApi:
     """What is below ``/access``."""
 
@@ -1741,6 +1761,18 @@ class StatusApi:
         return answer
 
 
+class WorkersApi:
+    """What is below ``/workers``."""
+
+    def __init__(self, transport: Transport) -> None:
+        self._transport = transport
+
+    def list_workers(self) -> WorkerList:
+        """List the processes that run jobs; none where the service is alone."""
+        answer: WorkerList = self._transport.json("GET", "/api/v1/workers")
+        return answer
+
+
 class HealthzApi:
     """What is below ``/healthz``."""
 
@@ -1812,6 +1844,7 @@ class Api:
         self.recordings = RecordingsApi(transport)
         self.schedules = SchedulesApi(transport)
         self.status = StatusApi(transport)
+        self.workers = WorkersApi(transport)
         self.healthz = HealthzApi(transport)
         self.livez = LivezApi(transport)
         self.metrics = MetricsApi(transport)

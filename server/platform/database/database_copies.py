@@ -167,7 +167,7 @@ def _run(name: str, url: str, *arguments: str) -> None:
     address = sa.make_url(url)
     # The password goes by the environment: every user of the computer can read a command line.
     environment = dict(os.environ) | ({"PGPASSWORD": str(address.password)} if address.password else {})
-    plain = address.set(drivername="postgresql", password=None).render_as_string()
+    plain = address._replace(drivername="postgresql", password=None).render_as_string()  # to set() None is nothing
     place, mark, query = plain.partition("?")
     plain = place + mark + query.replace("+", "%20")  # what a blank is to SQLAlchemy is none to PostgreSQL
     done = subprocess.run(

@@ -16,6 +16,7 @@ import sqlalchemy as sa
 
 from server.platform.database.database_copies import copy_database, postgresql_url
 from server.platform.database.migrations import migrate
+from server.platform.database.patience import away
 from server.platform.database.schema import SCHEMA_VERSION, metadata, revisions, store_version
 from server.platform.errors import StartError
 
@@ -32,6 +33,13 @@ LEAVING_S = 3.0
 #: CANTOPEN, and PostgreSQL's read_only_sql_transaction and, by their class, insufficient resources.
 _SQLITE_REFUSES = (8, 10, 13, 14)
 _READ_ONLY, _INSUFFICIENT = "25006", "53"
+#: What PostgreSQL says to whom it never lets in, and what to do; the server's own words, which it says in English too.
+_REFUSALS: Mapping[str, str] = {
+    "password authentication failed": "write the right one into the file of database_password_file",
+    "no password supplied": "name the file that holds it with database_password_file",
+    "pg_hba.conf": "allow this host there",
+    "does not exist": "make it, or correct database_url",
+}
 Item = TypeVar("Item")
 
 
@@ -53,6 +61,8 @@ def _refusal_is_absence(context: sa.engine.ExceptionContext) -> None:
                 driver.rollback()
         context.is_disconnect = True  # this connection is made anew, and the others are none the worse
         context.invalidate_pool_on_disconnect = False
+    elif context.connection is None and code is None and not state:
+        context.is_disconnect = True  # no connection could be made, for want of an address for the name, say
 
 
 def utc_now() -> datetime:
@@ -89,6 +99,8 @@ class Database:
     tables : all that there are (:func:`server.platform.resource.tables_of`)
     changed : called after every committed write
     backups : directory that gets a copy of the store before it is migrated; by default ``backups`` beside the file
+    pause : waits a while for a PostgreSQL that cannot be reached yet, told why; None: that is refused at once
+    may_migrate : whether an older store may be changed; else it is waited for, or refused
     """
 
     def __init__(
@@ -99,6 +111,8 @@ class Database:
         clock: Clock = utc_now,
         changed: Callable[[], None],
         backups: Path | None = None,
+        pause: Callable[[str], object] | None = None,
+        may_migrate: bool = True,
     ) -> None:
         self.url = f"sqlite:///{place}" if isinstance(place, Path) else _not_frozen(postgresql_url(place))
         self.is_sqlite = isinstance(place, Path)
@@ -119,14 +133,20 @@ class Database:
         if backups is None:
             backups = place.parent / "backups" if isinstance(place, Path) else Path("backups")
         try:
-            self._create(backups)
+            while (why := self._create(backups, may_migrate)) is not None:
+                if pause is None:
+                    raise StartError(f"{self.name}: {why}")
+                pause(f"{self.name}: {why}")
         except BaseException:
             self.close()
             raise
 
-    def _create(self, backups: Path) -> None:
+    def _create(self, backups: Path, may_migrate: bool) -> str | None:
+        """Make what is missing in the store; why that has to wait, None if it is done."""
         try:
             found = self._found()
+            if not may_migrate and found != SCHEMA_VERSION and (found or 0) < SCHEMA_VERSION:
+                return "no server of this version has used it yet; start that"
             if found is not None and found < SCHEMA_VERSION:
                 copy_database(self.url, backups, f"before-version-{SCHEMA_VERSION}-{found}")
             with (
@@ -144,6 +164,11 @@ class Database:
                     found = SCHEMA_VERSION
         except sa.exc.DatabaseError as error:
             reason = " ".join(str(error.orig).split())
+            if not self.is_sqlite and away(error):
+                cure = next((cure for words, cure in _REFUSALS.items() if words in reason), None)
+                if cure is None:
+                    return f"cannot be reached ({reason}); start it, or correct database_url"
+                raise StartError(f"{self.name}: refuses this service ({reason}); {cure}") from None
             raise StartError(
                 f"{self.name}: cannot be opened as the store ({reason}); move it away or restore it"
             ) from None
@@ -152,6 +177,8 @@ class Database:
                 f"{self.name}: is a store of version {found}, this hilfit reads version {SCHEMA_VERSION}; "
                 "use the hilfit that wrote it or another --data-dir"
             )
+
+        return None
 
     def _found(self) -> int | None:
         with self.read() as connection:

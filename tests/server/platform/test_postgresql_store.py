@@ -195,8 +195,11 @@ def test_without_a_copy_there_is_no_migration(tmp_path: Path, url: str) -> None:
         assert connection.exec_driver_sql("SELECT version FROM store_version").scalar() == 2
 
 
-def test_pairing_with_a_service_on_postgresql(tmp_path: Path, url: str, capsys: pytest.CaptureFixture[str]) -> None:
-    arguments = ["access", "pair", "--role", "operator", "--data-dir", str(tmp_path), "--database-url", url, "--json"]
+def test_pairing_with_a_service_on_postgresql(
+    tmp_path: Path, url: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("HILFIT_DATABASE_URL", url)
+    arguments = ["access", "pair", "--role", "operator", "--data-dir", str(tmp_path), "--json"]
     with pytest.raises(SystemExit) as ended:
         main(arguments)
     assert ended.value.code == 0
@@ -268,3 +271,44 @@ def test_a_recalibration_by_the_clock(tmp_path: Path, url: str) -> None:
         assert site.running.follow(job)[-1]["state"] == "done", site.service[Jobs].get(job)
         assert [(slot.job, slot.state) for slot in site.slots(schedule)] == [(job, "done")]
         assert len(site.calibrations.proposed) == 1
+
+
+def test_a_database_that_cannot_be_reached_is_waited_for_and_not_taken_for_damage(tmp_path: Path, url: str) -> None:
+    """No address for the name, a closed port: what a host sees while the other one starts."""
+    reasons: list[str] = []
+
+    class EnoughError(Exception):
+        pass
+
+    def pause(why: str) -> None:
+        reasons.append(why)
+        if len(reasons) == 2:
+            raise EnoughError
+
+    for away_url in ("postgresql://hilfit@no-such-host.invalid/hilfit", "postgresql://hilfit@127.0.0.1:1/hilfit"):
+        reasons.clear()
+        with pytest.raises(EnoughError):
+            Database(away_url, TABLES, changed=nothing, backups=tmp_path, pause=pause)
+        assert len(set(reasons)) == 1 and "cannot be reached" in reasons[0] and "move it away" not in reasons[0]
+        with pytest.raises(StartError, match="cannot be reached"):
+            Database(away_url, TABLES, changed=nothing, backups=tmp_path)
+        # The workflow engine asks this of every error that it waits after.
+        with pytest.raises(sa.exc.DBAPIError) as failed, sa.create_engine(copies.postgresql_url(away_url)).connect():
+            pass
+        assert failed.value.connection_invalidated
+
+
+def test_a_wrong_password_is_refused_with_what_to_do(tmp_path: Path, url: str) -> None:
+    waited: list[str] = []
+    wrong = sa.make_url(url).set(password="wrong").render_as_string(hide_password=False)
+    with pytest.raises(StartError, match="database_password_file") as refused:
+        Database(wrong, TABLES, changed=nothing, backups=tmp_path, pause=waited.append)
+    assert waited == [] and "move it away" not in str(refused.value) and "wrong@" not in str(refused.value)
+
+
+def test_a_worker_changes_no_store_of_an_older_version(tmp_path: Path, url: str) -> None:
+    Database(url, TABLES, changed=nothing, backups=tmp_path).close()
+    run_sql(url, "UPDATE store_version SET version = 2")
+    with pytest.raises(StartError, match="no server of this version has used it yet"):
+        Database(url, TABLES, changed=nothing, backups=tmp_path, may_migrate=False)
+    assert list(tmp_path.iterdir()) == []

@@ -263,6 +263,7 @@ export const de: Record<Key, string> = {
   "history.errorGrewSinceCalibration": "Der Fehler ist seit der Kalibrierung gewachsen",
   "history.overload": "Überlast",
   "history.aRecalibrationFailed": "Eine Rekalibrierung ist fehlgeschlagen",
+  "history.aBackupFailed": "Eine tägliche Sicherung ist fehlgeschlagen",
   "history.workerFellSilent": "Ein Arbeitsprozess ist verstummt",
   "history.at": "{title} an {joint}",
   "history.errorTimesNoise": ", Fehler das {error}-Fache des Rauschens",

@@ -259,6 +259,7 @@ export const en = {
   "history.errorGrewSinceCalibration": "The error grew since the calibration",
   "history.overload": "Overload",
   "history.aRecalibrationFailed": "A recalibration failed",
+  "history.aBackupFailed": "An automatic backup failed",
   "history.workerFellSilent": "A worker fell silent",
   "history.at": "{title} at {joint}",
   "history.errorTimesNoise": ", error {error} times the noise",

@@ -128,8 +128,6 @@ const SERVICE: Record<string, string> = {
     "Keiner der offenen Kopplungscodes lautet so; noch einmal eintippen oder einen Admin um einen neuen bitten",
   "pair this device first, or send 'Authorization: Bearer' with a valid token":
     "Dieses Gerät zuerst koppeln oder „Authorization: Bearer“ mit einem gültigen Schlüssel senden",
-  "recording '{}' at {} is not what was recorded (its SHA-256 differs); remove it there and order again":
-    "Die Aufzeichnung „$1“ bei $2 ist nicht, was aufgezeichnet wurde (SHA-256 stimmt nicht); dort löschen und neu beauftragen",
   "recording '{}' is no longer there; choose another one":
     "Die Aufzeichnung „$1“ ist nicht mehr da; eine andere wählen",
   "recording '{}' is of machine '{}', not of '{}'": "Die Aufzeichnung „$1“ gehört zur Maschine „$2“, nicht zu „$3“",
@@ -148,11 +146,14 @@ const SERVICE: Record<string, string> = {
     "Aufzeichnung „$1“: Die Rolle „$2“ ist unbekannt; eine von diesen nehmen: $3",
   "recording '{}': {}: fewer than 16 rows without a gap; choose a longer part":
     "Aufzeichnung „$1“, $2: weniger als 16 Zeilen ohne Lücke; einen längeren Teil wählen",
-  "recordings_url {}: recording '{}' cannot be reached ({})":
-    "recordings_url $1: Die Aufzeichnung „$2“ ist nicht erreichbar ($3)",
   "report.json of '{}' cannot be read ({}); fit it again":
     "report.json von „$1“ ist nicht lesbar ($2); noch einmal identifizieren",
   "role '{}' is unknown; use one of {}": "Die Rolle „$1“ ist unbekannt; eine von diesen nehmen: $2",
+  "the automatic backup failed: {}": "Die tägliche Sicherung ist fehlgeschlagen: $1",
+  "storage_url {}: {} cannot be reached ({}); mend the way there":
+    "storage_url $1: $2 ist nicht erreichbar ($3); den Weg dorthin in Ordnung bringen",
+  "{} at {} is not what was stored (its SHA-256 differs); order again":
+    "$1 bei $2 ist nicht, was dort abgelegt wurde (seine SHA-256 ist eine andere); noch einmal bestellen",
   "schedule '{}' was changed meanwhile; read it again": "Der Zeitplan „$1“ wurde inzwischen geändert; ihn neu laden",
   "somebody replaced {} meanwhile; look at it, and send yours again":
     "Jemand hat $1 inzwischen ersetzt; ansehen und die eigene Datei noch einmal senden",

@@ -34,6 +34,7 @@ const ALARMS: Record<string, string> = {
   residual_grew: t("history.errorGrewSinceCalibration"),
   overload: t("history.overload"),
   recalibration_failed: t("history.aRecalibrationFailed"),
+  backup_failed: t("history.aBackupFailed"),
   worker_silent: t("history.workerFellSilent"),
 };
 
