@@ -204,11 +204,13 @@ def forward(
         effort = levers(model, position) * force
     wanted = np.broadcast_to(np.asarray(effort, dtype=float), position.shape)
     inertia, found = inertia_matrix(model, position), np.zeros_like(position)
+    # What the whole effort would accelerate: an arm that is held has no acceleration but the rounding of its efforts.
+    scale = float(np.max(np.abs(np.linalg.solve(inertia, wanted[:, :, None]))))
     for _ in range(_STEPS):  # one step where no effect holds a force; else each leaves a share of the one before
         missing = wanted - on_motion(model, position, speed, found).joint_effort(0)
         step = np.linalg.solve(inertia, missing[:, :, None])[:, :, 0]
         found = found + step
-        if np.max(np.abs(step)) <= _CLOSE * max(float(np.max(np.abs(found))), 1e-9):
+        if np.max(np.abs(step)) <= _CLOSE * max(float(np.max(np.abs(found))), scale):
             return found
     raise InputError(
         "forward: accelerations do not settle: an effect that grows with the force is larger than the inertia's effort"
