@@ -211,13 +211,13 @@ def forward(
     wrong = worst_pose(model, position, inertia)
     if wrong is not None:
         raise InputError(f"forward: {wrong.text}; no acceleration follows from an effort there")
+    # What the whole effort would accelerate: an arm that is held has no acceleration but the rounding of its efforts.
+    scale = float(np.max(np.abs(np.linalg.solve(inertia, wanted[:, :, None]))))
     for _ in range(_STEPS):  # one step where no effect holds a force; else each leaves a share of the one before
         missing = wanted - on_motion(model, position, speed, found).joint_effort(0)
         step = np.linalg.solve(inertia, missing[:, :, None])[:, :, 0]
         found = found + step
-        settled = np.max(np.abs(step)) <= _CLOSE * max(float(np.max(np.abs(found))), 1e-9)
-        # At rest there is no acceleration to compare with: rounding of the efforts is all that is missing.
-        if settled or np.max(np.abs(missing)) <= _CLOSE * np.max(np.abs(wanted)):
+        if np.max(np.abs(step)) <= _CLOSE * max(float(np.max(np.abs(found))), scale):
             return found
     raise InputError(
         "forward: accelerations do not settle: an effect that grows with the force is larger than the inertia's effort"

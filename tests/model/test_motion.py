@@ -73,6 +73,16 @@ def test_pressures_make_the_force_and_forward_takes_them_back(values: list[float
     np.testing.assert_allclose(motion.forward(model, q, qd, head=head, rod=second), qdd, rtol=1e-7, atol=1e-7)
 
 
+@pytest.mark.parametrize("rod", np.linspace(1e5, 3e5, 11))
+def test_an_arm_that_is_held_stays(rod: float) -> None:
+    model = MODELS["force"]
+    held = np.array([[0.0, 0.0], [0.125, 0.0], [-0.3, 0.2]])
+    head, second = motion.pressures(model, held, 0.0 * held, 0.0 * held, rod=rod)
+    for at in range(len(held)):
+        found = motion.forward(model, held[[at]], 0.0 * held[[at]], head=head[[at]], rod=second[[at]])
+        np.testing.assert_allclose(found, 0.0, atol=1e-9)
+
+
 def test_expected_rod_pressure_is_that_of_the_recordings(exact: ArmModel) -> None:
     session = session_of(2)
     segment = session.plain.design.segments[session.plain.design.indices("train")[0]]
