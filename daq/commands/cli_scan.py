@@ -75,10 +75,8 @@ def scan(
             continue
         if listen_only:
             raise InputError(f"bus '{one.name}': Modbus is asked or silent; leave --listen-only out, or the bus")
-        numbers = asked_units or _units_of(one.name, used, ask)
-        if not numbers:
-            continue
-        results.append(scan_modbus(one, numbers, None if read is None else range(read[0], read[-1] + 1)))
+        if numbers := asked_units or _units_of(one.name, used, ask):
+            results.append(scan_modbus(one, numbers, None if read is None else range(read[0], read[-1] + 1)))
     content = {"schema": SCAN_SCHEMA, "buses": [asdict(result) for result in results]}
     if output is not None:
         output.write_text(json_text.dumps(content, indent=1) + "\n", encoding="utf-8")
