@@ -26,7 +26,7 @@ BOUND_S = 600
 PORT = 18350
 OLDER = (
     "UPDATE store_version SET version = 4; ALTER TABLE principals DROP COLUMN expires; "
-    "ALTER TABLE pairing_codes DROP COLUMN days; DROP TABLE job_files, store_identity, hosts"
+    "ALTER TABLE pairing_codes DROP COLUMN days; DROP TABLE hosts"
 )
 
 
