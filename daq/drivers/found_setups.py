@@ -42,11 +42,11 @@ class FoundSetups:
     """The files of one machine."""
 
     def __init__(self, data_directory: Path, machine: str) -> None:
-        self._folder = data_directory / FOLDER / machine
+        self.folder = data_directory / FOLDER / machine
 
     def path(self, bus: str, node: int) -> Path:
         """Where a node's file is, or would be."""
-        return self._folder / f"{bus}-{node}.json"
+        return self.folder / f"{bus}-{node}.json"
 
     def keep(self, bus: str, node: int, setup: FoundSetup) -> None:
         """Keep what a node was like, before it is changed.

@@ -52,7 +52,8 @@ class MachineDesk:
     def start_acquisition(self) -> None:
         """Acquire all machines that should be."""
         for machine in self._machines.acquiring():
-            self._acquisition.start(machine.name, self._files.machine_file(machine.name, machine.version))
+            path = self._files.machine_file(machine.name, machine.version)
+            self._acquisition.start(machine.name, path, own=machine.name == self.simulated)
 
     def check(self, content: bytes, allowed: Callable[[str], bool]) -> tuple[str, int]:
         """A machine file's machine and the version that it would be; refuses what :meth:`upload` would."""
@@ -76,10 +77,11 @@ class MachineDesk:
         row = self._machines.get(name)
         if enabled:
             path = self._files.machine_file(name, row.version)
-            self._acquisition.check(path)
+            own = name == self.simulated
+            self._acquisition.check(path, own)
             self._machines.set_acquire(name, True)
             if name not in self._acquisition.names():
-                self._acquisition.start(name, path)
+                self._acquisition.start(name, path, own)
             return
         recording = self._recorded(name)
         if recording is not None:

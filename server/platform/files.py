@@ -34,6 +34,7 @@ from server.platform.errors import ConflictError, StartError, TooLargeError, Una
 #: Bytes gathered before one write to disk; small enough to be nothing in memory.
 WRITE_BYTES = 2**20
 DATABASE_FILE = "hilfit.sqlite"
+LOCK_FILE = "lock"
 
 
 class DataDirectory:
@@ -87,7 +88,7 @@ class DataDirectory:
             If another server holds it.
         """
         try:
-            opened = (self.root / "lock").open("a")
+            opened = (self.root / LOCK_FILE).open("a")
         except OSError as error:
             raise StartError(
                 f"--data-dir {self.root}: cannot be written ({error.strerror}); give another directory"
@@ -115,7 +116,7 @@ class DataDirectory:
             If it was deleted, replaced or closed to us, or its disk is full.
         """
         try:
-            if self._held is not None and not os.path.samestat((self.root / "lock").stat(), os.fstat(self._held)):
+            if self._held is not None and not os.path.samestat((self.root / LOCK_FILE).stat(), os.fstat(self._held)):
                 raise UnavailableError("the data directory is another one than at the start; restart the service")
             for directory in (self.machines, self.recordings, self.identifications):
                 directory.stat()

@@ -13,9 +13,10 @@ from typing import Annotated, Any, Literal
 
 import sqlalchemy as sa
 import yaml
-from pydantic import Field, ValidationError
+from pydantic import AfterValidator, Field, ValidationError
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
+from daq.machine.bus_places import check_entry
 from server.platform.database.database_copies import postgresql_url
 from server.platform.errors import StartError
 from server.platform.files import DataDirectory
@@ -46,6 +47,8 @@ class Settings(BaseSettings):
     second_person : whether whoever proposed a calibration may not approve it; by default where access control is on
         (without it there is only one principal)
     requests_per_second : of each paired device and API key in the long run, four times as many at once
+    bus_places : where uploaded machines may be acquired from, ``can:socketcan:can0``, ``serial:/dev/ttyUSB*`` or
+        ``tcp:192.0.2.0/24:502`` (:mod:`daq.machine.bus_places`); by default nowhere
     simulate : start the simulated machine and acquire from it
     simulation_speed : its machine seconds per second
     faults : a fault file, what breaks in it while it runs
@@ -74,6 +77,7 @@ class Settings(BaseSettings):
     token_days: Annotated[int, Field(ge=1, le=3650)] = 365
     second_person: bool | None = None
     requests_per_second: Annotated[float, Field(gt=0, le=10_000)] = 100.0
+    bus_places: tuple[Annotated[str, AfterValidator(check_entry)], ...] = ()
     simulate: bool = False
     simulation_speed: Annotated[float, Field(gt=0, le=4)] = 1.0
     faults: Path | None = None

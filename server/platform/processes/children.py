@@ -4,6 +4,9 @@ The child writes JSON lines to standard output: any number of ``{"fraction": 0.4
 ``{"summary": {...}}`` or ``{"error": "one line"}``. Exit code 0 is done, 2 an input that cannot be used,
 anything else failed.
 
+A child writes only in its room of the data directory (:func:`room_of`), in a directory for temporary files that is
+gone with it, and to devices, where the kernel can confine it (:mod:`daq.confinement`).
+
 A child may stay for more of the same program, so that its libraries and its input are loaded once: its last line is
 then ``{"summary": {...}, "stays": true}``, and it reads ``{"arguments": [...], "log": "..."}`` from standard input,
 until that ends. One that does each piece of work in a process forked from it
@@ -18,12 +21,17 @@ import selectors
 import signal
 import subprocess
 import sys
+import tempfile
 import time
+import weakref
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import IO, Any, Literal, Self
+
+from daq import confinement
+from server.platform.files import LOCK_FILE
 
 NICENESS = 19
 #: One core stays free of numerical work, for acquisition and HTTP.
@@ -164,16 +172,29 @@ def run_child(
 def _started(command: Sequence[str], log: Path, threads: str) -> subprocess.Popen[bytes]:
     """A new process below the guard."""
     guard = [sys.executable, "-I", "-S", str(Path(__file__).with_name("child_guard.py"))]
+    scratch = tempfile.TemporaryDirectory(prefix="hilfit-child-", ignore_cleanup_errors=True)
+    writable = os.pathsep.join((str(room_of(log)), scratch.name, "/dev"))
     with log.open("ab") as errors:
-        return subprocess.Popen(
-            [*guard, str(os.getpid()), str(NICENESS), *command],
+        process = subprocess.Popen(
+            [*guard, str(os.getpid()), str(NICENESS), confinement.__file__, writable, *command],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=errors,
             start_new_session=True,
             bufsize=0,
-            env=os.environ | dict.fromkeys(THREAD_VARIABLES, threads),
+            env=os.environ | dict.fromkeys(THREAD_VARIABLES, threads) | {"TMPDIR": scratch.name},
         )
+    weakref.finalize(process, scratch.cleanup)
+    return process
+
+
+def room_of(log: Path) -> Path:
+    """Where a child may write: in the folder of the data directory that its log is in.
+
+    So it reaches what jobs or uploads leave there, and neither the store, nor keys, nor what other resources keep.
+    """
+    folder = log.resolve().parent
+    return next((own for own in (folder, *folder.parents) if (own.parent / LOCK_FILE).is_file()), folder)
 
 
 def _lines(stream: IO[bytes]) -> Iterator[bytes | None]:
