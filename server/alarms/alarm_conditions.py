@@ -38,6 +38,9 @@ KINDS: dict[str, AlarmKind] = {
     "residual_grew": AlarmKind(),
     "recalibration_failed": AlarmKind(),
     "worker_silent": AlarmKind(),
+    "store_damaged": AlarmKind(),
+    "audit_cut": AlarmKind(),
+    "backup_failed": AlarmKind(),
 }
 
 

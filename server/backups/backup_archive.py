@@ -32,6 +32,7 @@ from daq.errors import HilfitError
 from server.backups.backup_files import BackupContent, copy_named
 from server.platform.database.database_copies import check_restore, copy_database, newer, restore_database
 from server.platform.database.schema import SCHEMA_VERSION
+from server.platform.database.site_marker import SiteMarker
 from server.platform.errors import StartError
 from server.platform.files import DataDirectory, sync_directory, sync_tree, write_atomically
 
@@ -150,8 +151,9 @@ class Backups:
 class DailyBackups:
     """Makes a backup a day while the service runs."""
 
-    def __init__(self, backups: Backups) -> None:
+    def __init__(self, backups: Backups, troubles: dict[str, str]) -> None:
         self._backups = backups
+        self._troubles = troubles
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, name="backups", daemon=True)
 
@@ -167,12 +169,18 @@ class DailyBackups:
 
     def _run(self) -> None:
         while not self._stop.wait(LOOK_S):
-            try:
-                self._backups.daily()
-            except HilfitError as error:
-                _log.error("backup_failed", error=str(error))
-            except Exception as error:  # of a store or a disk that is away; the next look may do better
-                _log.error("backup_failed", exc_info=error)
+            self.look()
+
+    def look(self) -> None:
+        """Make a backup if one is due; one that cannot be made is a trouble until one can."""
+        try:
+            self._backups.daily()
+            self._troubles.pop("backup_failed", None)
+        except Exception as error:  # of a store or a disk that is away; the next look may do better
+            own = isinstance(error, HilfitError)
+            said = str(error) if own else "the log of the service says why"
+            self._troubles["backup_failed"] = f"the daily backup failed: {said}"
+            _log.error("backup_failed", error=str(error), exc_info=None if own else error)
 
 
 def manifest_of(backup: Path) -> dict[str, str]:
@@ -233,6 +241,7 @@ def restore(backup: Path, files: DataDirectory, content: BackupContent, url: str
         for name in wanted:
             if name not in stores:
                 (staged / name).replace(files.root / name)
+        SiteMarker(files.root, backup.parent).forget()
         restore_database(staged / stores[0], url)
     except OSError as error:
         raise StartError(

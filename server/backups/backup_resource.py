@@ -9,7 +9,7 @@ from server.backups.backup_files import BackupContent
 from server.backups.backup_routes import router
 from server.platform.database.engine import Database, utc_now
 from server.platform.files import DataDirectory
-from server.platform.parts import Parts
+from server.platform.parts import TROUBLES, Parts
 from server.platform.resource import Phase, Resource, Running
 from server.platform.service import Service
 from server.platform.settings import Settings
@@ -29,6 +29,6 @@ def _running(parts: Parts) -> Iterator[Running]:
 BACKUPS = Resource(
     name="backups",
     routers=(router,),
-    provides={Backups: _backups, DailyBackups: lambda parts: DailyBackups(parts[Backups])},
+    provides={Backups: _backups, DailyBackups: lambda parts: DailyBackups(parts[Backups], parts[TROUBLES])},
     running=_running,
 )

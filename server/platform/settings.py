@@ -18,6 +18,7 @@ from pydantic_settings import BaseSettings, SettingsConfigDict
 
 from daq.machine.bus_places import check_entry
 from server.platform.database.database_copies import postgresql_url
+from server.platform.database.site_marker import SiteMarker
 from server.platform.errors import StartError
 from server.platform.files import DataDirectory
 
@@ -33,6 +34,7 @@ class Settings(BaseSettings):
     database_password_file : file that holds the password of ``database_url`` alone
     recordings_url : storage that hosts share, ``s3://bucket/folder`` or ``file:///mount/folder``; workers fetch
         recordings from there, without it from ``data_dir``
+    new_store : make a new store where there was one; what it knew is then known no more
     local_jobs : the server runs numerical jobs itself; else only ``hilfit worker`` processes do
     backup_dir : where backups are kept; by default ``backups`` in ``data_dir``
     tls_cert, tls_key : files of a certificate and its key (PEM): HTTPS, and nothing else, is served
@@ -65,6 +67,7 @@ class Settings(BaseSettings):
     database_password_file: Path | None = None
     recordings_url: str | None = None
     backup_dir: Path | None = None
+    new_store: bool = False
     local_jobs: bool = True
     tls_cert: Path | None = None
     tls_key: Path | None = None
@@ -109,6 +112,10 @@ class Settings(BaseSettings):
             ) from None
         postgresql_url(self.database_url)  # else SQLAlchemy says something about a URL that it cannot parse
         return sa.make_url(self.database_url).set(password=password).render_as_string(hide_password=False)
+
+    def site(self, files: DataDirectory) -> SiteMarker:
+        """The marker of the site that this data directory belongs to."""
+        return SiteMarker(files.root, self.backup_dir or files.backups, self.new_store)
 
     @property
     def scheme(self) -> str:

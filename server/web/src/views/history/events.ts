@@ -35,6 +35,9 @@ const ALARMS: Record<string, string> = {
   overload: t("history.overload"),
   recalibration_failed: t("history.aRecalibrationFailed"),
   worker_silent: t("history.workerFellSilent"),
+  store_damaged: t("history.storeWasDamaged"),
+  audit_cut: t("history.auditLogWasCut"),
+  backup_failed: t("history.backupFailed"),
 };
 
 export interface Drawn {
