@@ -22,7 +22,7 @@ import ipaddress
 import re
 from collections.abc import Collection, Mapping
 from fnmatch import fnmatchcase
-from typing import TYPE_CHECKING, Annotated, Literal, get_args
+from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
 
@@ -147,15 +147,18 @@ def check_can(interface: str, channel: str, options: Mapping[str, object]) -> No
 
 def place_of(bus: Bus) -> str:
     """The place that a bus leads to."""
-    if bus.type == "modbus_tcp":
-        return f"tcp:{bus.host}:{bus.port}"
-    if bus.type == "modbus_rtu":
-        return f"serial:{bus.port}"
-    if bus.type not in ("canopen", "can_signals"):
-        return f"driver:{bus.type}"
-    if bus.interface == "socketcand":
-        return f"tcp:{bus.options['host']}:{bus.options['port']}"
-    return f"serial:{bus.channel}" if bus.interface in _SERIAL_INTERFACES else f"can:{bus.interface}:{bus.channel}"
+    kind: str = bus.type
+    given: Any = bus  # which keys it has hangs on its type
+    if kind == "modbus_tcp":
+        return f"tcp:{given.host}:{given.port}"
+    if kind == "modbus_rtu":
+        return f"serial:{given.port}"
+    if kind not in ("canopen", "can_signals"):
+        return f"driver:{kind}"
+    if given.interface == "socketcand":
+        return f"tcp:{given.options['host']}:{given.options['port']}"
+    serial = given.interface in _SERIAL_INTERFACES
+    return f"serial:{given.channel}" if serial else f"can:{given.interface}:{given.channel}"
 
 
 def check_entry(entry: str) -> str:

@@ -261,7 +261,7 @@ class Acquisition:
         Raises
         ------
         ConflictError
-            If it is not acquired.
+            If it is not acquired, or that is starting.
         UnavailableError
             If its acquisition does not run at the moment.
         """
@@ -275,7 +275,10 @@ class Acquisition:
         if running is None:
             state = supervisor.statistics()
             reason = f" ({state['error']})" if state["error"] else ""
-            raise UnavailableError(f"acquisition of machine '{name}' is {state['state']}{reason}; try again")
+            starts = state["state"] == "starting"  # which is no fault of the service, and soon over
+            raise (ConflictError if starts else UnavailableError)(
+                f"acquisition of machine '{name}' is {state['state']}{reason}; try again"
+            )
         return running
 
     def latest(self, name: str) -> dict[str, Any]:

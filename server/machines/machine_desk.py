@@ -11,6 +11,7 @@ from server.machines.machine_store import MachineRow, Machines
 from server.machines.machine_uploads import MachineUploads
 from server.platform.errors import ConflictError
 from server.platform.files import DataDirectory
+from server.platform.http.route_parameters import Tags
 from server.platform.parts import PartName
 
 #: Id of the recording that is being made of a machine; None without one.
@@ -60,11 +61,11 @@ class MachineDesk:
         return self._uploads.check(content, allowed, self.simulated)
 
     def upload(
-        self, content: bytes, allowed: Callable[[str], bool] = lambda name: True, expected: int | None = None
+        self, content: bytes, allowed: Callable[[str], bool] = lambda name: True, expected: Tags = None
     ) -> tuple[MachineRow, bool]:
         """Store a machine file; a machine that is being acquired goes on with the new one.
 
-        NotFoundError if the machine is not ``allowed``, PreconditionError if ``expected`` is not its version,
+        NotFoundError if the machine is not ``allowed``, PreconditionError if its version is not ``expected``,
         ConflictError if it is the simulated one.
         """
         row, made = self._uploads.add(content, allowed=allowed, protected=self.simulated, expected=expected)

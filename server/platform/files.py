@@ -182,6 +182,7 @@ async def receive(
     path: Path,
     limit: int,
     in_thread: Callable[..., Awaitable[Any]],
+    room: Callable[[], object] = lambda: None,
 ) -> int:
     """Stream ``chunks`` into the new file ``path``, synced; the file is removed if anything goes wrong.
 
@@ -189,6 +190,7 @@ async def receive(
     ----------
     limit : most bytes taken
     in_thread : runs a blocking call elsewhere, ``await in_thread(function, *arguments)``
+    room : called before each write; raises ConflictError if the disk has to take no more
 
     Returns
     -------
@@ -211,6 +213,7 @@ async def receive(
                 raise TooLargeError(f"the upload is larger than {limit} bytes; split it or raise maximum_upload_bytes")
             pending += chunk
             if len(pending) >= WRITE_BYTES:
+                await in_thread(room)
                 await in_thread(file.write, bytes(pending))
                 pending.clear()
         await in_thread(_finish, file, bytes(pending))

@@ -6,6 +6,7 @@ import asyncio
 import atexit
 import json
 import sys
+import tempfile
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -164,7 +165,7 @@ class FakeRecorder:
 @cache
 def file_children() -> FileChildren:
     """What looks at uploads, one for all services of this process: it takes two seconds to load."""
-    children = FileChildren()
+    children = FileChildren(room=Path(tempfile.gettempdir()))  # that of all services, wherever their directories are
     atexit.register(children.close)
     return children
 

@@ -74,7 +74,7 @@ class _SerialClient(ModbusSerialClient):
                 exclusive=True,
             )
         except Exception:  # pyserial lets errors of termios and of the driver through
-            self.close()
+            self.close()  # type: ignore[no-untyped-call]
         return self.socket is not None
 
 

@@ -36,7 +36,7 @@ def main(parent: int, niceness: int, confinement: str, writable: list[str], comm
     """Replace this process by ``command``; return only if the parent is dead already."""
     if not die_with(parent):
         return
-    os.nice(niceness)
+    os.setpriority(os.PRIO_PROCESS, 0, niceness)  # whatever the service itself has
     # Never takes the core from whoever runs when it wakes up: acquisition and HTTP run for microseconds, often.
     os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))
     if (number := _IOPRIO_SET.get(os.uname().machine)) is not None:
