@@ -18,8 +18,8 @@ RECORDING_CPU_S = 120
 #: Address space, most of it never used, of Python with numpy, pyarrow and its threads while it reads a small CSV (1.8
 #: GiB on two cores, 0.2 of it in memory), and what each further core adds.
 _PROGRAM_BYTES, _CORE_BYTES = 3 * 2**30, 128 * 2**20
-#: Memory that a process can write to, which is what it takes in truth: 0.4 GB for the same.
-_DATA_BYTES, _CORE_DATA_BYTES = 768 * 2**20, 64 * 2**20
+#: Memory that a process can write to: 0.4 GB for the same, more for readers of other tools' files.
+_DATA_BYTES, _CORE_DATA_BYTES = 1536 * 2**20, 64 * 2**20
 #: Bytes in memory per byte of a file: the shortest number of a CSV is two bytes of text and eight in memory, and
 #: reading keeps the text, the table and two copies of it at once.
 _PER_BYTE = 16
