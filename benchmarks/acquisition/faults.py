@@ -69,7 +69,7 @@ def machine_of_three_buses() -> tuple[Machine, Any]:
         if isinstance(source, ModbusSource) and source.unit in (5, 6):
             channel = channel.model_copy(update={"source": source.model_copy(update={"bus": SERIAL})})
         channels.append(channel)
-    line = ModbusRtuBus(name=SERIAL, type="modbus_rtu", port="pty", timeout_s=0.1)
+    line = ModbusRtuBus(name=SERIAL, type="modbus_rtu", port="/dev/ttyS0", timeout_s=0.1)
     return machine.model_copy(update={"channels": tuple(channels), "buses": (*machine.buses, line)}), truth
 
 

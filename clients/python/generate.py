@@ -94,7 +94,7 @@ def answer(operation: dict[str, Any]) -> tuple[str, str]:
 
 def method(path: str, verb: str, operation: dict[str, Any]) -> str:
     """One operation as a method."""
-    name = re.split(r"_api_v1_|_healthz_|_metrics_", operation["operationId"])[0]
+    name = operation["operationId"].rpartition(".")[2]
     taken: list[str] = []
     positional: list[str] = []
     optional: list[str] = []

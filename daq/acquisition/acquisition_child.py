@@ -12,7 +12,7 @@ import os
 import signal
 import sys
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from multiprocessing.connection import Connection
 from pathlib import Path
@@ -21,6 +21,7 @@ import daq.without_mdf4  # noqa: F401
 from daq.acquisition.cycles import Cycles, run_cycles
 from daq.acquisition.ring import RingWriter
 from daq.acquisition.trace import TraceAccess
+from daq.confinement import confine
 from daq.drivers.base import Driver, DriverContext, Problem, make_driver
 from daq.drivers.canopen.driver import CanopenDriver
 from daq.drivers.canopen.listening import ListeningDriver
@@ -50,6 +51,7 @@ def main(control: Connection) -> None:
     signal.signal(signal.SIGTERM, lambda *_: stopping.set())
     for library in ("can", "canopen", "pymodbus"):
         logging.getLogger(library).setLevel(logging.CRITICAL)  # what they report is in the devices' states
+    confine(["/dev", *_kept(machine, data_directory), *([trace.parent] if trace is not None else [])])
     try:
         with RingWriter(name) as ring, contextlib.closing(Drivers(machine, required, data_directory, trace)) as drivers:
             try:
@@ -75,6 +77,14 @@ def main(control: Connection) -> None:
     except Exception as error:  # the parent must not be left waiting for a process that died of a bug
         _say(control, "failed", f"acquisition of '{machine.name}' broke: {type(error).__name__}: {error}")
         raise
+
+
+def _kept(machine: Machine, data_directory: Path | None) -> Iterator[Path]:
+    """Where drivers write what they found: nowhere near the store of a service."""
+    if data_directory is not None:
+        folder = FoundSetups(data_directory, machine.name).folder
+        folder.mkdir(parents=True, exist_ok=True)
+        yield folder
 
 
 def _say(control: Connection, what: str, text: str = "") -> None:

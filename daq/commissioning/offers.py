@@ -127,7 +127,8 @@ def kind_of(unit: str) -> str:
 
 def signals_bus(name: str, interface: str, channel: str, paths: Iterable[str]) -> dict[str, Any]:
     """The entry of ``buses:`` for DBC files."""
-    made = CanSignalsBus(name=name, type="can_signals", interface=interface, channel=channel, dbc=tuple(paths))
+    told = {"name": name, "type": "can_signals", "interface": interface, "channel": channel, "dbc": tuple(paths)}
+    made = CanSignalsBus.model_validate(told)
     return made.model_dump(mode="json", exclude_unset=True)
 
 

@@ -43,11 +43,11 @@ class FoundSetups:
     """The files of one machine."""
 
     def __init__(self, data_directory: Path, machine: str) -> None:
-        self._folder = data_directory / FOLDER / machine
+        self.folder = data_directory / FOLDER / machine
 
     def path(self, bus: str, node: int) -> Path:
         """Where a node's file is, or would be."""
-        return self._folder / f"{bus}-{node}.json"
+        return self.folder / f"{bus}-{node}.json"
 
     def keep(self, bus: str, node: int, setup: FoundSetup) -> None:
         """Keep what a node was like, before it is changed.
@@ -75,7 +75,7 @@ class FoundSetups:
     def leads(self, bus: str, nodes: Iterable[int]) -> None:
         """We are about to make these nodes operational: whoever finds them so after we were killed will know."""
         with contextlib.suppress(OSError):
-            self._folder.mkdir(parents=True, exist_ok=True)
+            self.folder.mkdir(parents=True, exist_ok=True)
             self._mark(bus).write_text(" ".join(str(node) for node in sorted(nodes)) + "\n", encoding="utf-8")
 
     def started(self, bus: str) -> frozenset[int]:
@@ -91,7 +91,7 @@ class FoundSetups:
             self._mark(bus).unlink(missing_ok=True)
 
     def _mark(self, bus: str) -> Path:
-        return self._folder / f"{bus}.started"
+        return self.folder / f"{bus}.started"
 
     def read(self, bus: str, node: int) -> FoundSetup | None:
         """What is kept of a node; None if nothing is, or nothing that can be used."""

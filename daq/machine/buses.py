@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Literal, get_args
+from typing import Annotated, Any, ClassVar, Literal, Self, get_args
 
 from pydantic import (
     AfterValidator,
@@ -17,6 +17,7 @@ from pydantic import (
     model_validator,
 )
 
+from daq.machine.bus_places import CanInterface, Host, PortNumber, SerialPort, check_can
 from daq.machine.machine_file_errors import NAME_PATTERN, did_you_mean
 
 Name = Annotated[str, Field(pattern=NAME_PATTERN, max_length=80)]
@@ -222,15 +223,25 @@ class CanNode(FileModel):
         return value
 
 
-class CanopenBus(FileModel):
-    """A CANopen bus behind any python-can interface."""
+class _CanBus(FileModel):
+    """A bus behind one of python-can's interfaces."""
 
     name: Name
+    interface: CanInterface
+    channel: Annotated[str, Field(min_length=1, max_length=200)]  # as the interface names it: can0, PCAN_USBBUS1
+    bitrate: Annotated[int, Field(ge=1, le=10_000_000)] | None = None
+    options: dict[str, str | int | float | bool] = Field(default_factory=dict)  # those that the interface takes
+
+    @model_validator(mode="after")
+    def _a_place(self) -> Self:
+        check_can(self.interface, self.channel, self.options)
+        return self
+
+
+class CanopenBus(_CanBus):
+    """A CANopen bus behind one of python-can's interfaces."""
+
     type: Literal["canopen"]
-    interface: str  # python-can's name: socketcan, socketcand, pcan, ...
-    channel: str
-    bitrate: int | None = None
-    options: dict[str, str | int | float | bool] = Field(default_factory=dict)  # passed to python-can
     nodes: tuple[CanNode, ...] = ()
     listen_only: bool = False  # nothing is ever sent: another master leads, and its PDOs are taken as they come
     listen_s: Annotated[float, Field(ge=0, le=60)] = 2.0  # before leading: whether another master is there
@@ -243,15 +254,10 @@ class CanopenBus(FileModel):
         return self
 
 
-class CanSignalsBus(FileModel):
+class CanSignalsBus(_CanBus):
     """A bus of plain CAN or J1939 that is only listened to; its messages are those of DBC files."""
 
-    name: Name
     type: Literal["can_signals"]
-    interface: str  # python-can's name: socketcan, socketcand, pcan, ...
-    channel: str
-    bitrate: int | None = None
-    options: dict[str, str | int | float | bool] = Field(default_factory=dict)  # passed to python-can
     dbc: Annotated[tuple[DeviceFile, ...], Field(min_length=1)]
 
     @property
@@ -265,8 +271,8 @@ class ModbusTcpBus(FileModel):
 
     name: Name
     type: Literal["modbus_tcp"]
-    host: str
-    port: Annotated[int, Field(ge=1, le=65535)] = 502
+    host: Host
+    port: PortNumber = 502
     timeout_s: Annotated[float, Field(gt=0, le=5)] = 0.1
     framing: Literal["tcp", "rtu"] = "tcp"  # rtu: a gateway that passes serial frames through as they are
     connections: Literal["per_unit", "shared"] = "per_unit"  # shared: a gateway that allows only one
@@ -278,7 +284,7 @@ class ModbusRtuBus(FileModel):
 
     name: Name
     type: Literal["modbus_rtu"]
-    port: str
+    port: SerialPort
     baudrate: int = 115200
     parity: Literal["N", "E", "O"] = "E"
     stopbits: Literal[1, 2] = 1

@@ -10,9 +10,9 @@ from server.access.connections import Connections, Presence
 from server.access.holder_store import Holder
 from server.platform.authorization.principals import Principal, Role
 from server.platform.database.engine import Page
-from server.platform.http.bodies import Body
+from server.platform.http.bodies import PLAIN, Body
 
-Name = Annotated[str, Field(min_length=1, max_length=80, pattern=r"^[^\x00-\x1f]+$")]
+Name = Annotated[str, Field(min_length=1, max_length=80, pattern=PLAIN)]
 MachineNames = Annotated[list[Annotated[str, Field(max_length=80)]], Field(min_length=1, max_length=100)]
 
 

@@ -34,6 +34,9 @@ PAIRING = Rate(1 / 6, 5)
 PAIR_PATH = "/api/v1/access/pair"
 #: All that is answered to somebody unknown, besides the page's own files and health.
 OPEN = (PAIR_PATH, "/api/v1/openapi.json")
+#: Answers that refuse somebody: not allowed, or not there for them. So many of one principal are noted.
+_REFUSED = (403, 404)
+_REFUSALS = Rate(1 / 6, 60)
 _READING = ("GET", "HEAD", "OPTIONS")
 _log = structlog.stdlib.get_logger(__name__)
 
@@ -162,7 +165,8 @@ class Gate:
             await self._app(scope, receive, sending)
         finally:
             action = self._actions.get(scope.get("endpoint"))
-            if status < 400 and action is not None:
+            refused = status in _REFUSED and not self._rates.wait(f"refused {principal.id}", _REFUSALS)
+            if action is not None and (status < 400 or refused):
                 detail = {"status": status} | ({"location": made} if made else {})
                 try:
                     await run_in_threadpool(self._audit.write, principal, action, scope["path"], detail)

@@ -37,8 +37,10 @@ KINDS: dict[str, AlarmKind] = {
     "overload": AlarmKind(),
     "residual_grew": AlarmKind(),
     "recalibration_failed": AlarmKind(),
-    "backup_failed": AlarmKind(),
     "worker_silent": AlarmKind(),
+    "store_damaged": AlarmKind(),
+    "audit_cut": AlarmKind(),
+    "backup_failed": AlarmKind(),
 }
 
 

@@ -17,6 +17,7 @@ from server.alarms.alarm_lifecycle import Alarm
 from server.alarms.alarm_store import AlarmStore
 from server.platform.database.engine import Database, Page
 from server.platform.errors import PreconditionError
+from server.platform.http.route_parameters import Tags
 
 _log = structlog.stdlib.get_logger(__name__)
 
@@ -98,31 +99,31 @@ class Alarms:
         """Those of a machine that came or went since, or are active, see :meth:`AlarmStore.since`."""
         return self._store.since(machine, since, limit)
 
-    def acknowledge(self, id: str, who: str, tag: str | None = None) -> Alarm:
-        """Somebody has seen it; doing it twice changes nothing. For ``tag`` see :meth:`unshelve`."""
-        return self._change(id, partial(lifecycle.acknowledge, who=who), tag)
+    def acknowledge(self, id: str, who: str, tags: Tags = None) -> Alarm:
+        """Somebody has seen it; doing it twice changes nothing. For ``tags`` see :meth:`unshelve`."""
+        return self._change(id, partial(lifecycle.acknowledge, who=who), tags)
 
-    def shelve(self, id: str, who: str, reason: str, seconds: float, tag: str | None = None) -> Alarm:
-        """Keep it quiet for a while. For ``tag`` see :meth:`unshelve`."""
+    def shelve(self, id: str, who: str, reason: str, seconds: float, tags: Tags = None) -> Alarm:
+        """Keep it quiet for a while. For ``tags`` see :meth:`unshelve`."""
         now = self._now()
         return self._change(
-            id, lambda alarm: lifecycle.shelve(alarm, who=who, reason=reason, seconds=seconds, now=now), tag
+            id, lambda alarm: lifecycle.shelve(alarm, who=who, reason=reason, seconds=seconds, now=now), tags
         )
 
-    def unshelve(self, id: str, tag: str | None = None) -> Alarm:
+    def unshelve(self, id: str, tags: Tags = None) -> Alarm:
         """Take it off the shelf; one that is on none stays as it is.
 
         Raises
         ------
         PreconditionError
-            If ``tag`` is given and the alarm has changed since it had that tag
+            If ``tags`` are given and the alarm has changed since it had one of them
             (:func:`server.alarms.alarm_lifecycle.tag`).
         """
-        return self._change(id, lifecycle.unshelve, tag)
+        return self._change(id, lifecycle.unshelve, tags)
 
-    def _change(self, id: str, to: Callable[[Alarm], Alarm], tag: str | None) -> Alarm:
+    def _change(self, id: str, to: Callable[[Alarm], Alarm], tags: Tags) -> Alarm:
         def checked(alarm: Alarm) -> Alarm:
-            if tag is not None and lifecycle.tag(alarm) != tag:
+            if tags is not None and lifecycle.tag(alarm) not in tags:
                 raise PreconditionError(f"alarm '{id}' has changed meanwhile; read it again")
             return to(alarm)
 

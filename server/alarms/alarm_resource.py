@@ -12,10 +12,16 @@ from server.alarms.alarm_tables import alarms
 from server.alarms.alarm_watch import Watch
 from server.machines.acquisition import Acquisition
 from server.platform.database.engine import Database
-from server.platform.parts import Parts
+from server.platform.parts import TROUBLES, Parts
 from server.platform.resource import Phase, Resource, Running
+from server.platform.service import Service
 from server.recordings.recording_resource import FREE
 from server.recordings.recording_sessions import Sessions
+
+
+def _watch(parts: Parts) -> Watch:
+    look, troubles = parts[Service].look_for_damage, parts[TROUBLES]
+    return Watch(parts[Acquisition], parts[Alarms], parts[FREE], parts[Sessions].end_all, troubles, look)
 
 
 def _running(parts: Parts) -> Iterator[Running]:
@@ -38,7 +44,7 @@ ALARMS = Resource(
     kept={"/alarms": ("alarms",)},
     provides={
         Alarms: lambda parts: Alarms(parts[Database]),
-        Watch: lambda parts: Watch(parts[Acquisition], parts[Alarms], parts[FREE], parts[Sessions].end_all),
+        Watch: _watch,
     },
     running=_running,
     metrics=_metrics,

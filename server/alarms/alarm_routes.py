@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Literal
 
-from fastapi import APIRouter, Header, Response
+from fastapi import APIRouter, Response
 
 from server.alarms.alarm_desk import Alarms
 from server.alarms.alarm_lifecycle import Alarm, tag
 from server.alarms.alarm_schemas import AlarmList, AlarmResource, Shelf
 from server.platform.authorization.guard import PrincipalDep, require
 from server.platform.authorization.typed_route import TypedRoute
-from server.platform.http.route_parameters import Cursor, Limit, MachineQuery, ServiceDep, problems
+from server.platform.http.route_parameters import Cursor, KnownTags, Limit, MachineQuery, ServiceDep, problems
 
 router = APIRouter(prefix="/alarms", tags=["alarms"], route_class=TypedRoute)
-IfMatch = Annotated[str | None, Header(max_length=80, description="`ETag` of the alarm as it was read")]
 
 
 @router.get("", responses=problems(422), dependencies=[require("read")])
@@ -38,31 +37,27 @@ def get(id: str, response: Response, service: ServiceDep) -> AlarmResource:
 
 @router.post("/{id}/acknowledge", responses=problems(404, 412, 422), dependencies=[require("operate")])
 def acknowledge(
-    id: str, response: Response, service: ServiceDep, principal: PrincipalDep, if_match: IfMatch = None
+    id: str, response: Response, service: ServiceDep, principal: PrincipalDep, tags: KnownTags
 ) -> AlarmResource:
     """Say that somebody has seen it; the first who says so stays named."""
-    return _tagged(service[Alarms].acknowledge(id, principal.name, _tag(if_match)), response)
+    return _tagged(service[Alarms].acknowledge(id, principal.name, tags), response)
 
 
 @router.post("/{id}/shelve", responses=problems(404, 412, 422), dependencies=[require("operate")])
 def shelve(
-    id: str, shelf: Shelf, response: Response, service: ServiceDep, principal: PrincipalDep, if_match: IfMatch = None
+    id: str, shelf: Shelf, response: Response, service: ServiceDep, principal: PrincipalDep, tags: KnownTags
 ) -> AlarmResource:
     """Keep an alarm quiet for a while: it is tracked, but nobody is to be called."""
-    changed = service[Alarms].shelve(id, principal.name, shelf.reason, shelf.seconds, _tag(if_match))
+    changed = service[Alarms].shelve(id, principal.name, shelf.reason, shelf.seconds, tags)
     return _tagged(changed, response)
 
 
 @router.post("/{id}/unshelve", responses=problems(404, 412, 422), dependencies=[require("operate")])
-def unshelve(id: str, response: Response, service: ServiceDep, if_match: IfMatch = None) -> AlarmResource:
+def unshelve(id: str, response: Response, service: ServiceDep, tags: KnownTags) -> AlarmResource:
     """Let a shelved alarm be heard again."""
-    return _tagged(service[Alarms].unshelve(id, _tag(if_match)), response)
+    return _tagged(service[Alarms].unshelve(id, tags), response)
 
 
 def _tagged(alarm: Alarm, response: Response) -> AlarmResource:
     response.headers["ETag"] = f'"{tag(alarm)}"'
     return AlarmResource.of(alarm)
-
-
-def _tag(if_match: str | None) -> str | None:
-    return None if if_match is None or if_match.strip() == "*" else if_match.strip().strip('"')

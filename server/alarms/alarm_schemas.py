@@ -9,6 +9,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from server.alarms.alarm_conditions import Severity
 from server.alarms.alarm_lifecycle import LONGEST_SHELF_S, Alarm
 from server.platform.database.engine import Page
+from server.platform.http.bodies import PLAIN
 
 
 class AlarmResource(BaseModel):
@@ -53,4 +54,4 @@ class Shelf(BaseModel):
     model_config = ConfigDict(extra="forbid")
 
     seconds: Annotated[float, Field(gt=0, le=LONGEST_SHELF_S)]
-    reason: Annotated[str, Field(min_length=1, max_length=200)]
+    reason: Annotated[str, Field(min_length=1, max_length=200, pattern=PLAIN)]

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
+from types import MappingProxyType
 from typing import Any, Protocol
 
 import structlog
@@ -17,6 +18,7 @@ from server.alarms.alarm_desk import Alarms
 from server.platform.disk import RESERVE_BYTES, Free
 
 LOOK_S = 1.0
+DAMAGE_LOOK_S = 86_400.0
 #: Free bytes above the reserve at which the alarm comes and goes.
 WARNING = DeadBand(comes=768 * 2**20, goes=1024 * 2**20)
 #: Seconds by which the wall's clock may run away from the monotonic one between two looks.
@@ -57,6 +59,8 @@ class Watch:
     Parameters
     ----------
     free : free bytes now
+    troubles : see :data:`server.platform.parts.TROUBLES`
+    look_for_damage : looks through the store; daily
     end_recordings : lets all that is being recorded be sealed, without waiting for it
     wall, monotonic : s, the two clocks
     """
@@ -67,6 +71,8 @@ class Watch:
         alarms: Alarms,
         free: Free,
         end_recordings: Callable[[], None],
+        troubles: Mapping[str, str] = MappingProxyType({}),
+        look_for_damage: Callable[[], None] = lambda: None,
         *,
         wall: Callable[[], float] = time.time,
         monotonic: Callable[[], float] = time.monotonic,
@@ -75,6 +81,9 @@ class Watch:
         self._alarms = alarms
         self._free = free
         self._end_recordings = end_recordings
+        self._troubles = troubles
+        self._look_for_damage = look_for_damage
+        self._looked = monotonic()
         self._wall = wall
         self._monotonic = monotonic
         self._difference = wall() - monotonic()
@@ -96,7 +105,7 @@ class Watch:
 
     def _run(self) -> None:
         while not self._stop.wait(LOOK_S):
-            for look in (self.disk, self.acquisitions, self.clock, self._alarms.sweep):
+            for look in (self.disk, self.acquisitions, self.clock, self.service, self._alarms.sweep):
                 try:
                     look()
                 except Exception as error:  # a database that is locked now will not be at the next look
@@ -146,3 +155,11 @@ class Watch:
             text = f"the computer's clock was set by {jump:+.0f} s; times in lists before and after do not compare"
             self._alarms.report(None, "clock_jumped", text, "info", True)
             self._alarms.report(None, "clock_jumped", text, "info", False)
+
+    def service(self) -> None:
+        """Alarm on what is wrong with the service itself; look through the store once a day."""
+        if self._monotonic() - self._looked >= DAMAGE_LOOK_S:
+            self._looked = self._monotonic()
+            self._look_for_damage()
+        for kind in ("store_damaged", "audit_cut", "backup_failed"):
+            self._alarms.report(None, kind, self._troubles.get(kind, ""), "critical", kind in self._troubles)

@@ -1,9 +1,9 @@
 """The audit log.
 
 Entry n holds ``h_n = SHA-256(h_(n-1) || 0x0A || c_n)``, with ``h_0`` empty and ``c_n`` the entry as JSON with sorted
-keys. A changed, removed or inserted entry breaks the chain there; that the newest entries were cut off shows only
-against a number and hash noted elsewhere. The database refuses to change or delete rows (a trigger); the chain is for
-whoever gets around that.
+keys. A changed, removed or inserted entry breaks the chain there; that the newest entries were cut off shows against
+the number and hash in the site's marker, outside the store (:mod:`server.platform.database.site_marker`). The database
+refuses to change or delete rows (a trigger); the chain is for whoever gets around that.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ import sqlalchemy as sa
 from server.audit.audit_tables import audit_log
 from server.platform.authorization.principals import Principal
 from server.platform.database.engine import Database, Page, page
+from server.platform.database.site_marker import Noted
 
 
 @dataclass(frozen=True)
@@ -78,6 +79,8 @@ class Audit:
             }
             chained = _chained("" if last is None else last.hash, values)
             connection.execute(audit_log.insert().values(**values, hash=chained))
+        if self._database.site is not None:
+            self._database.site.note(int(str(values["number"])), chained)
 
     def list(self, limit: int, after: int = 0, *, action: str | None = None) -> Page[Entry]:
         """Newest first; ``action`` narrows to actions that begin with it."""
@@ -90,14 +93,28 @@ class Audit:
 
     def verify(self) -> Verification:
         """Compute the whole chain again."""
-        before, expected = "", 1
+        before, expected, noted = "", 1, self._noted
         with self._database.read() as connection:
             for row in connection.execute(sa.select(audit_log).order_by(audit_log.c.number)):
                 values = {key: value for key, value in row._mapping.items() if key != "hash"}
-                if row.number != expected or row.hash != _chained(before, values):
+                fits = row.number != noted.number or row.hash == noted.hash
+                if row.number != expected or row.hash != _chained(before, values) or not fits:
                     return Verification(False, int(row.number), expected - 1, before or None)
                 before, expected = row.hash, expected + 1
-        return Verification(True, None, expected - 1, before or None)
+        cut = noted.number >= expected
+        return Verification(not cut, expected if cut else None, expected - 1, before or None)
+
+    def was_cut(self) -> bool:
+        """Whether the entry that the site's marker knows as the last is not there, or another."""
+        noted = self._noted
+        with self._database.read() as connection:
+            query = sa.select(audit_log.c.hash).where(audit_log.c.number == noted.number)
+            return bool(noted.number) and connection.execute(query).scalar() != noted.hash
+
+    @property
+    def _noted(self) -> Noted:
+        site = self._database.site
+        return (site.read() if site is not None else None) or Noted("")
 
 
 def _chained(before: str, values: Mapping[str, Any]) -> str:

@@ -21,7 +21,6 @@ import secrets
 import shutil
 import threading
 from collections.abc import Callable
-from contextlib import suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from importlib.metadata import version
@@ -33,6 +32,7 @@ from daq.errors import HilfitError
 from server.backups.backup_files import BackupContent, copy_named, fetch_results
 from server.platform.database.database_copies import check_restore, copy_database, newer, restore_database
 from server.platform.database.schema import SCHEMA_VERSION
+from server.platform.database.site_marker import SiteMarker
 from server.platform.errors import StartError
 from server.platform.files import DataDirectory, sync_directory, sync_tree, write_atomically
 
@@ -150,16 +150,11 @@ class Backups:
 
 
 class DailyBackups:
-    """Makes a backup a day while the service runs.
+    """Makes a backup a day while the service runs."""
 
-    Parameters
-    ----------
-    failed : told after every look why there is none; None: nothing is wrong
-    """
-
-    def __init__(self, backups: Backups, failed: Callable[[str | None], object] = lambda why: None) -> None:
+    def __init__(self, backups: Backups, troubles: dict[str, str]) -> None:
         self._backups = backups
-        self._failed = failed
+        self._troubles = troubles
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, name="backups", daemon=True)
 
@@ -178,18 +173,15 @@ class DailyBackups:
             self.look()
 
     def look(self) -> None:
-        """Make one if it is time; nothing is raised."""
-        why: str | None = None
+        """Make a backup if one is due; one that cannot be made is a trouble until one can."""
         try:
             self._backups.daily()
-        except HilfitError as error:
-            _log.error("backup_failed", error=str(error))
-            why = str(error)
+            self._troubles.pop("backup_failed", None)
         except Exception as error:  # of a store or a disk that is away; the next look may do better
-            _log.error("backup_failed", exc_info=error)
-            why = "it broke off unexpectedly; the log of the service says why"
-        with suppress(Exception):  # a store that is away takes no alarm either; the next look says it again
-            self._failed(why)
+            own = isinstance(error, HilfitError)
+            said = str(error) if own else "the log of the service says why"
+            self._troubles["backup_failed"] = f"the daily backup failed: {said}"
+            _log.error("backup_failed", error=str(error), exc_info=None if own else error)
 
 
 def manifest_of(backup: Path) -> dict[str, str]:
@@ -250,6 +242,7 @@ def restore(backup: Path, files: DataDirectory, content: BackupContent, url: str
         for name in wanted:
             if name not in stores:
                 (staged / name).replace(files.root / name)
+        SiteMarker(files.root, backup.parent).forget()
         restore_database(staged / stores[0], url)
     except OSError as error:
         raise StartError(

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from server.alarms.alarm_desk import Alarms
 from server.backups.backup_archive import Backups, DailyBackups
 from server.backups.backup_files import BackupContent
 from server.backups.backup_routes import router
 from server.platform.database.engine import Database, utc_now
 from server.platform.files import DataDirectory
-from server.platform.parts import Parts
+from server.platform.parts import TROUBLES, Parts
 from server.platform.resource import Phase, Resource, Running
 from server.platform.service import Service
 from server.platform.settings import Settings
@@ -22,14 +21,6 @@ def _backups(parts: Parts) -> Backups:
     return Backups(parts[DataDirectory], content, parts[Database].url, utc_now, directory)
 
 
-def _daily(parts: Parts) -> DailyBackups:
-    def failed(why: str | None) -> None:
-        text = f"the automatic backup failed: {why}"
-        parts[Alarms].report(None, "backup_failed", text, "warning", why is not None)
-
-    return DailyBackups(parts[Backups], failed)
-
-
 def _running(parts: Parts) -> Iterator[Running]:
     daily = parts[DailyBackups]
     yield Running(Phase.CLOCKS, daily.start, daily.stop)
@@ -38,6 +29,6 @@ def _running(parts: Parts) -> Iterator[Running]:
 BACKUPS = Resource(
     name="backups",
     routers=(router,),
-    provides={Backups: _backups, DailyBackups: _daily},
+    provides={Backups: _backups, DailyBackups: lambda parts: DailyBackups(parts[Backups], parts[TROUBLES])},
     running=_running,
 )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from fastapi import APIRouter, Header, Query
+from fastapi import APIRouter, Query
 from fastapi.responses import JSONResponse, Response
 
 from server.calibrations.calibration_desk import Calibrations
@@ -20,12 +20,19 @@ from server.machines.machine_store import Machines
 from server.platform.authorization.guard import PrincipalDep, require
 from server.platform.authorization.named_things import Names
 from server.platform.authorization.typed_route import TypedRoute
-from server.platform.errors import ConflictError, PreconditionError
-from server.platform.http.route_parameters import Cursor, Limit, MachineQuery, ServiceDep, problems
+from server.platform.errors import ConflictError
+from server.platform.http.route_parameters import (
+    BetweenDep,
+    Cursor,
+    KnownTags,
+    Limit,
+    MachineQuery,
+    ServiceDep,
+    problems,
+)
 
 router = APIRouter(prefix="/calibrations", tags=["calibrations"], route_class=TypedRoute)
 machine_router = APIRouter(prefix="/machines", tags=["calibrations"], route_class=TypedRoute)
-IfMatch = Annotated[str | None, Header(max_length=40, description="`ETag` of the calibration as it was read")]
 Id = Annotated[str, Names("calibrations"), Query(max_length=80)]
 READ, OPERATE, ENGINEER = [require("read")], [require("operate")], [require("engineer")]
 
@@ -48,13 +55,16 @@ def propose(body: Proposal, response: Response, service: ServiceDep, principal: 
 def list_calibrations(
     service: ServiceDep,
     principal: PrincipalDep,
+    between: BetweenDep,
     machine: MachineQuery = None,
     state: Literal["proposed", "approved", "rejected", "active", "retired"] | None = None,
     limit: Limit = 50,
     cursor: Cursor = 0,
 ) -> CalibrationList:
     """List calibrations, newest first."""
-    page = service[Calibrations].list(limit, cursor, machine=machine, machines=principal.machines, state=state)
+    page = service[Calibrations].list(
+        limit, cursor, machine=machine, machines=principal.machines, state=state, between=between
+    )
     return CalibrationList.of(page)
 
 
@@ -97,10 +107,10 @@ def approve(
     response: Response,
     service: ServiceDep,
     principal: PrincipalDep,
-    if_match: IfMatch = None,
+    tags: KnownTags,
 ) -> CalibrationResource:
     """Approve a proposed calibration; whoever proposed it may only where the policy says so (``second_person``)."""
-    return _tagged(service[Calibrations].decide(id, "approved", principal, body.note, _revision(if_match)), response)
+    return _tagged(service[Calibrations].decide(id, "approved", principal, body.note, tags), response)
 
 
 @router.post("/{id}/reject", responses=problems(404, 409, 412, 422), dependencies=ENGINEER)
@@ -110,18 +120,18 @@ def reject(
     response: Response,
     service: ServiceDep,
     principal: PrincipalDep,
-    if_match: IfMatch = None,
+    tags: KnownTags,
 ) -> CalibrationResource:
     """Reject a calibration that is not in use and never was."""
-    return _tagged(service[Calibrations].decide(id, "rejected", principal, body.note, _revision(if_match)), response)
+    return _tagged(service[Calibrations].decide(id, "rejected", principal, body.note, tags), response)
 
 
 @router.post("/{id}/activate", responses=problems(404, 409, 412, 422), dependencies=ENGINEER)
 def activate(
-    id: str, response: Response, service: ServiceDep, principal: PrincipalDep, if_match: IfMatch = None
+    id: str, response: Response, service: ServiceDep, principal: PrincipalDep, tags: KnownTags
 ) -> CalibrationResource:
     """Use an approved calibration; the one in use before is retired."""
-    return _tagged(service[Calibrations].activate(id, _revision(if_match), principal), response)
+    return _tagged(service[Calibrations].activate(id, tags, principal), response)
 
 
 @router.post("/{id}/deactivate", responses=problems(404, 409, 412, 422), dependencies=ENGINEER)
@@ -131,10 +141,10 @@ def deactivate(
     response: Response,
     service: ServiceDep,
     principal: PrincipalDep,
-    if_match: IfMatch = None,
+    tags: KnownTags,
 ) -> CalibrationResource:
     """Take the calibration in use out of use: none is in use then, and the monitor rests. It can be activated again."""
-    changed = service[Calibrations].deactivate(id, _revision(if_match), principal, body.note)
+    changed = service[Calibrations].deactivate(id, tags, principal, body.note)
     return _tagged(changed, response)
 
 
@@ -148,13 +158,3 @@ def roll_back(name: str, response: Response, service: ServiceDep, principal: Pri
 def _tagged(calibration: Calibration, response: Response) -> CalibrationResource:
     response.headers["ETag"] = f'"{calibration.revision}"'
     return CalibrationResource.of(calibration)
-
-
-def _revision(if_match: str | None) -> int | None:
-    """The revision that a client expects, None for any; a tag that no calibration ever had fits none."""
-    if if_match is None or if_match.strip() == "*":
-        return None
-    text = if_match.strip().strip('"')
-    if not text.isascii() or not text.isdecimal():
-        raise PreconditionError(f"If-Match {if_match}: is no ETag of a calibration; read it again")
-    return int(text)

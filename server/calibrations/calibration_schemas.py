@@ -10,14 +10,14 @@ from server.calibrations.calibration_comparison import compare_errors, compare_p
 from server.calibrations.calibration_store import Calibration
 from server.platform.authorization.named_things import IdentificationId
 from server.platform.database.engine import Page
-from server.platform.http.bodies import Body
+from server.platform.http.bodies import Body, Label
 
 
 class Proposal(Body):
     """Propose an identification as a calibration; without a label it has the identification's."""
 
     identification: IdentificationId
-    label: Annotated[str, Field(max_length=200)] = ""
+    label: Label = ""
 
 
 class Decision(Body):

@@ -24,6 +24,7 @@ from server.identifications.identification_store import Identification
 from server.platform.authorization.principals import Principal
 from server.platform.database.engine import Database, Page, page
 from server.platform.errors import ConflictError, NotFoundError, PreconditionError
+from server.platform.http.route_parameters import EVERYTHING, Between, Tags
 
 #: Notes of steps that undo an activation, by which a page can tell what rolling back leads to.
 ROLLED_BACK, OUT_OF_USE = "rolled back to", "taken out of use"
@@ -115,9 +116,10 @@ class CalibrationStore:
         machine: str | None = None,
         machines: tuple[str, ...] | None = None,
         state: str | None = None,
+        between: Between = EVERYTHING,
     ) -> Page[Calibration]:
         """Newest first; ``machines``: only those of these machines."""
-        query = sa.select(calibrations)
+        query = between.narrowed(sa.select(calibrations), calibrations.c.created, calibrations.c.label)
         if machine is not None:
             query = query.where(calibrations.c.machine == machine)
         if machines is not None:
@@ -136,7 +138,7 @@ class CalibrationStore:
             return None if row is None else _with_history(connection, [row])[0]
 
     def decide(
-        self, id: str, state: Literal["approved", "rejected"], by: Principal, note: str, revision: int | None
+        self, id: str, state: Literal["approved", "rejected"], by: Principal, note: str, revisions: Tags
     ) -> Calibration:
         """Approve or reject.
 
@@ -146,10 +148,10 @@ class CalibrationStore:
             If its state forbids it, or ``by`` proposed it and wants to approve it, and the policy forbids that. What
             schedules do by themselves has a policy of its own.
         PreconditionError
-            If ``revision`` is given and not the current one.
+            If ``revisions`` are given and the current one is none of them.
         """
         with self._database.write("calibrations") as connection:
-            found = _expect(connection, id, revision)
+            found = _expect(connection, id, revisions)
             if found.state != "proposed" and not (found.state == "approved" and state == "rejected"):
                 raise ConflictError(f"calibration '{id}' is {found.state}; only a proposed one can be {state}")
             own = found.proposed_by_id == by.id and by.kind != "service"
@@ -160,7 +162,7 @@ class CalibrationStore:
             self._step(connection, id, state, by, note)
             return _get(connection, id)
 
-    def activate(self, id: str, revision: int | None, by: Principal) -> Calibration:
+    def activate(self, id: str, revisions: Tags, by: Principal) -> Calibration:
         """Use it in the name of ``by``; the one in use before is retired. Nothing happens if it is active.
 
         Raises
@@ -168,10 +170,10 @@ class CalibrationStore:
         ConflictError
             If nobody approved it.
         PreconditionError
-            If ``revision`` is given and not the current one.
+            If ``revisions`` are given and the current one is none of them.
         """
         with self._database.write("calibrations") as connection:
-            found = _expect(connection, id, revision)
+            found = _expect(connection, id, revisions)
             if found.state == "active":
                 return found
             if found.state not in ("approved", "retired"):
@@ -195,7 +197,7 @@ class CalibrationStore:
             self._put_in_use(connection, again, self._database.now(), by, ROLLED_BACK)
             return _get(connection, before.calibration)
 
-    def deactivate(self, id: str, revision: int | None, by: Principal, note: str) -> Calibration:
+    def deactivate(self, id: str, revisions: Tags, by: Principal, note: str) -> Calibration:
         """Take it out of use in the name of ``by``: the machine has none in use then, as before its first one.
 
         Raises
@@ -203,10 +205,10 @@ class CalibrationStore:
         ConflictError
             If it is not in use.
         PreconditionError
-            If ``revision`` is given and not the current one.
+            If ``revisions`` are given and the current one is none of them.
         """
         with self._database.write("calibrations") as connection:
-            found = _expect(connection, id, revision)
+            found = _expect(connection, id, revisions)
             if found.state != "active":
                 raise ConflictError(f"calibration '{id}' is {found.state}; only the one in use can be taken out of use")
             newest = self._lasting(connection, found.machine)[0]
@@ -232,9 +234,9 @@ class CalibrationStore:
         connection.execute(calibration_steps.insert().values(**values, by=by.name, by_id=by.id, note=note))
 
 
-def _expect(connection: sa.Connection, id: str, revision: int | None) -> Calibration:
+def _expect(connection: sa.Connection, id: str, revisions: Tags) -> Calibration:
     found = _get(connection, id)
-    if revision is not None and found.revision != revision:
+    if revisions is not None and str(found.revision) not in revisions:
         raise PreconditionError(f"calibration '{id}' changed since you read it; read it again")
     return found
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, Any
 
-from fastapi import APIRouter, Header, Query, Request, Response
+from fastapi import APIRouter, Query, Request, Response
 from fastapi.concurrency import run_in_threadpool
 from fastapi.responses import FileResponse
 
@@ -22,15 +22,12 @@ from server.platform.authorization.guard import PrincipalDep, require
 from server.platform.authorization.typed_route import TypedRoute
 from server.platform.errors import NotFoundError
 from server.platform.files import receive
-from server.platform.http.route_parameters import Limit, OneMachine, ServiceDep, problems
+from server.platform.http.route_parameters import KnownTags, Limit, OneMachine, ServiceDep, problems
 
 router = APIRouter(prefix="/can-signals", tags=["machines"], route_class=TypedRoute)
 _BYTES: dict[str, Any] = {"application/octet-stream": {"schema": {"type": "string", "format": "binary"}}}
 _FILE: dict[str, Any] = {"requestBody": {"required": True, "description": "The bytes of the file", "content": _BYTES}}
 DbcFile = Annotated[str, Query(min_length=1, max_length=1000, description="As the machine's file names it in dbc")]
-IfMatch = Annotated[
-    str | None, Header(max_length=80, description='SHA-256 of the file as it was read, `""` if it was not there')
-]
 
 
 @router.get("", responses=problems(404, 422, 429, 503), dependencies=[require("read")])
@@ -73,15 +70,14 @@ async def upload(
     principal: PrincipalDep,
     machine: OneMachine,
     name: DbcFile,
-    if_match: IfMatch = None,
+    tags: KnownTags,
 ) -> CanFileReplaced:
     """Upload a DBC file in the place of one that a machine's file names; acquisition goes on with the new one."""
     files = service[SignalFiles]
     async with service.heavy.place(principal.id) as place:
         incoming = await place.run(files.incoming, machine, name)
         await receive(request.stream(), incoming, service.settings.maximum_upload_bytes, place.io)
-        expected = None if if_match is None or if_match.strip() == "*" else if_match.strip().strip('"')
-        digest = await place.run(files.replace, incoming, machine, name, expected)
+        digest = await place.run(files.replace, incoming, machine, name, tags)
     response.headers["ETag"] = f'"{digest}"'
     return CanFileReplaced(name=name, sha256=digest)
 

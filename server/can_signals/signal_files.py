@@ -24,6 +24,7 @@ from server.platform.errors import (
     UnsupportedFormatError,
 )
 from server.platform.files import DataDirectory, write_atomically
+from server.platform.http.route_parameters import NONE_YET, Tags
 from server.platform.processes.children import run_child
 
 PROGRAM = (sys.executable, "-P", "-m", "server.can_signals.signal_child")
@@ -108,12 +109,12 @@ class SignalFiles:
         made = self._files.incoming()
         return made.with_name(made.name + path.suffix)
 
-    def replace(self, incoming: Path, machine: str, name: str, expected: str | None) -> str:
+    def replace(self, incoming: Path, machine: str, name: str, expected: Tags) -> str:
         """Put an upload in the place of a file; its SHA-256. The upload is gone afterwards.
 
         Parameters
         ----------
-        expected : SHA-256 of the file that the sender knows ("": none), None where that does not matter
+        expected : SHA-256 of files that the sender knows ("0": none), None where that does not matter
 
         Raises
         ------
@@ -129,7 +130,7 @@ class SignalFiles:
             path = self.path(machine, name)
             self._refuse_unusable(row, name, incoming)
             with self._replacing:
-                if expected is not None and expected != (self.digest(machine, name) or ""):
+                if expected is not None and (self.digest(machine, name) or NONE_YET) not in expected:
                     raise PreconditionError(f"somebody replaced {name} meanwhile; look at it, and send yours again")
                 recording = self._recorded(machine)
                 if recording is not None:

@@ -52,7 +52,11 @@ def pair(
     if settings.database_url is None and not files.database.is_file():
         raise StartError(f"--data-dir {settings.data_dir}: holds no store; start 'hilfit serve' once")
     database = Database(
-        settings.full_database_url or files.database, TABLES, changed=lambda: None, backups=files.backups
+        settings.full_database_url or files.database,
+        TABLES,
+        changed=lambda: None,
+        backups=files.backups,
+        site=settings.site(files),
     )
     try:
         audit = Audit(database)

@@ -28,10 +28,13 @@ def doctor(
         Path | None, typer.Argument(help="Machine file whose CAN interfaces have to be there.", show_default=False)
     ] = None,
     data_dir: Annotated[Path, typer.Option(help="Data directory of the service.")] = Path("hilfit-data"),
+    config: Annotated[
+        Path | None, typer.Option(help="Settings of the service (YAML).", dir_okay=False, show_default=False)
+    ] = None,
     json: Annotated[bool, typer.Option("--json", help="Print the result as JSON.")] = False,
 ) -> None:
     """Say whether this computer is ready: libraries, permissions, scheduling, CAN, time. Exit code 1 on a problem."""
-    found = list(_look(machine, data_dir))
+    found = list(_look(machine, data_dir, config))
     problems = sum(line.level == "problem" for line in found)
     if json:
         print_json({"ready": not problems, "lines": [asdict(line) for line in found]})
@@ -45,8 +48,9 @@ def doctor(
         raise typer.Exit(1)
 
 
-def _look(machine: Path | None, data_dir: Path) -> Iterator[Line]:
+def _look(machine: Path | None, data_dir: Path, config: Path | None) -> Iterator[Line]:
     from server.commands import doctor_probes as probes
+    from server.platform.settings import load_settings
 
     wanted = None if machine is None else _interfaces(machine)
     yield probes.program()
@@ -57,6 +61,8 @@ def _look(machine: Path | None, data_dir: Path) -> Iterator[Line]:
     yield probes.scheduling()
     yield from probes.can_interfaces(wanted=wanted)
     yield from probes.serial_ports()
+    yield probes.confinement()
+    yield probes.bus_places(load_settings(config).bus_places)
     yield probes.time_is_synchronised()
     yield probes.clock_source()
 

@@ -8,11 +8,13 @@ import platform
 import shutil
 import sys
 import threading
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, distribution, version
 from pathlib import Path
 from typing import Literal
+
+from daq.confinement import landlock_version
 
 Level = Literal["ok", "note", "problem"]
 
@@ -202,6 +204,22 @@ def serial_ports(root: Path = Path("/dev")) -> Iterator[Line]:
             yield Line("serial", "ok", f"{path} can be used")
         else:
             yield Line("serial", "problem", f"{path} is refused", "sudo usermod -aG dialout $USER, then log in again")
+
+
+def confinement() -> Line:
+    """Whether the kernel keeps children of the service away from its store."""
+    if landlock_version() > 0:
+        return Line("confinement", "ok", "acquisition and numerical children cannot write to the store (Landlock)")
+    do = "use a kernel from 5.13 on with Landlock; without it run children as another user, or let nobody upload files"
+    return Line("confinement", "note", "the kernel has no Landlock: children could write to the store", do)
+
+
+def bus_places(places: Collection[str]) -> Line:
+    """Where uploaded machines may be acquired from."""
+    if places:
+        return Line("bus places", "ok", f"uploaded machines may be acquired from {', '.join(places)}")
+    do = "list places in the file of --config to acquire them: bus_places: [can:socketcan:can0]"
+    return Line("bus places", "ok", "uploaded machines may be acquired from nowhere", do)
 
 
 def time_is_synchronised() -> Line:

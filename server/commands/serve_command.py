@@ -41,6 +41,9 @@ def serve(
     faults: Annotated[
         Path | None, typer.Option(help="Fault file (YAML): what breaks in the simulated machine, when, for how long.")
     ] = None,
+    new_store: Annotated[
+        bool, typer.Option("--new-store", help="Make a new store where there was one, and forget what that knew.")
+    ] = False,
     json: Annotated[bool, typer.Option("--json", help="Print the address as JSON.")] = False,
 ) -> None:
     """Serve machines, recordings and identifications over HTTP until stopped."""
@@ -59,6 +62,7 @@ def serve(
         "simulate": simulate,
         "simulation_speed": simulation_speed,
         "faults": faults,
+        "new_store": new_store,
     }
     settings = load_settings(config, **{name: value for name, value in options.items() if _was_given(context, name)})
     _check_faults(settings)

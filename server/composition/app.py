@@ -10,17 +10,18 @@ from fastapi import FastAPI, Response
 from fastapi.routing import APIRoute
 
 from server.access.access_desk import Access
-from server.access.gate import Gate
+from server.access.gate import OPEN, Gate
 from server.access.rates import Rate, Rates
 from server.audit.audit_log import Audit
 from server.live.revisions import Revisions
 from server.platform.authorization.guard import is_about_every_machine, require
 from server.platform.authorization.typed_route import TypedRoute
 from server.platform.http import problems
+from server.platform.http.conditional import Conditional
 from server.platform.http.health import Health
 from server.platform.http.kept_answers import KeptAnswers
 from server.platform.http.metrics import MEDIA_TYPE, Metrics, RequestTimes
-from server.platform.http.pages import Pages, page_files
+from server.platform.http.pages import CLOSED, Pages, page_files
 from server.platform.http.request_limits import BodyLimit, OwnPagesOnly, SafeHeaders
 from server.platform.http.route_parameters import problems as problem_responses
 from server.platform.resource import Resource, kept_lists
@@ -29,6 +30,8 @@ from server.platform.service import Service
 API = "/api/v1"
 
 _RESPONSES = {str(status): response for status, response in problem_responses(401, 403, 429, 503).items()}
+_TOKEN = {"type": "http", "scheme": "bearer", "description": "Of a paired device, or an API key; `docs/access.md`"}
+_UNCHANGED = {"description": "Not Modified: `If-None-Match` names the `ETag` of this answer"}
 
 
 class _Application(FastAPI):
@@ -38,13 +41,22 @@ class _Application(FastAPI):
         """The OpenAPI description."""
         description = super().openapi()
         description["components"]["schemas"].setdefault("Problem", problems.Problem.model_json_schema())
-        for path in description["paths"].values():
-            for operation in path.values():  # what the layers around all routes answer
+        description["servers"] = [{"url": "/", "description": "The service that this description was read from"}]
+        description["components"]["securitySchemes"] = {"token": _TOKEN}
+        for path, operations in description["paths"].items():
+            for method, operation in operations.items():  # what the layers around all routes answer
                 operation["responses"] = {**_RESPONSES, **operation["responses"]}
-        for path in kept_lists(self.state.service.resources):
-            unchanged = {"description": "Not Modified: `If-None-Match` names the `ETag` of this answer"}
-            description["paths"][API + path]["get"]["responses"]["304"] = unchanged
+                if path.startswith(CLOSED) and path not in OPEN:
+                    operation["security"] = [{"token": []}, {}]  # without one where access control is off
+                if method == "get":
+                    operation["responses"]["304"] = _UNCHANGED
         return description
+
+
+def _operation_name(route: APIRoute) -> str:
+    """``recordings.upload``: the resource whose route it is, and what its function is called."""
+    resource = route.endpoint.__module__.split(".")[1]
+    return f"{'health' if resource == 'composition' else resource}.{route.name}"
 
 
 def create_app(service: Service) -> FastAPI:
@@ -56,6 +68,7 @@ def create_app(service: Service) -> FastAPI:
         redoc_url=None,
         docs_url=None,  # the page that FastAPI brings loads scripts from elsewhere
         openapi_url=f"{API}/openapi.json",
+        generate_unique_id_function=_operation_name,
     )
     app.state.service = service
     app.router.route_class = TypedRoute
@@ -110,7 +123,7 @@ def _add_health(app: FastAPI, service: Service, metrics: Metrics) -> None:
         """Whether the process answers: if not, restart it."""
         return Health(status="ok")
 
-    @app.get("/readyz", tags=["health"], responses=problem_responses(503))
+    @app.get("/readyz", tags=["health"], operation_id="health.readyz", responses=problem_responses(503))
     @app.get("/healthz", tags=["health"], responses=problem_responses(503))
     def healthz() -> Health:
         """Whether requests can be served: the store can be read, and the data directory be written."""
@@ -156,5 +169,6 @@ def _add_layers(app: FastAPI, service: Service, metrics: Metrics) -> None:
     rate = Rate(settings.requests_per_second, max(1, round(4 * settings.requests_per_second)))
     app.add_middleware(Gate, access=access, audit=service[Audit], actions=actions, rate=rate, rates=Rates())
     app.add_middleware(OwnPagesOnly, hosts=settings.public_hosts, addresses=access.required)
+    app.add_middleware(Conditional)
     app.add_middleware(SafeHeaders)
     app.add_middleware(RequestTimes, metrics=metrics)

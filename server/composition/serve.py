@@ -21,6 +21,7 @@ from server.platform.errors import StartError
 from server.platform.files import private_files
 from server.platform.http.http_limits import BoundedHttp
 from server.platform.parts import Key
+from server.platform.processes.precedence import take_precedence
 from server.platform.service import Service
 from server.platform.settings import Settings, refuse_open_host
 
@@ -68,6 +69,7 @@ def serve(settings: Settings, ready: Callable[[str], None], given: Mapping[Key, 
     """
     refuse_open_host(settings)
     private_files()
+    take_precedence()
     logs.configure()
     # uvicorn handles signals while it runs and raises them again when it is done; our children still have to
     # be ended then.

@@ -9,6 +9,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from server.excitations.excitation_store import Excitation
 from server.jobs.job_store import State
 from server.platform.authorization.named_things import MachineName
+from server.platform.http.bodies import Label
 
 
 class ExcitationOrder(BaseModel):
@@ -21,7 +22,7 @@ class ExcitationOrder(BaseModel):
     model_config = ConfigDict(extra="forbid")
 
     machine: MachineName
-    label: Annotated[str, Field(max_length=200)] = ""
+    label: Label = ""
     rods: Literal["pinned", "unpinned"] = "pinned"
     joints: Annotated[list[Annotated[str, Field(max_length=80)]], Field(min_length=1, max_length=32)] | None = None
     duration_s: Annotated[float, Field(ge=5, le=600)] | None = None

@@ -21,7 +21,7 @@ from server.jobs.job_store import Jobs
 from server.platform.authorization.guard import PrincipalDep, require
 from server.platform.authorization.typed_route import TypedRoute
 from server.platform.errors import ConflictError, NotFoundError
-from server.platform.http.route_parameters import Cursor, Limit, MachineQuery, ServiceDep, problems
+from server.platform.http.route_parameters import BetweenDep, Cursor, Limit, MachineQuery, ServiceDep, problems
 from server.platform.service import Service
 
 router = APIRouter(prefix="/identifications", tags=["identifications"], route_class=TypedRoute)
@@ -55,13 +55,14 @@ async def order(
 def list_identifications(
     service: ServiceDep,
     principal: PrincipalDep,
+    between: BetweenDep,
     machine: MachineQuery = None,
     limit: Limit = 50,
     cursor: Cursor = 0,
 ) -> IdentificationList:
     """List identifications, newest first."""
     return IdentificationList.of(
-        service[Identifications].list(limit, cursor, machine=machine, machines=principal.machines)
+        service[Identifications].list(limit, cursor, machine=machine, machines=principal.machines, between=between)
     )
 
 

@@ -13,6 +13,7 @@ from server.jobs.job_store import Result
 from server.platform.database.engine import Database, Page, page
 from server.platform.database.idempotency import IdempotencyKey, earlier, remember
 from server.platform.errors import ConflictError, NotFoundError
+from server.platform.http.route_parameters import EVERYTHING, Between
 from server.recordings.recording_tables import recordings
 
 
@@ -82,10 +83,16 @@ class Identifications:
             return _get(connection, id)
 
     def list(
-        self, limit: int, after: int = 0, *, machine: str | None = None, machines: tuple[str, ...] | None = None
+        self,
+        limit: int,
+        after: int = 0,
+        *,
+        machine: str | None = None,
+        machines: tuple[str, ...] | None = None,
+        between: Between = EVERYTHING,
     ) -> Page[Identification]:
         """Newest first; ``machines``: only those of these machines."""
-        query = sa.select(identifications)
+        query = between.narrowed(sa.select(identifications), identifications.c.created, identifications.c.label)
         if machine is not None:
             query = query.where(identifications.c.machine == machine)
         if machines is not None:

@@ -16,7 +16,7 @@ from server.jobs.job_kinds import AT_MACHINES
 from server.jobs.job_routes import router
 from server.jobs.job_runner import EXECUTOR, QUEUES, JobRunner
 from server.jobs.job_store import Jobs
-from server.jobs.job_tables import executors, hosts, job_claims, job_events, job_files, jobs, store_identity
+from server.jobs.job_tables import executors, hosts, job_claims, job_events, job_files, jobs
 from server.jobs.job_times import JobTimes
 from server.jobs.worker_routes import router as worker_router
 from server.platform.database.engine import Database
@@ -82,7 +82,7 @@ def _metrics(parts: Parts) -> Iterator[Metric]:
 JOBS = Resource(
     name="jobs",
     routers=(router, worker_router),
-    tables=(jobs, job_events, executors, job_claims, job_files, store_identity, hosts),
+    tables=(jobs, job_events, executors, job_claims, job_files, hosts),
     kept={"/jobs": ("jobs", "identifications", "excitations", "recalibrations")},
     provides={
         Jobs: lambda parts: Jobs(parts[Database]),

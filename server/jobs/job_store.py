@@ -6,7 +6,6 @@ of its progress is a row of its own, so a client that was away reads what it mis
 
 from __future__ import annotations
 
-import secrets
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
@@ -14,8 +13,9 @@ from typing import Any, Literal
 import sqlalchemy as sa
 
 from server.jobs.claims import Claim
-from server.jobs.job_tables import job_events, job_files, jobs, store_identity
+from server.jobs.job_tables import job_events, job_files, jobs
 from server.platform.database.engine import Database, Page, page
+from server.platform.database.schema import store_identity
 from server.platform.errors import NotFoundError
 
 State = Literal["queued", "running", "done", "failed", "cancelled"]
@@ -233,16 +233,9 @@ class Jobs:
         return True
 
     def store(self) -> str:
-        """What tells this store from all others; made when it is first asked for."""
+        """What tells this store from all others."""
         with self._database.read() as connection:
-            found = connection.execute(sa.select(store_identity.c.id)).scalar()
-        if found is None:
-            with self._database.write() as connection:
-                found = connection.execute(sa.select(store_identity.c.id)).scalar()  # another may have been quicker
-                if found is None:
-                    found = f"store-{secrets.token_hex(8)}"
-                    connection.execute(store_identity.insert().values(id=found))
-        return str(found)
+            return str(connection.execute(sa.select(store_identity.c.id)).scalar_one())
 
     def note_inputs(self, id: str, files: Mapping[str, str]) -> None:
         """Store the SHA-256 of what a job reads, by key."""

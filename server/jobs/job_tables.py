@@ -49,9 +49,6 @@ job_files = sa.Table(
     sa.Column("sha256", sa.String, nullable=False),
 )
 
-#: The one row that tells this store from all others, in storages and data directories too.
-store_identity = sa.Table("store_identity", metadata, sa.Column("id", sa.String, primary_key=True))
-
 #: What hosts say of themselves.
 hosts = sa.Table(
     "hosts",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from contextlib import AbstractContextManager, suppress
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -15,6 +15,7 @@ import structlog
 from daq import Machine, Quality, load_machine
 from daq.acquisition.acquisition import AcquisitionStatistics
 from daq.errors import HilfitError
+from daq.machine.bus_places import is_listed, place_of
 from server.platform.errors import ConflictError, UnavailableError
 
 #: Seconds between two looks at a running acquisition.
@@ -64,6 +65,7 @@ class Supervisor:
 
     Parameters
     ----------
+    places : where it may go (:mod:`daq.machine.bus_places`); None: wherever its file says
     pause : waits that many seconds or until told to stop; True if told to stop (a test passes its own)
     """
 
@@ -73,12 +75,14 @@ class Supervisor:
         machine_file: Path,
         launch: Launch,
         *,
+        places: Collection[str] | None = None,
         changed: Callable[[], None] = lambda: None,
         pause: Callable[[threading.Event, float], bool] = lambda event, seconds: event.wait(seconds),
     ) -> None:
         self._name = name
         self._machine_file = machine_file
         self._launch = launch
+        self._places = places
         self._changed = changed
         self._pause = pause
         self._lock = threading.Lock()
@@ -125,6 +129,7 @@ class Supervisor:
             ran = False
             try:
                 machine = load_machine(self._machine_file)
+                refuse_elsewhere(machine, self._places)
                 with self._launch(machine) as feed:
                     if self._comes_up(feed):
                         ran = True
@@ -169,6 +174,17 @@ class Supervisor:
                 raise UnavailableError("the acquisition process ended by itself; it is started again")
 
 
+def refuse_elsewhere(machine: Machine, places: Collection[str] | None) -> None:
+    """Raise ConflictError if a bus of a machine leads to a place that is not among ``places`` (None: all are)."""
+    for bus in machine.buses if places is not None else ():
+        place = place_of(bus)
+        if not is_listed(place, places or ()):
+            raise ConflictError(
+                f"machine '{machine.name}' cannot be acquired: its bus '{bus.name}' leads to {place}, which is not in "
+                "bus_places; have the administrator of this service add it to the file of --config"
+            )
+
+
 class Acquisition:
     """All machines that are acquired.
 
@@ -176,18 +192,21 @@ class Acquisition:
     ----------
     launch : starts acquiring one machine
     changed : called whenever a machine's acquisition changes its state
+    places : where machines of others may go (:mod:`daq.machine.bus_places`)
     """
 
-    def __init__(self, launch: Launch, changed: Callable[[], None]) -> None:
+    def __init__(self, launch: Launch, changed: Callable[[], None], places: Collection[str]) -> None:
         self._launch = launch
+        self._places = places
         self._changed = changed
         self._lock = threading.Lock()
         self._supervisors: dict[str, Supervisor] = {}
 
-    def start(self, name: str, machine_file: Path) -> None:
-        """Acquire machine ``name``, from now on by this file."""
+    def start(self, name: str, machine_file: Path, own: bool = False) -> None:
+        """Acquire machine ``name``, from now on by this file; one of our ``own`` goes wherever it says."""
         self.stop(name)
-        supervisor = Supervisor(name, machine_file, self._launch, changed=self._changed)
+        places = None if own else self._places
+        supervisor = Supervisor(name, machine_file, self._launch, places=places, changed=self._changed)
         with self._lock:
             self._supervisors[name] = supervisor
         supervisor.start()
@@ -215,8 +234,8 @@ class Acquisition:
             supervisor = self._supervisors.get(name)
         return supervisor is not None and supervisor.running is not None
 
-    def check(self, machine_file: Path) -> None:
-        """Raise ConflictError if the machine's file does not say where its channels come from."""
+    def check(self, machine_file: Path, own: bool = False) -> None:
+        """Raise ConflictError if a machine's file does not say where its channels come from, or leads elsewhere."""
         machine = load_machine(machine_file)
         silent = [channel.name for channel in machine.channels if channel.source is None]
         if not machine.buses or silent:
@@ -224,6 +243,7 @@ class Acquisition:
             raise ConflictError(
                 f"machine '{machine.name}' cannot be acquired: {what} in its file; add it and upload it again"
             )
+        refuse_elsewhere(machine, None if own else self._places)
 
     def statistics(self, name: str) -> dict[str, Any]:
         """State of one machine's acquisition."""
@@ -241,7 +261,7 @@ class Acquisition:
         Raises
         ------
         ConflictError
-            If it is not acquired.
+            If it is not acquired, or that is starting.
         UnavailableError
             If its acquisition does not run at the moment.
         """
@@ -255,7 +275,10 @@ class Acquisition:
         if running is None:
             state = supervisor.statistics()
             reason = f" ({state['error']})" if state["error"] else ""
-            raise UnavailableError(f"acquisition of machine '{name}' is {state['state']}{reason}; try again")
+            starts = state["state"] == "starting"  # which is no fault of the service, and soon over
+            raise (ConflictError if starts else UnavailableError)(
+                f"acquisition of machine '{name}' is {state['state']}{reason}; try again"
+            )
         return running
 
     def latest(self, name: str) -> dict[str, Any]:

@@ -11,6 +11,7 @@ from server.machines.machine_store import MachineRow, Machines
 from server.machines.machine_uploads import MachineUploads
 from server.platform.errors import ConflictError
 from server.platform.files import DataDirectory
+from server.platform.http.route_parameters import Tags
 from server.platform.parts import PartName
 
 #: Id of the recording that is being made of a machine; None without one.
@@ -52,18 +53,19 @@ class MachineDesk:
     def start_acquisition(self) -> None:
         """Acquire all machines that should be."""
         for machine in self._machines.acquiring():
-            self._acquisition.start(machine.name, self._files.machine_file(machine.name, machine.version))
+            path = self._files.machine_file(machine.name, machine.version)
+            self._acquisition.start(machine.name, path, own=machine.name == self.simulated)
 
     def check(self, content: bytes, allowed: Callable[[str], bool]) -> tuple[str, int]:
         """A machine file's machine and the version that it would be; refuses what :meth:`upload` would."""
         return self._uploads.check(content, allowed, self.simulated)
 
     def upload(
-        self, content: bytes, allowed: Callable[[str], bool] = lambda name: True, expected: int | None = None
+        self, content: bytes, allowed: Callable[[str], bool] = lambda name: True, expected: Tags = None
     ) -> tuple[MachineRow, bool]:
         """Store a machine file; a machine that is being acquired goes on with the new one.
 
-        NotFoundError if the machine is not ``allowed``, PreconditionError if ``expected`` is not its version,
+        NotFoundError if the machine is not ``allowed``, PreconditionError if its version is not ``expected``,
         ConflictError if it is the simulated one.
         """
         row, made = self._uploads.add(content, allowed=allowed, protected=self.simulated, expected=expected)
@@ -76,10 +78,11 @@ class MachineDesk:
         row = self._machines.get(name)
         if enabled:
             path = self._files.machine_file(name, row.version)
-            self._acquisition.check(path)
+            own = name == self.simulated
+            self._acquisition.check(path, own)
             self._machines.set_acquire(name, True)
             if name not in self._acquisition.names():
-                self._acquisition.start(name, path)
+                self._acquisition.start(name, path, own)
             return
         recording = self._recorded(name)
         if recording is not None:

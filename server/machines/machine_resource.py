@@ -80,7 +80,7 @@ MACHINES = Resource(
         Machines: lambda parts: Machines(parts[Database]),
         MachineReader: _reader,
         MachineUploads: lambda parts: MachineUploads(parts[Database], parts[DataDirectory], parts[MachineReader]),
-        Acquisition: lambda parts: Acquisition(parts[LAUNCH], parts[Changes].notify),
+        Acquisition: lambda parts: Acquisition(parts[LAUNCH], parts[Changes].notify, parts[Settings].bus_places),
         MachineDesk: _desk,
     },
     running=_running,

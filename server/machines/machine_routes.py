@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, Any
 
-from fastapi import APIRouter, Header, Query, Request, Response
+from fastapi import APIRouter, Query, Request, Response
 from fastapi.concurrency import run_in_threadpool
 
 from server.machines.acquisition import Acquisition
@@ -14,16 +14,13 @@ from server.machines.machine_schemas import AcquisitionWish, MachineCheck, Machi
 from server.machines.machine_store import Machines
 from server.platform.authorization.guard import Principal, PrincipalDep, require
 from server.platform.authorization.typed_route import TypedRoute
-from server.platform.errors import NotFoundError, PreconditionError
-from server.platform.http.route_parameters import Cursor, Limit, ServiceDep, problems
+from server.platform.errors import NotFoundError
+from server.platform.http.route_parameters import Cursor, KnownTags, Limit, ServiceDep, problems
 from server.platform.service import Service
 
 router = APIRouter(prefix="/machines", tags=["machines"], route_class=TypedRoute)
 YAML = "application/yaml"
 Version = Annotated[int | None, Query(ge=1, le=2**53, description="By default the current one")]
-IfMatch = Annotated[
-    str | None, Header(max_length=40, description="`ETag` of the machine (its current version) as it was read")
-]
 _FILE: dict[str, Any] = {
     "requestBody": {
         "required": True,
@@ -41,12 +38,11 @@ _FILE: dict[str, Any] = {
     dependencies=[require("engineer")],
 )
 async def upload(
-    request: Request, response: Response, service: ServiceDep, principal: PrincipalDep, if_match: IfMatch = None
+    request: Request, response: Response, service: ServiceDep, principal: PrincipalDep, tags: KnownTags
 ) -> MachineSummary:
     """Upload a machine file: a new machine or a new version (200 if it is the current version already)."""
-    expected = _version(if_match)
     async with service.heavy.place(principal.id) as place:
-        row, made = await place.run(service[MachineDesk].upload, await request.body(), principal.may_see, expected)
+        row, made = await place.run(service[MachineDesk].upload, await request.body(), principal.may_see, tags)
     response.status_code = 201 if made else 200
     response.headers["Location"] = f"/api/v1/machines/{row.name}"
     response.headers["ETag"] = f'"{row.current}"'
@@ -95,16 +91,6 @@ async def acquisition(name: str, wish: AcquisitionWish, service: ServiceDep, pri
     """Start or stop acquiring a machine; it stays so over restarts."""
     await service.heavy.aside(service[MachineDesk].set_acquisition, name, wish.enabled)
     return await _detail(service, principal, name, None)
-
-
-def _version(if_match: str | None) -> int | None:
-    """The version that a client expects to be the current one, None for any; a new machine has none (0)."""
-    if if_match is None or if_match.strip() == "*":
-        return None
-    text = if_match.strip().strip('"')
-    if not text.isascii() or not text.isdecimal():
-        raise PreconditionError(f"If-Match {if_match}: is no ETag of a machine; read it again")
-    return int(text)
 
 
 async def _detail(service: Service, principal: Principal, name: str, version: int | None) -> MachineDetail:

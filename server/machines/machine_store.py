@@ -9,7 +9,7 @@ import sqlalchemy as sa
 
 from server.machines.machine_tables import machine_versions, machines
 from server.platform.database.engine import Database, Page, page
-from server.platform.errors import NotFoundError
+from server.platform.errors import ConflictError, NotFoundError
 
 
 @dataclass(frozen=True)
@@ -31,9 +31,16 @@ class Machines:
         self._database = database
 
     def next_version(self, name: str, sha256: str) -> int | None:
-        """The version that a file with this hash would get; None if it is the current one already."""
+        """The version that a file with this hash would get; None if it is the current one already.
+
+        ConflictError if there is none of this name, and one that differs from it by capitals alone.
+        """
         with self._database.read() as connection:
             row = connection.execute(_versions().where(machines.c.name == name, _is_current())).first()
+            alike = sa.select(machines.c.name).where(sa.func.lower(machines.c.name) == name.lower())
+            other = None if row is not None else connection.execute(alike).scalar()
+        if other is not None:
+            raise ConflictError(f"there is a machine '{other}' already, which reads like '{name}'; choose another name")
         if row is None:
             return 1
         return None if row.sha256 == sha256 else int(row.version) + 1

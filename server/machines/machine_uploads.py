@@ -17,6 +17,7 @@ from server.platform.errors import (
     PreconditionError,
 )
 from server.platform.files import DataDirectory, write_atomically
+from server.platform.http.route_parameters import Tags
 
 #: Where a simulated bus is: other ports and pseudo-terminals at each start, and nothing that the machine is.
 _ADDRESS = re.compile(rb"^\s*port: \S+\n", re.MULTILINE)
@@ -39,7 +40,7 @@ class MachineUploads:
         own: bool = False,
         allowed: Callable[[str], bool] = lambda name: True,
         protected: str | None = None,
-        expected: int | None = None,
+        expected: Tags = None,
     ) -> tuple[MachineRow, bool]:
         """Check and store the text of a machine file.
 
@@ -47,7 +48,7 @@ class MachineUploads:
         ----------
         own : whether it was written by this service, so that it can be read here
         protected : machine whose file no upload may change
-        expected : the version that the writer knows as the current one (0: none), None where that does not matter
+        expected : the versions that the writer knows (0: none), None where that does not matter
 
         Returns
         -------
@@ -65,9 +66,10 @@ class MachineUploads:
         machine, digest = self._parsed(content, allowed, own)
         with self._lock:
             version = self._machines.next_version(machine.name, digest)
-            if expected is not None and version is not None and version != expected + 1:
+            if expected is not None and version is not None and str(version - 1) not in expected:
+                known = " or ".join(sorted(expected))
                 raise PreconditionError(
-                    f"machine '{machine.name}' has version {version - 1} by now, not {expected}; read it and put both "
+                    f"machine '{machine.name}' has version {version - 1} by now, not {known}; read it and put both "
                     "changes together"
                 )
             if version is not None:

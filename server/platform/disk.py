@@ -24,16 +24,20 @@ def free_bytes(recordings: Path) -> int:
     return shutil.disk_usage(recordings).free - sizes
 
 
-def require_room(free: int) -> None:
-    """Refuse to begin something that fills the disk.
+def require_room(free: int, needed: int = 0) -> None:
+    """Refuse what fills the disk.
+
+    Parameters
+    ----------
+    needed : bytes that it will take, as far as that is known
 
     Raises
     ------
     ConflictError
-        If not more than :data:`RESERVE_BYTES` are free.
+        If not more than :data:`RESERVE_BYTES` would be free.
     """
-    if free <= RESERVE_BYTES:
+    if free - needed <= RESERVE_BYTES:
         raise ConflictError(
-            f"the disk is full: {max(free, 0) // 2**20} MiB are free and {RESERVE_BYTES // 2**20} MiB are kept for the "
-            "database; delete recordings or make room"
+            f"the disk is full: {max(free, 0) // 2**20} MiB are free, {needed // 2**20} MiB are to come and "
+            f"{RESERVE_BYTES // 2**20} MiB are kept for the database; delete recordings or make room"
         )

@@ -37,6 +37,7 @@ from server.platform.storage import DataFolder, SharedStorage
 #: Bytes gathered before one write to disk; small enough to be nothing in memory.
 WRITE_BYTES = 2**20
 DATABASE_FILE = "hilfit.sqlite"
+LOCK_FILE = "lock"
 
 
 @contextmanager
@@ -133,7 +134,7 @@ class DataDirectory:
             If another server holds it.
         """
         taken = "another hilfit server is using it; stop that one or give another directory"
-        with held(self.root / "lock", f"--data-dir {self.root}", taken) as self._held:
+        with held(self.root / LOCK_FILE, f"--data-dir {self.root}", taken) as self._held:
             try:
                 yield
             finally:
@@ -148,7 +149,7 @@ class DataDirectory:
             If it was deleted, replaced or closed to us, or its disk is full.
         """
         try:
-            if self._held is not None and not os.path.samestat((self.root / "lock").stat(), os.fstat(self._held)):
+            if self._held is not None and not os.path.samestat((self.root / LOCK_FILE).stat(), os.fstat(self._held)):
                 raise UnavailableError("the data directory is another one than at the start; restart the service")
             for directory in (self.machines, self.recordings, self.identifications):
                 directory.stat()
@@ -214,6 +215,7 @@ async def receive(
     path: Path,
     limit: int,
     in_thread: Callable[..., Awaitable[Any]],
+    room: Callable[[], object] = lambda: None,
 ) -> int:
     """Stream ``chunks`` into the new file ``path``, synced; the file is removed if anything goes wrong.
 
@@ -221,6 +223,7 @@ async def receive(
     ----------
     limit : most bytes taken
     in_thread : runs a blocking call elsewhere, ``await in_thread(function, *arguments)``
+    room : called before each write; raises ConflictError if the disk has to take no more
 
     Returns
     -------
@@ -243,6 +246,7 @@ async def receive(
                 raise TooLargeError(f"the upload is larger than {limit} bytes; split it or raise maximum_upload_bytes")
             pending += chunk
             if len(pending) >= WRITE_BYTES:
+                await in_thread(room)
                 await in_thread(file.write, bytes(pending))
                 pending.clear()
         await in_thread(_finish, file, bytes(pending))

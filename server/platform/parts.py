@@ -28,6 +28,9 @@ class PartName(Generic[Made]):
         return f"PartName({self._text!r})"
 
 
+#: What is wrong with the service itself, by the kind of alarm: whoever finds it writes it, alarms are made of it.
+TROUBLES: PartName[dict[str, str]] = PartName("troubles of the service")
+
 Key = type[Any] | PartName[Any]
 Provider = Callable[["Parts"], Any]
 

@@ -16,7 +16,7 @@ from server.platform.database.patience import PAUSE_S
 from server.platform.errors import UnavailableError
 from server.platform.files import DataDirectory
 from server.platform.http.replays import Replays
-from server.platform.parts import Key, Parts
+from server.platform.parts import TROUBLES, Key, Parts
 from server.platform.processes.heavy_work import Heavy
 from server.platform.resource import Resource, providers_of, tables_of
 from server.platform.settings import Settings
@@ -55,8 +55,9 @@ class Service(Parts):
         try:
             self._open()
             self.put({Service: self, Settings: settings, Changes: self.changes})
-            self.put({DataDirectory: self.files, Database: self.database})
+            self.put({DataDirectory: self.files, Database: self.database, TROUBLES: {}})
             self.put(given or {})
+            self.look_for_damage()
             self.make_all()
             running = [running for resource in resources for running in resource.running(self)]
         except BaseException:
@@ -70,7 +71,14 @@ class Service(Parts):
         self.files.clean()
         place, tables = self.settings.full_database_url or self.files.database, tables_of(self.resources)
         backups = self.settings.backup_dir or self.files.backups
-        self.database = Database(place, tables, changed=self.changes.notify, backups=backups, pause=_waits)
+        self.database = Database(
+            place,
+            tables,
+            changed=self.changes.notify,
+            backups=backups,
+            pause=_waits,
+            site=self.settings.site(self.files),
+        )
         self.at_close(self.database.close)
         self.entered(self.database.alone())
         self.certificate = certificate(self.settings, self.files, utc_now)
@@ -92,6 +100,14 @@ class Service(Parts):
         self.close()
         _log.info("stopped")
 
+    def look_for_damage(self) -> None:
+        """Look through the store; damage is a trouble, and the service is not ready."""
+        self.database.look_for_damage()
+        self[TROUBLES].pop("store_damaged", None)
+        if self.database.damage is not None:
+            self[TROUBLES]["store_damaged"] = f"the store is damaged ({self.database.damage}); restore a backup"
+            _log.critical("store_damaged", reason=self.database.damage)
+
     @property
     def fingerprint(self) -> str | None:
         """Of the certificate that only its fingerprint vouches for; None without such a one."""
@@ -107,6 +123,8 @@ class Service(Parts):
         self.files.check()
         if self.database.is_sqlite and not self.files.database.is_file():
             raise UnavailableError("the store's file is gone; restore a backup and restart the service")
+        if self.database.damage is not None:
+            raise UnavailableError(f"the store is damaged ({self.database.damage}); restore a backup")
         try:
             self.database.check()
         except SQLAlchemyError as error:

@@ -13,10 +13,12 @@ from typing import Annotated, Any, Literal
 
 import sqlalchemy as sa
 import yaml
-from pydantic import Field, ValidationError
+from pydantic import AfterValidator, Field, ValidationError
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
+from daq.machine.bus_places import check_entry
 from server.platform.database.database_copies import postgresql_url
+from server.platform.database.site_marker import SiteMarker
 from server.platform.errors import StartError
 from server.platform.files import DataDirectory
 
@@ -34,6 +36,7 @@ class Settings(BaseSettings):
         results of jobs; without it workers need the server's ``data_dir``
     cache_bytes : that a worker keeps of what it fetched from there
     recordings_at_once : recordings that recalibrations make at a time; the others wait, and hold up nobody
+    new_store : make a new store where there was one; what it knew is then known no more
     local_jobs : the server runs numerical jobs itself; else only ``hilfit worker`` processes do
     backup_dir : where backups are kept; by default ``backups`` in ``data_dir``
     tls_cert, tls_key : files of a certificate and its key (PEM): HTTPS, and nothing else, is served
@@ -48,6 +51,8 @@ class Settings(BaseSettings):
     second_person : whether whoever proposed a calibration may not approve it; by default where access control is on
         (without it there is only one principal)
     requests_per_second : of each paired device and API key in the long run, four times as many at once
+    bus_places : where uploaded machines may be acquired from, ``can:socketcan:can0``, ``serial:/dev/ttyUSB*`` or
+        ``tcp:192.0.2.0/24:502`` (:mod:`daq.machine.bus_places`); by default nowhere
     simulate : start the simulated machine and acquire from it
     simulation_speed : its machine seconds per second
     faults : a fault file, what breaks in it while it runs
@@ -66,6 +71,7 @@ class Settings(BaseSettings):
     cache_bytes: Annotated[int, Field(gt=0)] = 4 * 2**30
     recordings_at_once: Annotated[int, Field(ge=1, le=1000)] = 64
     backup_dir: Path | None = None
+    new_store: bool = False
     local_jobs: bool = True
     tls_cert: Path | None = None
     tls_key: Path | None = None
@@ -78,6 +84,7 @@ class Settings(BaseSettings):
     token_days: Annotated[int, Field(ge=1, le=3650)] = 365
     second_person: bool | None = None
     requests_per_second: Annotated[float, Field(gt=0, le=10_000)] = 100.0
+    bus_places: tuple[Annotated[str, AfterValidator(check_entry)], ...] = ()
     simulate: bool = False
     simulation_speed: Annotated[float, Field(gt=0, le=4)] = 1.0
     faults: Path | None = None
@@ -109,6 +116,10 @@ class Settings(BaseSettings):
             ) from None
         postgresql_url(self.database_url)  # else SQLAlchemy says something about a URL that it cannot parse
         return sa.make_url(self.database_url).set(password=password).render_as_string(hide_password=False)
+
+    def site(self, files: DataDirectory) -> SiteMarker:
+        """The marker of the site that this data directory belongs to."""
+        return SiteMarker(files.root, self.backup_dir or files.backups, self.new_store)
 
     @property
     def scheme(self) -> str:

@@ -17,9 +17,9 @@ PROGRAM = (sys.executable, "-P", "-m", "server.recordings.file_child")
 class _Lane:
     """A child and the thread that started it: the kernel ends a child with that."""
 
-    def __init__(self) -> None:
+    def __init__(self, room: Path | None) -> None:
         # One thread of a numerical library: what forks should have no others.
-        self.child = Child(threads="1")
+        self.child = Child(threads="1", room=room)
         self.thread = ThreadPoolExecutor(1, "file-child")
 
 
@@ -30,8 +30,9 @@ class FileChildren:
     (:class:`server.platform.processes.heavy_work.Heavy`). A child that has nothing to do for a minute ends.
     """
 
-    def __init__(self, program: Sequence[str] = PROGRAM) -> None:
+    def __init__(self, program: Sequence[str] = PROGRAM, room: Path | None = None) -> None:
         self._program = tuple(program)
+        self._room = room
         self._idle: list[_Lane] = []
         self._lock = threading.Lock()
         self._closed = False
@@ -46,7 +47,7 @@ class FileChildren:
         """
         with self._lock:
             # The one that was used last: the others may end.
-            lane = self._idle.pop() if self._idle else _Lane()
+            lane = self._idle.pop() if self._idle else _Lane(self._room)
         try:
             work = partial(lane.child.run, self._program, arguments, log=log, timeout_s=timeout_s)
             return lane.thread.submit(work).result()

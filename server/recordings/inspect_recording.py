@@ -17,6 +17,7 @@ from fitting.checks import check_recordings
 from fitting.checks.places import Places
 from fitting.pipeline.check_gate import explained, for_report
 from server.platform.processes.child_limits import RECORDING_CPU_S, limit_child
+from server.recordings.formats.declared_size import refuse_bombs
 
 
 def findings_on(machine: Machine, recording: Recording, machine_file: Path) -> list[dict[str, Any]]:
@@ -35,6 +36,7 @@ def main(recording_file: Path, machine_file: Path, role: str) -> int:
     """Print the summary or the error; returns the exit code."""
     try:
         machine = load_machine(machine_file)
+        refuse_bombs(recording_file, str(recording_file))
         recording = read_recording(recording_file, machine, role)
     except InputError as error:
         print(json.dumps({"error": str(explained(error, machine_file, [(role, recording_file)]))}))

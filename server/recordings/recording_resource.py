@@ -81,7 +81,9 @@ RECORDINGS = Resource(
         Recordings: lambda parts: Recordings(parts[Database]),
         FileChildren: _file_children,
         Exports: lambda parts: Exports(parts[DataDirectory], parts[FileChildren]),
-        RecordingUploads: lambda parts: RecordingUploads(parts[Database], parts[DataDirectory], parts[FileChildren]),
+        RecordingUploads: lambda parts: RecordingUploads(
+            parts[Database], parts[DataDirectory], parts[FileChildren], parts[FREE]
+        ),
         Sessions: _sessions,
         RecordingDesk: lambda parts: RecordingDesk(parts[Recordings], parts[DataDirectory], parts[USED_BY]),
     },

@@ -12,7 +12,9 @@ from starlette.background import BackgroundTask
 from server.platform.authorization.guard import PrincipalDep, require
 from server.platform.authorization.typed_route import TypedRoute
 from server.platform.files import receive
+from server.platform.http.bodies import PLAIN
 from server.platform.http.route_parameters import (
+    BetweenDep,
     Cursor,
     Idempotency,
     Limit,
@@ -84,6 +86,7 @@ async def upload(
         Query(
             min_length=1,
             max_length=200,
+            pattern=PLAIN,
             description="File name, with .csv, .txt, .tsv, .parquet, .mf4, .mat, .db3 or .mcap",
         ),
     ],
@@ -95,9 +98,11 @@ async def upload(
 ) -> RecordingResource:
     """Upload a recording; one that ``hilfit identify`` would refuse is refused here."""
     async with service.heavy.place(principal.id) as place:
-        incoming = await run_in_threadpool(service[RecordingUploads].incoming, machine, role, name)
-        await receive(request.stream(), incoming, service.settings.maximum_upload_bytes, place.io)
-        row = await place.run(service[RecordingUploads].add, incoming, machine, role, name, columns, resample)
+        uploads, length = service[RecordingUploads], request.headers.get("content-length", "0")
+        size = int(length) if length.isdecimal() else 0
+        incoming = await run_in_threadpool(uploads.incoming, machine, role, name, size)
+        await receive(request.stream(), incoming, service.settings.maximum_upload_bytes, place.io, uploads.room)
+        row = await place.run(uploads.add, incoming, machine, role, name, columns, resample)
     response.headers["Location"] = f"/api/v1/recordings/{row.id}"
     return RecordingResource.of(row)
 
@@ -106,6 +111,7 @@ async def upload(
 def list_recordings(
     service: ServiceDep,
     principal: PrincipalDep,
+    between: BetweenDep,
     machine: MachineQuery = None,
     role: RecordingRole | None = None,
     state: Literal["recording", "sealed", "failed"] | None = None,
@@ -113,7 +119,9 @@ def list_recordings(
     cursor: Cursor = 0,
 ) -> RecordingList:
     """List recordings, newest first."""
-    page = service[Recordings].list(limit, cursor, machine=machine, machines=principal.machines, role=role, state=state)
+    page = service[Recordings].list(
+        limit, cursor, machine=machine, machines=principal.machines, role=role, state=state, between=between
+    )
     return RecordingList.of(page)
 
 

@@ -201,6 +201,10 @@ class Sessions:
                 self._begin(row.id, threading.Event(), partial(self._recover_later, row.id, path))
             else:
                 self._recordings.fail(row.id, "the service ended before anything was recorded; record it again")
+        known = self._recordings.ids()
+        unnamed = [path.name for path in self._files.recordings.glob("rec-*") if path.name.split(".")[0] not in known]
+        if unnamed:  # whole files, of uploads that were killed before the store knew them: somebody's data
+            _log.warning("recordings_without_a_name", files=sorted(unnamed), do="upload them again, or delete them")
 
     def _path(self, id: str) -> Path:
         return self._files.recordings / f"{id}.parquet"

@@ -10,6 +10,7 @@ import sqlalchemy as sa
 
 from server.platform.database.engine import Database, Page, page
 from server.platform.errors import ConflictError, NotFoundError
+from server.platform.http.route_parameters import EVERYTHING, Between
 from server.recordings.recording_tables import recordings
 
 State = Literal["recording", "sealed", "failed"]
@@ -84,6 +85,18 @@ class Recordings:
             raise NotFoundError(f"there is no recording '{id}'")
         return _recording(row)
 
+    def with_digest(self, machine: str, sha256: str) -> str | None:
+        """The newest recording of a machine whose file has this digest; None if there is none."""
+        alike = (recordings.c.machine == machine, recordings.c.sha256 == sha256)
+        query = sa.select(recordings.c.id).where(*alike).order_by(recordings.c.number.desc()).limit(1)
+        with self._database.read() as connection:
+            return connection.execute(query).scalar()
+
+    def ids(self) -> frozenset[str]:
+        """Of all recordings."""
+        with self._database.read() as connection:
+            return frozenset(connection.execute(sa.select(recordings.c.id)).scalars())
+
     def list(
         self,
         limit: int,
@@ -93,9 +106,10 @@ class Recordings:
         machines: tuple[str, ...] | None = None,
         role: str | None = None,
         state: str | None = None,
+        between: Between = EVERYTHING,
     ) -> Page[RecordingRow]:
         """Newest first, narrowed to what is given."""
-        query = sa.select(recordings)
+        query = between.narrowed(sa.select(recordings), recordings.c.created, recordings.c.label)
         if machines is not None:
             query = query.where(recordings.c.machine.in_(machines))
         for column, wanted in (

@@ -10,7 +10,7 @@ from typing import Literal, cast
 from daq import ROLES
 from server.machines.machine_store import Machines
 from server.platform.database.engine import Database
-from server.platform.disk import free_bytes, require_room
+from server.platform.disk import Free, require_room
 from server.platform.errors import (
     ConflictError,
     InvalidError,
@@ -32,21 +32,28 @@ ENDINGS = (".csv", ".parquet", ".txt", ".tsv", ".mf4", ".mat", ".db3", ".mcap")
 class RecordingUploads:
     """Takes recordings as CSV, Parquet, and as other tools write them (which is kept as Parquet)."""
 
-    def __init__(self, database: Database, files: DataDirectory, children: FileChildren) -> None:
+    def __init__(self, database: Database, files: DataDirectory, children: FileChildren, free: Free) -> None:
         self._database = database
         self._recordings = Recordings(database)
         self._machines = Machines(database)
         self._exports = Exports(files, children)
         self._files = files
         self._children = children
+        self._free = free
 
-    def incoming(self, machine: str, role: str, name: str) -> Path:
+    def incoming(self, machine: str, role: str, name: str, length: int = 0) -> Path:
         """Where to stream an upload that is named ``name``, before a byte of it is read.
+
+        Parameters
+        ----------
+        length : bytes that it says it has; 0 if it does not
 
         Raises
         ------
         NotFoundError, InvalidError, UnsupportedFormatError
             If the machine, the role or the kind of file is unknown.
+        ConflictError
+            If the disk has no room for it.
         """
         self._machines.get(machine)
         if role not in ROLES:
@@ -60,9 +67,13 @@ class RecordingUploads:
             raise UnsupportedFormatError(
                 f"'{name}': this service reads no MDF4 (hilfit[export] is not installed); upload .csv or .parquet"
             )
-        require_room(free_bytes(self._files.recordings))
+        require_room(self._free(), length)
         incoming = self._files.incoming()
         return incoming.with_name(incoming.name + suffix)
+
+    def room(self) -> None:
+        """Raise ConflictError if an upload that is being received has to end."""
+        require_room(self._free())
 
     def add(
         self,
@@ -95,6 +106,8 @@ class RecordingUploads:
             target = self._files.recordings / f"{id}.{format}"
             size = incoming.stat().st_size
             _moved(incoming, target)
+            statistics = result.summary["statistics"]
+            alike = self._recordings.with_digest(machine, result.summary["sha256"])
             row = RecordingRow(
                 id=id,
                 machine=machine,
@@ -107,7 +120,7 @@ class RecordingUploads:
                 created=self._database.now(),
                 bytes=size,
                 sha256=result.summary["sha256"],
-                statistics=result.summary["statistics"],
+                statistics={**statistics, "findings": [*statistics["findings"], *_same_file(alike)]},
                 ended=self._database.now(),
             )
             self._recordings.add(row)
@@ -127,6 +140,14 @@ class RecordingUploads:
         if result.outcome != "done":
             raise ServiceError(f"{label}: looking at it failed; {result.error}")
         return result
+
+
+def _same_file(other: str | None) -> list[dict[str, str | None]]:
+    """What is said of a file that is there already, in the form of what the checks find."""
+    if other is None:
+        return []
+    said = {"text": f"is byte for byte the file of recording {other}", "cure": "delete one of the two"}
+    return [{"code": "same_file", "severity": "note", "joint": None, "channel": None, "recording": None, **said}]
 
 
 def _moved(incoming: Path, target: Path) -> None:

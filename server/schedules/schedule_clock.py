@@ -84,9 +84,11 @@ class ScheduleClock:
             self._schedules.go_back(schedule, as_stored(now))
             _log.warning("schedule_set_back", schedule=schedule.id, considered=schedule.considered)
             return None
-        due = slots.due(schedule.cron, schedule.timezone, considered, now, KEPT)
         # While the machine is being recalibrated its slots wait, and have their turn together afterwards.
-        if not due or self._schedules.busy(schedule.machine):
+        if self._schedules.busy(schedule.machine):
+            return None
+        due = slots.due(schedule.cron, schedule.timezone, considered, now, KEPT)
+        if not due:
             return None
         written = [as_stored(slot) for slot in due]
         try:

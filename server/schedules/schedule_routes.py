@@ -8,7 +8,7 @@ from datetime import datetime
 from itertools import islice
 from typing import Annotated
 
-from fastapi import APIRouter, Header, Query, Response
+from fastapi import APIRouter, Query, Response
 
 from server.excitations.excitation_store import Excitations
 from server.jobs.job_schemas import JobResource
@@ -17,8 +17,16 @@ from server.machines.machine_store import Machines
 from server.platform.authorization.guard import PrincipalDep, require
 from server.platform.authorization.typed_route import TypedRoute
 from server.platform.database.engine import as_stored
-from server.platform.errors import InvalidError, PreconditionError
-from server.platform.http.route_parameters import Cursor, Idempotency, Limit, MachineQuery, ServiceDep, problems
+from server.platform.errors import InvalidError
+from server.platform.http.route_parameters import (
+    Cursor,
+    Idempotency,
+    KnownTags,
+    Limit,
+    MachineQuery,
+    ServiceDep,
+    problems,
+)
 from server.platform.service import Service
 from server.schedules import schedule_slots as slots
 from server.schedules.recalibration_orders import RecalibrationOrders
@@ -35,7 +43,6 @@ from server.schedules.schedule_store import Schedule, Schedules
 router = APIRouter(prefix="/schedules", tags=["schedules"], route_class=TypedRoute)
 #: Slots that are told ahead.
 UPCOMING = 5
-IfMatch = Annotated[str | None, Header(max_length=40, description="`ETag` of the schedule as it was read")]
 
 
 @router.post("", status_code=201, responses=problems(404, 409, 422), dependencies=[require("engineer")])
@@ -90,19 +97,17 @@ def get(id: str, response: Response, service: ServiceDep) -> ScheduleResource:
 
 
 @router.put("/{id}", responses=problems(404, 412, 422), dependencies=[require("engineer")])
-def change(
-    id: str, wish: ScheduleWish, response: Response, service: ServiceDep, if_match: IfMatch = None
-) -> ScheduleResource:
+def change(id: str, wish: ScheduleWish, response: Response, service: ServiceDep, tags: KnownTags) -> ScheduleResource:
     """Change a schedule; slots before now that had no turn are forgotten."""
     before = service[Schedules].get(id)
     changed = replace(_checked(service, wish, id, before.created), considered=service.now())
-    return _resource(service, service[Schedules].replace(changed, _revision(if_match)), response)
+    return _resource(service, service[Schedules].replace(changed, tags), response)
 
 
 @router.delete("/{id}", status_code=204, responses=problems(404, 412, 422), dependencies=[require("engineer")])
-def delete(id: str, service: ServiceDep, if_match: IfMatch = None) -> None:
+def delete(id: str, service: ServiceDep, tags: KnownTags) -> None:
     """Delete a schedule; its jobs and calibrations stay."""
-    service[Schedules].delete(id, _revision(if_match))
+    service[Schedules].delete(id, tags)
 
 
 @router.post("/{id}/run", status_code=202, responses=problems(404, 409, 422), dependencies=[require("operate")])
@@ -147,12 +152,3 @@ def _resource(service: Service, schedule: Schedule, response: Response | None = 
         response.headers["ETag"] = f'"{schedule.revision}"'
     last = service[Schedules].slots(schedule.id, 1)
     return ScheduleResource.of(schedule, last[0] if last else None)
-
-
-def _revision(if_match: str | None) -> int | None:
-    if if_match is None or if_match == "*":
-        return None
-    text = if_match.strip('"')
-    if not text.isdecimal():
-        raise PreconditionError("If-Match is not an ETag of a schedule; read it again")
-    return int(text)

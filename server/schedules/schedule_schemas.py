@@ -8,7 +8,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from server.identifications.identification_schemas import IdentificationOptions
 from server.platform.authorization.named_things import ExcitationId, MachineName
-from server.platform.http.bodies import Flag
+from server.platform.http.bodies import Flag, Label
 from server.recalibrations.recalibration_store import Plan
 from server.schedules.schedule_clock import next_slot
 from server.schedules.schedule_store import Schedule, Slot
@@ -26,7 +26,7 @@ class ScheduleWish(BaseModel):
     model_config = ConfigDict(extra="forbid")
 
     machine: MachineName
-    label: Annotated[str, Field(max_length=200)] = ""
+    label: Label = ""
     cron: Annotated[str, Field(max_length=200)]
     timezone: Annotated[str, Field(max_length=64)] = "UTC"
     enabled: Flag = True

@@ -15,9 +15,8 @@ from datetime import UTC, datetime, timedelta
 from itertools import takewhile
 from zoneinfo import ZoneInfo, available_timezones
 
-from croniter import croniter
-
 from server.platform.errors import InvalidError
+from server.schedules.cron import Cron
 
 #: A wall clock can be put back or forward by less than this.
 _JUMP = timedelta(hours=3)
@@ -35,8 +34,12 @@ def check(cron: str, timezone: str, now: datetime) -> None:
     """
     if timezone not in available_timezones():
         raise InvalidError(f"timezone '{timezone}' is unknown; write one like Europe/Vienna or UTC")
-    if len(cron.split()) != 5 or not croniter.is_valid(cron):
-        raise InvalidError(f"cron '{cron}' cannot be read; write minute hour day month weekday, like '30 2 * * 1'")
+    try:
+        Cron.parse(cron)
+    except ValueError:
+        raise InvalidError(
+            f"cron '{cron}' cannot be read; write minute hour day month weekday, like '30 2 * * 1'"
+        ) from None
     following = upcoming(cron, timezone, now)
     first = next(following, None)
     if first is None:
@@ -52,16 +55,15 @@ def check(cron: str, timezone: str, now: datetime) -> None:
 
 
 def upcoming(cron: str, timezone: str, after: datetime) -> Iterator[datetime]:
-    """Slots after a moment, in UTC, rising; ends where none comes for fifty years."""
+    """Slots after a moment, in UTC, rising; ends where none comes for fifty years, or it is no expression."""
     zone = ZoneInfo(timezone)
     start = after.astimezone(zone).replace(tzinfo=None) - _JUMP
-    wall = croniter(cron, start, ret_type=datetime, max_years_between_matches=50)
+    try:
+        walls = Cron.parse(cron).after(start)
+    except ValueError:  # one that was taken before there was a grammar
+        return
     last = after
-    while True:
-        try:
-            local = wall.get_next()
-        except ValueError:  # croniter's way to say that it never comes
-            return
+    for local in walls:
         slot = local.replace(tzinfo=zone, fold=0).astimezone(UTC)
         if slot > last:
             last = slot

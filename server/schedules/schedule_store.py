@@ -11,6 +11,7 @@ import sqlalchemy as sa
 from server.jobs.job_tables import jobs
 from server.platform.database.engine import Database, Page, page
 from server.platform.errors import NotFoundError, PreconditionError
+from server.platform.http.route_parameters import Tags
 from server.recalibrations.recalibration_store import Plan, Recalibration, Recalibrations
 from server.recalibrations.recalibration_tables import recalibrations
 from server.schedules.schedule_tables import schedule_slots, schedules
@@ -55,12 +56,12 @@ class Schedules:
         with self._database.write("schedules") as connection:
             connection.execute(schedules.insert().values(**_columns(new)))
 
-    def replace(self, changed: Schedule, revision: int | None) -> Schedule:
+    def replace(self, changed: Schedule, revisions: Tags) -> Schedule:
         """Store a changed schedule.
 
         Parameters
         ----------
-        revision : that the caller has seen; None: whatever there is
+        revisions : that the caller has seen; None: whatever there is
 
         Raises
         ------
@@ -69,17 +70,17 @@ class Schedules:
         """
         with self._database.write("schedules") as connection:
             now = _get(connection, changed.id)
-            if revision is not None and now.revision != revision:
+            if revisions is not None and str(now.revision) not in revisions:
                 raise PreconditionError(f"schedule '{changed.id}' was changed meanwhile; read it again")
             values = {**_columns(changed), "revision": now.revision + 1}
             connection.execute(schedules.update().where(schedules.c.id == changed.id).values(**values))
             return _get(connection, changed.id)
 
-    def delete(self, id: str, revision: int | None) -> None:
+    def delete(self, id: str, revisions: Tags) -> None:
         """Forget a schedule and its slots; its jobs and calibrations stay."""
         with self._database.write("schedules") as connection:
             now = _get(connection, id)
-            if revision is not None and now.revision != revision:
+            if revisions is not None and str(now.revision) not in revisions:
                 raise PreconditionError(f"schedule '{id}' was changed meanwhile; read it again")
             connection.execute(schedule_slots.delete().where(schedule_slots.c.schedule == id))
             connection.execute(schedules.delete().where(schedules.c.id == id))

@@ -6,6 +6,7 @@ from typing import Annotated, Any
 
 from pydantic import BaseModel, Field, model_validator
 
+from daq.recordings.recording import MINIMUM_SECONDS
 from server.platform.http.bodies import Body, Label
 
 Seconds = Annotated[float, Field(ge=0, le=1e7, allow_inf_nan=False)]
@@ -76,6 +77,6 @@ class Cut(Body):
 
     @model_validator(mode="after")
     def _forward(self) -> Cut:
-        if self.end <= self.start:
-            raise ValueError("end must be later than start")
+        if self.end - self.start < MINIMUM_SECONDS:
+            raise ValueError(f"end must be at least {MINIMUM_SECONDS:g} s later than start")
         return self

@@ -10,8 +10,8 @@ ROOT = Path(__file__).parents[2]
 PACKAGES = ("benchmarks", "daq", "fitting", "hilfit", "server", "sim_backends")
 #: What one looks over at a glance.
 MOST_MODULES = 15
-#: One file for each effect, each estimator.
-SEAMS = {"fitting/effects", "fitting/estimators"}
+#: One file for each effect.
+SEAMS = {"fitting/effects"}
 #: Lines of a function that one sees at once, its docstring not counted.
 MOST_LINES = 60
 

@@ -18,7 +18,7 @@ def machine_with_a_serial_line() -> Machine:
         else c
         for c in machine.channels
     )
-    line = ModbusRtuBus(name="line", type="modbus_rtu", port="pty")
+    line = ModbusRtuBus(name="line", type="modbus_rtu", port="/dev/ttyS0")
     return machine.model_copy(update={"channels": channels, "buses": (*machine.buses, line)})
 
 

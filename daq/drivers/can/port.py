@@ -23,6 +23,7 @@ from daq.drivers.can.health import BusHealth
 from daq.drivers.can.receive_queue import ended, lengthen, lost_frames
 from daq.errors import BusError
 from daq.frames.clock import NS
+from daq.machine.bus_places import check_can
 
 # A hub that is busy may put a frame behind its handshake's last word, which python-can takes for a wrong answer.
 OPEN_ATTEMPTS = 5
@@ -199,6 +200,10 @@ def open_bus(config: CanConfig) -> Any:
         If it cannot be opened.
     """
     options: dict[str, Any] = dict(config.options)
+    try:  # a value that was put together in a program has met no grammar yet
+        check_can(config.interface, config.channel, options)
+    except (ValueError, KeyError) as error:
+        raise BusError(f"bus '{config.name}': {first_line(error)}") from None
     if config.bitrate is not None:
         options.setdefault("bitrate", config.bitrate)
     if config.interface == "socketcand":
@@ -211,7 +216,7 @@ def open_bus(config: CanConfig) -> Any:
     problem: Exception | None = None
     for attempt in range(OPEN_ATTEMPTS):
         try:
-            return can.Bus(interface=config.interface, channel=config.channel, **options)
+            return can.Bus(interface=config.interface, channel=config.channel, ignore_config=True, **options)
         except (can.CanError, OSError, ValueError, TypeError, ImportError, NotImplementedError) as error:
             problem = error
             if config.interface != "socketcand" or not isinstance(error, can.CanError):

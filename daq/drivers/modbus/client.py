@@ -14,12 +14,14 @@ import time
 from dataclasses import dataclass
 from typing import Any
 
+import serial
 from pymodbus.client import ModbusSerialClient, ModbusTcpClient
 from pymodbus.exceptions import ModbusException
 from pymodbus.framer import FramerType
 from pymodbus.pdu import ExceptionResponse
 
 from daq.errors import BusError
+from daq.machine.bus_places import serial_port
 from daq.machine.machine_file import ModbusRtuBus, ModbusTcpBus
 
 ILLEGAL_ADDRESS, DEVICE_FAILURE = 2, 4  # exception codes (Modbus application protocol V1.1b3, section 7)
@@ -51,6 +53,29 @@ class Answer:
     def good(self) -> bool:
         """Whether it brought registers."""
         return self.exception is None and self.failure is None
+
+
+class _SerialClient(ModbusSerialClient):
+    """Opens a port of the operating system; pymodbus's own reads URLs, and some of them write files."""
+
+    def connect(self) -> bool:
+        """Open the port, unless it is open."""
+        told = self.comm_params
+        try:
+            self.socket = self.socket or serial.Serial(
+                told.host,
+                timeout=told.timeout_connect,
+                write_timeout=told.timeout_connect,
+                bytesize=told.bytesize,
+                stopbits=told.stopbits,
+                baudrate=told.baudrate,
+                parity=told.parity,
+                inter_byte_timeout=self.inter_byte_timeout,
+                exclusive=True,
+            )
+        except Exception:  # pyserial lets errors of termios and of the driver through
+            self.close()  # type: ignore[no-untyped-call]
+        return self.socket is not None
 
 
 class ModbusConnection:
@@ -86,8 +111,8 @@ class ModbusConnection:
             self.place = bus.port
             # Modbus over serial line V1.02, 2.5.1.1: 3.5 characters of 11 bits; above 19200 baud 1.75 ms.
             self._silence = max(3.5 * 11 / bus.baudrate, 0.00175)
-            self._client = ModbusSerialClient(
-                bus.port,
+            self._client = _SerialClient(
+                serial_port(bus.port),
                 baudrate=bus.baudrate,
                 parity=bus.parity,
                 stopbits=bus.stopbits,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import secrets
 import sqlite3
 import threading
 import time
@@ -17,7 +18,8 @@ import sqlalchemy as sa
 from server.platform.database.database_copies import copy_database, postgresql_url
 from server.platform.database.migrations import migrate
 from server.platform.database.patience import away
-from server.platform.database.schema import SCHEMA_VERSION, metadata, revisions, store_version
+from server.platform.database.schema import SCHEMA_VERSION, metadata, revisions, store_identity, store_version
+from server.platform.database.site_marker import SiteMarker
 from server.platform.errors import StartError
 
 Clock = Callable[[], datetime]
@@ -101,6 +103,11 @@ class Database:
     backups : directory that gets a copy of the store before it is migrated; by default ``backups`` beside the file
     pause : waits a while for a PostgreSQL that cannot be reached yet, told why; None: that is refused at once
     may_migrate : whether an older store may be changed; else it is waited for, or refused
+    site : marker of the site whose store this is; None: whoever opens it does not care
+
+    Attributes
+    ----------
+    damage : what :meth:`look_for_damage` found; None: nothing
     """
 
     def __init__(
@@ -113,7 +120,10 @@ class Database:
         backups: Path | None = None,
         pause: Callable[[str], object] | None = None,
         may_migrate: bool = True,
+        site: SiteMarker | None = None,
     ) -> None:
+        self.site = site
+        self.damage: str | None = None
         self.url = f"sqlite:///{place}" if isinstance(place, Path) else _not_frozen(postgresql_url(place))
         self.is_sqlite = isinstance(place, Path)
         self.name = str(place) if isinstance(place, Path) else sa.make_url(place).render_as_string(hide_password=True)
@@ -147,6 +157,8 @@ class Database:
             found = self._found()
             if not may_migrate and found != SCHEMA_VERSION and (found or 0) < SCHEMA_VERSION:
                 return "no server of this version has used it yet; start that"
+            if found is None and self.site is not None:
+                self.site.refuse_emptied(self.name)
             if found is not None and found < SCHEMA_VERSION:
                 copy_database(self.url, backups, f"before-version-{SCHEMA_VERSION}-{found}")
             with (
@@ -162,6 +174,7 @@ class Database:
                 if found is None:
                     connection.execute(store_version.insert().values(version=SCHEMA_VERSION))
                     found = SCHEMA_VERSION
+                identity = _identity(connection) if found == SCHEMA_VERSION else None
         except sa.exc.DatabaseError as error:
             reason = " ".join(str(error.orig).split())
             if not self.is_sqlite and away(error):
@@ -177,7 +190,8 @@ class Database:
                 f"{self.name}: is a store of version {found}, this hilfit reads version {SCHEMA_VERSION}; "
                 "use the hilfit that wrote it or another --data-dir"
             )
-
+        if self.site is not None and identity is not None:
+            self.site.claim(identity, self.name)
         return None
 
     def _found(self) -> int | None:
@@ -261,6 +275,17 @@ class Database:
         with self.read() as connection:
             connection.execute(sa.select(store_version)).one()
 
+    def look_for_damage(self) -> None:
+        """Look through all pages of a SQLite file; PostgreSQL sees to its own. What is wrong stays in ``damage``."""
+        if not self.is_sqlite:
+            return
+        try:
+            with self.read() as connection:
+                found = str(connection.exec_driver_sql("PRAGMA quick_check(1)").scalar())
+        except sa.exc.DatabaseError as error:
+            found = str(error.orig)
+        self.damage = None if found == "ok" else " ".join(found.split())
+
     def close(self) -> None:
         """Close all connections."""
         self._engine.dispose()
@@ -322,6 +347,15 @@ def _not_frozen(url: str) -> str:
     given = address.query.get("options", "")
     options = [*([given] if isinstance(given, str) else given), f"-c idle_in_transaction_session_timeout={FROZEN_S}s"]
     return address.update_query_dict({"options": " ".join(options).strip()}).render_as_string(hide_password=False)
+
+
+def _identity(connection: sa.Connection) -> str:
+    """Id of the store, which it gets when it is first asked for."""
+    found = connection.execute(sa.select(store_identity.c.id)).scalar()
+    if found is None:
+        found = secrets.token_hex(16)
+        connection.execute(store_identity.insert().values(id=found))
+    return str(found)
 
 
 def _version(connection: sa.Connection) -> int | None:

@@ -15,6 +15,9 @@ metadata = sa.MetaData()
 
 store_version = sa.Table("store_version", metadata, sa.Column("version", sa.Integer, primary_key=True))
 
+#: One row: which store this is, whatever file or database it is in.
+store_identity = sa.Table("store_identity", metadata, sa.Column("id", sa.String, primary_key=True))
+
 #: How often something changed, per resource; a client that saw the number knows whether to read again.
 revisions = sa.Table(
     "revisions",
@@ -32,4 +35,4 @@ idempotency_keys = sa.Table(
     sa.Column("created", sa.String, nullable=False),
 )
 
-PLATFORM_TABLES = (store_version, revisions, idempotency_keys)
+PLATFORM_TABLES = (store_version, store_identity, revisions, idempotency_keys)

@@ -8,7 +8,9 @@ from pydantic import BaseModel, ConfigDict, Field
 
 #: ``true`` or ``false``, not 0, "no" or what else Python takes for one.
 Flag = Annotated[bool, Field(strict=True)]
-Label = Annotated[str, Field(max_length=200)]
+#: Words of a person: no control characters, and none of those that make text read otherwise than it is written.
+PLAIN = r"^[^\u0000-\u001f\u007f-\u009f\u061c\u200b-\u200f\u2028-\u202e\u2060-\u206f\ufeff]*$"
+Label = Annotated[str, Field(max_length=200, pattern=PLAIN)]
 
 
 class Body(BaseModel):

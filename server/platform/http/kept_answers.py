@@ -16,7 +16,6 @@ from typing import Any
 from weakref import WeakValueDictionary
 
 from sqlalchemy.exc import SQLAlchemyError
-from starlette.datastructures import Headers
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from server.platform.authorization.principals import Principal
@@ -32,7 +31,6 @@ class _Kept:
     """An answer; ``stamp``: the counters that it depends on, read before it was made; ``route`` is for metrics."""
 
     stamp: Stamp
-    etag: bytes
     headers: list[tuple[bytes, bytes]]
     body: bytes
     route: Any
@@ -86,7 +84,9 @@ class KeptAnswers:
                 await send(message)
             return
         scope["route"] = answer.route
-        await _answer(answer, Headers(scope=scope).get("if-none-match", ""), send)
+        # A copy: layers around this one add headers of their own.
+        await send({"type": "http.response.start", "status": 200, "headers": list(answer.headers)})
+        await send({"type": "http.response.body", "body": answer.body})
 
     async def _stamp(self, depends: tuple[str, ...]) -> Stamp:
         counters = await self._revisions()
@@ -111,22 +111,9 @@ class KeptAnswers:
             return messages
         etag = f'W/"{hashlib.blake2b(body, digest_size=12).hexdigest()}"'.encode()
         headers = [*messages[0]["headers"], (b"etag", etag), (b"cache-control", b"private, no-cache")]
-        kept = _Kept(stamp, etag, headers, body, scope.get("route"))
+        kept = _Kept(stamp, headers, body, scope.get("route"))
         self._kept.pop(key, None)
         self._kept[key] = kept
         if len(self._kept) > MOST:
             del self._kept[next(iter(self._kept))]
         return kept
-
-
-async def _answer(kept: _Kept, known: str, send: Send) -> None:
-    """Send an answer, or 304 to whoever has it (RFC 9110 section 13.1.2: compared weakly)."""
-    tags = [tag.strip().removeprefix("W/") for tag in known.split(",")]
-    if kept.etag.decode().removeprefix("W/") in tags or tags == ["*"]:
-        without = [pair for pair in kept.headers if pair[0] not in (b"content-length", b"content-type")]
-        await send({"type": "http.response.start", "status": 304, "headers": without})
-        await send({"type": "http.response.body", "body": b""})
-        return
-    # A copy: layers around this one add headers of their own.
-    await send({"type": "http.response.start", "status": 200, "headers": list(kept.headers)})
-    await send({"type": "http.response.body", "body": kept.body})

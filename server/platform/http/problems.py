@@ -14,6 +14,7 @@ from fastapi.responses import JSONResponse
 from pydantic import BaseModel
 from sqlalchemy.exc import DBAPIError, OperationalError
 from starlette.exceptions import HTTPException
+from starlette.requests import ClientDisconnect
 from starlette.routing import Match
 
 from daq.errors import AcquisitionError, HilfitError, InputError
@@ -158,6 +159,11 @@ async def _not_text(request: Request, error: Exception) -> JSONResponse:
     return problem(request, 422, "a text in the request is not Unicode; correct it", slug="invalid", title=INVALID)
 
 
+async def _cut(request: Request, error: Exception) -> JSONResponse:
+    _log.warning("request_cut", path=request.url.path)  # its client has gone, and hears nothing of this
+    return problem(request, 400, "the request was cut off; send it again")
+
+
 async def _unexpected(request: Request, error: Exception) -> JSONResponse:
     if isinstance(error, DBAPIError) and away(error):  # in a layer around the routes
         return await _store_unavailable(request, error)
@@ -178,5 +184,6 @@ _ANSWERS: dict[type[Exception], Callable[[Request, Exception], Awaitable[JSONRes
     DBAPIError: _store_refused,
     OSError: _storage_failed,
     UnicodeEncodeError: _not_text,
+    ClientDisconnect: _cut,
     Exception: _unexpected,
 }

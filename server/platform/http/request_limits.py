@@ -24,6 +24,10 @@ PAGE_POLICY = (
 )
 
 
+#: Scheme of the page's origin by that of a request.
+_SCHEMES = {"http": "http", "https": "https", "ws": "http", "wss": "https"}
+
+
 class BodyLimit:
     """Answers 413 to a request with more bytes than ``limit(path)``, whether it says so beforehand or not."""
 
@@ -59,8 +63,8 @@ class OwnPagesOnly:
     """Answers 403 to a browser that a page from elsewhere sent here.
 
     Listening on this computer only does not keep out the web pages that its browser shows: one may post to
-    ``http://127.0.0.1`` (then ``Origin`` is not ours), or let its own name point here (then ``Host`` is that name).
-    WebSockets are judged alike: browsers open them to anywhere.
+    ``http://127.0.0.1`` (then ``Origin`` is not ours, or ``Sec-Fetch-Site`` says so), or let its own name point here
+    (then ``Host`` is that name). WebSockets are judged alike: browsers open them to anywhere.
 
     Parameters
     ----------
@@ -77,11 +81,11 @@ class OwnPagesOnly:
         """Pass the request on if it is from a program or a page of ours."""
         if scope["type"] in ("http", "websocket"):
             headers = Headers(scope=scope)
-            host, origin = headers.get("host", ""), headers.get("origin")
+            host = headers.get("host", "")
             refusal = None
             if not self._ours(host):
                 refusal = f"'{host}' is no name of this service; reach it by its address, or list it in public_hosts"
-            elif origin is not None and origin.partition("://")[2].lower() != host.lower():
+            elif _from_elsewhere(scope, headers, f"{_SCHEMES[scope['scheme']]}://{host}"):
                 refusal = "requests are taken from programs and from pages of this service only"
             if refusal is not None and scope["type"] == "websocket":
                 await send({"type": "websocket.close", "code": 1008})  # before it is accepted: the client sees 403
@@ -96,6 +100,16 @@ class OwnPagesOnly:
         if is_loopback(name) or host.lower() in self._hosts or name.lower() in self._hosts:
             return True
         return self._addresses and _is_address(name)
+
+
+def _from_elsewhere(scope: Scope, headers: Headers, own: str) -> bool:
+    """Whether a browser says that a page of another origin than ``own`` sent a request."""
+    if headers.get("origin", own).lower() != own.lower():
+        return True
+    # Browsers leave Origin out where a page may not say its own; what they say of the site they always say (Fetch
+    # Metadata). A link from elsewhere to a page of ours is cross-site as well, and only reads.
+    changes = scope["type"] == "websocket" or scope["method"] not in ("GET", "HEAD", "OPTIONS")
+    return changes and headers.get("sec-fetch-site", "none") not in ("same-origin", "none")
 
 
 def _is_address(name: str) -> bool:

@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from datetime import datetime
 from typing import Annotated, Any
 
+import sqlalchemy as sa
 from fastapi import Depends, Header, Query, Request
 
 from server.platform.authorization.named_things import Names
+from server.platform.database.engine import as_stored
+from server.platform.errors import InvalidError
 from server.platform.http.problems import MEDIA_TYPE, status_phrase
 from server.platform.service import Service
 
@@ -24,6 +29,68 @@ OneMachine = Annotated[str, Names("machines"), Query(max_length=80)]
 MachineQuery = Annotated[Annotated[str, Names("machines")] | None, Query(max_length=80)]
 Limit = Annotated[int, Query(ge=1, le=500, description="Most items of a page")]
 Cursor = Annotated[int, Query(ge=0, le=2**53, description="`next` of the page before; 0 starts at the newest")]
+
+
+def _known_tags(
+    if_match: Annotated[
+        str | None, Header(max_length=400, description="`ETag` of the thing as it was read, or several")
+    ] = None,
+    if_none_match: Annotated[
+        str | None, Header(max_length=400, description="`*`: only if there is no such thing yet")
+    ] = None,
+) -> Tags:
+    if if_none_match is not None and if_none_match.strip() == "*":
+        return frozenset({NONE_YET})
+    if if_match is None or if_match.strip() == "*":
+        return None
+    # Compared strongly: a weak tag fits nothing.
+    return frozenset(tag.strip().strip('"') for tag in if_match.split(","))
+
+
+Moment = Annotated[datetime | None, Query(description="ISO 8601 with a time zone, as `created` has it")]
+
+
+@dataclass(frozen=True)
+class Between:
+    """Of a list: what was made from ``since`` on and before ``until``, and whose label has ``labelled`` in it."""
+
+    since: datetime | None = None
+    until: datetime | None = None
+    labelled: str = ""
+
+    def narrowed(self, query: sa.Select[Any], created: sa.Column[str], label: sa.Column[str]) -> sa.Select[Any]:
+        """The query of these; times are stored as text that sorts."""
+        if self.since is not None:
+            query = query.where(created >= as_stored(self.since))
+        if self.until is not None:
+            query = query.where(created < as_stored(self.until))
+        return query.where(label.icontains(self.labelled, autoescape=True)) if self.labelled else query
+
+
+#: Whatever there is.
+EVERYTHING = Between()
+
+
+def _between(
+    since: Moment = None,
+    until: Moment = None,
+    label: Annotated[str, Query(max_length=200, description="A part of the label, in whatever case")] = "",
+) -> Between:
+    for moment in (since, until):
+        try:
+            if moment is not None and (moment.tzinfo is None or not as_stored(moment)):
+                raise InvalidError(f"{moment.isoformat()} has no time zone; write 2026-06-01T02:00:00Z")
+        except OverflowError:
+            raise InvalidError("since and until have to be moments of UTC; write 2026-06-01T02:00:00Z") from None
+    return Between(since, until, label)
+
+
+BetweenDep = Annotated[Between, Depends(_between)]
+#: Tags of a thing's states that whoever changes it knows (RFC 9110 section 13.1); None: whatever there is.
+Tags = frozenset[str] | None
+#: The tag of what is not there.
+NONE_YET = "0"
+KnownTags = Annotated[Tags, Depends(_known_tags)]
 
 
 def problems(*statuses: int) -> dict[int | str, dict[str, Any]]:

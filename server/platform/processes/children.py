@@ -4,6 +4,9 @@ The child writes JSON lines to standard output: any number of ``{"fraction": 0.4
 ``{"summary": {...}}`` or ``{"error": "one line"}``. Exit code 0 is done, 2 an input that cannot be used,
 anything else failed.
 
+A child writes only in its room of the data directory (:func:`room_of`), in a directory for temporary files that is
+gone with it, and to devices, where the kernel can confine it (:mod:`daq.confinement`).
+
 A child may stay for more of the same program, so that its libraries and its input are loaded once: its last line is
 then ``{"summary": {...}, "stays": true}``, and it reads ``{"arguments": [...], "log": "..."}`` from standard input,
 until that ends. One that does each piece of work in a process forked from it
@@ -18,17 +21,24 @@ import selectors
 import signal
 import subprocess
 import sys
+import tempfile
 import time
+import weakref
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import IO, Any, Literal, Self
 
+from daq import confinement
+from server.platform.files import LOCK_FILE
+
 NICENESS = 19
 #: One core stays free of numerical work, for acquisition and HTTP.
 THREADS = str(max(1, (os.cpu_count() or 1) - 1))
 THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+#: Allocators that reserve memory ahead would make any limit of it (``child_limits``) a guess.
+ALLOCATORS = {"ARROW_DEFAULT_MEMORY_POOL": "system", "MALLOC_ARENA_MAX": "2"}
 #: Seconds between two looks at whether the child should stop.
 LOOK_S = 0.25
 #: Seconds that a child has to end itself after SIGTERM.
@@ -61,12 +71,16 @@ class Child:
     ----------
     clock : monotonic seconds
     threads : most of a numerical library in the child
+    room : where it may write, in the place of :func:`room_of` its log
     """
 
-    def __init__(self, clock: Callable[[], float] = time.monotonic, threads: str = THREADS) -> None:
+    def __init__(
+        self, clock: Callable[[], float] = time.monotonic, threads: str = THREADS, room: Path | None = None
+    ) -> None:
         self._clock = clock
         self._threads = threads
-        self._staying: tuple[tuple[str, ...], subprocess.Popen[bytes]] | None = None
+        self._room = room
+        self._staying: tuple[tuple[object, ...], subprocess.Popen[bytes]] | None = None
 
     def __enter__(self) -> Self:
         return self
@@ -101,23 +115,25 @@ class Child:
         should_stop : looked at four times a second; when true the child is ended and the outcome is ``stopped``
         """
         deadline = self._clock() + timeout_s
-        process = self._told(tuple(program), arguments, log)
+        room = self._room or room_of(log)
+        known = (room, *program)  # another room is another process: this one cannot leave the one that it was given
+        process = self._told(known, arguments, log)
         told = process is not None
-        process = process or _started([*program, *arguments], log, self._threads)
+        process = process or _started([*program, *arguments], log, self._threads, room)
         assert process.stdout is not None
         last: dict[str, Any] = {}
         try:
             for line in _lines(process.stdout):
                 said = None if line is None else _parse(line)
                 if said is not None and "ended" in said:
-                    self._staying = (tuple(program), process)
+                    self._staying = (known, process)
                     return _result(int(said["ended"]), last, log)
                 if said is not None:
                     last = said
                     if "fraction" in said:
                         progress(float(said["fraction"]), " ".join(str(said.get("text", "")).split()))
                     if isinstance(said.get("summary"), dict) and said.get("stays") is True:
-                        self._staying = (tuple(program), process)
+                        self._staying = (known, process)
                         return ChildResult("done", summary=said["summary"])
                 if should_stop():
                     return ChildResult("stopped")
@@ -132,13 +148,13 @@ class Child:
             return self.run(program, arguments, log=log, timeout_s=left, progress=progress, should_stop=should_stop)
         return _result(process.returncode, last, log)
 
-    def _told(self, program: tuple[str, ...], arguments: Sequence[str], log: Path) -> subprocess.Popen[bytes] | None:
+    def _told(self, known: tuple[object, ...], arguments: Sequence[str], log: Path) -> subprocess.Popen[bytes] | None:
         """The process that stayed, told what to do next; None if there is none for it."""
         if self._staying is None:
             return None
-        (its_program, process), self._staying = self._staying, None
+        (own, process), self._staying = self._staying, None
         order = json.dumps({"arguments": list(arguments), "log": str(log)}).encode() + b"\n"
-        if its_program == program and process.poll() is None:
+        if own == known and process.poll() is None:
             assert process.stdin is not None
             with suppress(BrokenPipeError):
                 process.stdin.write(order)
@@ -161,19 +177,32 @@ def run_child(
         return child.run(command, log=log, timeout_s=timeout_s, progress=progress, should_stop=should_stop)
 
 
-def _started(command: Sequence[str], log: Path, threads: str) -> subprocess.Popen[bytes]:
+def _started(command: Sequence[str], log: Path, threads: str, room: Path) -> subprocess.Popen[bytes]:
     """A new process below the guard."""
     guard = [sys.executable, "-I", "-S", str(Path(__file__).with_name("child_guard.py"))]
+    scratch = tempfile.TemporaryDirectory(prefix="hilfit-child-", ignore_cleanup_errors=True)
+    writable = os.pathsep.join((str(room), scratch.name, "/dev"))
     with log.open("ab") as errors:
-        return subprocess.Popen(
-            [*guard, str(os.getpid()), str(NICENESS), *command],
+        process = subprocess.Popen(
+            [*guard, str(os.getpid()), str(NICENESS), confinement.__file__, writable, *command],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=errors,
             start_new_session=True,
             bufsize=0,
-            env=os.environ | dict.fromkeys(THREAD_VARIABLES, threads),
+            env=os.environ | dict.fromkeys(THREAD_VARIABLES, threads) | ALLOCATORS | {"TMPDIR": scratch.name},
         )
+    weakref.finalize(process, scratch.cleanup)
+    return process
+
+
+def room_of(log: Path) -> Path:
+    """Where a child may write: in the folder of the data directory that its log is in.
+
+    So it reaches what jobs or uploads leave there, and neither the store, nor keys, nor what other resources keep.
+    """
+    folder = log.resolve().parent
+    return next((own for own in (folder, *folder.parents) if (own.parent / LOCK_FILE).is_file()), folder)
 
 
 def _lines(stream: IO[bytes]) -> Iterator[bytes | None]:

@@ -19,8 +19,8 @@ from typing import Any, TypeVar
 
 from server.platform.errors import BusyError, TooManyError
 
-#: Processes that read or write files at once; they have the lowest priority, so two do not take a core from anybody.
-SLOTS = max(2, min(4, (os.cpu_count() or 1) - 1))
+#: Processes that read or write files at once: a core is left to acquisition and HTTP.
+SLOTS = max(1, min(4, (os.cpu_count() or 1) - 1))
 #: Requests that wait or are being received, of all and of one principal.
 PLACES, SHARE = 32, 16
 #: Threads that write what is received, and that wait for something to end.

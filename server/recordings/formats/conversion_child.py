@@ -19,6 +19,7 @@ from daq.recordings.column_map import load_map
 from daq.recordings.recording_files import Table, read_table, write_columns
 from daq.recordings.recording_source import import_file
 from server.platform.processes.child_limits import RECORDING_CPU_S, limit_child
+from server.recordings.formats.declared_size import refuse_bombs
 from server.recordings.formats.imports import IMPORTS, map_beside
 from server.recordings.formats.recording_statistics import statistics
 
@@ -34,6 +35,7 @@ def do(what: str, source: Path, target: Path, machine: Machine, shown: str) -> N
     InputError
         One line: what is wrong with the file.
     """
+    refuse_bombs(source, shown)
     if what in IMPORTS:
         written = map_beside(source)
         columns = load_map(written, machine, "the map of columns") if written.is_file() else None

@@ -120,7 +120,21 @@ def test_requests_that_change_something_are_noted_and_others_are_not(tmp_path: P
         assert [(entry["action"], entry["subject"]) for entry in entries] == [
             ("access.make_key", f"{API}/access/keys"),
             ("machines.acquisition", f"{API}/machines/lever/acquisition"),
+            ("machines.acquisition", f"{API}/machines/nowhere/acquisition"),  # refused, and tried
         ]
+        assert entries[2]["detail"] == {"status": 404}
         assert entries[1]["principal"].startswith("a engineer (key-")
         assert made.json()["key"] not in str(entries)
         assert guarded.client.get(f"{API}/audit/verification", headers=admin).json()["intact"]
+
+
+@pytest.mark.slow
+def test_refused_attempts_are_noted_and_do_not_fill_the_log(tmp_path: Path) -> None:
+    with guarded_service(tmp_path) as guarded:
+        viewer, admin = guarded.bearer("viewer"), guarded.bearer("admin")
+        for _ in range(80):
+            assert guarded.client.delete(f"{API}/schedules/x", headers=viewer).status_code == 403
+        entries = guarded.client.get(f"{API}/audit", headers=admin, params={"limit": 200}).json()["items"]
+        assert 55 < len(entries) < 75
+        assert {(own["action"], own["principal"][:8]) for own in entries} == {("schedules.delete", "a viewer")}
+        assert {own["detail"]["status"] for own in entries} == {403}

@@ -11,6 +11,7 @@ from server.composition.declarations import RESOURCES
 from server.platform.changes import Changes
 from server.platform.database.engine import Database
 from server.platform.files import DataDirectory
+from server.platform.parts import TROUBLES
 from server.platform.resource import providers_of
 from server.platform.service import Service
 from server.platform.settings import Settings
@@ -38,7 +39,7 @@ def test_a_resource_has_the_name_of_its_folder_and_is_declared_there() -> None:
 
 def test_every_part_that_is_asked_for_is_provided() -> None:
     """The type checker knows what a part is, not whether a declaration makes it."""
-    known = {*providers_of(RESOURCES), Service, Settings, Changes, DataDirectory, Database}
+    known = {*providers_of(RESOURCES), Service, Settings, Changes, DataDirectory, Database, TROUBLES}
     asked = {}
     for path in MODULES:
         names = set(re.findall(r"\b(?:service|parts)\[([A-Z]\w*)\]", path.read_text()))

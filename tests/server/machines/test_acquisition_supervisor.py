@@ -10,7 +10,8 @@ from pathlib import Path
 import pytest
 from service_fakes import MACHINE, FakeAcquisition
 
-from server.machines.acquisition import FIRST_PAUSE_S, LONGEST_PAUSE_S, LOOK_S, Supervisor
+from server.machines.acquisition import FIRST_PAUSE_S, LONGEST_PAUSE_S, LOOK_S, Acquisition, Supervisor
+from server.platform.errors import ConflictError
 
 
 class Pace:
@@ -102,3 +103,24 @@ def test_stopping_ends_the_process(machine_file: Path) -> None:
     supervisor.stop()
     assert acquisition.ended == 1
     assert supervisor.statistics()["state"] == "stopped"
+
+
+@pytest.mark.parametrize("places", [(), ("can:virtual:other", "tcp:0.0.0.0/0:*", "serial:*")])
+def test_an_uploaded_machine_goes_nowhere_unless_the_administrator_says_so(
+    machine_file: Path, places: tuple[str, ...]
+) -> None:
+    changed = threading.Event()
+    acquisition = Acquisition(FakeAcquisition(), changed.set, places)
+    with pytest.raises(ConflictError, match="bus 'can' leads to can:virtual:tests, which is not in bus_places"):
+        acquisition.check(machine_file)
+    acquisition.check(machine_file, own=True)
+    acquisition.start("lever", machine_file)  # as after a restart, or with a new version of its file
+    try:
+        while acquisition.state("lever") == "starting":
+            assert changed.wait(30)
+            changed.clear()
+        assert acquisition.state("lever") == "waiting"
+        assert "not in bus_places" in acquisition.statistics("lever")["error"]
+    finally:
+        acquisition.stop_all()
+    Acquisition(FakeAcquisition(), changed.set, ("can:virtual:t*",)).check(machine_file)

@@ -187,3 +187,10 @@ def test_the_simulated_machine_is_the_same_version_after_a_restart_that_moved_it
     assert "port: 40002" in running.client.get(f"{API}/machines/simulated/file").text
     changed, made = uploads.add(own.replace("rate_hz: 50", "rate_hz: 25").encode(), own=True)
     assert (changed.version, made) == (2, True)
+
+
+def test_two_machines_do_not_differ_by_capitals_alone(running: Running) -> None:
+    assert running.client.post(MACHINES, content=named("capitals")).status_code == 201
+    answer = running.client.post(MACHINES, content=named("CAPITALS"))
+    assert answer.status_code == 409
+    assert "there is a machine 'capitals' already" in answer.json()["detail"]

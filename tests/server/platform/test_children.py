@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import select
 import signal
@@ -12,6 +13,8 @@ from pathlib import Path
 
 import pytest
 
+from daq.confinement import landlock_version
+from server.platform.files import LOCK_FILE
 from server.platform.processes.children import Child, ChildResult, run_child
 
 
@@ -168,3 +171,33 @@ run_child([sys.executable, "-c", {inner!r}], log=Path({str(tmp_path / "log")!r})
         watch = os.pidfd_open(pid)
         os.kill(parent.pid, signal.SIGKILL)
     assert has_ended(watch)
+
+
+@pytest.mark.skipif(landlock_version() < 3, reason="this kernel has no Landlock of version 3")
+def test_a_child_writes_in_its_own_room_only(tmp_path: Path) -> None:
+    room = tmp_path / "recordings"
+    room.mkdir()
+    store, key = tmp_path / "hilfit.sqlite", tmp_path / "tls" / "key.pem"
+    key.parent.mkdir()
+    for path in (store, key, tmp_path / LOCK_FILE):
+        path.write_text("precious")
+    code = """
+import json, pathlib, sys, tempfile
+refused = []
+for path in sys.argv[1:]:
+    try:
+        pathlib.Path(path).write_text("spoilt")
+    except PermissionError:
+        refused.append(path)
+with tempfile.NamedTemporaryFile() as file:
+    print(json.dumps({"summary": {"refused": refused, "scratch": tempfile.gettempdir()}}))
+"""
+    paths = [str(path) for path in (store, key, room / "deep.txt")]
+    (room / "place").mkdir()
+    with Child() as process:
+        result = process.run([sys.executable, "-c", code], paths, log=room / "place" / "log", timeout_s=30)
+    assert result.summary["refused"] == paths[:2]
+    assert (store.read_text(), key.read_text(), (room / "deep.txt").read_text()) == ("precious", "precious", "spoilt")
+    del process
+    gc.collect()
+    assert not Path(result.summary["scratch"]).exists()

@@ -10,6 +10,7 @@ from sqlalchemy.exc import OperationalError
 
 from server.composition.declarations import RESOURCES
 from server.platform.authorization.principals import LOCAL, Principal
+from server.platform.http.conditional import Conditional
 from server.platform.http.kept_answers import LARGEST_BYTES, KeptAnswers
 from server.platform.resource import kept_lists
 
@@ -37,7 +38,7 @@ class Bench:
     def __init__(self) -> None:
         self.application = Application()
         self.counters: dict[str, int] = {}
-        self.layer = KeptAnswers(self.application, LISTS, self.read)
+        self.layer = Conditional(KeptAnswers(self.application, LISTS, self.read))
 
     async def read(self) -> dict[str, int]:
         return self.counters

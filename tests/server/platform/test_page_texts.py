@@ -135,7 +135,10 @@ REFUSING = (
 MACHINE_FILE = tuple(
     f"daq/{name}.py"
     for name in (
-        *(f"machine/{name}" for name in ("coherence", "joints", "buses", "linkages", "machine_file_errors")),
+        *(
+            f"machine/{name}"
+            for name in ("coherence", "joints", "buses", "bus_places", "linkages", "machine_file_errors")
+        ),
         *("safe_yaml", "machine/plausible", "machine/can_database"),
     )
 )

@@ -155,3 +155,33 @@ def test_pages_from_elsewhere_are_refused(running: Running, headers: dict[str, s
 )
 def test_requests_of_the_own_page_and_of_programs_are_answered(running: Running, headers: dict[str, str]) -> None:
     assert running.client.get(f"{API}/machines", headers=headers).status_code == 200
+
+
+@pytest.mark.parametrize(
+    "headers",
+    [
+        {"origin": "https://127.0.0.1:8350"},  # another origin than that of a service on http
+        {"origin": "127.0.0.1:8350"},
+        {"sec-fetch-site": "cross-site"},
+        {"sec-fetch-site": "same-site"},
+    ],
+)
+def test_a_change_that_a_page_from_elsewhere_asks_for_is_refused(running: Running, headers: dict[str, str]) -> None:
+    problem(running.client.post(f"{API}/recordings", json={}, headers=headers), 403)
+
+
+def test_a_link_from_elsewhere_to_our_page_works(running: Running) -> None:
+    headers = {"sec-fetch-site": "cross-site", "sec-fetch-mode": "navigate"}
+    assert running.client.get(f"{API}/machines", headers=headers).status_code == 200
+    own = {"origin": "http://127.0.0.1:8350", "sec-fetch-site": "same-origin"}
+    assert running.client.post(f"{API}/recordings", json={}, headers=own).status_code == 422
+
+
+@pytest.mark.parametrize(
+    "text", ["a\u0000b", "a\u202eb", "a\u200bb", "a\u2066b", "line\nbreak", "\ufeffa", "\u009b31m"]
+)
+def test_words_that_read_otherwise_than_they_are_written_are_refused(running: Running, text: str) -> None:
+    wish = {"machine": "x", "role": "train", "label": text}
+    document = problem(running.client.post(f"{API}/recordings", json=wish), 422)
+    assert document["detail"].startswith("body.label")
+    assert running.client.post(f"{API}/recordings", json={**wish, "label": "Käfig 3, öl/über 40 °C"}).status_code == 404

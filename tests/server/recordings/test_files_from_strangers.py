@@ -2,13 +2,24 @@
 
 from __future__ import annotations
 
+import io
+import re
+import resource
+import subprocess
 import sys
+from pathlib import Path
 
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet
 import pytest
+from scipy.io import savemat
 from service_fakes import API, MACHINE, Running
 
+from daq.errors import RecordingError
 from server.machines.machine_reader import MachineReader
 from server.platform.errors import InvalidError
+from server.recordings.formats.declared_size import refuse_bombs
 
 #: What plain PyYAML or pint never comes to an end with; the rest is in tests/daq/test_hostile_machine_files.py.
 HOSTILE = {
@@ -70,3 +81,35 @@ def test_the_server_reads_no_machine_file_itself(running: Running, monkeypatch: 
     made = running.client.post(f"{API}/machines", content=MACHINE.replace("name: lever", "name: unread"))
     assert made.status_code == 201, made.text
     assert running.client.get(f"{API}/machines/unread").json()["machine"]["name"] == "unread"
+
+
+@pytest.mark.slow
+def test_a_parquet_file_that_says_that_it_unpacks_to_much_is_not_unpacked(running: Running) -> None:
+    running.client.post(f"{API}/machines", content=MACHINE)
+    buffer = io.BytesIO()
+    same = pa.array(np.zeros(10_000_000))  # kept once, with a count
+    pyarrow.parquet.write_table(pa.table({"time": same, "a": same, "b": same, "c": same}), buffer)
+    assert len(buffer.getvalue()) < 2**18
+    given = {"machine": "lever", "role": "train", "name": "bomb.parquet"}
+    answer = running.client.post(f"{API}/recordings/upload", params=given, content=buffer.getvalue())
+    assert answer.status_code == 422
+    assert re.match(r"bomb\.parquet: says that it unpacks to 305 MiB, \d+ times its size", answer.json()["detail"])
+
+
+@pytest.mark.slow
+def test_a_mat_file_that_says_that_it_unpacks_to_much_is_not_unpacked(tmp_path: Path) -> None:
+    path = tmp_path / "bomb.mat"
+    savemat(path, {"a": np.zeros(40_000_000)}, do_compression=True)
+    assert path.stat().st_size < 2**20
+    with pytest.raises(RecordingError, match="shown: says that it unpacks to 305 MiB"):
+        refuse_bombs(path, "shown")
+    savemat(path, {"a": np.random.default_rng(1).random(1000)}, do_compression=True)
+    refuse_bombs(path, "an honest one")
+
+
+@pytest.mark.slow
+def test_a_child_that_reads_files_may_write_to_little_memory() -> None:
+    eats = "from server.platform.processes.child_limits import limit_child; limit_child(60, 2**21); bytearray(2**30)"
+    done = subprocess.run([sys.executable, "-c", eats], capture_output=True, text=True)
+    assert "MemoryError" in done.stderr
+    assert resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss < 2**20  # KiB

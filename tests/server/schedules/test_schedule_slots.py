@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from datetime import UTC, date, datetime, timedelta
 from itertools import islice, pairwise
 from zoneinfo import ZoneInfo
 
 import pytest
+from croniter import CroniterBadDateError, croniter
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from server.platform.errors import InvalidError
+from server.schedules.cron import Cron
 from server.schedules.schedule_slots import check, due, upcoming
 
 VIENNA = "Europe/Vienna"
@@ -88,6 +91,28 @@ def test_a_clock_that_was_put_back_gives_no_slot_again() -> None:
         ("* * * *", "UTC", "minute hour day"),
         ("0 0 2 * * *", "UTC", "minute hour day"),
         ("@daily", "UTC", "minute hour day"),
+        *(
+            (f"{minute} {hour} {rest}", "UTC", "cannot be read")
+            for minute, hour, rest in (
+                ("R", "R", "* * *"),
+                ("R(0-10)", "2", "* * *"),
+                ("H", "2", "* * *"),
+                ("0", "2", "L * *"),
+                ("0", "2", "* * MON#1"),
+                ("0", "2", "1W * *"),
+                ("0", "2", "* * 5L"),
+                ("0", "2", "? * *"),
+                ("5/10", "*", "* * *"),
+                ("*/0", "*", "* * *"),
+                ("0", "17-8", "* * *"),
+                ("0", "2", "* JAN-DEZ *"),
+                ("0,", "2", "* * *"),
+                ("0", "2", "* * 8"),
+                ("MON", "2", "* * *"),
+                ("-1", "2", "* * *"),
+                ("٣", "2", "* * *"),
+            )
+        ),
         ("0 0 30 2 *", "UTC", "never comes"),
         ("* * * * *", "UTC", "more often"),
         ("0 2 * * *", "Mars/Olympus", "unknown"),
@@ -97,6 +122,46 @@ def test_a_clock_that_was_put_back_gives_no_slot_again() -> None:
 def test_what_makes_no_sense_is_refused(cron: str, zone: str, says: str) -> None:
     with pytest.raises(InvalidError, match=says):
         check(cron, zone, at("2026-01-01T00:00"))
+
+
+def fields(low: int, high: int) -> st.SearchStrategy[str]:
+    """A field as crontab(5) has it."""
+    ranges = st.tuples(st.integers(low, high), st.integers(low, high)).filter(lambda e: e[0] < e[1])  # 0-0: all, there
+    steps = st.integers(1, high)
+    part = st.one_of(
+        st.integers(low, high).map(str),
+        ranges.map(lambda ends: f"{ends[0]}-{ends[1]}"),
+        st.tuples(ranges, steps).map(lambda own: f"{own[0][0]}-{own[0][1]}/{own[1]}"),
+        steps.map(lambda step: f"*/{step}"),
+    )
+    return st.one_of(st.just("*"), st.lists(part, min_size=1, max_size=3).map(",".join))
+
+
+@pytest.mark.slow
+@settings(max_examples=150, deadline=None)
+@given(
+    expression=st.tuples(fields(0, 59), fields(0, 23), fields(1, 31), fields(1, 12), fields(0, 6)).map(" ".join),
+    start=st.datetimes(datetime(2024, 1, 1), datetime(2030, 1, 1)),
+)
+def test_an_expression_means_what_it_means_elsewhere(expression: str, start: datetime) -> None:
+    """Against croniter, which reads the same five fields, and more."""
+    theirs = croniter(expression, start, ret_type=datetime, max_years_between_matches=50)
+    expected = []
+    with suppress(CroniterBadDateError):
+        expected = [theirs.get_next() for _ in range(8)]
+    assert list(islice(Cron.parse(expression).after(start), len(expected))) == expected
+    if not expected:
+        assert next(Cron.parse(expression).after(start), None) is None
+
+
+def test_names_and_sunday_twice() -> None:
+    assert Cron.parse("0 2 * jan,Mar-MAY mon-FRI") == Cron.parse("0 2 * 1,3,4,5 1-5")
+    assert Cron.parse("0 2 * * 7") == Cron.parse("0 2 * * SUN") == Cron.parse("0 2 * * 0")
+    assert Cron.parse("0 2 * * 5-7").weekdays == {5, 6, 0}
+
+
+def test_a_schedule_that_was_taken_before_there_was_a_grammar_comes_no_more() -> None:
+    assert list(upcoming("R R * * *", "UTC", at("2026-01-01T00:00"))) == []
 
 
 @pytest.mark.parametrize("cron", ["*/5 * * * *", "30 2 * * 1", "0 0 29 2 *"])

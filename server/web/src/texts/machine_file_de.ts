@@ -6,6 +6,15 @@
 export const MACHINE_FILE: Record<string, string> = {
   "delays[{}]: '{}' and '{}' are told twice; keep one": "delays[$1]: „$2“ und „$3“ stehen zweimal da; eines behalten",
   "; there are {}": "; es gibt $1",
+  "'{}' is no host; write a name or an address, as in 192.0.2.10":
+    "„$1“ ist kein Rechner; einen Namen oder eine Adresse schreiben, wie 192.0.2.10",
+  "'{}' is no place; write can:socketcan:can0, serial:/dev/ttyUSB0 or tcp:192.0.2.0/24:502":
+    "„$1“ ist kein Ort; can:socketcan:can0, serial:/dev/ttyUSB0 oder tcp:192.0.2.0/24:502 schreiben",
+  "'{}' is no serial port; write /dev/ttyUSB0, /dev/serial/by-id/..., or COM3":
+    "„$1“ ist keine serielle Schnittstelle; /dev/ttyUSB0, /dev/serial/by-id/... oder COM3 schreiben",
+  "channel '{}' is none of {}; write its name alone, as in can0":
+    "channel „$1“ gibt es bei $2 nicht; nur den Namen schreiben, wie can0",
+  "options: {}: {}; {} takes {}": "options: $1: $2; $3 nimmt $4",
   "{}: there is no {} '{}'{}": "$1: $2 „$3“ gibt es nicht$4",
   "{}: a {} belongs to a joint; add joint:": "$1: $2 gehört zu einem Gelenk; joint: ergänzen",
   "{}: a {} belongs to the machine; remove joint:": "$1: $2 gehört zur Maschine; joint: entfernen",

@@ -89,6 +89,13 @@ const SERVICE: Record<string, string> = {
   "identification '{}' has no {}: its job {} is {}": "Die Identifikation „$1“ hat kein $2: Ihr Auftrag $3 ist: $4",
   "its identification {} was cancelled; run the schedule again":
     "Ihre Identifikation $1 wurde abgebrochen; den Zeitplan noch einmal ausführen",
+  "bus '{}': {}": "Bus „$1“: $2",
+  "machine '{}' cannot be acquired: its bus '{}' leads to {}, which is not in bus_places; have the administrator of this service add it to the file of --config":
+    "Die Maschine „$1“ lässt sich nicht erfassen: Ihr Bus „$2“ führt zu $3, und das steht nicht in bus_places; vom Verwalter des Dienstes in die Datei von --config eintragen lassen",
+  "there is a machine '{}' already, which reads like '{}'; choose another name":
+    "Es gibt schon eine Maschine „$1“, die sich wie „$2“ liest; einen anderen Namen wählen",
+  "the request was cut off; send it again": "Die Anfrage brach ab; sie noch einmal senden",
+  "the store is damaged ({}); restore a backup": "Die Datenbank ist beschädigt ($1); eine Sicherung zurückspielen",
   "machine '{}' cannot be acquired: {} in its file; add it and upload it again":
     "Die Maschine „$1“ lässt sich nicht erfassen: $2 in ihrer Datei; ergänzen und neu hochladen",
   "machine '{}' drifts and no enabled schedule says how to recalibrate it; make one":
@@ -163,8 +170,8 @@ const SERVICE: Record<string, string> = {
     "Das Datenverzeichnis ist nicht verwendbar ($1); in Ordnung bringen",
   "the data directory is another one than at the start; restart the service":
     "Das Datenverzeichnis ist ein anderes als beim Start; den Dienst neu starten",
-  "the disk is full: {} MiB are free and {} MiB are kept for the database; delete recordings or make room":
-    "Der Datenträger ist voll: $1 MiB sind frei, $2 MiB bleiben der Datenbank; Aufzeichnungen löschen oder Platz schaffen",
+  "the disk is full: {} MiB are free, {} MiB are to come and {} MiB are kept for the database; delete recordings or make room":
+    "Der Datenträger ist voll: $1 MiB sind frei, $2 MiB sollen kommen, $3 MiB bleiben der Datenbank; Aufzeichnungen löschen oder Platz schaffen",
   "the file of machine '{}' is gone; upload it again":
     "Die Datei der Maschine „$1“ ist verschwunden; sie noch einmal hochladen",
   "the file of machine '{}' names no DBC file of this name; add it to a bus's dbc":

@@ -36,6 +36,9 @@ const ALARMS: Record<string, string> = {
   recalibration_failed: t("history.aRecalibrationFailed"),
   backup_failed: t("history.aBackupFailed"),
   worker_silent: t("history.workerFellSilent"),
+  store_damaged: t("history.storeWasDamaged"),
+  audit_cut: t("history.auditLogWasCut"),
+  backup_failed: t("history.backupFailed"),
 };
 
 export interface Drawn {

@@ -1,0 +1,205 @@
+"""Where a machine file may lead: closed grammars of serial ports, CAN interfaces and hosts, and who may go there.
+
+A machine file is data, and anybody may have written it. pyserial and python-can read addresses as URLs, with handlers
+that write files and open sockets; so no string of a machine file comes to them that does not fit a grammar here, and
+none of these has a ``://``. What fits is a *place*, and a service goes only to those that its administrator lists:
+
+============================  =====================================  ==============================================
+place                         of                                     an entry of the list
+============================  =====================================  ==============================================
+``can:INTERFACE:CHANNEL``     CAN controllers of this computer       ``can:socketcan:can0``, ``can:socketcan:can*``
+``serial:PORT``               ``modbus_rtu``, ``slcan``, ``serial``  ``serial:/dev/ttyUSB0``, ``serial:/dev/serial/*``
+``tcp:HOST:PORT``             ``modbus_tcp``, ``socketcand``         ``tcp:192.0.2.10:502``, ``tcp:192.0.2.0/24:*``
+``driver:TYPE``               another package's driver               ``driver:ethercat``
+============================  =====================================  ==============================================
+
+A network in an entry is for addresses alone: a name says nothing of where it leads, and has to be listed itself.
+"""
+
+from __future__ import annotations
+
+import ipaddress
+import re
+from collections.abc import Collection, Mapping
+from fnmatch import fnmatchcase
+from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args
+
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
+
+if TYPE_CHECKING:
+    from daq.machine.buses import Bus
+
+_SERIAL = re.compile(r"/dev/tty[A-Za-z0-9_.\-]*|/dev/pts/[0-9]+|/dev/serial/by-(id|path)/[A-Za-z0-9][^/\s]*|COM[0-9]+")
+_NAME = re.compile(r"[A-Za-z0-9]([A-Za-z0-9.\-]*[A-Za-z0-9])?")
+_CHANNEL = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_., \-]{0,63}")
+_KINDS = ("can", "serial", "tcp", "driver")
+
+#: CAN interfaces of python-can that a machine file may name.
+CanInterface = Literal[
+    "socketcan", "socketcand", "pcan", "kvaser", "vector", "ixxat", "gs_usb", "slcan", "serial", "virtual"
+]
+CAN_INTERFACES: tuple[str, ...] = get_args(CanInterface)
+_SERIAL_INTERFACES = ("slcan", "serial")
+
+
+def serial_port(text: str) -> str:
+    """A serial port as the operating system names it (ValueError for anything else)."""
+    if not _SERIAL.fullmatch(text):
+        raise ValueError(f"'{text}' is no serial port; write /dev/ttyUSB0, /dev/serial/by-id/..., or COM3")
+    return text
+
+
+def host_name(text: str) -> str:
+    """A host's name or address (ValueError for anything else)."""
+    if len(text) > 253 or not (_NAME.fullmatch(text) or _address(text)):
+        raise ValueError(f"'{text}' is no host; write a name or an address, as in 192.0.2.10")
+    return text
+
+
+SerialPort = Annotated[str, AfterValidator(serial_port)]
+Host = Annotated[str, AfterValidator(host_name)]
+PortNumber = Annotated[int, Field(ge=1, le=65535)]
+
+
+class _Options(BaseModel):
+    """Options of a CAN interface that a machine file may give; python-can knows more."""
+
+    model_config = ConfigDict(extra="forbid", strict=True)
+
+
+class _Socketcan(_Options):
+    receive_own_messages: bool = False
+    local_loopback: bool = True
+
+
+class _Socketcand(_Options):
+    host: Host
+    port: PortNumber
+    tcp_tune: bool = True
+
+
+class _Pcan(_Options):
+    auto_reset: bool = False
+    device_id: int = 0
+
+
+class _Kvaser(_Options):
+    driver_mode: bool = True
+    single_handle: bool = False
+    accept_virtual: bool = True
+    no_samp: int = 1
+    tseg1: int = 0
+    tseg2: int = 0
+    sjw: int = 0
+
+
+class _Vector(_Options):
+    app_name: Annotated[str, Field(pattern=r"^[A-Za-z0-9 _.\-]{1,32}$")] = "CANalyzer"
+    serial: int = 0
+
+
+class _Ixxat(_Options):
+    unique_hardware_id: Annotated[str, Field(pattern=r"^[A-Za-z0-9]{1,32}$")] = ""
+    extended: bool = False
+
+
+class _GsUsb(_Options):
+    index: int = 0
+    bus: int = 0
+    address: int = 0
+
+
+class _Slcan(_Options):
+    tty_baudrate: Annotated[int, Field(ge=300, le=4_000_000)] = 115200
+    rtscts: bool = False
+    sleep_after_open: Annotated[float, Field(ge=0, le=10)] = 2.0
+
+
+class _Serial(_Options):
+    baudrate: Annotated[int, Field(ge=300, le=4_000_000)] = 115200
+    rtscts: bool = False
+
+
+class _Virtual(_Options):
+    receive_own_messages: bool = False
+
+
+_OPTIONS: Mapping[str, type[_Options]] = {
+    "socketcan": _Socketcan, "socketcand": _Socketcand, "pcan": _Pcan, "kvaser": _Kvaser, "vector": _Vector,
+    "ixxat": _Ixxat, "gs_usb": _GsUsb, "slcan": _Slcan, "serial": _Serial, "virtual": _Virtual,
+}  # fmt: skip
+
+
+def check_can(interface: str, channel: str, options: Mapping[str, object]) -> None:
+    """See that a channel and options are some that a CAN interface takes (ValueError, one line)."""
+    if interface in _SERIAL_INTERFACES:
+        serial_port(channel)
+    elif not _CHANNEL.fullmatch(channel):
+        raise ValueError(f"channel '{channel}' is none of {interface}; write its name alone, as in can0")
+    try:
+        _OPTIONS[interface].model_validate(dict(options))
+    except ValidationError as error:
+        first = error.errors(include_url=False)[0]
+        key = ".".join(str(part) for part in first["loc"])
+        known = ", ".join(_OPTIONS[interface].model_fields)
+        raise ValueError(f"options: {key}: {first['msg'].lower()}; {interface} takes {known}") from None
+
+
+def place_of(bus: Bus) -> str:
+    """The place that a bus leads to."""
+    kind: str = bus.type
+    given: Any = bus  # which keys it has hangs on its type
+    if kind == "modbus_tcp":
+        return f"tcp:{given.host}:{given.port}"
+    if kind == "modbus_rtu":
+        return f"serial:{given.port}"
+    if kind not in ("canopen", "can_signals"):
+        return f"driver:{kind}"
+    if given.interface == "socketcand":
+        return f"tcp:{given.options['host']}:{given.options['port']}"
+    serial = given.interface in _SERIAL_INTERFACES
+    return f"serial:{given.channel}" if serial else f"can:{given.interface}:{given.channel}"
+
+
+def check_entry(entry: str) -> str:
+    """See that an entry of the list is one (ValueError, one line)."""
+    kind, _, what = entry.partition(":")
+    host, _, port = what.rpartition(":")
+    if kind not in _KINDS or not what or (kind == "tcp" and not (host and (port == "*" or port.isdecimal()))):
+        raise ValueError(
+            f"'{entry}' is no place; write can:socketcan:can0, serial:/dev/ttyUSB0 or tcp:192.0.2.0/24:502"
+        )
+    return entry
+
+
+def is_listed(place: str, entries: Collection[str]) -> bool:
+    """Whether one of ``entries`` is about ``place``."""
+    return any(_is_about(entry, place) for entry in entries)
+
+
+def _is_about(entry: str, place: str) -> bool:
+    kind, _, what = place.partition(":")
+    wanted_kind, _, wanted = entry.partition(":")
+    if kind != wanted_kind:
+        return False
+    if kind != "tcp":
+        return fnmatchcase(what, wanted)
+    host, _, port = what.rpartition(":")
+    wanted_host, _, wanted_port = wanted.rpartition(":")
+    if wanted_port not in ("*", port):
+        return False
+    address = _address(host)
+    if address is None:
+        return host.lower() == wanted_host.lower()
+    try:
+        return address in ipaddress.ip_network(wanted_host.strip("[]"), strict=False)
+    except ValueError:  # a name
+        return False
+
+
+def _address(text: str) -> ipaddress.IPv4Address | ipaddress.IPv6Address | None:
+    try:
+        found = ipaddress.ip_address(text)
+    except ValueError:
+        return None
+    return None if "%" in text else found

@@ -1,0 +1,152 @@
+"""A machine file is data: where it may lead is a closed grammar, and an administrator's list."""
+
+from __future__ import annotations
+
+import json
+import os
+import pkgutil
+import subprocess
+import sys
+from pathlib import Path
+from types import UnionType
+from typing import Any, Union, get_args, get_origin
+
+import can
+import pytest
+import serial.urlhandler
+from can.interfaces import VALID_INTERFACES
+from pydantic import BaseModel, TypeAdapter, ValidationError
+
+from daq.drivers.can.port import open_bus
+from daq.drivers.modbus.client import ModbusConnection
+from daq.errors import BusError
+from daq.machine.bus_places import CAN_INTERFACES, check_entry, is_listed, place_of
+from daq.machine.buses import Bus, CanNode, CanopenBus, CanSignalsBus, ModbusRtuBus, ModbusTcpBus
+
+BUS: TypeAdapter[Any] = TypeAdapter(Bus)
+#: Every scheme that pyserial knows, as it is installed, and every interface of python-can, which may stand for one.
+SCHEMES = sorted(
+    {module.name.removeprefix("protocol_") for module in pkgutil.iter_modules(serial.urlhandler.__path__)}
+    | set(VALID_INTERFACES) | {"http", "file", "ws", "unix"}
+)  # fmt: skip
+GOOD: dict[type[BaseModel], dict[str, Any]] = {
+    CanopenBus: {"name": "b", "type": "canopen", "interface": "socketcand", "channel": "can0",
+                 "options": {"host": "192.0.2.10", "port": 29536}},
+    CanSignalsBus: {"name": "b", "type": "can_signals", "interface": "slcan", "channel": "/dev/ttyACM0",
+                    "options": {"tty_baudrate": 115200}, "dbc": ["own.dbc"]},
+    ModbusTcpBus: {"name": "b", "type": "modbus_tcp", "host": "192.0.2.10"},
+    ModbusRtuBus: {"name": "b", "type": "modbus_rtu", "port": "/dev/ttyUSB0"},
+}  # fmt: skip
+#: Strings that no bus library gets: names, files that are looked at before they are read, and what is compared.
+NO_ADDRESS = {"name", "type", "dbc", "nodes"}
+
+
+def _holds_text(annotation: Any) -> bool:
+    if annotation is str:
+        return True
+    if get_origin(annotation) in (Union, UnionType, dict, tuple) or get_args(annotation):
+        return any(_holds_text(part) for part in get_args(annotation)) or any(
+            isinstance(part, str) for part in get_args(annotation)
+        )
+    return False
+
+
+def test_every_text_that_reaches_a_driver_refuses_every_scheme() -> None:
+    tried = 0
+    for model, good in GOOD.items():
+        BUS.validate_python(good)
+        fields = [name for name, own in model.model_fields.items() if _holds_text(own.annotation)]
+        for field in [name for name in fields if name not in NO_ADDRESS]:
+            for scheme in SCHEMES:
+                for rest in ("/dev/ptmx?file=/tmp/x", "127.0.0.1:1"):
+                    url = f"{scheme}://{rest}"
+                    bad = {option: {**good.get("options", {}), option: url} for option in ("host", "channel", "url")}
+                    for value in bad.values() if field == "options" else [url]:
+                        tried += 1
+                        with pytest.raises(ValidationError):
+                            BUS.validate_python({**good, field: value})
+    assert tried > 300
+    assert {"eds", "firmware"} == {
+        name for name, own in CanNode.model_fields.items() if _holds_text(own.annotation)
+    } - {"settings"}  # a file that is looked at first, and a text that is compared
+
+
+@pytest.mark.parametrize("interface", sorted(set(VALID_INTERFACES) - set(CAN_INTERFACES)))
+def test_other_interfaces_of_python_can_are_refused(interface: str) -> None:
+    with pytest.raises(ValidationError):
+        BUS.validate_python({"name": "b", "type": "canopen", "interface": interface, "channel": "can0"})
+
+
+@pytest.mark.parametrize(
+    "port",
+    ["/dev/tty/../sda", "/dev/ptmx", "/dev/serial/by-id/../../sda", "COM1\n", "/tmp/x", "ttyUSB0", "/dev/ttyUSB0?x=1"],
+)
+def test_a_port_is_a_port(port: str) -> None:
+    with pytest.raises(ValidationError, match="is no serial port"):
+        BUS.validate_python({"name": "b", "type": "modbus_rtu", "port": port})
+
+
+def test_a_bus_put_together_in_a_program_meets_the_same_grammar(tmp_path: Path) -> None:
+    target = tmp_path / "store"
+    target.write_bytes(b"precious")
+    url = f"spy:///dev/ptmx?file={target}"
+    slcan = CanopenBus(name="b", type="canopen", interface="slcan", channel="/dev/ttyACM0")
+    with pytest.raises(BusError, match="no serial port"):
+        open_bus(slcan.model_copy(update={"channel": url}))
+    with pytest.raises(ValueError, match="no serial port"):
+        ModbusConnection(ModbusRtuBus(**GOOD[ModbusRtuBus]).model_copy(update={"port": url}), 0.1)
+    assert target.read_bytes() == b"precious"
+
+
+def test_what_the_users_home_configures_is_not_read(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("CAN_CONFIG", '{"receive_own_messages": true}')
+    with can.Bus(interface="virtual", channel="other", ignore_config=True):
+        bus = open_bus(CanopenBus(name="b", type="canopen", interface="virtual", channel="x"))
+        assert bus.receive_own_messages is False
+        bus.shutdown()
+
+
+@pytest.mark.parametrize(
+    ("entry", "place", "about"),
+    [
+        ("can:socketcan:can*", "can:socketcan:can0", True),
+        ("can:socketcan:can*", "can:pcan:can0", False),
+        ("serial:/dev/ttyUSB*", "serial:/dev/ttyUSB1", True),
+        ("serial:/dev/ttyUSB*", "serial:/dev/ttyS0", False),
+        ("tcp:192.0.2.0/24:502", "tcp:192.0.2.77:502", True),
+        ("tcp:192.0.2.0/24:502", "tcp:192.0.2.77:503", False),
+        ("tcp:192.0.2.0/24:*", "tcp:192.0.3.1:502", False),
+        ("tcp:192.0.2.0/24:502", "tcp:192.0.2.evil.example:502", False),
+        ("tcp:Gateway:502", "tcp:gateway:502", True),
+        ("tcp:*:502", "tcp:gateway:502", False),
+        ("tcp:::/0:502", "tcp:fd00::1:502", True),
+        ("driver:ethercat", "driver:ethercat", True),
+    ],
+)
+def test_the_list(entry: str, place: str, about: bool) -> None:
+    assert is_listed(place, [check_entry(entry)]) is about
+    assert not is_listed(place, [])
+
+
+@pytest.mark.parametrize("entry", ["", "can0", "tcp:host", "tcp:host:port", "usb:1", "tcp::502"])
+def test_what_is_no_entry_is_refused(entry: str) -> None:
+    with pytest.raises(ValueError, match="is no place"):
+        check_entry(entry)
+
+
+def test_places_of_buses() -> None:
+    places = [place_of(BUS.validate_python(good)) for good in GOOD.values()]
+    assert places == ["tcp:192.0.2.10:29536", "serial:/dev/ttyACM0", "tcp:192.0.2.10:502", "serial:/dev/ttyUSB0"]
+    assert place_of(BUS.validate_python({"name": "b", "type": "ethercat"})) == "driver:ethercat"
+
+
+@pytest.mark.slow
+def test_opened_drivers_go_nowhere_else() -> None:
+    """Machine files over the whole schema, against drivers that are opened, with every open and connect traced."""
+    program = [sys.executable, str(Path(__file__).with_name("fuzz_places.py")), "1500"]
+    environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[2])}
+    done = subprocess.run(program, capture_output=True, text=True, env=environment, timeout=600)
+    assert done.returncode == 0, done.stderr[-2000:]
+    told = json.loads(done.stdout.splitlines()[-1])
+    assert told["trespasses"] == []
+    assert told["taken"] > 50 and told["reached"] > 20
