@@ -130,7 +130,7 @@ class SignalFiles:
             path = self.path(machine, name)
             self._refuse_unusable(row, name, incoming)
             with self._replacing:
-                if expected is not None and (self.digest(machine, name) or NONE_YET) not in expected:
+                if expected is not None and not expected & {self.digest(machine, name) or NONE_YET}:
                     raise PreconditionError(f"somebody replaced {name} meanwhile; look at it, and send yours again")
                 recording = self._recorded(machine)
                 if recording is not None:

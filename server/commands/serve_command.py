@@ -41,9 +41,7 @@ def serve(
     faults: Annotated[
         Path | None, typer.Option(help="Fault file (YAML): what breaks in the simulated machine, when, for how long.")
     ] = None,
-    new_store: Annotated[
-        bool, typer.Option("--new-store", help="Make a new store where there was one, and forget what that knew.")
-    ] = False,
+    new_store: Annotated[bool, typer.Option("--new-store", help="Make a new store where there was one.")] = False,
     json: Annotated[bool, typer.Option("--json", help="Print the address as JSON.")] = False,
 ) -> None:
     """Serve machines, recordings and identifications over HTTP until stopped."""
