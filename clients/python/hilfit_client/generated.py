@@ -9,7 +9,7 @@ from typing import Any, Literal, NotRequired, TypedDict, Unpack
 from hilfit_client.transport import Transport
 
 #: SHA-256 of the description that this was made from.
-SOURCE_SHA256 = "b29e15f1f3b3cf30551cb1a1b202b816350befeb8ca63a8b223e7f8b9984f2b9"
+SOURCE_SHA256 = "153ca482c1385bdc9469ad75f69650816c520c142237c5c401a29c10ae7fa3d1"
 
 
 class AcquisitionWish(TypedDict):
@@ -1079,27 +1079,33 @@ class AlarmsApi:
         answer: AlarmResource = self._transport.json("GET", f"/api/v1/alarms/{self._transport.quoted(id)}")
         return answer
 
-    def acknowledge(self, id: str, *, if_match: str | None = None) -> AlarmResource:
+    def acknowledge(self, id: str, *, if_match: str | None = None, if_none_match: str | None = None) -> AlarmResource:
         """Say that somebody has seen it; the first who says so stays named."""
         answer: AlarmResource = self._transport.json(
-            "POST", f"/api/v1/alarms/{self._transport.quoted(id)}/acknowledge", headers={"if-match": if_match}
+            "POST",
+            f"/api/v1/alarms/{self._transport.quoted(id)}/acknowledge",
+            headers={"if-match": if_match, "if-none-match": if_none_match},
         )
         return answer
 
-    def shelve(self, id: str, *, if_match: str | None = None, **body: Unpack[Shelf]) -> AlarmResource:
+    def shelve(
+        self, id: str, *, if_match: str | None = None, if_none_match: str | None = None, **body: Unpack[Shelf]
+    ) -> AlarmResource:
         """Keep an alarm quiet for a while: it is tracked, but nobody is to be called."""
         answer: AlarmResource = self._transport.json(
             "POST",
             f"/api/v1/alarms/{self._transport.quoted(id)}/shelve",
             json=dict(body),
-            headers={"if-match": if_match},
+            headers={"if-match": if_match, "if-none-match": if_none_match},
         )
         return answer
 
-    def unshelve(self, id: str, *, if_match: str | None = None) -> AlarmResource:
+    def unshelve(self, id: str, *, if_match: str | None = None, if_none_match: str | None = None) -> AlarmResource:
         """Let a shelved alarm be heard again."""
         answer: AlarmResource = self._transport.json(
-            "POST", f"/api/v1/alarms/{self._transport.quoted(id)}/unshelve", headers={"if-match": if_match}
+            "POST",
+            f"/api/v1/alarms/{self._transport.quoted(id)}/unshelve",
+            headers={"if-match": if_match, "if-none-match": if_none_match},
         )
         return answer
 
@@ -1155,10 +1161,23 @@ class CalibrationsApi:
         state: Literal["proposed", "approved", "rejected", "active", "retired"] | None = None,
         limit: int | None = None,
         cursor: int | None = None,
+        since: str | None = None,
+        until: str | None = None,
+        label: str | None = None,
     ) -> CalibrationList:
         """List calibrations, newest first."""
         answer: CalibrationList = self._transport.json(
-            "GET", "/api/v1/calibrations", query={"machine": machine, "state": state, "limit": limit, "cursor": cursor}
+            "GET",
+            "/api/v1/calibrations",
+            query={
+                "machine": machine,
+                "state": state,
+                "limit": limit,
+                "cursor": cursor,
+                "since": since,
+                "until": until,
+                "label": label,
+            },
         )
         return answer
 
@@ -1177,30 +1196,38 @@ class CalibrationsApi:
         answer: CalibrationResource = self._transport.json("GET", f"/api/v1/calibrations/{self._transport.quoted(id)}")
         return answer
 
-    def activate(self, id: str, *, if_match: str | None = None) -> CalibrationResource:
+    def activate(
+        self, id: str, *, if_match: str | None = None, if_none_match: str | None = None
+    ) -> CalibrationResource:
         """Use an approved calibration; the one in use before is retired."""
         answer: CalibrationResource = self._transport.json(
-            "POST", f"/api/v1/calibrations/{self._transport.quoted(id)}/activate", headers={"if-match": if_match}
+            "POST",
+            f"/api/v1/calibrations/{self._transport.quoted(id)}/activate",
+            headers={"if-match": if_match, "if-none-match": if_none_match},
         )
         return answer
 
-    def approve(self, id: str, *, if_match: str | None = None, **body: Unpack[Decision]) -> CalibrationResource:
+    def approve(
+        self, id: str, *, if_match: str | None = None, if_none_match: str | None = None, **body: Unpack[Decision]
+    ) -> CalibrationResource:
         """Approve a proposed calibration; whoever proposed it may only where the policy says so (`second_person`)."""
         answer: CalibrationResource = self._transport.json(
             "POST",
             f"/api/v1/calibrations/{self._transport.quoted(id)}/approve",
             json=dict(body),
-            headers={"if-match": if_match},
+            headers={"if-match": if_match, "if-none-match": if_none_match},
         )
         return answer
 
-    def deactivate(self, id: str, *, if_match: str | None = None, **body: Unpack[Decision]) -> CalibrationResource:
+    def deactivate(
+        self, id: str, *, if_match: str | None = None, if_none_match: str | None = None, **body: Unpack[Decision]
+    ) -> CalibrationResource:
         """Take the calibration in use out of use: none is in use then, and the monitor rests. It can be activated again."""
         answer: CalibrationResource = self._transport.json(
             "POST",
             f"/api/v1/calibrations/{self._transport.quoted(id)}/deactivate",
             json=dict(body),
-            headers={"if-match": if_match},
+            headers={"if-match": if_match, "if-none-match": if_none_match},
         )
         return answer
 
@@ -1211,13 +1238,15 @@ class CalibrationsApi:
         )
         return answer
 
-    def reject(self, id: str, *, if_match: str | None = None, **body: Unpack[Decision]) -> CalibrationResource:
+    def reject(
+        self, id: str, *, if_match: str | None = None, if_none_match: str | None = None, **body: Unpack[Decision]
+    ) -> CalibrationResource:
         """Reject a calibration that is not in use and never was."""
         answer: CalibrationResource = self._transport.json(
             "POST",
             f"/api/v1/calibrations/{self._transport.quoted(id)}/reject",
             json=dict(body),
-            headers={"if-match": if_match},
+            headers={"if-match": if_match, "if-none-match": if_none_match},
         )
         return answer
 
@@ -1241,14 +1270,16 @@ class CanSignalsApi:
         """Download a DBC file that a machine's file names."""
         return self._transport.content("GET", "/api/v1/can-signals/file", query={"machine": machine, "name": name})
 
-    def upload(self, content: bytes, *, machine: str, name: str, if_match: str | None = None) -> CanFileReplaced:
+    def upload(
+        self, content: bytes, *, machine: str, name: str, if_match: str | None = None, if_none_match: str | None = None
+    ) -> CanFileReplaced:
         """Upload a DBC file in the place of one that a machine's file names; acquisition goes on with the new one."""
         answer: CanFileReplaced = self._transport.json(
             "POST",
             "/api/v1/can-signals/upload",
             content=content,
             query={"machine": machine, "name": name},
-            headers={"if-match": if_match},
+            headers={"if-match": if_match, "if-none-match": if_none_match},
         )
         return answer
 
@@ -1337,11 +1368,27 @@ class IdentificationsApi:
         self._transport = transport
 
     def list_identifications(
-        self, *, machine: str | None = None, limit: int | None = None, cursor: int | None = None
+        self,
+        *,
+        machine: str | None = None,
+        limit: int | None = None,
+        cursor: int | None = None,
+        since: str | None = None,
+        until: str | None = None,
+        label: str | None = None,
     ) -> IdentificationList:
         """List identifications, newest first."""
         answer: IdentificationList = self._transport.json(
-            "GET", "/api/v1/identifications", query={"machine": machine, "limit": limit, "cursor": cursor}
+            "GET",
+            "/api/v1/identifications",
+            query={
+                "machine": machine,
+                "limit": limit,
+                "cursor": cursor,
+                "since": since,
+                "until": until,
+                "label": label,
+            },
         )
         return answer
 
@@ -1464,10 +1511,12 @@ class MachinesApi:
         answer: MachineList = self._transport.json("GET", "/api/v1/machines", query={"limit": limit, "cursor": cursor})
         return answer
 
-    def upload(self, content: bytes, *, if_match: str | None = None) -> MachineSummary:
+    def upload(
+        self, content: bytes, *, if_match: str | None = None, if_none_match: str | None = None
+    ) -> MachineSummary:
         """Upload a machine file: a new machine or a new version (200 if it is the current version already)."""
         answer: MachineSummary = self._transport.json(
-            "POST", "/api/v1/machines", content=content, headers={"if-match": if_match}
+            "POST", "/api/v1/machines", content=content, headers={"if-match": if_match, "if-none-match": if_none_match}
         )
         return answer
 
@@ -1584,12 +1633,24 @@ class RecordingsApi:
         state: Literal["recording", "sealed", "failed"] | None = None,
         limit: int | None = None,
         cursor: int | None = None,
+        since: str | None = None,
+        until: str | None = None,
+        label: str | None = None,
     ) -> RecordingList:
         """List recordings, newest first."""
         answer: RecordingList = self._transport.json(
             "GET",
             "/api/v1/recordings",
-            query={"machine": machine, "role": role, "state": state, "limit": limit, "cursor": cursor},
+            query={
+                "machine": machine,
+                "role": role,
+                "state": state,
+                "limit": limit,
+                "cursor": cursor,
+                "since": since,
+                "until": until,
+                "label": label,
+            },
         )
         return answer
 
@@ -1718,10 +1779,12 @@ class SchedulesApi:
         )
         return answer
 
-    def delete(self, id: str, *, if_match: str | None = None) -> None:
+    def delete(self, id: str, *, if_match: str | None = None, if_none_match: str | None = None) -> None:
         """Delete a schedule; its jobs and calibrations stay."""
         self._transport.nothing(
-            "DELETE", f"/api/v1/schedules/{self._transport.quoted(id)}", headers={"if-match": if_match}
+            "DELETE",
+            f"/api/v1/schedules/{self._transport.quoted(id)}",
+            headers={"if-match": if_match, "if-none-match": if_none_match},
         )
 
     def get(self, id: str) -> ScheduleResource:
@@ -1729,10 +1792,15 @@ class SchedulesApi:
         answer: ScheduleResource = self._transport.json("GET", f"/api/v1/schedules/{self._transport.quoted(id)}")
         return answer
 
-    def change(self, id: str, *, if_match: str | None = None, **body: Unpack[ScheduleWish]) -> ScheduleResource:
+    def change(
+        self, id: str, *, if_match: str | None = None, if_none_match: str | None = None, **body: Unpack[ScheduleWish]
+    ) -> ScheduleResource:
         """Change a schedule; slots before now that had no turn are forgotten."""
         answer: ScheduleResource = self._transport.json(
-            "PUT", f"/api/v1/schedules/{self._transport.quoted(id)}", json=dict(body), headers={"if-match": if_match}
+            "PUT",
+            f"/api/v1/schedules/{self._transport.quoted(id)}",
+            json=dict(body),
+            headers={"if-match": if_match, "if-none-match": if_none_match},
         )
         return answer
 
@@ -1791,7 +1859,7 @@ class LivezApi:
     def __init__(self, transport: Transport) -> None:
         self._transport = transport
 
-    def livez_livez_get(self) -> Health:
+    def livez(self) -> Health:
         """Whether the process answers: if not, restart it."""
         answer: Health = self._transport.json("GET", "/livez")
         return answer
@@ -1803,7 +1871,7 @@ class MetricsApi:
     def __init__(self, transport: Transport) -> None:
         self._transport = transport
 
-    def read(self) -> str:
+    def read_metrics(self) -> str:
         """What is counted, for Prometheus."""
         return self._transport.text("GET", "/metrics")
 
@@ -1814,7 +1882,7 @@ class ReadyzApi:
     def __init__(self, transport: Transport) -> None:
         self._transport = transport
 
-    def healthz_readyz_get(self) -> Health:
+    def readyz(self) -> Health:
         """Whether requests can be served: the store can be read, and the data directory be written."""
         answer: Health = self._transport.json("GET", "/readyz")
         return answer
