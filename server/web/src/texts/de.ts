@@ -263,7 +263,6 @@ export const de: Record<Key, string> = {
   "history.errorGrewSinceCalibration": "Der Fehler ist seit der Kalibrierung gewachsen",
   "history.overload": "Überlast",
   "history.aRecalibrationFailed": "Eine Rekalibrierung ist fehlgeschlagen",
-  "history.aBackupFailed": "Eine tägliche Sicherung ist fehlgeschlagen",
   "history.workerFellSilent": "Ein Arbeitsprozess ist verstummt",
   "history.storeWasDamaged": "Die Datenbank war beschädigt",
   "history.auditLogWasCut": "Das Protokoll wurde gekürzt",

@@ -259,7 +259,6 @@ export const en = {
   "history.errorGrewSinceCalibration": "The error grew since the calibration",
   "history.overload": "Overload",
   "history.aRecalibrationFailed": "A recalibration failed",
-  "history.aBackupFailed": "An automatic backup failed",
   "history.workerFellSilent": "A worker fell silent",
   "history.storeWasDamaged": "The store was damaged",
   "history.auditLogWasCut": "The audit log was cut",

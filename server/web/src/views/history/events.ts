@@ -34,7 +34,6 @@ const ALARMS: Record<string, string> = {
   residual_grew: t("history.errorGrewSinceCalibration"),
   overload: t("history.overload"),
   recalibration_failed: t("history.aRecalibrationFailed"),
-  backup_failed: t("history.aBackupFailed"),
   worker_silent: t("history.workerFellSilent"),
   store_damaged: t("history.storeWasDamaged"),
   audit_cut: t("history.auditLogWasCut"),
