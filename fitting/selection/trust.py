@@ -9,7 +9,6 @@ import numpy as np
 import numpy.typing as npt
 
 from fitting.effects.base import Effect
-from fitting.residual.confirmation.robustness import Leftover
 from fitting.residual.scoring import Candidates, Score
 from fitting.residual.terms import Model
 from fitting.selection import priors
@@ -27,19 +26,10 @@ class Trust:
     candidates : with their columns
     model : what is there
     laws : joint to the numbers of its laws of one signal
-    left : what the final model leaves, once there is one: a gain from rows that are noisier than they should be is
-        worth that much less
     """
 
-    def __init__(
-        self,
-        candidates: Candidates,
-        model: Model,
-        laws: Mapping[int, Sequence[int]],
-        left: Leftover | None = None,
-    ) -> None:
-        self._candidates, self._model, self._laws, self._left = candidates, model, laws, left
-        self._inflations: dict[int, tuple[Score, float]] = {}
+    def __init__(self, candidates: Candidates, model: Model, laws: Mapping[int, Sequence[int]]) -> None:
+        self._candidates, self._model, self._laws = candidates, model, laws
         self._shares: dict[int, float] = {}
         self._memo: dict[tuple[str, int], tuple[Score, float, Any]] = {}
 
@@ -55,17 +45,6 @@ class Trust:
             self._shares |= shares(own, scores)
         self._share_scatter(names, scores)
         self._share_bias(names, scores)
-        self.against_leftovers(scores)
-
-    def against_leftovers(self, scores: Mapping[int, Score]) -> None:
-        """Divide by how much noisier the rows that show each candidate are."""
-        for n, score in scores.items() if self._left is not None else ():
-            if not score.gain > priors.SMALLEST**2 or self._left is None:
-                continue
-            if n not in self._inflations or self._inflations[n][0] is not score:
-                shown = self._candidates.shown(self._model, n, score.values)
-                self._inflations[n] = score, self._left.inflation(shown)
-            self._shares[n] = self._shares.get(n, 1.0) / self._inflations[n][1]
 
     def known(self, kind: str, number: int, score: Score) -> Any:
         """What was computed for this score with the trust that it has now; None otherwise.
