@@ -243,7 +243,7 @@ def test_a_bus_that_cannot_be_opened_is_named(bench: Bench) -> None:
     absent = text.replace("interface: virtual", "interface: socketcand\n  options: {host: 127.0.0.1, port: 1}")
     for described, words in (
         (absent, "nothing answers at 127.0.0.1:1"),
-        (text.replace("virtual", "wirelesscan"), "wirelesscan"),
+        (text.replace("interface: virtual", "interface: pcan"), "pcan"),
     ):
         driver = bench.make(described)
         try:

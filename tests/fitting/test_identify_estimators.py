@@ -136,15 +136,18 @@ def test_without_an_unloaded_recording_there_is_one_contender_less(arm: Path, tm
 def test_what_is_hardly_told_is_flagged_in_json_text_and_page(
     arm: Path, usual: dict[str, Any], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    # A moving mass comes from a prior of 40 %: nothing but flagged.
-    names = {entry["name"] for entry in usual["flagged"]}
-    assert {"joint1.m", "joint2.m"} <= names
-    assert usual["cylinders"]["joint1"]["parameters"]["m"]["flagged"]
-    assert not usual["cylinders"]["joint1"]["parameters"]["f_c"]["flagged"]
-    assert any("above 30 % of the value" in warning for warning in usual["warnings"])
-    assert run(arm, tmp_path) == 0
+    # A moving mass comes from a prior of 40 %: it has no deviation of its own, and says where it is from.
+    for joint in ("joint1", "joint2"):
+        mass, friction = (usual["cylinders"][joint]["parameters"][name] for name in ("m", "f_c"))
+        assert mass["std"] is None and mass["told_by_data"] < 0.5
+        assert friction["std"] is not None and friction["told_by_data"] > 0.9 and not friction["flagged"]
+    assert {entry["name"] for entry in usual["flagged"]}.isdisjoint({"joint1.m", "joint2.m"})
+    # By an estimator that knows no prior it is nothing but flagged.
+    assert run(arm, tmp_path, "--estimator", "ols") == 0
     assert "above 30 % of the value" in " ".join(capsys.readouterr().out.split())
     assert "⚠" in (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert run(arm, tmp_path / "usual") == 0
+    assert "from the prior" in (tmp_path / "usual" / "report.html").read_text(encoding="utf-8")
 
 
 @pytest.mark.parametrize(

@@ -196,7 +196,7 @@ def text_fields(annotation: Any, place: str) -> Iterator[tuple[str, bool]]:
 #: server.platform.authorization.named_things, or listed.
 NAMES_NOTHING = re.compile(
     r"(label|note|reason|cron|timezone|estimator|code|name|machines|joints|format|idempotency_key|if_match|last_event_id|columns"
-    r"|action|channel|bus|containing|search|faults(\W.*)?)$"
+    r"|action|channel|bus|containing|search|tags|faults(\W.*)?)$"
 )
 
 

@@ -50,7 +50,7 @@ def test_a_small_file_that_unfolds_to_gigabytes_is_refused(tmp_path: Path, monke
         running.client.post(f"{API}/machines", content=MACHINE)
         answer = running.client.post(f"{API}/recordings/upload", params=parameters, content=content)
     assert answer.status_code == 422, answer.text
-    assert "needs too much memory" in answer.json()["detail"]
+    assert "says that it unpacks to 2400 MiB" in answer.json()["detail"]
 
 
 class Gate:

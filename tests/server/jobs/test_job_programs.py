@@ -80,7 +80,7 @@ def test_the_residual_of_the_old_model_is_the_growth_of_friction(tmp_path: Path)
 
 def test_a_recording_that_is_too_short_is_refused_in_one_line(tmp_path: Path) -> None:
     made = identified(tmp_path / "active", 6.0, 10)
-    time, values = signals(6.0, 3)
+    time, values = signals(0.8, 3)
     short = write_recording(tmp_path / "short.parquet", parse_machine(MACHINE), "validate", time, values)
     request = tmp_path / "request.json"
     request.write_text(json.dumps({"active": made, "new": {**made, "recordings": [str(short)]}}))

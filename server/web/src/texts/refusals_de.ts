@@ -49,17 +49,11 @@ const SERVICE: Record<string, string> = {
   "DBC files: take too long to read; export them with fewer messages":
     "Die DBC-Dateien zu lesen dauert zu lange; mit weniger Botschaften exportieren",
   "DBC files: {}": "DBC-Dateien: $1",
-  "If-Match is not an ETag of a schedule; read it again": "If-Match ist kein ETag eines Zeitplans; ihn neu laden",
-  "If-Match {}: is no ETag of a calibration; read it again":
-    "If-Match $1 ist kein ETag einer Kalibrierung; sie neu laden",
-  "If-Match {}: is no ETag of a machine; read it again": "If-Match $1 ist kein ETag einer Maschine; sie neu laden",
   "The design left no motion that can be read; order it again":
     "Der Entwurf hat keine lesbare Bewegung hinterlassen; noch einmal entwerfen lassen",
   "The last stage left no report that can be read": "Die letzte Stufe hat keinen lesbaren Bericht hinterlassen",
   "a law of the time since the last reversal needs more of the past than is looked at at a time":
     "ein Gesetz über die Zeit seit der letzten Umkehr braucht mehr Vergangenheit, als jeweils betrachtet wird",
-  "acquisition of machine '{}' is {}; try again":
-    "Die Erfassung der Maschine „$1“ hat den Zustand: $2; noch einmal versuchen",
   "alarm '{}' has changed meanwhile; read it again": "Der Alarm „$1“ hat sich inzwischen geändert; ihn neu laden",
   "calibration '{}' changed since you read it; read it again":
     "Die Kalibrierung „$1“ hat sich geändert, seit sie geladen wurde; sie neu laden",
@@ -156,7 +150,6 @@ const SERVICE: Record<string, string> = {
   "report.json of '{}' cannot be read ({}); fit it again":
     "report.json von „$1“ ist nicht lesbar ($2); noch einmal identifizieren",
   "role '{}' is unknown; use one of {}": "Die Rolle „$1“ ist unbekannt; eine von diesen nehmen: $2",
-  "the automatic backup failed: {}": "Die tägliche Sicherung ist fehlgeschlagen: $1",
   "storage_url {}: {} cannot be reached ({}); mend the way there":
     "storage_url $1: $2 ist nicht erreichbar ($3); den Weg dorthin in Ordnung bringen",
   "{} at {} is not what was stored (its SHA-256 differs); order again":
@@ -447,8 +440,11 @@ const MACHINES: Record<string, string> = {
     "Bus „$1“: Bei $2:$3 antwortet nichts ($4); den socketcand-Server starten oder host und port berichtigen",
   "{} cannot be opened; check address and cable, and that the device is on":
     "$1 lässt sich nicht öffnen; Adresse und Kabel prüfen, und ob das Gerät eingeschaltet ist",
-  "bus '{}': another master leads it ({} within {} s); nothing was sent; take its sensors as they are with 'listen_only: true', or disconnect it":
-    "Bus „$1“: Ein anderer Master führt ihn ($2 in $3 s); nichts wurde gesendet; seine Aufnehmer mit „listen_only: true“ nehmen, wie sie sind, oder ihn abklemmen",
+  "since and until have to be moments of UTC; write 2026-06-01T02:00:00Z":
+    "since und until müssen Zeitpunkte in UTC sein; 2026-06-01T02:00:00Z schreiben",
+  "{} has no time zone; write 2026-06-01T02:00:00Z": "$1 hat keine Zeitzone; 2026-06-01T02:00:00Z schreiben",
+  "{}: says that it unpacks to {} MiB, {} times its size; export it again, in parts":
+    "$1: entpackt sich nach eigener Angabe zu $2 MiB, dem $3-Fachen seiner Größe; in Teilen neu exportieren",
 };
 
 /** The sentence of a refusal. */

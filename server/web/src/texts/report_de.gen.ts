@@ -1,4 +1,4 @@
-// fitting/report/languages/german.json sha256 e9e5909cf4e2da5176e91a2db73d58ba05751c54af139a9f8678b7c7909e2cfa
+// fitting/report/languages/german.json sha256 8d9f50b7bb9afe3f67bfd9112ebd66a98cad7428345e4f23e2c8312506995454
 export const REPORT: Record<string, string> = {
   "moving mass": "bewegte Masse",
   "Coulomb friction": "coulombsche Reibung",
@@ -492,7 +492,11 @@ export const REPORT: Record<string, string> = {
   "{}: has not answered yet; check its power": "$1: hat noch nicht geantwortet; Versorgung prüfen",
   "{}: {} did not come within {} SYNCs; see its manual for synchronous transmission": "$1: $2 kam nicht innerhalb von $3 SYNCs; im Handbuch unter synchroner Übertragung nachsehen",
   "{}: commissioning broke ({}: {}); it is tried again": "$1: Die Inbetriebnahme brach ab ($2: $3); sie wird wieder versucht",
-  "bus '{}': opening it broke ({}: {})": "Bus „$1“: Das Öffnen brach ab ($2: $3)",
+  "bus '{}': opening it broke ({}); it is tried again": "Bus „$1“: Das Öffnen brach ab ($2); es wird wieder versucht",
+  "bus '{}': another master leads it ({} within {} s); nothing was sent; take its sensors as they are with 'listen_only: true', or disconnect it; nodes that are operational without one, reset (or listen_s: 0)": "Bus „$1“: Ein anderer Master führt ihn ($2 in $3 s); nichts wurde gesendet; seine Aufnehmer mit „listen_only: true“ nehmen, wie sie sind, oder ihn abklemmen; Knoten, die ohne einen in Betrieb sind, zurücksetzen (oder listen_s: 0)",
+  "bus '{}': another master leads it ({}); nothing is sent any more, its PDOs are taken as they are; disconnect it and start again, or describe its PDOs with listen_only: true": "Bus „$1“: Ein anderer Master führt ihn ($2); nichts wird mehr gesendet, seine PDOs werden genommen, wie sie sind; ihn abklemmen und neu starten oder seine PDOs mit listen_only: true beschreiben",
+  "bus '{}': is still listened to": "Bus „$1“: wird noch abgehört",
+  "{}: was not commissioned before another master came; describe its PDOs, listen_only": "$1: war nicht in Betrieb genommen, bevor ein anderer Master kam; seine PDOs mit listen_only beschreiben",
   "bus '{}': {}; it is opened again": "Bus „$1“: $2; er wird wieder geöffnet",
   "{}: more TPDOs than SYNCs: two devices have this node-ID, or something else sends SYNC as well; give each device an ID of its own, and let only one send SYNC": "$1: mehr TPDOs als SYNCs: Zwei Geräte haben diese Node-ID, oder etwas anderes sendet auch SYNC; jedem Gerät eine eigene ID geben und nur eines SYNC senden lassen",
   "{}: TPDO{} has {} bytes instead of {}; its mapping is not the one that was written: see its manual": "$1: TPDO$2 hat $3 Bytes statt $4; sein Mapping ist nicht das geschriebene: siehe sein Handbuch",
