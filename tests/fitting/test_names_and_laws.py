@@ -97,7 +97,7 @@ def test_a_name_that_fails_counts_only_where_no_other_was_more_probable(
 
 def test_what_a_joint_without_an_explanation_bends_elsewhere_is_no_effect() -> None:
     """Beside a law of the joint that lacks something, another joint's term gains what a joint fit of both says."""
-    session = session_with(lambda motion: 400.0 * np.cos(25.0 * motion.q[:, 1]), only_loaded=True)
+    session = session_with(lambda motion: 1200.0 * np.cos(25.0 * motion.q[:, 1]), only_loaded=True)
     signals = SessionSignals(session, Corrections(session.machine))
     base = signals.refit(())
     search = Search(base, effects(), (), signals, 0, ())
