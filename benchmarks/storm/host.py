@@ -51,7 +51,12 @@ def main(order: Path, worker: str | None, wrong_s: Callable[[], float]) -> None:
     """
     content = HostOrder(**json.loads(order.read_text(encoding="utf-8")))
     began = datetime.fromisoformat(content.began)
-    settings = Settings(data_dir=Path(content.data_dir), database_url=content.database_url, port=0)
+    settings = Settings(
+        data_dir=Path(content.data_dir),
+        database_url=content.database_url,
+        port=0,
+        bus_places=("can:*:*", "tcp:127.0.0.0/8:*"),
+    )
 
     command = (sys.executable, "-I", "-S", str(Path(stages.__file__)))
     parts: dict[Key, Any] = {
