@@ -103,7 +103,7 @@ def _files_below(place: Path) -> Iterator[Path]:
             raise error
 
     for directory, folders, names in os.walk(place, onerror=tolerate):
-        folders.sort()
+        folders[:] = sorted(folder for folder in folders if not folder.startswith("."))
         for name in sorted(names):
             if not name.startswith(".") and not name.endswith(_UNFINISHED):
                 yield Path(directory, name)

@@ -26,6 +26,7 @@ import fcntl
 import os
 import re
 import secrets
+import shutil
 from collections.abc import AsyncIterable, Awaitable, Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -38,6 +39,8 @@ from server.platform.storage import DataFolder, SharedStorage
 WRITE_BYTES = 2**20
 DATABASE_FILE = "hilfit.sqlite"
 LOCK_FILE = "lock"
+#: How temporary files of a child begin, in the folder that it may write to (:mod:`server.platform.processes.children`).
+TEMPORARY = ".child-"
 
 
 @contextmanager
@@ -118,9 +121,11 @@ class DataDirectory:
         return self.recordings / f".incoming-{secrets.token_hex(8)}"
 
     def clean(self) -> None:
-        """Remove what interrupted uploads left behind; called before anything is served."""
+        """Remove what interrupted uploads and killed children left behind; called before anything is served."""
         for leftover in self.recordings.glob(".incoming-*"):
             leftover.unlink(missing_ok=True)
+        for leftover in self.root.glob(f"*/{TEMPORARY}*"):
+            shutil.rmtree(leftover, ignore_errors=True)
 
     @contextmanager
     def locked(self) -> Iterator[None]:

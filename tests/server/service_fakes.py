@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import atexit
+import getpass
 import json
 import sys
 import tempfile
@@ -165,7 +166,9 @@ class FakeRecorder:
 @cache
 def file_children() -> FileChildren:
     """What looks at uploads, one for all services of this process: it takes two seconds to load."""
-    children = FileChildren(room=Path(tempfile.gettempdir()))  # that of all services, wherever their directories are
+    room = Path(tempfile.gettempdir(), f"pytest-of-{getpass.getuser()}")  # the directories of all services are in it
+    room.mkdir(mode=0o700, exist_ok=True)
+    children = FileChildren(room=room)
     atexit.register(children.close)
     return children
 

@@ -4,8 +4,9 @@ The child writes JSON lines to standard output: any number of ``{"fraction": 0.4
 ``{"summary": {...}}`` or ``{"error": "one line"}``. Exit code 0 is done, 2 an input that cannot be used,
 anything else failed.
 
-A child writes only in its room of the data directory (:func:`room_of`), in a directory for temporary files that is
-gone with it, and to devices, where the kernel can confine it (:mod:`daq.confinement`).
+A child writes only in its room of the data directory (:func:`room_of`) and to devices, where the kernel can confine it
+(:mod:`daq.confinement`). Its temporary files are in a directory of that room that is gone with it, or, if the server
+was killed, with the next start of the server.
 
 A child may stay for more of the same program, so that its libraries and its input are loaded once: its last line is
 then ``{"summary": {...}, "stays": true}``, and it reads ``{"arguments": [...], "log": "..."}`` from standard input,
@@ -31,7 +32,7 @@ from pathlib import Path
 from typing import IO, Any, Literal, Self
 
 from daq import confinement
-from server.platform.files import LOCK_FILE
+from server.platform.files import LOCK_FILE, TEMPORARY
 
 NICENESS = 19
 #: One core stays free of numerical work, for acquisition and HTTP.
@@ -180,8 +181,8 @@ def run_child(
 def _started(command: Sequence[str], log: Path, threads: str, room: Path) -> subprocess.Popen[bytes]:
     """A new process below the guard."""
     guard = [sys.executable, "-I", "-S", str(Path(__file__).with_name("child_guard.py"))]
-    scratch = tempfile.TemporaryDirectory(prefix="hilfit-child-", ignore_cleanup_errors=True)
-    writable = os.pathsep.join((str(room), scratch.name, "/dev"))
+    scratch = tempfile.TemporaryDirectory(prefix=TEMPORARY, dir=room, ignore_cleanup_errors=True)
+    writable = os.pathsep.join((str(room), "/dev"))
     with log.open("ab") as errors:
         process = subprocess.Popen(
             [*guard, str(os.getpid()), str(NICENESS), confinement.__file__, writable, *command],

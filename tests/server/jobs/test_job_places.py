@@ -12,23 +12,26 @@ from service_fakes import Fakes, ran, running_service
 from server.identifications.identification_results import IdentificationResults
 from server.jobs.claims import Claim
 from server.jobs.job_places import begin, place_name, tidy
+from server.platform.files import DataDirectory
 
 
 def test_an_execution_has_what_the_stage_before_left_and_shares_none_of_its_bytes(tmp_path: Path) -> None:
     first, second = place_name(Claim("job-1", "one", 1), "check"), place_name(Claim("job-1", "two", 2), "fit")
-    assert not begin(tmp_path, first, None), "nothing was before it"
-    (tmp_path / first / "stages").mkdir()
-    (tmp_path / first / "stages" / "check.json").write_text("{}")
-    assert begin(tmp_path, second, first)
-    with (tmp_path / first / "stages" / "check.json").open("a") as late:
+    files = DataDirectory(tmp_path / "data")
+    directory = files.identifications / "one"
+    assert not begin(files, directory, first, None, {}), "nothing was before it"
+    (directory / first / "stages").mkdir()
+    (directory / first / "stages" / "check.json").write_text("{}")
+    assert begin(files, directory, second, first, {})
+    with (directory / first / "stages" / "check.json").open("a") as late:
         late.write("late")
-    assert (tmp_path / second / "stages" / "check.json").read_text() == "{}"
+    assert (directory / second / "stages" / "check.json").read_text() == "{}"
     with pytest.raises(FileExistsError):
-        begin(tmp_path, second, first)
-    assert not begin(tmp_path, "3-fit", "1-lost")
-    (tmp_path / "note.txt").touch()
-    tidy(tmp_path, second)
-    assert sorted(path.name for path in tmp_path.iterdir()) == [second, "note.txt"]
+        begin(files, directory, second, first, {})
+    assert not begin(files, directory, "3-fit", "1-lost", {})
+    (directory / "note.txt").touch()
+    tidy(files, directory, second, ())
+    assert sorted(path.name for path in directory.iterdir()) == [second, "note.txt"]
 
 
 @pytest.mark.slow
