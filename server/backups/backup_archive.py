@@ -15,7 +15,6 @@ bytes (hard link) and takes no room; anything else is copied.
 from __future__ import annotations
 
 import errno
-import hashlib
 import json
 import secrets
 import shutil
@@ -35,6 +34,7 @@ from server.platform.database.schema import SCHEMA_VERSION
 from server.platform.database.site_marker import SiteMarker
 from server.platform.errors import StartError
 from server.platform.files import DataDirectory, sync_directory, sync_tree, write_atomically
+from server.platform.storage import digest
 
 MANIFEST = "manifest.json"
 DAILY = timedelta(days=1)
@@ -262,22 +262,17 @@ def _reason(error: OSError) -> str:
 
 def _sum_of(path: Path) -> str:
     try:
-        return _sha256(path)
+        return digest(path)
     except OSError as error:
         raise StartError(f"{path}: cannot be read ({error.strerror}); mend that or use another backup") from None
 
 
 def _files_of(directory: Path) -> list[dict[str, str | int]]:
     return [
-        {"path": str(path.relative_to(directory)), "sha256": _sha256(path), "bytes": path.stat().st_size}
+        {"path": str(path.relative_to(directory)), "sha256": digest(path), "bytes": path.stat().st_size}
         for path in sorted(directory.rglob("*"))
         if path.is_file()
     ]
-
-
-def _sha256(path: Path) -> str:
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def _backup(path: Path) -> Backup | None:

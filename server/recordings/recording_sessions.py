@@ -6,7 +6,6 @@ thread waits until it does; if the service stops first, the next one goes on fro
 
 from __future__ import annotations
 
-import hashlib
 import secrets
 import sys
 import threading
@@ -29,6 +28,7 @@ from server.platform.database.patience import Value, patiently
 from server.platform.disk import Free, require_room
 from server.platform.errors import ConflictError, ServiceStopping, UnavailableError
 from server.platform.files import DataDirectory
+from server.platform.storage import digest
 from server.recordings.recording_store import RecordingRow, Recordings
 
 #: With more free bytes than this, beyond what sealing takes, it is not the room that a journal lacks.
@@ -256,10 +256,8 @@ class Sessions:
         return patiently(do, self._pause)
 
     def _seal(self, id: str, path: Path, statistics: dict[str, Any]) -> None:
-        with path.open("rb") as file:
-            digest = hashlib.file_digest(file, "sha256").hexdigest()
-        size = path.stat().st_size
-        self._patiently(lambda: self._recordings.seal(id, bytes=size, sha256=digest, statistics=statistics))
+        sha256, size = digest(path), path.stat().st_size
+        self._patiently(lambda: self._recordings.seal(id, bytes=size, sha256=sha256, statistics=statistics))
         _log.info("recording_sealed", recording=id)
 
     def _without_place(self, error: HilfitError) -> str:
