@@ -48,4 +48,4 @@ def unwrapped(machine: Machine, channel: Channel, values: FloatArray) -> tuple[F
 def wrap_text(channel: str, rows: IntArray, time: FloatArray) -> str:
     """What was seen, for people: channel, how often, and the first row (counted from 1)."""
     place = f"row {rows[0] + 1} ({time[rows[0]]:.6g} s)"
-    return f"{channel}: the encoder wraps {len(rows)} times, the first at {place}; its turns are put back"
+    return f"{channel}: the encoder wraps {len(rows)} times, the first at {place}"

@@ -19,7 +19,7 @@ from daq.machine.machine_file import Channel, Machine
 from daq.quality import MEASURED
 from daq.recordings import recording_checks as gates
 from daq.recordings.column_map import ColumnMap
-from daq.recordings.encoder_wraps import unwrapped
+from daq.recordings.encoder_wraps import IntArray, unwrapped, wrap_text
 from daq.recordings.foreign_files import is_foreign
 from daq.recordings.recording import MINIMUM_SECONDS, ROLES, Recording
 from daq.recordings.recording_files import read_table
@@ -115,7 +115,7 @@ def read_leniently(
             to_si = machine.conversion(channel)
         value, wraps = unwrapped(machine, channel, np.where(np.isfinite(raw), to_si.to_si(raw), np.nan))
         if len(wraps):
-            found.append(_wrapped(path, channel, int(wraps[0]), len(wraps), time))
+            found.append(_wrapped(path, channel, wraps, time))
         values[channel.name] = value
     found += time_findings(machine, str(path), time, values)
     used = repaired_time(time, machine.rate_hz)
@@ -131,11 +131,11 @@ def read_leniently(
     return Read(recording, tuple(found))
 
 
-def _wrapped(path: Path, channel: Channel, row: int, count: int, time: FloatArray) -> Finding:
+def _wrapped(path: Path, channel: Channel, rows: IntArray, time: FloatArray) -> Finding:
     """An encoder of one turn that begins anew within the motion, which is put right as it is read."""
     return Finding(
         "wrap",
-        f"{path}: {channel.name}: the encoder wraps {count} times, the first at row {row + 1} ({time[row]:.6g} s)",
+        f"{path}: {wrap_text(channel.name, rows, time)}",
         "nothing has to be done: its turns are put back",
         joint=channel.joint,
         channel=channel.name,
