@@ -11,6 +11,7 @@ from daq.machine.machine_file import Joint, Machine
 from daq.recordings.recording import Recording
 from fitting.checks.findings import Finding
 from fitting.signals.filters import lag_between
+from fitting.signals.position_sensors import position_channel
 from fitting.signals.preparation import STILL, reach
 
 POSITIONS = ("joint_position", "piston_position")
@@ -124,7 +125,7 @@ def _without_gaps(values: FloatArray) -> FloatArray:
 
 def _stands(machine: Machine, joint: Joint, recording: Recording) -> bool:
     """Whether a joint stays within a small share of its reach in a recording; single wrong values do not count."""
-    channel = machine.channel("joint_position", joint.name) or machine.channel("piston_position", joint.name)
+    channel = position_channel(machine, joint)
     values = None if channel is None else recording.values.get(channel.name)
     if channel is None or values is None or not np.isfinite(values).any():
         return False

@@ -17,6 +17,7 @@ from daq.recordings.recording import Recording
 from fitting.arm.linkage import joint_position
 from fitting.checks.findings import Finding
 from fitting.signals.filters import filter_bank
+from fitting.signals.position_sensors import position_channel
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -50,7 +51,7 @@ def _ratio(machine: Machine, name: str, recording: Recording) -> float | None:
     """Recorded speed of a joint over the change of its position, by least squares; None where they do not belong."""
     joint = machine.joint(name)
     speed = machine.channel("joint_velocity", name)
-    place = machine.channel("joint_position", name) or machine.channel("piston_position", name)
+    place = position_channel(machine, joint)
     if speed is None or place is None or not {speed.name, place.name} <= set(recording.values):
         return None
     if recording.role == "unloaded" and joint.cylinder is not None:

@@ -16,6 +16,7 @@ from daq.machine.machine_file import Channel, Joint, Machine
 from daq.recordings.recording import Recording
 from daq.recordings.recording_checks import cut_off, piled_up, regular_steps
 from fitting.checks.findings import Finding
+from fitting.signals.position_sensors import position_channel
 from fitting.signals.preparation import parked, reach
 
 FloatArray = npt.NDArray[np.float64]
@@ -55,8 +56,7 @@ def signal_findings(machine: Machine, recording: Recording) -> list[Finding]:
         joint = machine.joint(channel.joint)
         travel = 0.0
         if channel.quantity in POSITIONS:
-            piston = channel.quantity == "piston_position" and joint.cylinder is not None
-            travel = joint.cylinder.stroke if piston and joint.cylinder else float(np.ptp(joint.limits.position))
+            travel = reach(joint, channel.quantity == "piston_position")
         own = next(
             _of_channel(
                 channel,
@@ -109,7 +109,7 @@ def _of_channel(
 
 def _parked(machine: Machine, joint: Joint, recording: Recording) -> bool:
     """Whether a joint stands for more than :data:`_STANDS` of a recording."""
-    channel = machine.channel("joint_position", joint.name) or machine.channel("piston_position", joint.name)
+    channel = position_channel(machine, joint)
     x = None if channel is None else recording.values.get(channel.name)
     if channel is None or x is None or not np.isfinite(x).any():
         return False

@@ -32,6 +32,7 @@ import numpy.typing as npt
 from daq.machine.machine_file import Joint, Machine
 from daq.recordings.recording import Recording
 from fitting.signals.filters import FilterBank, lag_between
+from fitting.signals.position_sensors import position_channel
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.intp]
@@ -215,7 +216,7 @@ def _positions(machine: Machine, recording: Recording, rows: slice) -> FloatArra
 
 
 def _position_name(machine: Machine, joint: Joint) -> str:
-    channel = machine.channel("joint_position", joint.name) or machine.channel("piston_position", joint.name)
+    channel = position_channel(machine, joint)
     assert channel is not None  # the machine file guarantees a position
     return channel.name
 

@@ -12,7 +12,7 @@ from daq.recordings.recording import Recording
 from daq.recordings.recording_checks import runs
 from fitting.signals.filters import edge_frequency, filter_bank
 from fitting.signals.lost_rows import filled, short_gaps
-from fitting.signals.position_sensors import channel_noise
+from fitting.signals.position_sensors import channel_noise, position_channel
 from fitting.signals.preparation import PIECE_SAMPLES, pieces, reach
 
 FloatArray = npt.NDArray[np.float64]
@@ -55,7 +55,7 @@ def motion_frequency(machine: Machine, recordings: Sequence[Recording], in_piece
 
     found: list[tuple[FloatArray, FloatArray]] = []
     for joint in machine.joints:
-        channel = machine.channel("joint_position", joint.name) or machine.channel("piston_position", joint.name)
+        channel = position_channel(machine, joint)
         assert channel is not None
         edges, powers = [], []
         for parts, noise in parts_of(channel.name):

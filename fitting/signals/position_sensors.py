@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from daq.machine.machine_file import Joint, Machine
+from daq.machine.machine_file import Channel, Joint, Machine
 from daq.recordings.recording import Recording
 from daq.recordings.recording_checks import runs
 from fitting.arm.linkage import joint_position, lever_arm
@@ -19,6 +19,11 @@ BoolArray = npt.NDArray[np.bool_]
 REST_SECONDS = 0.3
 #: Rows that a fourth difference needs beside its own, and the share of a channel's rows that tell its noise.
 _TAPS, _LEAST = 4, 0.05
+
+
+def position_channel(machine: Machine, joint: Joint) -> Channel | None:
+    """The channel at a joint that tells where it is, else that of its piston; None where only its motor does."""
+    return machine.channel("joint_position", joint.name) or machine.channel("piston_position", joint.name)
 
 
 def joint_velocity_share(
