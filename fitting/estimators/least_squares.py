@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import linalg
 
-from fitting.estimators.base import BoolArray, FloatArray, IntArray
+from fitting.estimators.base import BoolArray, FloatArray, IntArray, Rows
 
 #: Pivots of unit columns below this share of the largest are no information, only rounding.
 RANK_TOLERANCE = 1e-11
@@ -93,6 +93,13 @@ def solve(A: FloatArray, b: FloatArray, tolerance: float = RANK_TOLERANCE) -> So
         told[columns[:rank]] = np.abs(null).max(axis=1) < _INVOLVED
     values = linalg.svdvals(R11)
     return Solution(theta, root, Q, kept, told, float(values[0] / values[-1]))
+
+
+def residual_std(rows: Rows, leverage: FloatArray, theta: FloatArray) -> FloatArray:
+    """:func:`group_std` of what parameters leave of the rows that count, in the target's unit, (g,)."""
+    counted = rows.weights > 0
+    plain = rows.b - rows.A @ theta
+    return group_std(plain[counted], leverage[counted], rows.group[counted], len(rows.labels))
 
 
 def group_std(residual: FloatArray, leverage: FloatArray, group: IntArray, groups: int) -> FloatArray:

@@ -10,7 +10,7 @@ import numpy.typing as npt
 from fitting.estimators.base import Estimate, Rows, check_rows
 from fitting.estimators.context import StageTwo
 from fitting.estimators.covariance import Colour, scores_covariance
-from fitting.estimators.least_squares import group_std, solve
+from fitting.estimators.least_squares import residual_std, solve
 
 
 @dataclass(frozen=True)
@@ -52,11 +52,10 @@ def weighted_fit(rows: Rows, colour: Colour) -> Estimate:
     A, b = rows.A * root[:, None], rows.b * root
     solution = solve(A, b)
     scaled = b - A @ solution.theta
-    plain = rows.b - rows.A @ solution.theta
     return Estimate(
         theta=solution.theta,
         covariance=solution.covariance(scores_covariance(solution, scaled, colour, rows.group, counted)),
-        residual_std=group_std(plain[counted], solution.leverage[counted], rows.group[counted], len(rows.labels)),
+        residual_std=residual_std(rows, solution.leverage, solution.theta),
         groups=rows.labels,
         condition_number=solution.condition_number,
         told=solution.told,

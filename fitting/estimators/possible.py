@@ -17,6 +17,7 @@ and Slotine, IEEE RA-L 3 (2018) 60 (pseudo-inertia); Lee, Wensing and Park, IEEE
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -24,11 +25,11 @@ import numpy.typing as npt
 
 from fitting.arm.base_parameters import BaseParameters
 from fitting.arm.geometry import Geometry
-from fitting.estimators.base import Estimate, FloatArray, check_rows
+from fitting.estimators.base import Estimate, check_rows
 from fitting.estimators.context import StageTwo
 from fitting.estimators.covariance import Colour
 from fitting.estimators.information import Information, information
-from fitting.estimators.least_squares import group_std
+from fitting.estimators.least_squares import residual_std
 from fitting.estimators.weighted import weighted_by_group
 from fitting.regression.body_prior import BodyPrior
 from fitting.regression.plausible_arm import ALONE, Optimum, plausible_arm
@@ -75,13 +76,7 @@ class PossibleFit:
         """
         rows = weighted_by_group(check_rows(A, b, groups, weights))
         data = information(rows, self.colour)
-        counted = rows.weights > 0
-        leverage = data.solution.leverage[counted]
-
-        def spread(theta: FloatArray) -> FloatArray:
-            plain = (rows.b - rows.A @ theta)[counted]
-            return group_std(plain, leverage, rows.group[counted], len(rows.labels))
-
+        spread = partial(residual_std, rows, data.solution.leverage)
         free = data.solution.theta
         theta, details = free, {}
         if self.base is not None and self.geometry is not None:

@@ -17,7 +17,7 @@ from fitting.estimators.base import Estimate, check_rows
 from fitting.estimators.context import StageTwo
 from fitting.estimators.covariance import Colour
 from fitting.estimators.information import information
-from fitting.estimators.least_squares import group_std, solve
+from fitting.estimators.least_squares import residual_std, solve
 from fitting.estimators.weighted import weighted_by_group
 from fitting.regression.body_prior import BodyPrior
 
@@ -88,13 +88,10 @@ class RidgeTowardPrior:
                 "told_by_data": {n: float(s) for n, s in zip(self.names, share, strict=True)},
                 "prior_chi_square": float(np.sum(((theta - self.prior.mean) / self.prior.std) ** 2)),
             }
-        counted = rows.weights > 0
-        plain = rows.b - rows.A @ theta
-        leverage = data.solution.leverage[counted]
         return Estimate(
             theta=theta,
             covariance=covariance,
-            residual_std=group_std(plain[counted], leverage, rows.group[counted], len(rows.labels)),
+            residual_std=residual_std(rows, data.solution.leverage, theta),
             groups=rows.labels,
             condition_number=data.solution.condition_number,
             told=told,
