@@ -62,6 +62,13 @@ def can(channel: str, rate: float = 50, interface: str = "virtual") -> str:
     return HEAD.format(rate=rate) + CAN.format(channel=channel, interface=interface)
 
 
+def listening(rod: str) -> str:
+    """The same bus, only listened to: TPDOs 0x185 and 0x186; ``rod`` says which one the rod's pressure is in, where."""
+    text = can("none").replace("listen_s: 0", "listen_only: true")
+    text = text.replace("object: 0x6004,", "object: 0x6004, cob_id: 0x185,")
+    return text.replace("subindex: 1,", "subindex: 1, cob_id: 0x186,").replace("subindex: 2,", f"subindex: 2, {rod},")
+
+
 def socketcand(port: int, rate: float = 50) -> str:
     """The same nodes behind a server on this computer."""
     text = can("can0", rate)

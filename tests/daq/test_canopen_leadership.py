@@ -11,7 +11,7 @@ from pathlib import Path
 
 import can as python_can
 import pytest
-from bench_machines import can
+from bench_machines import can, listening
 from canopen_test_bench import ANGLE, HEAD, ROD, Bench, fresh
 from canopen_test_node import OPERATIONAL, PRE_OPERATIONAL
 from hypothesis import settings
@@ -421,15 +421,7 @@ def test_nodes_of_a_run_that_was_killed_are_led_again(bench: Bench, tmp_path: Pa
 
 
 def test_a_listener_cannot_send_whoever_tries() -> None:
-    text = (
-        can("none")
-        .replace("listen_s: 0", "listen_only: true")
-        .replace("object: 0x6004,", "object: 0x6004, cob_id: 0x185,")
-    )
-    text = text.replace("subindex: 1,", "subindex: 1, cob_id: 0x186,").replace(
-        "subindex: 2,", "subindex: 2, cob_id: 0x286,"
-    )
-    machine = parse_machine(text)
+    machine = parse_machine(listening("cob_id: 0x286"))
     driver = ListeningDriver(
         machine.buses[0], machine.channels, DriverContext(0.02, 0.0, time.monotonic_ns, start_s=0.01)
     )  # type: ignore[arg-type]

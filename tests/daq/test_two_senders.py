@@ -9,7 +9,7 @@ from collections.abc import Iterator
 
 import numpy as np
 import pytest
-from bench_machines import can
+from bench_machines import listening
 from hand_fed_can import PERIOD, HandFed
 from hypothesis import given
 from hypothesis import strategies as st
@@ -22,15 +22,7 @@ NS = 1_000_000_000
 
 
 def driver() -> HandFed:
-    text = (
-        can("none")
-        .replace("listen_s: 0", "listen_only: true")
-        .replace("object: 0x6004,", "object: 0x6004, cob_id: 0x185,")
-    )
-    text = text.replace("subindex: 1,", "subindex: 1, cob_id: 0x186,").replace(
-        "subindex: 2,", "subindex: 2, cob_id: 0x186, byte: 4,"
-    )
-    machine = parse_machine(text)
+    machine = parse_machine(listening("cob_id: 0x186, byte: 4"))
     return HandFed(lambda context: make_driver(machine.buses[0], machine.channels, context))
 
 
