@@ -98,16 +98,15 @@ class EffortRows:
 
     def least_squares(self, prior: Prior) -> FloatArray:
         """Parameters (p,) of least squares: what is known of moving masses counts, a plausible arm does not."""
-        return self._solved(np.vstack(self.triangles), prior.unsettled(), self.spread)[0]
+        return self._solved(self._stacked, prior.unsettled(), self.spread)[0]
 
     @cached_property
     def spread(self) -> float:
         """What a row of unit noise is divided by: root of the residual's variance, of all joints per degree of
         freedom, and of how much longer it hangs together than white noise (:func:`long_run`).
         """
-        stacked = np.vstack(self.triangles)
-        found = factor(stacked[:, :-1], self._effects)
-        theta = found.root @ (found.Q.T @ stacked[:, -1])
+        found = self._factor
+        theta = found.root @ (found.Q.T @ self._stacked[:, -1])
         residual = self._residual(theta)
         squares = np.array([float(e @ e) for e in residual])
         freedom = max(int(self.rows.sum()) - found.root.shape[1], 1)
@@ -115,6 +114,16 @@ class EffortRows:
             return 1.0
         colour = float(np.sum(squares * [long_run(e) for e in residual]) / squares.sum())
         return float(np.sqrt(squares.sum() / freedom * colour))
+
+    @cached_property
+    def _stacked(self) -> FloatArray:
+        """The triangles of all joints, one below the other."""
+        return np.vstack(self.triangles)
+
+    @cached_property
+    def _factor(self) -> Factor:
+        """Of their columns, without what is known beforehand."""
+        return factor(self._stacked[:, :-1], self._effects)
 
     @property
     def _effects(self) -> int:
@@ -137,15 +146,14 @@ class EffortRows:
 
     def settled(self, prior: Prior) -> Prior:
         """The prior at the point that these rows ask for; refused where they refuse the plausible arm."""
-        stacked = np.vstack(self.triangles)
-        found = replace(prior, refused=False).settled(*self._unit_rows(prior, stacked))
-        errors = [self.errors(self._solved(stacked, p, self.spread)[0]) for p in (found, prior.unsettled())]
+        found = replace(prior, refused=False).settled(*self._unit_rows(prior, self._stacked))
+        errors = [self.errors(self._solved(self._stacked, p, self.spread)[0]) for p in (found, prior.unsettled())]
         return replace(prior.unsettled(), refused=True) if self._refuses_arm(found, *errors) else found
 
     def possible(self, prior: Prior) -> FloatArray:
         """Drives' and base parameters that are nearest to the rows among those that physics allows."""
         assert prior.arm is not None
-        return prior.arm.optimum(*self._unit_rows(prior, np.vstack(self.triangles)), weight=ALONE).theta
+        return prior.arm.optimum(*self._unit_rows(prior, self._stacked), weight=ALONE).theta
 
     def _unit_rows(self, prior: Prior, stacked: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Rows ``A, b`` of unit noise with all that is known beforehand but for the arm."""
@@ -202,8 +210,7 @@ class EffortRows:
 
     def fit(self, prior: Prior) -> Fit:
         """Most probable parameters with equal weights beside a settled prior, with deviations of a sandwich."""
-        stacked = np.vstack(self.triangles)
-        theta, found = self._solved(stacked, prior, self.spread)
+        theta, found = self._solved(self._stacked, prior, self.spread)
         told = np.zeros(self.columns, dtype=bool)
         told[found.told] = True
         rng = np.random.default_rng(20)
@@ -225,7 +232,7 @@ class EffortRows:
             told=told,
             orthonormal=tuple(np.zeros((len(e), 0)) for e in residual),
             residual=tuple(residual),
-            condition_number=factor(stacked[:, :-1], self._effects).condition_number,
+            condition_number=self._factor.condition_number,
             extra_names=() if self._extra is None else self._extra.names,
             share=data_share(found.root @ found.root.T, parameters, prior),
         )
