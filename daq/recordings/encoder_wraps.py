@@ -7,6 +7,8 @@ nothing is touched: that is for the checks to name.
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import numpy.typing as npt
 
@@ -45,7 +47,7 @@ def unwrapped(machine: Machine, channel: Channel, values: FloatArray) -> tuple[F
     return out, known[places + 1]
 
 
-def wrap_text(channel: str, rows: IntArray, time: FloatArray) -> str:
-    """What was seen, for people: channel, how often, and the first row (counted from 1)."""
-    place = f"row {rows[0] + 1} ({time[rows[0]]:.6g} s)"
-    return f"{channel}: the encoder wraps {len(rows)} times, the first at {place}"
+def wrap_text(path: str | Path, channel: str, rows: IntArray, time: FloatArray) -> str:
+    """What was seen, for people: file, channel, how often, and the first row (counted from 1)."""
+    row, seconds = int(rows[0]), float(time[rows[0]])
+    return f"{path}: {channel}: the encoder wraps {len(rows)} times, the first at row {row + 1} ({seconds:.6g} s)"

@@ -168,7 +168,7 @@ def read_recording(
             age[name] = _frozen(np.asarray(table.columns[f"{name}.age"], dtype=np.float64))
         value, wraps = unwrapped(machine, channel, value)
         if len(wraps):
-            notes = (*notes, f"{path}: {wrap_text(name, wraps, time)}; its turns are put back")
+            notes = (*notes, f"{wrap_text(path, name, wraps, time)}; its turns are put back")
         values[name] = _frozen(value)
     utc_ns = _integers(path, "utc_ns", table)
     recording = Recording(

@@ -135,7 +135,7 @@ def _wrapped(path: Path, channel: Channel, rows: IntArray, time: FloatArray) -> 
     """An encoder of one turn that begins anew within the motion, which is put right as it is read."""
     return Finding(
         "wrap",
-        f"{path}: {wrap_text(channel.name, rows, time)}",
+        wrap_text(path, channel.name, rows, time),
         "nothing has to be done: its turns are put back",
         joint=channel.joint,
         channel=channel.name,

@@ -146,7 +146,7 @@ MACHINE_FILE = tuple(
 FINDING = (
     "fitting/checks",
     "fitting/signals/rods.py",
-    "daq/recordings/recording_checks.py",
+    *(f"daq/recordings/{name}.py" for name in ("recording_checks", "encoder_wraps")),
     *(f"daq/commissioning/{name}.py" for name in ("check", "running_check", "identities")),
     "daq/drivers/can/bus_driver.py",
     *(f"daq/drivers/canopen/{name}.py" for name in ("watch", "driver", "care", "lead", "look", "node")),
