@@ -26,7 +26,7 @@ Line = dict[str, Any]
 
 @dataclass(frozen=True)
 class Order:
-    """One case to do."""
+    """One case to do, judged without the recordings of one role if that is said."""
 
     key: CaseKey
     selection: Selection
@@ -34,6 +34,7 @@ class Order:
     only_make: bool = False
     apart: bool = False
     bootstrap: int = Options.bootstrap
+    without: str | None = None
 
 
 def plan_of(counts: dict[str, int], seed: int) -> list[CaseKey]:
@@ -81,7 +82,7 @@ def run_case(order: Order) -> Line:
     key = order.key
     line: Line = {"kind": key.kind, "number": key.number, "seed": key.seed}
     line |= {"selection": order.selection.as_json(), "bootstrap": order.bootstrap}
-    line |= {"recipe": order.selection.recipe, "result": "error"}
+    line |= {"without": order.without, "recipe": order.selection.recipe, "result": "error"}
     started = time.process_time()
     try:
         if order.cache is not None:
@@ -105,7 +106,8 @@ def run_case(order: Order) -> Line:
     if order.only_make:
         return line | {"result": "made"}
     try:
-        said = judge(case.machine, recordings_of(case.machine, case.recordings), order.bootstrap)
+        recordings = [r for r in recordings_of(case.machine, case.recordings) if r.role != order.without]
+        said = judge(case.machine, recordings, order.bootstrap)
     except Exception as error:  # whatever the fit throws is how this case came out
         return line | {"error": f"{type(error).__name__}: {error}", "seconds": time.process_time() - made}
     seconds = time.process_time() - made
@@ -165,9 +167,10 @@ def run(
         part = output.with_name(output.name + ".part")
         part.write_text(text, encoding="utf-8")
         part.replace(output)
-        wanted = {order.key: (order.selection.as_json(), order.bootstrap) for order in orders}
+        wanted = {order.key: (order.selection.as_json(), order.bootstrap, order.without) for order in orders}
         for key, line in known.items():
-            if key in wanted and (line.get("selection"), line.get("bootstrap", Options.bootstrap)) != wanted[key]:
+            own = line.get("selection"), line.get("bootstrap", Options.bootstrap), line.get("without")
+            if key in wanted and own != wanted[key]:
                 raise InputError(
                     f"{output}: has {key.text} from a run with other restrictions; give another file to -o"
                 )

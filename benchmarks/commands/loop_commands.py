@@ -65,6 +65,13 @@ Recipe = Annotated[
 ]
 
 
+def _role(without: str | None) -> str | None:
+    """A role whose recordings can be left out."""
+    if without not in (None, "repeat", "unloaded", "validate"):
+        raise InputError(f"--without {without}: is no role that can be left out; one of repeat, unloaded, validate")
+    return without
+
+
 def attribution(
     cases: Cases = "null=100,large=60,medium=40,small=20,kinematic=30,outside=40,pairs=30",
     case: Annotated[str | None, typer.Option(help="One case alone, as CLASS:NUMBER.")] = None,
@@ -80,6 +87,9 @@ def attribution(
     recipe: Recipe = None,
     seconds: Length = 60.0,
     bootstrap: Replicas = None,
+    without: Annotated[
+        str | None, typer.Option(help="Judge without recordings of this role: repeat, unloaded.")
+    ] = None,
     json: Annotated[bool, typer.Option("--json", help="Print checks and results as JSON.")] = False,
 ) -> None:
     """How often the loop is right on random arms, effects, joints and sizes."""
@@ -104,7 +114,7 @@ def attribution(
     if cache is not None:
         cache.mkdir(parents=True, exist_ok=True)
     replicas = Options.bootstrap if bootstrap is None else bootstrap
-    orders = [Order(key, selection, cache, only_make, apart, replicas) for key in keys]
+    orders = [Order(key, selection, cache, only_make, apart, replicas, _role(without)) for key in keys]
     lines = run(orders, workers, output, lambda line: None if json else print(summary.case_text(line), flush=True))
     checks = [] if only_make else summary.checks(lines)
     if json:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -227,3 +228,29 @@ def test_what_the_fit_throws_is_a_result(monkeypatch: pytest.MonkeyPatch, tmp_pa
     monkeypatch.setattr(runs, "judge", broken)
     line = runs.run_case(runs.Order(CaseKey("null", 0), SHORT, tmp_path))
     assert (line["result"], line["error"]) == ("error", "ZeroDivisionError: nothing to divide")
+
+
+def test_a_case_can_be_judged_without_the_recordings_of_a_role(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    judged: list[list[str]] = []
+
+    def judge(machine: Any, recordings: list[Any], bootstrap: int) -> Any:
+        judged.append([r.role for r in recordings])
+        raise RuntimeError("enough")
+
+    case = SimpleNamespace(
+        machine=SimpleNamespace(name="arm", rate_hz=50.0),
+        effects=(),
+        quality=draw_quality(np.random.default_rng(1)),
+        redrawn=(),
+        recordings={f"{role}-1": {"time": [0.0, 0.02]} for role in ("unloaded", "train", "repeat", "validate")},
+    )
+    monkeypatch.setattr(runs, "judge", judge)
+    monkeypatch.setattr(runs, "make_case", lambda key, selection: case)
+    for role in (None, "repeat"):
+        line = runs.run_case(runs.Order(KEYS[0], Selection(), None, without=role))
+        assert line["without"] == role
+    assert judged == [["unloaded", "train", "repeat", "validate"], ["unloaded", "train", "validate"]]
+    output = tmp_path / "results.jsonl"
+    output.write_text(json.dumps(line) + "\n")
+    with pytest.raises(InputError, match="other restrictions"):
+        runs.run([runs.Order(KEYS[0], Selection(), None)], 1, output)
