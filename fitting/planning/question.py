@@ -127,13 +127,15 @@ class Question:
         return segment_of_states(design.machine, design.bank, design.noise, states, self.next_recording)
 
     def gathered(self, segments: Sequence[Segment]) -> list[FloatArray]:
-        """What each segment would add to the products."""
+        """What each segment would add to the products; columns are of one segment at a time."""
+        return [self._products(segment) for segment in segments]
+
+    def _products(self, segment: Segment) -> FloatArray:
         known = self.model.design
-        design = build_design(known.machine, known.parameters.base, known.bank, known.noise, segments)
+        design = build_design(known.machine, known.parameters.base, known.bank, known.noise, [segment])
         like = self.model.views[self.model.fitted[0]][0]
         views = planned_views(design, self.model.fit.theta, self.chambers, self.model.terms, like)
-        extra = extra_columns(design, views, self.terms)
-        return [products(whitened(design, self.model.noise, [index], extra)) for index in range(len(segments))]
+        return products(whitened(design, self.model.noise, [0], extra_columns(design, views, self.terms)))
 
     def separations(self, segments: Sequence[Segment]) -> list[Separation]:
         """Separation by all data with each of the segments added."""
