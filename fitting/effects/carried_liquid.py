@@ -24,7 +24,7 @@ class CarriedLiquid(Effect):
     parity = Parity.OTHER
     dependence = "ring-down at 0.5 to 1.5 Hz"
     # J_f is what the rigid body holds of the liquid as if it were frozen: it is taken out again at this joint.
-    parameters = (Parameter("J_s", "kg m^2"), Parameter("J_f", "kg m^2"))
+    parameters = (Parameter("J_s", "kg m^2", low=0.0), Parameter("J_f", "kg m^2"))
     shape_units: ClassVar[Mapping[str, str]] = {"frequency": "Hz"}
     confounders = ("structural_flexibility",)
     experiment = "record the ring-down after a stop"

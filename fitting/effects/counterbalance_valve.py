@@ -17,12 +17,12 @@ class CounterbalanceValve(Effect):
     level = "cylinder"
     needs_cylinder = True
     variable = "cylinder_force"
-    equation = "(b_0 + b_1 |v|) [v < 0] tanh(max(F_l, 0) / F_0), or mirrored; F_0 = 0: [F_l > 0]"
+    equation = "-(b_0 + b_1 |v|) [v < 0] tanh(max(F_l, 0) / F_0), or mirrored; F_0 = 0: [F_l > 0]"
     parity = Parity.OTHER
     dependence = "only while an overrunning load is lowered"
     parameters = (
-        Parameter("b_0", "N"),
-        Parameter("b_1", "N s/m"),
+        Parameter("b_0", "N", low=0.0),
+        Parameter("b_1", "N s/m", low=0.0),
     )
     discrete_shapes = frozenset({"side"})
     confounders = ("asymmetric_friction",)
@@ -40,5 +40,5 @@ class CounterbalanceValve(Effect):
         side, band = shape["side"], shape.get("band", 0.0) * max(view.range.force, 1e-12)
         load = np.maximum(side * view.load, 0.0)
         open_share = np.tanh(load / band) if band else (load > 0).astype(float)
-        lowering = 0.5 * (1.0 - side * view.s) * open_share
+        lowering = -side * 0.5 * (1.0 - side * view.s) * open_share  # it holds: against the motion
         return np.column_stack([lowering, lowering * np.abs(view.v)])

@@ -23,8 +23,8 @@ class EndCushion(Effect):
     parity = Parity.OTHER
     dependence = "even and odd parts, only near one end"
     parameters = (
-        Parameter("k", "N/m^n"),
-        Parameter("d", "N s/m^(n+1)"),
+        Parameter("k", "N/m^n", low=0.0),
+        Parameter("d", "N s/m^(n+1)", low=0.0),
     )
     shape_units: ClassVar[Mapping[str, str]] = {"n": "1"}
     discrete_shapes = frozenset({"side", "n"})
@@ -44,14 +44,22 @@ class EndCushion(Effect):
 
     def references(self, view: DriveView, shape: Shape) -> Mapping[str, tuple[float, str]]:
         """Values that the formula counts from; see :class:`Effect`."""
-        low, high = view.range.x
-        depth = shape["share"] * view.range.span
+        low, high = _stroke(view)
+        depth = shape["share"] * (high - low)
         return {"x_c": (high - depth if shape["side"] > 0 else low + depth, "m")}
 
     def columns(self, view: DriveView, shape: Shape) -> FloatArray:
         """Columns (N, k); see :class:`Effect`."""
-        low, high = view.range.x
-        depth = shape["share"] * view.range.span
+        low, high = _stroke(view)
+        depth = shape["share"] * (high - low)
         inside = np.maximum(0.0, view.x - (high - depth) if shape["side"] > 0 else (low + depth) - view.x)
         weight = inside ** shape["n"]
         return np.column_stack([shape["side"] * weight, weight * view.v])
+
+
+def _stroke(view: DriveView) -> tuple[float, float]:
+    """Ends of the stroke that the joint may use, or went to, m: a cushion sits there, wherever recordings were."""
+    joint, (low, high) = view.machine.joints[view.joint], view.range.x
+    assert joint.cylinder is not None
+    ends = np.clip(joint.cylinder.linkage.piston_position(np.array(joint.limits.position)), 0.0, joint.cylinder.stroke)
+    return min(low, float(np.min(ends))), max(high, float(np.max(ends)))

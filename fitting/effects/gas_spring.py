@@ -22,7 +22,7 @@ class GasSpring(Effect):
     equation = "f_g (1 - x / x_0)^(-n) + f_0, its rest force with a transducer's zero"
     parity = Parity.EVEN
     dependence = "even in v, monotone in x"
-    parameters = (Parameter("f_g", "N"), Parameter("f_0", "N"))
+    parameters = (Parameter("f_g", "N", low=0.0), Parameter("f_0", "N"))
     shape_units: ClassVar[Mapping[str, str]] = {"n": "1"}
     discrete_shapes = frozenset({"side", "n"})
     confounders = ("hose_stiffness", "end_cushion")
@@ -53,4 +53,4 @@ class GasSpring(Effect):
 
     def plausible(self, values: Sequence[float], stds: Sequence[float]) -> bool:
         """Without a rise it would be an offset by another name."""
-        return abs(values[0]) > 3.0 * stds[0]
+        return values[0] > 3.0 * stds[0]

@@ -21,7 +21,7 @@ class ThermalViscosityDrift(Effect):
     equation = "d v exp(-t / tau)"
     parity = Parity.ODD
     dependence = "odd in v; slow in time, saturating"
-    parameters = (Parameter("d", "N s/m"),)
+    parameters = (Parameter("d", "N s/m", low=0.0),)
     shape_units: ClassVar[Mapping[str, str]] = {"tau": "s"}
     confounders = ("payload", "pressure_drift")
     experiment = "the same cycle cold and warm"

@@ -19,7 +19,7 @@ class VelocityRootFriction(Effect):
     equation = "b |v|^n sgn v"
     parity = Parity.ODD
     dependence = "odd in v"
-    parameters = (Parameter("b", "N (s/m)^n"),)
+    parameters = (Parameter("b", "N (s/m)^n", low=0.0),)
     shape_units: ClassVar[Mapping[str, str]] = {"n": "1"}
     discrete_shapes = frozenset({"n"})
     confounders = ("stribeck", "quadratic_loss")

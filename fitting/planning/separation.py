@@ -28,6 +28,8 @@ import numpy.typing as npt
 from scipy import linalg
 from scipy.special import ndtr
 
+from fitting.effects.base import Effect
+from fitting.effects.bounds import inside
 from fitting.regression.solving import WhiteRows
 from fitting.residual.laws import Law
 from fitting.residual.scoring import Score
@@ -200,6 +202,9 @@ def _evidence(apart: FloatArray, rival: Rival, made: FloatArray) -> tuple[float,
         inverse = root @ root.T
         values = inverse @ made[place]
         gain, live = float(np.sum((root.T @ made[place]) ** 2)), root.shape[1]
+        bounded = inside(term.content, information, made[place], values) if isinstance(term.content, Effect) else None
+        if bounded is not None:
+            values, gain = bounded.values, bounded.gain
         stds = np.sqrt(np.maximum(np.diag(inverse), 1e-300))
         score = Score(term, gain, live, gain, tuple(values), tuple(stds), True, 1.0, information)
         series = np.array(orders(score))

@@ -21,6 +21,7 @@ import numpy.typing as npt
 
 from daq.scratch import ScratchArrays
 from fitting.effects.base import Effect
+from fitting.effects.bounds import inside
 from fitting.residual.laws import laws
 from fitting.residual.null import BIAS_SHARE, Null
 from fitting.residual.terms import Model, Term
@@ -44,10 +45,11 @@ class Score:
     Attributes
     ----------
     term : the candidate
-    gain : chi-square that the refit gains
-    live : number of its directions that survive the projection
+    gain : chi-square that the refit gains inside the bounds of its parameters (:mod:`fitting.effects.bounds`)
+    live : number of its directions that survive the projection, and that no bound holds
     score : gain less the price of its parameters and of the grid it was picked from
-    values, stds : its parameters and their standard deviations
+    values, stds : its parameters, inside their bounds, and their standard deviations without bounds
+    free : its parameters without bounds
     plausible : False where a parameter is outside what is physically possible
     surviving : largest share of a column's norm that survives projecting the base out, 0 to 1
     information : (k, k) inverse covariance of its parameters
@@ -67,6 +69,7 @@ class Score:
     plausible: bool
     surviving: float
     information: FloatArray = field(repr=False, compare=False)
+    free: tuple[float, ...] = ()
     places: tuple[float, ...] = ()
     null: Null | None = None
     taken: float = 0.0
@@ -81,7 +84,9 @@ class Score:
         if not isinstance(self.term.content, Effect):
             return replace(self, null=null)
         price = self.gain - self.score
-        moved = np.asarray(self.values) - BIAS_SHARE * null.bias
+        free = np.asarray(self.free or self.values) - BIAS_SHARE * null.bias
+        held = inside(self.term.content, self.information, self.information @ free, free)
+        moved = free if held is None else held.values
         gain = float(moved @ self.information @ moved)
         if gain > FAR_BEYOND**2 * float(null.bias @ self.information @ null.bias):
             return replace(self, null=null)  # no bias makes this: candidates are compared as they are
@@ -218,6 +223,17 @@ class Candidates:
         Q = np.vstack(model.fit.orthonormal) if place is None else model.fit.orthonormal[place]
         return np.asarray(own.T @ C - (Q.T @ own).T @ (Q.T @ C))
 
+    def shown(self, model: Model, number: int, values: Sequence[float]) -> dict[int, FloatArray]:
+        """What a candidate contributes with these values less what the model takes of it: by joint, (R_j,)."""
+        place = next(place for place, own in self._groups.items() if number in own)
+        raw = self._of(place, [number]) @ np.asarray(values)
+        if place is not None:
+            Q = model.fit.orthonormal[place]
+            return {place: raw - Q @ (Q.T @ raw)}
+        parts = np.split(raw, np.cumsum([len(r) for r in model.fit.residual])[:-1])
+        shadow = sum(Q.T @ part for Q, part in zip(model.fit.orthonormal, parts, strict=True))
+        return {joint: part - model.fit.orthonormal[joint] @ shadow for joint, part in enumerate(parts)}
+
     def _of(self, place: int | None, numbers: Sequence[int]) -> FloatArray:
         """Columns of these candidates one after the other; all act at this place."""
         group = self._groups[place]
@@ -328,10 +344,10 @@ def _scored(
     eigenvalues, vectors = np.linalg.eigh(unit)
     live = np.asarray(eigenvalues > _DEAD)
     # In the live directions the candidate has the information that is left beside base and prior.
-    inside = live[:, :, None] & live[:, None, :]
-    middle = np.where(inside, vectors.swapaxes(1, 2) @ own_unit @ vectors, 0.0)
+    alive = live[:, :, None] & live[:, None, :]
+    middle = np.where(alive, vectors.swapaxes(1, 2) @ own_unit @ vectors, 0.0)
     middle[:, range(middle.shape[1]), range(middle.shape[1])] += ~live
-    inverse = np.where(inside, np.linalg.inv(middle), 0.0)
+    inverse = np.where(alive, np.linalg.inv(middle), 0.0)
     turned = np.einsum("tij,ti->tj", vectors, products / scale)
     solved = np.einsum("tij,tj->ti", inverse, turned)
     gains = np.sum(turned * solved, axis=1)
@@ -345,8 +361,12 @@ def _scored(
         count = int(np.count_nonzero(live[number]))
         if not there[number] or not count:
             continue
-        own, errors = tuple(values[number].tolist()), tuple(stds[number].tolist())
-        gain = float(gains[number])
+        free, errors, gain = values[number], tuple(stds[number].tolist()), float(gains[number])
+        own = tuple(free.tolist())
+        if isinstance(term.content, Effect):
+            bounded = inside(term.content, information[number], np.where(told[number], products[number], 0.0), free)
+            if bounded is not None:
+                own, gain, count = tuple(bounded.values.tolist()), bounded.gain, max(1, count - len(bounded.held))
         yield (
             number,
             Score(
@@ -359,6 +379,7 @@ def _scored(
                 plausible=not isinstance(term.content, Effect) or term.content.plausible(own, errors),
                 surviving=float(surviving[number]),
                 information=information[number],
+                free=tuple(free.tolist()),
                 grid=grid,
             ),
         )

@@ -32,6 +32,7 @@ class Term:
     ----------
     rebuilt : values already applied to the signals themselves, per parameter; the fitted value is what is left of it
     resampled : of a delay: its samples were handed on late, interpolated; else what was sampled was late itself
+    held : numbers of parameters that are at zero, as they would be beyond what is physically possible
     """
 
     content: Effect | Law
@@ -39,6 +40,7 @@ class Term:
     shape: Shape = field(default_factory=dict)
     rebuilt: tuple[float, ...] = ()
     resampled: bool = False
+    held: tuple[int, ...] = ()
 
     @property
     def id(self) -> str:
@@ -86,7 +88,11 @@ class Term:
         view = views[self.joint or 0]
         if isinstance(self.content, Law):
             return self.content.columns(view)
-        return self.content.columns(view, self.shape)
+        columns = self.content.columns(view, self.shape)
+        if self.held:
+            columns = np.array(columns)
+            columns[..., list(self.held)] = 0.0
+        return columns
 
     @property
     def everywhere(self) -> bool:

@@ -142,23 +142,24 @@ def whitened_parts(gram: FloatArray) -> FloatArray:
     return np.asarray(vectors[:, live] / np.sqrt(values[live]) / norms[:, None])
 
 
-def joint_evidence(gram: FloatArray, products: FloatArray, scales: FloatArray, first: int = 0) -> FloatArray:
+def joint_evidence(
+    gram: FloatArray, products: FloatArray, scales: FloatArray, first: int = 0
+) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Log Bayes factors of parameters with independent priors of these scales: (p, p), (p,), (K, p).
 
     Returns
     -------
-    ndarray
-        (2, K): log Bayes factors, and the amplitude of what the parameters from number ``first`` on contribute at the
-        posterior mean.
+    (K,) log Bayes factors, (K,) amplitude of what the parameters from number ``first`` on contribute at the posterior
+    mean, and (K, first) that mean of those before.
     """
     H = scales[:, :, None] * gram * scales[:, None, :]
     values, vectors = np.linalg.eigh(H)
     values = np.where(values > ROUNDING * values[:, -1:], values, 0.0)
     turned = np.einsum("kij,ki->kj", vectors, scales * products) * (values > 0)
     mean = scales * np.einsum("kij,kj->ki", vectors, turned / (1.0 + values))
-    mean[:, :first] = 0.0
-    shown = np.sqrt(np.maximum(np.einsum("ki,ij,kj->k", mean, gram, mean), 0.0))
-    return np.array([0.5 * np.sum(turned**2 / (1.0 + values) - np.log1p(values), axis=1), shown])
+    rest = gram[first:, first:]
+    shown = np.sqrt(np.maximum(np.einsum("ki,ij,kj->k", mean[:, first:], rest, mean[:, first:]), 0.0))
+    return 0.5 * np.sum(turned**2 / (1.0 + values) - np.log1p(values), axis=1), shown, mean[:, :first]
 
 
 def least_gain(live: int, choices: int = 1) -> float:

@@ -78,10 +78,15 @@ def biased_gain(score: Score) -> float:
 
 
 def plausible(score: Score) -> float:
-    """Log share of the posterior that lies where values are plausible, over the prior's."""
+    """Log share of the posterior that lies inside the bounds of an effect's parameters, over the prior's.
+
+    Its values are inside (:mod:`fitting.effects.bounds`); a half-line prior has half of a free one's mass.
+    """
     effect = score.term.content
     if not isinstance(effect, Effect):
         return 0.0
+    if not effect.plausible(score.values, score.stds):
+        return -np.inf
     inside, before = 1.0, 1.0
     for parameter, value, std in zip(effect.parameters, score.values, score.stds, strict=True):
         if not (np.isfinite(parameter.low) or np.isfinite(parameter.high)):
@@ -90,9 +95,7 @@ def plausible(score: Score) -> float:
         inside *= float(ndtr((parameter.high - value) / std) - ndtr((parameter.low - value) / std))
         if not parameter.low < 0 < parameter.high:
             before *= 0.5  # a prior about zero has half of its mass on the right side
-    if not effect.plausible(score.values, score.stds):
-        inside = 0.0
-    return float(np.log((1 - priors.OUTSIDE) * inside / before + priors.OUTSIDE))
+    return float(np.log(inside / before))
 
 
 def efforts(model: Model) -> FloatArray:

@@ -9,6 +9,7 @@ import numpy.typing as npt
 from scipy.linalg import block_diag
 
 from fitting.effects.base import Effect, Parity
+from fitting.effects.bounds import limits
 from fitting.residual.scoring import Candidates, Score
 from fitting.residual.surfaces import Surface
 from fitting.residual.terms import Model, Term
@@ -28,6 +29,7 @@ from fitting.selection.sizes import Sizes
 from fitting.selection.trust import Trust
 
 FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.intp]
 
 #: Share of a curve that the base has to leave for it to tell of anything.
 FAINT = 0.01
@@ -108,10 +110,10 @@ class RatedNames:
             for n in near:
                 curves = [where[m] for m in own_laws[n]]
                 share, found = self._trust.of(n), []
-                for first in _first_terms(scores[n], where[n]):
-                    into = np.concatenate([first, *curves])
-                    widths = [len(first), *(len(p) for p in curves)]
-                    found.append(self._with_curves(scores[n], share * S[np.ix_(into, into)], share * g[into], widths))
+                for first in _first_terms(scores[n]):
+                    into = np.concatenate([where[n][first], *curves])
+                    gram, products = share * S[np.ix_(into, into)], share * g[into]
+                    found.append(self._with_curves(scores[n], first, gram, products, [len(p) for p in curves]))
                 if is_series(scores[n].term):
                     found = [float(log_mean(found)), self._smooth(own_laws[n], scores)]
                 value = max(float(log_mean(found)), by_order[n]) if np.isfinite(found).any() else by_order[n]
@@ -192,14 +194,17 @@ class RatedNames:
         known = self._trust.known("plausible", number, score)
         return float(self._trust.keep("plausible", number, score, plausible(score)) if known is None else known)
 
-    def _with_curves(self, score: Score, S: FloatArray, g: FloatArray, widths: Sequence[int]) -> float:
-        """Log evidence of a name, with curves of its signal beside it; columns are the name's, then each curve's.
+    def _with_curves(
+        self, score: Score, numbers: IntArray, S: FloatArray, g: FloatArray, widths: Sequence[int]
+    ) -> float:
+        """Log evidence of a name, with curves of its signal beside it: the name's parameters of these numbers first.
 
-        Of a series, ``S`` and ``g`` may hold its first terms only.
+        ``widths`` are the curves'. Beside a curve as well the name's values have to be inside their bounds.
         """
         effect = score.term.content
         assert isinstance(effect, Effect)
-        own = whitened_parts(S[: widths[0], : widths[0]])
+        low, high = (bound[numbers] for bound in limits(effect))
+        own = whitened_parts(S[: len(numbers), : len(numbers)])
         k = own.shape[1]
         if k == 0:
             return -np.inf
@@ -211,17 +216,18 @@ class RatedNames:
         pairs = [(a, e) for a in near for e in priors.EPSILONS]
         found = []
         for length in range(len(priors.LENGTHS)):
-            parts, start = [], widths[0]
-            for width in widths[1:]:
+            parts, start = [], len(numbers)
+            for width in widths:
                 block = S[start : start + width, start : start + width]
                 root = curve_roots(width, priors.LENGTHS)[length] if width >= LEAST_CURVE else whitened_parts(block)
-                seen = float(np.trace(root.T @ block @ root)) * (len(widths) - 1)
+                seen = float(np.trace(root.T @ block @ root)) * len(widths)
                 parts.append(root / np.sqrt(max(seen, 1e-300)))
                 start += width
             T = block_diag(own, *parts)
             gram, products = T.T @ S @ T, T.T @ g
             scales = np.array([np.r_[np.full(k, a / np.sqrt(k)), np.full(len(gram) - k, e * shown)] for a, e in pairs])
-            values, beside = joint_evidence(gram, products, scales, k)
+            values, beside, first = joint_evidence(gram, products, scales, k)
+            values[np.any((first @ own.T < low) | (first @ own.T > high), axis=1)] = -np.inf
             values = values + np.tile(weights, len(near))
             # A name is what explains most of it: a curve beside it may not be many times what is expected of one.
             values[beside > MOST_BESIDE * np.tile(priors.EPSILONS, len(near)) * shown] = -np.inf
@@ -259,9 +265,12 @@ def _is_named(score: Score) -> bool:
     return score.term.id != "law" or isinstance(score.term.content, Surface)
 
 
-def _first_terms(score: Score, columns: npt.NDArray[np.int64]) -> list[npt.NDArray[np.int64]]:
-    """Columns of a series' first terms, one order after the other; else all of them at once."""
-    return [columns[:order] for order in range(1, len(columns) + 1)] if is_series(score.term) else [columns]
+def _first_terms(score: Score) -> list[IntArray]:
+    """Numbers of a series' first parameters, one order after the other; else of all that no bound holds at zero."""
+    numbers = np.arange(len(score.values))
+    if is_series(score.term):
+        return [numbers[:order] for order in range(1, len(numbers) + 1)]
+    return [np.flatnonzero(np.asarray(score.values))]
 
 
 def _signal(term: Term) -> tuple[str, int | None]:

@@ -112,7 +112,7 @@ def test_the_mean_of_a_curve_is_as_uncertain_as_its_course() -> None:
 def test_what_a_part_of_the_parameters_contributes_is_measured_where_it_shows() -> None:
     """With a wide prior the posterior mean is the least-squares fit."""
     columns, residual, gram, products = problem(3, 4)
-    (_, shown) = joint_evidence(gram, products, np.full((1, 4), 1e4), 2)
+    (_, shown, _) = joint_evidence(gram, products, np.full((1, 4), 1e4), 2)
     fit = np.linalg.lstsq(columns, residual, rcond=None)[0]
     assert shown[0] == pytest.approx(np.linalg.norm(columns[:, 2:] @ fit[2:]), rel=1e-4)
 

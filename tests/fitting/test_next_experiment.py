@@ -25,6 +25,7 @@ from fitting.regression.prior import with_prior
 from fitting.regression.solving import solve
 from fitting.residual.terms import Model, Term, extra_columns, fit_model
 from fitting.residual.views import build_views
+from fitting.selection import priors
 from fitting.signals.preparation import prepare
 
 # --- arithmetic ---------------------------------------------------------------------------------------------------
@@ -97,8 +98,9 @@ def test_a_rival_that_needs_an_impossible_value_is_behind():
         Rival((Term(effect("load_dependent_friction"), 0),), (slice(1, 2),), np.ones(1)),
     ]
     found = leads(table.T @ table, rivals)[0, 1]
-    assert found.chi_square == pytest.approx(0.0, abs=1e-9)
-    assert found.log_odds == pytest.approx(-np.log(0.01), abs=0.1)  # priors.OUTSIDE
+    size = 4.0 * float(column[:, 0] @ column[:, 0])
+    assert found.chi_square == pytest.approx(size), "nothing of it is left inside the bounds"
+    assert found.log_odds > 0.4 * size
 
 
 def lead(chi_square, size=100.0, log_odds=None) -> Lead:
@@ -432,10 +434,10 @@ def measured_separation(session, tables, rivals):
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("true", "rival", "size"),
-    [("position_dependent_friction", "load_dependent_friction", 40.0)],
+    [("position_dependent_friction", "load_dependent_friction", -40.0)],
 )
-def test_the_designed_experiment_separates_rivals_in_the_plant_best(true, rival, size):
-    """One short training motion leaves two names; the motion that was chosen tells them apart better than others."""
+def test_the_designed_experiment_separates_rivals_in_the_plant(true, rival, size):
+    """One short training motion leaves two names; the motion that was chosen tells them apart, as promised."""
     pytest.importorskip("mujoco")
     from sim_backends.machines import folding_arm
     from sim_backends.plant.motion import Motion as PlantMotion
@@ -462,8 +464,10 @@ def test_the_designed_experiment_separates_rivals_in_the_plant_best(true, rival,
     assert found.best is not None
     best = found.best.kind
     assert best in measured
-    assert measured[best] == max(measured.values())
-    assert measured[best] > 2 * before
-    # Of the size that was promised, on the scale of standard deviations.
+    # Several tell them apart for certain, and the easiest of those is chosen.
+    assert expected[best] > before + priors.CLOSE
+    assert measured[best] > max(2 * before, before + 4 * priors.CLOSE)
+    # Of the size that was promised, on the scale of standard deviations; of the others not less.
+    assert np.sqrt(measured[best]) == pytest.approx(np.sqrt(expected[best]), rel=0.5)
     for kind, value in measured.items():
-        assert np.sqrt(max(value, 0.0)) == pytest.approx(np.sqrt(expected[kind]), rel=0.5), kind
+        assert np.sqrt(max(value, 0.0)) > 0.5 * np.sqrt(expected[kind]), kind
