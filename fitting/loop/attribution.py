@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 from fitting.loop.effort_confirmation import confirmed_in_effort
 from fitting.loop.everything import held_against_everything
@@ -29,4 +30,12 @@ def attributed(
     found = run_attribution(search.session, corrections, progress)
     if not search.whole:
         found = held_against_everything(session, corrections, search, found, progress)
-    return confirmed_in_effort(session, corrections, found)
+    found = confirmed_in_effort(session, corrections, found)
+    names = [joint.name for joint in session.machine.joints]
+    silent = [
+        f"{'machine' if item.score.term.joint is None else names[item.score.term.joint]}: of {item.score.term.id} "
+        f"{item.silence}; record one that shows it"
+        for item in found.accepted
+        if item.silence
+    ]
+    return replace(found, warnings=(*found.warnings, *silent))

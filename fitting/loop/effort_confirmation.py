@@ -70,7 +70,8 @@ def confirmed_in_effort(session: Session, corrections: Corrections, found: Attri
     names = [session.machine.joints[joint].name for joint in places if joint is not None]
     warnings = tuple(w for w in found.warnings if w.partition(":")[0] in names)
     table = _demoted(table, found, kept)
-    return replace(found, accepted=tuple(kept), candidates=tuple(table), model=model, warnings=warnings)
+    gone = {item.score.term.family for item in found.accepted} - {item.score.term.family for item in kept}
+    return replace(found.refusing(gone), accepted=tuple(kept), candidates=tuple(table), model=model, warnings=warnings)
 
 
 def _errors(final: Weighed, validate: Sequence[int]) -> Errors:

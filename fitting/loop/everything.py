@@ -74,6 +74,7 @@ def held_against_everything(
         accepted = [
             replace(item, score=replace(item.score, term=term)) for item, term in zip(accepted, terms, strict=True)
         ]
+    dropped = set[Family]()
     while accepted:
         progress(0.86, "refitting what was found on all samples")
         model = signals.refit([item.score.term for item in accepted])
@@ -89,13 +90,14 @@ def held_against_everything(
             break
         number, reason = refused
         family = accepted.pop(number).score.term.family
+        dropped.add(family)
         table = [
             Candidate(c.id, c.joint, c.score, "rejected", reason) if (c.id, c.joint) == family else c for c in table
         ]
     changes = tuple(
         c if c.recording is None else replace(c, recording=search.numbers[c.recording]) for c in found.changes
     )
-    return replace(found, accepted=tuple(accepted), candidates=tuple(table), changes=changes)
+    return replace(found.refusing(dropped), accepted=tuple(accepted), candidates=tuple(table), changes=changes)
 
 
 def _refused(
@@ -107,7 +109,7 @@ def _refused(
     price = PARAMETER_PRICE * _count(model, weakest)
     if worths[weakest] < least_gain(_count(model, weakest)) - price:
         return weakest, f"found on pieces, but worth only {max(worths[weakest], 0.0):.1f} on all samples"
-    if not validate or all(item.score.term.confined for item in accepted):
+    if not validate:
         return None
     worse = worse_joint(base, model, validate)
     if worse is None:
@@ -199,7 +201,7 @@ def _with_gains(
     result = []
     for number, item in enumerate(accepted):
         gain = None
-        if validate and not item.score.term.confined:
+        if validate:
             others = [other.score.term for n, other in enumerate(accepted) if n != number]
             gain = validate_gain(signals.refit(others), model, validate)
         result.append(replace(item, validate_gain=gain))

@@ -21,6 +21,7 @@ from fitting.regression.prior import Prior
 from fitting.residual.change_points import ChangePoint, change_points, joint_rows, step_at
 from fitting.residual.confirmation.confirmation import Misfit, misfit, validate_gain
 from fitting.residual.confirmation.cross_validation import held_out_gain
+from fitting.residual.confirmation.draws import Draws
 from fitting.residual.confirmation.trials import mirrored_gain
 from fitting.residual.confirmation.uncertainty import with_doubts
 from fitting.residual.findings import Accepted, Attribution, Family
@@ -31,7 +32,7 @@ from fitting.residual.null import Null, Replicas
 from fitting.residual.scoring import Candidates, Score, score_terms
 from fitting.residual.surfaces import Surface
 from fitting.residual.terms import Model, Term, fit_model
-from fitting.selection.search import attribute
+from fitting.selection.search import Search, attribute
 from fitting.signals.corrections import Corrections
 from fitting.signals.preparation import position_channel_noise
 
@@ -107,7 +108,7 @@ class SessionSignals:
             for place, score in self._on_replica(*self._replicas, first + number, terms).items():
                 found[place].append(score)
         return [
-            Null(np.array([s.values for s in own]), own[0].information, own[0].live) if own else None for own in found
+            Null(np.array([s.free for s in own]), own[0].information, own[0].live) if own else None for own in found
         ]
 
     def _replicas_of(self, model: Model) -> Replicas:
@@ -237,11 +238,11 @@ def _screened(session: Session, corrections: Corrections, signals: SessionSignal
         cutoff = min(factor * bandwidth, session.machine.rate_hz / 5)
         for n, value in _at_cutoff(session, corrections, found.model.terms, cutoff, leading).items():
             values[n].append((cutoff, *value))
-    accepted, table, changed = [], list(found.candidates), False
+    accepted, table, moved = [], list(found.candidates), set[Family]()
     for n, item in enumerate(found.accepted):
         if n in values and moves(values[n]):
-            changed = True
             family = item.score.term.family
+            moved.add(family)
             shown = ", ".join(f"{value:.3g} at {cutoff:.2g} Hz" for cutoff, value, _ in values[n])
             table = [
                 replace(c, status="artefact", reason=f"it changes with the filter: {shown}")
@@ -251,8 +252,8 @@ def _screened(session: Session, corrections: Corrections, signals: SessionSignal
             ]
             continue
         accepted.append(replace(item, cutoffs=tuple(values.get(n, ()))))
-    model = signals.refit([item.score.term for item in accepted]) if changed else found.model
-    return replace(found, accepted=tuple(accepted), candidates=tuple(table), model=model)
+    model = signals.refit([item.score.term for item in accepted]) if moved else found.model
+    return replace(found.refusing(moved), accepted=tuple(accepted), candidates=tuple(table), model=model)
 
 
 def _at_cutoff(
@@ -266,9 +267,9 @@ def _at_cutoff(
 def other_bands(
     session: Session, corrections: Corrections, progress: Progress = lambda fraction, text: None
 ) -> tuple[tuple[float, tuple[Family, ...]], ...]:
-    """What the loop finds at other cut-offs of the identification filter: (Hz, families).
+    """What is more probable than nothing at other cut-offs of the identification filter: (Hz, families).
 
-    Where nothing is missing that is nothing at any of them.
+    Only asked where nothing was found: a name has its values at these cut-offs (:func:`_screened`).
     """
     result = []
     for number, factor in enumerate(SCREEN):
@@ -279,16 +280,14 @@ def other_bands(
 
 
 def _found_at(session: Session, corrections: Corrections, cutoff: float) -> tuple[Family, ...]:
-    """Families that the loop finds at another cut-off; all else is gone."""
+    """What is most probable at another cut-off where nothing is improbable there; all else is gone."""
     signals = SessionSignals(session.at_bandwidth(cutoff), corrections)
-    validate = signals.prepared(()).validate
-    base = signals.refit(())
-    found = attribute(base, effects(), validate, signals)
-    if found.verdict != "nothing_missing" and session.options.bootstrap:
+    validate, base = signals.prepared(()).validate, signals.refit(())
+    search = Search(base, effects(), validate, signals, 0, ())
+    if search.nothing < 0.5:
         # Replicas take off what noise makes of the candidates: only asked where something stands out at all.
-        found = attribute(base, effects(), validate, signals, session.options.bootstrap)
-    scores = (*(item.score for item in found.accepted), *(item.score for item in found.unconfirmed))
-    return tuple(score.term.family for score in scores)
+        search.draws = Draws(signals, session.options.bootstrap)
+    return () if search.nothing >= 0.5 else (search.open[0].term.family,)
 
 
 def _leading(model: Model, number: int) -> int:
@@ -425,13 +424,15 @@ def term_to_json(term: Term) -> dict[str, Any]:
         "shape": dict(term.shape),
         "rebuilt": list(term.rebuilt),
         "resampled": term.resampled,
+        "held": list(term.held),
     }
 
 
 def term_from_json(value: Mapping[str, Any]) -> Term:
     """Inverse of :func:`term_to_json`."""
     content: Effect | Law = effect(value["effect"]) if value["law"] is None else _law_from_json(value["law"])
-    return Term(content, value["joint"], dict(value["shape"]), tuple(value["rebuilt"]), value.get("resampled", False))
+    applied = tuple(value["rebuilt"]), value.get("resampled", False), tuple(value.get("held", ()))
+    return Term(content, value["joint"], dict(value["shape"]), *applied)
 
 
 def _law_from_json(law: Mapping[str, Any]) -> Law:

@@ -52,7 +52,9 @@ def attribution(session: Session, results: StageResults, progress: Progress) -> 
     corrections, search = found_corrections(session, results), session.search
     found = attributed(session, corrections, progress)
     warnings = [*found.warnings, *([] if search.whole else [said(search)])]
-    silent = found.verdict == "nothing_missing" and not results[Residual].kinematics
+    # Another bandwidth is asked only where it can change the verdict: not where structure is certain, or noise unknown.
+    residual = results[Residual]
+    silent = found.verdict == "nothing_missing" and not residual.kinematics and all(residual.floor_valid)
     others = other_bands(search.session, corrections, progress) if silent else ()
     progress(0.92, "designing the experiment that tells rivals apart")
     names = tuple(joint.name for joint in session.machine.joints)
@@ -62,6 +64,7 @@ def attribution(session: Session, results: StageResults, progress: Progress) -> 
         candidates=tuple(Tried(c.id, c.joint, c.score, c.status, c.reason) for c in found.candidates if c.id != "law"),
         limits=_limits(found),
         hypotheses=found.hypotheses,
+        nothing=found.nothing,
         unconfirmed=tuple(_unconfirmed(item, names) for item in found.unconfirmed),
         lines=tuple(
             SpectralLine(

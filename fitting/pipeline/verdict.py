@@ -6,11 +6,17 @@ Strictest first:
 ``implausible``      a parameter is significantly impossible;
 ``not_examined``     nobody looked for what the model lacks;
 ``unexplained``, ``ambiguous``, ``effect_added``   as the loop found;
-``nothing_missing``  only where everything speaks for it: no finding, a noise floor that is one, an error on
-                     ``validate`` (root mean square, offsets included) of at most :data:`MOST_NOISE` floors and what
-                     the parameters' own uncertainty makes there, and the same answer at other bandwidths of the
-                     filter. Where something speaks against it, structure is left, and the verdict is ``unexplained``
-                     with the reasons.
+``nothing_missing``  only where everything speaks for it: no finding, a probability that nothing is missing of at least
+                     a half, a noise floor that is one, an error on ``validate`` (root mean square, offsets included)
+                     of at most :data:`MOST_NOISE` floors and what the parameters' own uncertainty makes there, and the
+                     same answer at other bandwidths of the filter. Where something speaks against it the verdict is
+                     ``unexplained`` with the reasons.
+
+Beside it stands a label where the recordings leave the verdict open:
+
+``cannot_tell``      nothing was found, but the noise is not known, or nothing is not probable enough
+                     (:data:`NEEDED`): what to record next is among the reasons;
+``depends_on_band``  another bandwidth of the filter gives another verdict.
 """
 
 from __future__ import annotations
@@ -22,11 +28,16 @@ from scipy import stats
 
 from fitting.pipeline.results.loop_results import Attributed
 from fitting.pipeline.results.stage_results import Checked, Refitted, Residual, StageResults
+from fitting.selection.evidence import least_gain
 
 #: Error on the validation motion, in noise floors, up to which nothing is missing.
 MOST_NOISE = 1.2
 #: Chance that short recordings of a machine without anything missing exceed it.
 CHANCE = 1e-3
+#: Probability that nothing is missing from which on that can be told: two to one.
+NEEDED = 2.0 / 3.0
+#: Deviations from zero below which a coefficient would not have been named at another bandwidth.
+NAMED_FROM = math.sqrt(least_gain(1))
 
 
 def verdict(results: StageResults, joints: Sequence[str]) -> tuple[str, list[str]]:
@@ -48,13 +59,39 @@ def verdict(results: StageResults, joints: Sequence[str]) -> tuple[str, list[str
         return "not_examined", []
     kinematics, said = results[Residual].kinematics, found.verdict
     if said in ("unexplained", "ambiguous"):
-        return said, []
+        silent = said == "unexplained" and not (found.accepted or found.unconfirmed)
+        return said, [f"that nothing is missing has a probability of {found.nothing:.2g} only"] if silent else []
     if kinematics:
         return ("ambiguous" if any(f.rivals for f in kinematics) else "effect_added"), []
     if said != "nothing_missing":
         return said, []
     against = against_nothing_missing(results, joints)
-    return ("unexplained", against) if against else (said, [])
+    return ("unexplained", against) if against else (said, what_to_record(results))
+
+
+def label(results: StageResults) -> str | None:
+    """The label beside the verdict; None where the recordings tell."""
+    found, residual = results[Attributed], results[Residual]
+    if not found.looked:
+        return None
+    faint = any(abs(c.value) < NAMED_FROM * c.std for item in found.accepted for c in item.cutoffs[1:])
+    if faint or any(other.found for other in found.other_bands):
+        return "depends_on_band"
+    silent = not (found.accepted or found.unconfirmed or found.lines or residual.kinematics)
+    if silent and found.nothing >= 0.5 and not (found.nothing >= NEEDED and all(residual.floor_valid)):
+        return "cannot_tell"
+    return None
+
+
+def what_to_record(results: StageResults) -> list[str]:
+    """What would tell whether something is missing, where the probabilities leave it open."""
+    found = results[Attributed]
+    if label(results) != "cannot_tell" or found.nothing >= NEEDED:
+        return []
+    return [
+        f"nothing is missing with a probability of {found.nothing:.2f} only, and these recordings cannot tell: record "
+        "the training motion once more (role repeat), or a longer one, and identify with it"
+    ]
 
 
 def against_nothing_missing(results: StageResults, joints: Sequence[str]) -> list[str]:

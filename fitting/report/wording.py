@@ -23,6 +23,11 @@ LABELS = {
     "check_input": "A mistake in files or wiring is likely",
     "not_examined": "Fitted only: what is missing was not looked for",
 }
+#: Labels that stand beside a verdict without any effect: the recordings leave it open.
+OPEN = {
+    "cannot_tell": "Whether something is missing cannot be told",
+    "depends_on_band": "Whether something is missing depends on the filter",
+}
 
 MEANINGS = {
     "m": "moving mass",
@@ -286,7 +291,9 @@ def nearest(law: Mapping[str, Any], language: Language = ENGLISH) -> str:
 
 def label(loop: Mapping[str, Any], language: Language = ENGLISH) -> str:
     """The verdict in a few words, of the report's ``loop``."""
-    return language.say(LABELS[loop["verdict"] if looked(loop) else _unlooked(loop)])
+    said = loop["verdict"] if looked(loop) else _unlooked(loop)
+    left_open = None if loop["effects"] else OPEN.get(loop.get("label") or "")
+    return language.say(left_open or LABELS[said])
 
 
 def _unlooked(loop: Mapping[str, Any]) -> str:
@@ -306,7 +313,7 @@ def verdict_sentence(report: Mapping[str, Any], titles: Mapping[str, str], langu
     loop = report["loop"]
     verdict = loop["verdict"] if looked(loop) else _unlooked(loop)
     reasons = [language.said(str(reason)) for reason in loop.get("reasons") or []]
-    if verdict in ("nothing_missing", "not_examined"):
+    if verdict == "not_examined" or (verdict == "nothing_missing" and not reasons):
         return _nothing(verdict, over_noise(report, "after"), language)
     found = _found(report, titles, language)
     said = [f"{capital(reason)}." for reason in reasons]

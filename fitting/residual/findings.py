@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Collection
+from dataclasses import dataclass, replace
+from itertools import product
+
+import numpy as np
 
 from fitting.residual.change_points import ChangePoint
 from fitting.residual.confirmation.cross_validation import HeldOut
@@ -13,6 +17,13 @@ from fitting.residual.terms import Model, Term
 
 #: Effect id (``law``) and joint.
 Family = tuple[str, int | None]
+#: What may stand in one place of the model with its probability; None: nothing. What is missing to one was refused.
+Place = tuple[tuple[Term | None, float], ...]
+
+#: Explanations that are listed, and alternatives of one place that these are made of.
+MOST_LISTED, MOST_COMBINED = 8, 5
+#: Probability below which an explanation is not listed.
+LEAST = 0.005
 
 
 @dataclass(frozen=True)
@@ -29,6 +40,7 @@ class Accepted:
     cutoffs : its leading parameter at several cut-offs of the filter: (Hz, value, standard deviation)
     probability : that it is this, and neither a rival, nor a law, nor nothing
     rival_probabilities : the same of each rival
+    silence : why the validation motion confirms nothing of it, if it does not
     """
 
     score: Score
@@ -39,12 +51,7 @@ class Accepted:
     cutoffs: tuple[tuple[float, float, float], ...] = ()
     probability: float = 1.0
     rival_probabilities: tuple[float, ...] = ()
-
-    @property
-    def doubtful(self) -> bool:
-        """Whether what is in no catalogue is more probable than this name and its rivals together."""
-        named = not isinstance(self.score.term.content, Law)
-        return named and self.probability + sum(self.rival_probabilities) < 0.5
+    silence: str = ""
 
 
 @dataclass(frozen=True)
@@ -96,7 +103,7 @@ class Attribution:
     unconfirmed : laws of what is there but does not hold on another motion
     lines : spectral lines of the residual (those inside the band are in ``accepted`` as well)
     changes : moments from which on a joint behaves otherwise
-    hypotheses : explanations, the most probable first
+    places : questions that were asked of the data, each with its answers
     """
 
     base: Model
@@ -108,13 +115,40 @@ class Attribution:
     unconfirmed: tuple[Unconfirmed, ...] = ()
     lines: tuple[Line, ...] = ()
     changes: tuple[ChangePoint, ...] = ()
-    hypotheses: tuple[Hypothesis, ...] = ()
+    places: tuple[Place, ...] = ()
+
+    @property
+    def hypotheses(self) -> tuple[Hypothesis, ...]:
+        """Whole explanations, the most probable first; places are taken for independent."""
+        choices = [sorted(place, key=lambda own: -own[1])[:MOST_COMBINED] for place in self.places]
+        found = [
+            Hypothesis(tuple(t for t, _ in combination if t is not None), float(np.prod([p for _, p in combination])))
+            for combination in product(*choices)
+        ]
+        found = [h for h in found if h.probability > LEAST]
+        return tuple(sorted(found, key=lambda h: -h.probability)[:MOST_LISTED])
+
+    @property
+    def nothing(self) -> float:
+        """Probability that nothing is missing in any place."""
+        return float(np.prod([sum(p for term, p in place if term is None) for place in self.places]))
+
+    def refusing(self, families: Collection[Family]) -> Attribution:
+        """Without what was refused after it had been chosen: what speaks for it is there, and is none of the rest."""
+        places = tuple(
+            tuple((term, p) for term, p in place if term is None or term.family not in families)
+            for place in self.places
+        )
+        accepted = tuple(item for item in self.accepted if item.score.term.family not in families)
+        return replace(self, accepted=accepted, places=places)
 
     @property
     def verdict(self) -> str:
-        """Verdict of the report."""
+        """Verdict of the report: what the probabilities that are shown say."""
         if not self.accepted:
-            return "unexplained" if self.unconfirmed else "effect_added" if self.lines else "nothing_missing"
-        if any(isinstance(a.score.term.content, Law) or a.doubtful for a in self.accepted):
+            if self.unconfirmed or self.nothing < 0.5:
+                return "unexplained"
+            return "effect_added" if self.lines else "nothing_missing"
+        if any(isinstance(a.score.term.content, Law) for a in self.accepted):
             return "unexplained"
         return "ambiguous" if any(a.rivals for a in self.accepted) else "effect_added"

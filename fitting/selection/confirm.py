@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from fitting.effects.base import Effect
 from fitting.residual.confirmation.confirmation import OnValidate, worse_joint
-from fitting.residual.confirmation.cross_validation import HeldOut
+from fitting.residual.confirmation.cross_validation import CONFIRMED, HeldOut
 from fitting.residual.confirmation.trials import Trials
 from fitting.residual.confirmation.witness import Witness, witness
 from fitting.residual.confirmation.witness import objection as of_the_load
@@ -28,13 +28,6 @@ from fitting.selection.evidence import curve_precision, least_gain
 
 FloatArray = npt.NDArray[np.float64]
 
-#: Standard errors by which the gain on held-out blocks has to be above zero; more where no validation motion has a say
-#: and most of the gain is lost there.
-LEAST_Z, LEAST_Z_ALONE = 1.5, 3.0
-#: What keeps this share of its gain on held-out blocks holds, even if a few of them brought it: a resonance rings where
-#: it was hit, a load is overrun in one place, a drift shows at both ends.
-HELD_SHARE = 0.5
-
 
 @dataclass(frozen=True)
 class Answer:
@@ -45,6 +38,7 @@ class Answer:
     held_out, validate_gain, witness : what held-out blocks, `validate` and unloaded recordings say of it
     faint : it may be noise of just the rows that show it
     worse : number of a joint that it makes worse on `validate`, if that is what is against it
+    silence : why `validate` confirms nothing, if it does not
     """
 
     reason: str
@@ -53,6 +47,7 @@ class Answer:
     witness: str
     faint: bool
     worse: int | None = None
+    silence: str = ""
 
 
 class Gate:
@@ -67,8 +62,8 @@ class Gate:
 
     def asked(self, choice: Score, before: Model, trial: Model) -> Answer:
         """What is against the last term of ``trial``."""
-        held_out, seen = self._trials.judged(choice, before, trial, _expected(choice))
-        reason = objection(choice, held_out, seen)
+        held_out, seen = self._trials.judged(before, trial, _expected(choice))
+        reason = objection(held_out, seen)
         heard = _heard(before, choice.term)
         if not reason and isinstance(choice.term.content, Effect) and heard is not None:
             against = of_the_load(choice.term.content.level, heard)
@@ -89,55 +84,45 @@ class Gate:
             "" if heard is None else heard.words,
             too_faint(choice, held_out),
             worse,
+            silence(seen),
         )
 
 
-def objection(choice: Score, held_out: HeldOut, validate: OnValidate | None) -> str:
+def objection(held_out: HeldOut, validate: OnValidate | None) -> str:
     """Why a term is not to be added; empty if there is nothing against it.
 
-    A validation motion that could not show a right effect is as good as none, unless it shows that this one is wrong.
+    One rule for all terms: the rows that were left out have to be :data:`CONFIRMED` times as probable with it, against
+    the noise of the rows that show it. The validation motion is one more block; where a right term need not show itself
+    it may refuse only what its rows speak against as clearly.
     """
-    if too_faint(choice, held_out):
-        return (
-            f"the rows that show it are {held_out.own_noise:.1f} times as noisy as the motion as a whole; against that "
-            f"it gains {held_out.own_gain:.1f} of chi-square, less than the noise and its price ask for"
-        )
-    if choice.term.confined:  # most blocks know nothing of it, and no other recording does: it has to be plain
-        if held_out.gain >= HELD_SHARE * choice.gain and plain(choice):
-            return ""
-        return "it acts in one recording only, and is not significant enough to be believed without another"
-    blind = is_blind(choice, validate)
-    alone = validate is None or blind
-    kept = held_out.gain >= HELD_SHARE * choice.gain
-    if alone:  # what keeps its gain still has to be more than a few blocks' luck
-        holds = held_out.z >= (LEAST_Z if kept else LEAST_Z_ALONE)
-    else:
-        holds = kept or held_out.z >= LEAST_Z
-    if not (held_out.gain > 0 and holds):
-        return (
-            f"it does not hold on blocks that were left out of the fit (chi-square {held_out.gain:+.1f}, "
-            f"{held_out.z:.1f} standard errors)"
-        )
-    if validate is not None and validate.gain <= 0 and not blind:
-        return f"it does not help on the validation motion (chi-square {validate.gain:+.1f})"
+    if held_out.confirmed <= CONFIRMED:
+        size = f"(log density {0.5 * held_out.confirmed:+.1f})"
+        if held_out.confirmed * held_out.inflation > CONFIRMED:
+            return (
+                f"the rows that show it are {held_out.inflation:.1f} times as noisy as the motion as a whole; against "
+                f"that it does not hold on blocks that were left out of the fit {size}"
+            )
+        if held_out.gain > CONFIRMED:
+            return f"of the blocks that were left out of the fit one alone shows it {size}"
+        return f"it does not hold on blocks that were left out of the fit {size}"
+    if validate is not None and validate.refutes:
+        size = f"(log density {0.5 * min(validate.predicted, validate.gain):+.1f})"
+        return f"it does not help on the validation motion {size}"
     return ""
+
+
+def silence(validate: OnValidate | None) -> str:
+    """Why the validation motion confirms nothing of a term that it does not refuse; empty if it does."""
+    if validate is None:
+        return ""
+    if not validate.entered:  # what it changes of the base may help there: that is no witness of this effect
+        return "the validation motion never enters its range, or never moves its joint, and confirms nothing"
+    return "" if validate.predicted > CONFIRMED else "the validation motion hardly shows it, and confirms nothing"
 
 
 def too_faint(choice: Score, held_out: HeldOut) -> bool:
     """Whether a gain is not significant against the noise of just the rows that show it."""
-    return held_out.own_gain <= least_gain(choice.live)
-
-
-def plain(choice: Score) -> bool:
-    """Whether a gain is twice what it takes."""
-    return choice.gain > 2.0 * least_gain(choice.live)
-
-
-def is_blind(choice: Score, validate: OnValidate | None) -> bool:
-    """Whether the validation motion has nothing to say of a plain effect: no gain, and none to be expected."""
-    if validate is None or validate.gain > 0 or validate.tells or validate.refutes:
-        return False
-    return plain(choice)
+    return choice.gain / held_out.inflation <= least_gain(choice.live)
 
 
 def _expected(choice: Score) -> FloatArray | None:

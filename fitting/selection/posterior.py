@@ -4,21 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import product
 
 import numpy as np
 
 from fitting.effects.base import Effect
-from fitting.residual.findings import Accepted, Hypothesis
+from fitting.residual.findings import MOST_LISTED, Accepted, Place
 from fitting.residual.laws import Law
 from fitting.residual.surfaces import Surface
+from fitting.selection import priors
 from fitting.selection.decision import believed
 from fitting.selection.rated import Rated, family
 
-#: Alternatives of one place that are named, and explanations that are listed.
-MOST_NAMED, MOST_LISTED = 3, 8
-#: Probability below which none is listed, and below which a name is none that a law could be.
-LEAST, LEAST_BESIDE_LAW = 0.005, 0.05
+#: Alternatives of one place that are named.
+MOST_NAMED = 3
+#: Probability below which a name is none that a law could be.
+LEAST_BESIDE_LAW = 0.05
 
 
 @dataclass(frozen=True)
@@ -56,6 +56,20 @@ class Slot:
         listed = tuple((r, float(p)) for r, p in zip(rated, shares, strict=True) if p > 1e-3)
         return cls(item, listed, probability, float(np.exp(-total)))
 
+    @property
+    def place(self) -> Place:
+        """The place as a question of its own: what may be there, and that nothing is."""
+        return (*((r.term, p) for r, p in self.alternatives), (None, self.nothing))
+
+    @property
+    def improbable(self) -> bool:
+        """Whether it is more probable that neither this nor what is said with it is there; laws of a joint are one."""
+        term = self.item.score.term
+        if isinstance(term.content, Law):
+            same = [p for r, p in self.alternatives if r.term.family == term.family]
+            return max(self.probability, sum(same)) < 0.5
+        return self.probability + sum(p for _, p in self.rivals(priors.SAID)) < 0.5
+
     def rivals(self, wanted: float) -> list[tuple[Rated, float]]:
         """The other names that it takes to reach the wanted probability, at most two.
 
@@ -76,23 +90,8 @@ class Slot:
         return result
 
 
-def hypotheses(slots: Sequence[Slot], open_: Sequence[Rated]) -> tuple[Hypothesis, ...]:
-    """Whole explanations, the most probable first; places are taken for independent.
-
-    Parameters
-    ----------
-    slots : places where something was added
-    open_ : what was not, where nothing was
-    """
-    if not slots:
-        total = float(np.logaddexp.reduce([0.0, *(r.log_odds for r in open_)]))
-        found = [Hypothesis((), float(np.exp(-total)))]
-        found += [Hypothesis((r.term,), float(np.exp(r.log_odds - total))) for r in open_[:MOST_LISTED]]
-    else:
-        choices = [[(r.term, p) for r, p in slot.alternatives[:4]] for slot in slots]
-        found = [
-            Hypothesis(tuple(t for t, _ in combination), float(np.prod([p for _, p in combination])))
-            for combination in product(*choices)
-        ]
-    found = [h for h in found if h.probability > LEAST]
-    return tuple(sorted(found, key=lambda h: -h.probability)[:MOST_LISTED])
+def open_place(rated: Sequence[Rated]) -> Place:
+    """The one question where nothing was added: everything that may be missing, and that nothing is."""
+    total = float(np.logaddexp.reduce([0.0, *(r.log_odds for r in rated)]))
+    found = [(r.term, float(np.exp(r.log_odds - total))) for r in rated[:MOST_LISTED]]
+    return ((None, float(np.exp(-total))), *found)

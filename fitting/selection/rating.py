@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from fitting.effects.base import Effect
+from fitting.residual.confirmation.robustness import Leftover
 from fitting.residual.laws import Law
 from fitting.residual.refinement import refined
 from fitting.residual.scoring import Candidates, Score
@@ -36,6 +37,7 @@ class Rating:
     visible : (n,) amplitude per joint of effects that were found, standard deviations
     failed : (n,) the same of names that did not hold elsewhere: what they lived on is open to a law of that joint
     overtones : number of a name to the number of its overtone, where a candidate is one
+    left : what the final model leaves, once there is one
     """
 
     def __init__(
@@ -45,8 +47,9 @@ class Rating:
         visible: FloatArray,
         failed: FloatArray | None = None,
         overtones: Mapping[int, int] | None = None,
+        left: Leftover | None = None,
     ) -> None:
-        self._visible = visible
+        self._visible, self._left = visible, left
         self._failed = np.zeros_like(visible) if failed is None else failed
         keys: dict[tuple[object, ...], int] = {}
         by_joint: dict[int, list[int]] = {}
@@ -55,7 +58,7 @@ class Rating:
                 law = term.content
                 keys[term.joint, law.signal, law.other, *law.parity, law.loaded_only] = number
                 by_joint.setdefault(term.joint or 0, []).append(number)
-        self._trust = Trust(candidates, model, by_joint)
+        self._trust = Trust(candidates, model, by_joint, left)
         sizes = Sizes(model, visible, self._failed)
         self._names = RatedNames(candidates, model, sizes, self._trust, keys, overtones or {})
         self._laws = RatedLaws(candidates, sizes, self._trust)
@@ -83,8 +86,12 @@ class Rating:
             result += self._laws.of_joint(joint, own, scores, law_each, covered)
         return by_formula(_against_leftovers(result))
 
+    def weigh(self, scores: Mapping[int, Score]) -> None:
+        """Know what the final model leaves, but not of any replicas."""
+        self._trust.against_leftovers(scores)
+
     def alone(self, number: int, scores: Mapping[int, Score]) -> Rated:
-        """One shape of a name by itself."""
+        """One shape of a name by itself, not knowing of any replicas."""
         return self._names.alone(number, scores, family(scores[number].term))
 
     def sharper(self, rated: Rated, model: Model) -> Rated:
@@ -105,7 +112,8 @@ class Rating:
         if 0 not in scores or 1 not in scores:
             return rated
         overtones = {} if overtone is None else {0: len(terms) - 1}
-        rating = Rating(small, model, self._visible, self._failed, overtones)
+        rating = Rating(small, model, self._visible, self._failed, overtones, self._left)
+        rating.weigh(scores)
         both = [rating.alone(number, scores) for number in (0, 1)]
         narrow = 0.5 * float(np.log1p(max(0.0, both[0].score.gain - both[1].score.gain)))
         more = both[0].log_bayes - both[1].log_bayes - narrow

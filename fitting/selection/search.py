@@ -14,20 +14,22 @@ import numpy as np
 import numpy.typing as npt
 
 from fitting.effects.base import Effect
+from fitting.residual.confirmation.cross_validation import CONFIRMED
 from fitting.residual.confirmation.draws import Draws
+from fitting.residual.confirmation.robustness import Leftover
 from fitting.residual.confirmation.trials import Signals, Trials
-from fitting.residual.findings import Accepted, Attribution, Candidate, Family, Unconfirmed
+from fitting.residual.findings import Accepted, Attribution, Candidate, Family, Place, Unconfirmed
 from fitting.residual.laws import Law
 from fitting.residual.refinement import refined
 from fitting.residual.scoring import Candidates, Score, catalogue_terms, law_terms, score_terms, white_columns
 from fitting.residual.surfaces import Surface, best_surface, surfaces
 from fitting.residual.terms import Model, Term
 from fitting.selection import priors
-from fitting.selection.confirm import LEAST_Z_ALONE, Gate
+from fitting.selection.confirm import Gate
 from fitting.selection.decision import by_formula, decided
 from fitting.selection.evidence import least_gain, named_evidence
 from fitting.selection.gains import BEYOND_BIAS
-from fitting.selection.posterior import Slot, hypotheses
+from fitting.selection.posterior import Slot, open_place
 from fitting.selection.rated import Rated, family
 from fitting.selection.rating import Rating
 from fitting.selection.resolution import resolved
@@ -114,6 +116,8 @@ class Search:
         self.drawn: set[tuple[object, ...]] = set()
         self.slots: list[Slot] = []
         self.open: list[Rated] = []
+        self.left: Leftover | None = None
+        self.dropped: list[Slot] = []
 
     def step(self) -> bool:
         """Add the most probable further term, or refuse it for good. False when nothing more is probable."""
@@ -200,7 +204,7 @@ class Search:
         return np.sqrt(seen)
 
     def _rating(self, model: Model) -> Rating:
-        return Rating(self.candidates, model, self._visible(model), self._failed())
+        return Rating(self.candidates, model, self._visible(model), self._failed(), left=self.left)
 
     def _ahead(self, rated: Sequence[Rated]) -> Rated:
         """The explanation that is the most probable by itself, or as exact formula together with what would follow."""
@@ -288,7 +292,7 @@ class Search:
             replace(item, rivals=tuple(rival for rival in item.rivals if rival.term.family != place))
             for item in self.accepted
         ]
-        self.accepted.append(Accepted(score, (), said.held_out, said.validate_gain, said.witness))
+        self.accepted.append(Accepted(score, (), said.held_out, said.validate_gain, said.witness, silence=said.silence))
         self.table[place] = Candidate(*place, score.score, "accepted", f"gains {score.gain:.0f} of chi-square")
         self.model = trial
 
@@ -331,7 +335,9 @@ class Search:
     def _sharpened(self, score: Score) -> Score:
         """A name at its best shape; a law with as many functions as it takes, of two signals where that is better."""
         if not isinstance(score.term.content, Law):
-            return refined(self.model, score)
+            name = refined(self.model, score)
+            held = tuple(np.flatnonzero((np.asarray(name.values) == 0.0) & (np.asarray(name.free) != 0.0)).tolist())
+            return replace(name, term=replace(name.term, held=held))
         law = resolved(self.model, score)
         assert law.term.joint is not None
         found = best_surface(self.model, law.term.joint, score.term.content.signals[0])
@@ -344,9 +350,13 @@ class Search:
         return found if two - np.log(found.grid) > one + priors.SAID_ODDS else law
 
     def settle(self) -> None:
-        """Hold every term against all others in its place; what is not needed goes, what is beaten is replaced."""
+        """Hold every term against all others in its place; what is not needed goes, what is beaten is replaced.
+
+        From here on gains are divided by how much noisier the rows that show them are in what the model leaves.
+        """
         self._without_needless_lines()
         for _ in range(priors.MOST):
+            self.left = Leftover.of(self.model)
             self.slots = []
             for number in range(self.known, len(self.accepted)):
                 slot = self._slot(number)
@@ -354,8 +364,23 @@ class Search:
                     break
                 self.slots.append(slot)
             if len(self.slots) == len(self.accepted) - self.known:
-                return
-        self.slots = [self._slot(n, final=True) for n in range(self.known, len(self.accepted))]
+                break
+        else:
+            self.left = Leftover.of(self.model)
+            self.slots = [self._slot(n, final=True) for n in range(self.known, len(self.accepted))]
+        self._without_improbable()
+        if not self.slots:
+            self.open = self._open(self._rated(self.model))
+
+    def _without_improbable(self) -> None:
+        """Drop what the posterior calls improbable; what speaks for it stays an open question."""
+        for number in reversed(range(len(self.slots))):
+            if self.slots[number].improbable:
+                item = self.accepted.pop(self.known + number)
+                place = item.score.term.family
+                self.table[place] = Candidate(*place, item.score.score, "rejected", "improbable beside all others")
+                self.dropped.append(self.slots.pop(number))
+                self.model = self.signals.refit([a.score.term for a in self.accepted])
 
     def _without_needless_lines(self) -> None:
         """Drop spectral lines that an effect found later explains: what is left of them is worth nothing."""
@@ -377,11 +402,10 @@ class Search:
         rest = [a.score.term for a in others]
         model = self.base if tuple(rest) == self.base.terms else self.signals.refit(rest)
         all_, self.accepted = self.accepted, others
-        every = self._rated(model)
-        rated = self._beside(every, rest)
+        rated = self._beside(self._rated(model), rest)
         own = next((r for r in rated if family(r.term) == family(item.score.term)), None)
         rated = self._sharp(rated, model)
-        slot = Slot.of(item, by_formula([*rated, *self._refused_laws(every, item.score.term)]))
+        slot = Slot.of(item, by_formula(rated))
         self.accepted = all_
         content = item.score.term.content
         if isinstance(content, Surface) and not content.twist:
@@ -400,18 +424,9 @@ class Search:
         self.table[place] = Candidate(*place, item.score.score, "rejected", "another explanation is more probable")
         before = len(self.accepted)
         self._try(decided(rated))
-        if len(self.accepted) == before:  # what beat it does not hold: it comes back
-            self._try(own) if own is not None else None
+        if len(self.accepted) == before and own is not None and not slot.improbable:
+            self._try(own)  # what beat it does not hold: it comes back
         return replace(slot, moved=True)
-
-    def _refused_laws(self, rated: Sequence[Rated], name: Term) -> list[Rated]:
-        """Laws of a name's joint that are not in question any more, as one of them did not hold elsewhere.
-
-        None is added to the model, but what they explain is there: a name that takes less of it is less probable.
-        """
-        if name.joint not in self.lawless or not isinstance(name.content, Effect):
-            return []
-        return [r for r in rated if r.term.joint == name.joint and isinstance(r.term.content, Law)]
 
     def result(self) -> Attribution:
         """What was found."""
@@ -441,8 +456,22 @@ class Search:
             self.limits,
             (),
             self._open_questions(),
-            hypotheses=hypotheses(self.slots, self.open),
+            places=self._places(),
         )
+
+    def _places(self) -> tuple[Place, ...]:
+        """What was asked: of each term that was added, of what was dropped, or of everything where nothing was."""
+        dropped = {slot.item.score.term.family for slot in self.dropped}
+        left = [tuple((t, p) for t, p in s.place if t is None or t.family not in dropped) for s in self.dropped]
+        asked = [slot.place for slot in self.slots]
+        return (*asked, *left) if asked or left else (open_place(self.open),)
+
+    @property
+    def nothing(self) -> float:
+        """Probability that nothing more is missing than is there, as the candidates say beside the model."""
+        self.left = Leftover.of(self.model)
+        self.open = self._open(self._rated(self.model))
+        return float(np.exp(-np.logaddexp.reduce([0.0, *(r.log_odds for r in self.open)])))
 
     def _open_questions(self) -> tuple[Unconfirmed, ...]:
         """Unconfirmed laws of joints where nothing else was found, and something certainly is.
@@ -457,7 +486,7 @@ class Search:
                 continue
             left = self.signals.misfit(self.model, joint)
             shared = left.z > SHARED_Z and left.excess > NEAR * item.score.gain
-            if (shared or item.held_out.z >= LEAST_Z_ALONE) and (
+            if (shared or item.held_out.confirmed > CONFIRMED) and (
                 joint not in best or item.score.gain > best[joint].score.gain
             ):
                 best[joint] = item

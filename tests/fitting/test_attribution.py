@@ -9,6 +9,7 @@ import pytest
 from synthetic_arm import RATE, clean_session, exact_views, force, make_session, planar_machine, truth
 
 from fitting.effects import effect, effects
+from fitting.effects.end_cushion import EndCushion
 from fitting.loop.residual_loop import SessionSignals, final_model, moves, run_attribution, term_from_json, term_to_json
 from fitting.loop.session import Session
 from fitting.residual.confirmation.confirmation import (
@@ -21,10 +22,10 @@ from fitting.residual.confirmation.confirmation import (
 from fitting.residual.confirmation.cross_validation import HeldOut
 from fitting.residual.findings import Accepted, Attribution
 from fitting.residual.laws import Law
-from fitting.residual.scoring import Score, score_terms
+from fitting.residual.scoring import score_terms
 from fitting.residual.terms import Model, Term, fit_model
 from fitting.selection import confirm
-from fitting.selection.confirm import objection
+from fitting.selection.confirm import objection, silence
 from fitting.selection.evidence import least_gain
 from fitting.selection.search import attribute
 from fitting.signals.corrections import Corrections
@@ -172,6 +173,8 @@ def test_validate_gain_is_the_fall_of_the_whitened_chi_square() -> None:
     assert seen.gain == pytest.approx(gain)
     # The effect is right: it helps by what was to be expected of it.
     assert abs(seen.short) < 4 and seen.tells and not seen.refutes
+    # Its density knows the noise and the parameters, which cost a few units of chi-square beside a plug-in.
+    assert 0.8 * gain < seen.predicted < gain + 5.0 and seen.entered
 
 
 def test_no_joint_may_get_worse_on_the_validation_motion() -> None:
@@ -192,58 +195,62 @@ def test_no_joint_may_get_worse_on_the_validation_motion() -> None:
     assert on_validate(base, trial, validate).refutes
 
 
-PLAIN = HeldOut(gain=60.0, z=3.5, blocks=40)
-
-
-@pytest.fixture(scope="module")
-def plain() -> Score:
-    """An effect that is far beyond noise on the fitted motions."""
-    session = session_with(lambda s, i: 900.0 * (s.x[:, 1] - 0.15) * np.sign(s.v[:, 1]))
-    return score_terms(session.base_model, [Term(effect("position_dependent_friction"), 1)], [1])[0]
+HOLDS = HeldOut(gain=60.0, z=3.5, blocks=10, alike=20.0)
 
 
 @pytest.mark.parametrize(
     ("held_out", "validate", "words"),
     [
-        (PLAIN, OnValidate(gain=5.0, expected=10.0, spread=6.4, noise=6.3), ""),
-        # Nothing is gained, and one right effect in twenty would gain nothing here: the motion has no say.
-        (PLAIN, OnValidate(gain=-3.8, expected=10.0, spread=6.4, noise=6.3), ""),
-        (replace(PLAIN, z=2.5), OnValidate(gain=-3.8, expected=10.0, spread=6.4, noise=6.3), "left out of the fit"),
-        # A right effect would have shown itself here; or what is seen is worse than a right effect can be.
-        (PLAIN, OnValidate(gain=-3.8, expected=60.0, spread=16.0, noise=15.5), "does not help"),
-        (PLAIN, OnValidate(gain=-17.7, expected=17.8, spread=8.5, noise=8.4), "does not help"),
-        (PLAIN, OnValidate(gain=-3.8, expected=np.inf, spread=6.4, noise=6.3), "does not help"),
+        (HOLDS, None, ""),
+        (HOLDS, OnValidate(gain=7.0, expected=10.0, spread=6.4, predicted=6.0), ""),
+        # What a right effect could fail to show here is no objection, as long as the rows do not speak against it.
+        (HOLDS, OnValidate(gain=-3.8, expected=10.0, spread=6.4, predicted=-3.0), ""),
+        (HOLDS, OnValidate(gain=-9.0, expected=10.0, spread=6.4, predicted=-7.0), "does not help"),
+        # A right effect would have been confirmed here 99 times of 100.
+        (HOLDS, OnValidate(gain=3.0, expected=60.0, spread=16.0, predicted=2.0), "does not help"),
+        (HOLDS, OnValidate(gain=50.0, expected=60.0, spread=16.0, predicted=40.0), ""),
         # What is made of it here is as uncertain as it is wrong.
-        (PLAIN, OnValidate(gain=-1e6, expected=1e6, spread=5e6, noise=2e3), "does not help"),
+        (HOLDS, OnValidate(gain=-1e6, expected=1e6, spread=5e6, predicted=-20.0), "does not help"),
+        (HOLDS, OnValidate(gain=-1e6, expected=1e6, spread=5e6, predicted=20.0), "does not help"),
+        # One rule: neither a plain gain, nor a silent motion, nor one recording alone is an exception.
+        (replace(HOLDS, gain=5.8), None, "left out of the fit"),
+        (replace(HOLDS, gain=5.8), OnValidate(gain=50.0, expected=60.0, spread=16.0, predicted=40.0), "left out"),
+        (replace(HOLDS, alike=5.0), None, "one alone shows it"),
+        (replace(HOLDS, inflation=4.0), None, "4.0 times as noisy"),
+        (replace(HOLDS, gain=5.9), None, ""),
     ],
 )
-def test_a_validation_motion_that_could_not_show_an_effect_is_as_good_as_none(
-    plain: Score, held_out: HeldOut, validate: OnValidate, words: str
+def test_what_is_left_out_confirms_or_refuses_by_one_rule(
+    held_out: HeldOut, validate: OnValidate | None, words: str
 ) -> None:
-    said = objection(plain, held_out, validate)
+    said = objection(held_out, validate)
     assert words in said and bool(words) == bool(said)
-    faint = replace(plain, gain=1.1 * least_gain(plain.live))
-    assert bool(objection(faint, held_out, validate)) == (validate.gain <= 0), "noise may look like it"
 
 
-def test_what_is_plain_for_all_the_noise_but_not_for_its_own_rows_is_refused(plain: Score) -> None:
-    seen = OnValidate(gain=5.0, expected=10.0, spread=6.4, noise=6.3)
-    enough = least_gain(plain.live)
-    faint = replace(plain, gain=2.0 * enough)
-    assert not objection(faint, replace(PLAIN, own_noise=1.9, own_gain=2.0 * enough / 1.9), seen)
-    said = objection(faint, replace(PLAIN, own_noise=2.1, own_gain=2.0 * enough / 2.1), seen)
-    assert "2.1 times as noisy" in said and f"gains {2.0 * enough / 2.1:.1f}" in said
+def test_a_validation_motion_that_never_enters_the_range_says_that_it_confirms_nothing() -> None:
+    """A cushion at the end of the stroke, where only the training motion goes; nothing of it is in `validate`."""
+    session = session_with(lambda s, i: 9e4 * np.maximum(0.0, s.x[:, 1] - 0.17) * (RECORDINGS[i][0] != "validate"))
+    base, validate = session.base_model, session.plain.validate
+    outside = max(float(base.design.segments[i].x[:, 1].max()) for i in validate) + 1e-3
+    low, high = EndCushion().references(base.views[0][1], {"side": 1.0, "share": 0.0})["x_c"][0], outside
+    stroke = low - EndCushion().references(base.views[0][1], {"side": -1.0, "share": 0.0})["x_c"][0]
+    term = Term(effect("end_cushion"), 1, {"side": 1.0, "share": (low - high) / stroke, "n": 1.0})
+    trial = fit_model(base.design, base.noise, base.fitted, [term], session.prior)
+    seen = on_validate(base, trial, validate)
+    assert not seen.entered and "never enters its range" in silence(seen)
+    shown = replace(seen, entered=True, predicted=50.0)
+    assert silence(shown) == "" and silence(None) == ""
 
 
 def test_shares_of_a_gain_are_what_each_joints_chi_square_falls_by_in_a_refit() -> None:
-    session = session_with(lambda s, i: 30.0 * np.sin(s.q[:, 0]) * np.sin(s.q[:, 1]) / s.r[:, 1])
+    session = session_with(lambda s, i: 15.0 * np.sin(s.q[:, 0]) * np.sin(s.q[:, 1]) / s.r[:, 1])
     plain, term = session.plain, Term(effect("base_tilt"), None)
     prior = replace(session.prior, arm=None, point=None)  # whose rows would be at another point in the refit
     base = fit_model(plain.design, plain.noise, plain.fitted, (), prior)
     (tilt,) = score_terms(base, [term], [1])
     with_it = fit_model(base.design, base.noise, base.fitted, [term], prior, start=base, passes=1)
     fall = [a @ a - b @ b for a, b in zip(base.fit.residual, with_it.fit.residual, strict=True)]
-    assert tilt.gain > 20.0 and sum(tilt.places) == pytest.approx(1.0)
+    assert tilt.free == tilt.values and sum(tilt.places) == pytest.approx(1.0)
     assert tilt.gain * np.array(tilt.places) == pytest.approx(np.array(fall), rel=1e-6)
     (own,) = score_terms(base, [Term(effect("position_dependent_friction"), 1)], [1])
     assert own.places == ()
@@ -290,7 +297,7 @@ def test_a_delay_is_named_with_all_that_moving_the_effort_gains() -> None:
     assert [item.score.term.family for item in found] == [("sensor_latency", 1)]
     assert found[0].score.term.rebuilt[0] == pytest.approx(0.006, abs=0.0005)
     assert "presliding_hysteresis" not in [rival.term.id for rival in found[0].rivals]
-    assert found[0].held_out.own_gain * found[0].held_out.own_noise > column.gain
+    assert found[0].held_out.gain > 0.5 * column.gain
 
 
 @pytest.mark.slow
@@ -303,7 +310,7 @@ def test_what_is_added_itself_is_no_other_name_for_what_was_added_before() -> No
     plain = session.plain
     base = fit_model(plain.design, plain.noise, plain.fitted, [first], session.prior)
     signals = SessionSignals(session, Corrections(session.machine))
-    known = Accepted(score, (rival,), PLAIN, 1.0)
+    known = Accepted(score, (rival,), HOLDS, 1.0)
     found = attribute(base, effects(), plain.validate, signals, known=[known])
     assert [(item.score.term.family, item.rivals) for item in found.accepted] == [
         (first.family, ()),

@@ -22,6 +22,8 @@ from fitting.residual.findings import Accepted, Attribution, Hypothesis
 from fitting.residual.laws import Law
 from fitting.residual.scoring import Score
 from fitting.residual.terms import Term
+from fitting.selection.posterior import Slot
+from fitting.selection.rated import Rated
 
 LOAD, PRESSURE = Term(effect("load_dependent_friction"), 1), Term(effect("pressure_dependent_friction"), 1)
 OFFSET = Term(effect("pressure_offset"), 0)
@@ -126,7 +128,7 @@ def score(term: Term) -> Score:
 
 
 def accepted(term: Term, probability: float, *rivals: tuple[Term, float]) -> Accepted:
-    held_out = HeldOut(gain=40.0, z=5.0, blocks=10, own_gain=40.0, own_noise=1.0)
+    held_out = HeldOut(gain=40.0, z=5.0, blocks=10)
     return Accepted(
         score(term),
         tuple(score(t) for t, _ in rivals),
@@ -138,7 +140,9 @@ def accepted(term: Term, probability: float, *rivals: tuple[Term, float]) -> Acc
 
 
 def attribution(item: Accepted, hypotheses: tuple[Hypothesis, ...]) -> Attribution:
-    return Attribution(None, None, (item,), (), (), (), hypotheses=hypotheses)  # type: ignore[arg-type]
+    """What was found, with one place whose alternatives are these hypotheses of one term each."""
+    place = tuple((h.terms[0] if h.terms else None, h.probability) for h in hypotheses)
+    return Attribution(None, None, (item,), (), (), (), places=(place,))  # type: ignore[arg-type]
 
 
 def test_the_members_of_a_set_are_told_apart():
@@ -154,12 +158,11 @@ def test_a_name_that_only_a_law_keeps_from_95_percent_is_told_from_that_law():
 def test_a_name_beside_another_finding_keeps_its_own_place():
     """Explanations of two places: the second finding's alternatives are in the second place."""
     item = accepted(LOAD, 0.6)
-    both = (
-        Hypothesis((OFFSET, LOAD), 0.6),
-        Hypothesis((OFFSET, PRESSURE), 0.3),
-        Hypothesis((LAW, LOAD), 0.1),
-    )
-    assert rivals_of(item, attribution(item, both)) == ((LOAD, PRESSURE), (0.6, 0.3))
+    places = (((OFFSET, 0.96), (None, 0.04)), ((LOAD, 0.625), (PRESSURE, 0.3125), (LAW, 0.0625)))
+    found = replace(attribution(item, ()), places=places)
+    assert [h.probability for h in found.hypotheses[:2]] == pytest.approx([0.6, 0.3])
+    terms, chances = rivals_of(item, found)
+    assert terms[:2] == (LOAD, PRESSURE) and chances[:2] == pytest.approx((0.6, 0.3))
 
 
 def test_what_has_95_percent_has_no_rivals():
@@ -239,8 +242,29 @@ def test_the_program_identifies_again_with_every_motion_and_reports_once(monkeyp
     }
 
 
-def test_a_name_that_is_less_probable_than_a_law_leaves_the_joint_unexplained():
-    likely, unlikely = accepted(LOAD, 0.53, (PRESSURE, 0.44)), accepted(LOAD, 0.2, (PRESSURE, 0.1))
-    assert attribution(likely, ()).verdict == "ambiguous"
-    assert attribution(unlikely, ()).verdict == "unexplained"
-    assert unlikely.doubtful and not likely.doubtful
+def slot(term: Term, *alternatives: tuple[Term, float]) -> Slot:
+    rated = tuple((Rated(score(t), 3.0, 3.0, 3.0, 0.0, 0.0), p) for t, p in alternatives)
+    return Slot(accepted(term, 1.0), rated, rated[0][1], 1.0 - sum(p for _, p in alternatives))
+
+
+def test_what_the_posterior_calls_improbable_is_not_added():
+    assert not slot(LOAD, (LOAD, 0.53), (PRESSURE, 0.44)).improbable
+    assert not slot(LOAD, (LOAD, 0.4), (PRESSURE, 0.3), (LAW, 0.2)).improbable, "a set counts as one"
+    assert slot(LOAD, (LOAD, 0.06), (LAW, 0.93)).improbable
+    assert not slot(LAW, (LAW, 0.93), (LOAD, 0.06)).improbable
+    assert slot(LAW, (LAW, 0.3), (LOAD, 0.6)).improbable
+
+
+def test_what_was_refused_later_is_not_shown_as_certain_and_its_evidence_is_not_nothings():
+    found = attribution(accepted(LOAD, 0.99), stated(0.99, 0.008))
+    assert found.verdict == "effect_added" and found.hypotheses[0].probability == 0.99
+    refused = found.refusing({LOAD.family})
+    assert not refused.accepted and all(LOAD not in h.terms for h in refused.hypotheses)
+    assert max((h.probability for h in refused.hypotheses), default=0.0) <= 0.01
+    assert refused.nothing < 0.5 and refused.verdict == "unexplained"
+
+
+@pytest.mark.parametrize(("nothing", "said"), [(0.05, "unexplained"), (0.49, "unexplained"), (0.51, "nothing_missing")])
+def test_nothing_that_is_improbable_is_never_nothing_missing(nothing: float, said: str):
+    place = ((None, nothing), (LOAD, 1.0 - nothing))
+    assert Attribution(None, None, (), (), (), (), places=(place,)).verdict == said  # type: ignore[arg-type]

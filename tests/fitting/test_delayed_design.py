@@ -15,7 +15,7 @@ from fitting.regression.design import Design
 from fitting.regression.noise import noise_model
 from fitting.residual.confirmation.confirmation import OnValidate, validate_gain
 from fitting.residual.confirmation.trials import Trials
-from fitting.residual.scoring import Candidates, catalogue_terms, law_terms, score_terms
+from fitting.residual.scoring import Candidates, catalogue_terms, law_terms
 from fitting.residual.terms import Model, Term, fit_model
 from fitting.signals.corrections import Corrections
 
@@ -154,8 +154,7 @@ def test_a_delay_is_judged_on_the_validation_motion_without_what_smoothing_does_
 
     def seen(signals: SessionSignals, late: float) -> tuple[Model, Model, OnValidate]:
         model, trial = signals.refit(()), signals.refit([replace(LATENCY, rebuilt=(late,))])
-        (choice,) = score_terms(model, [LATENCY], [1])
-        _, found = Trials(signals, signals.prepared(()).validate).judged(choice, model, trial)
+        _, found = Trials(signals, signals.prepared(()).validate).judged(model, trial)
         assert found is not None
         return model, trial, found
 

@@ -9,9 +9,11 @@ import numpy as np
 import pytest
 
 from fitting.checks.findings import Finding
-from fitting.pipeline.results.loop_results import Attributed, Kinematic, OtherBand
+from fitting.effects import effect
+from fitting.pipeline.results.loop_results import AcceptedTerm, Attributed, Cutoff, Kinematic, OtherBand
 from fitting.pipeline.results.stage_results import Checked, Fitted, Physics, Refitted, Residual, StageResults
-from fitting.pipeline.verdict import verdict
+from fitting.pipeline.verdict import NEEDED, label, verdict
+from fitting.residual.terms import Term
 
 NOTHING = Fitted(np.zeros(2), np.ones(2), np.ones(2, dtype=bool), np.ones(2))
 CLEAN: dict[str, Any] = {
@@ -106,3 +108,51 @@ def test_what_short_recordings_cannot_tell_is_not_held_against_the_model() -> No
 def test_uncertain_parameters_explain_their_own_error() -> None:
     high = {"after": {"validate_rms": [0.9, 0.5]}}
     assert verdict(results(refit__errors=high, refit__parameter_error=1.5), JOINTS)[0] == "nothing_missing"
+
+
+@pytest.mark.parametrize(
+    ("changes", "said", "beside"),
+    [
+        ({}, "nothing_missing", None),
+        ({"attribution__nothing": NEEDED + 0.01}, "nothing_missing", None),
+        ({"attribution__nothing": NEEDED - 0.01}, "nothing_missing", "cannot_tell"),
+        ({"attribution__nothing": 0.51}, "nothing_missing", "cannot_tell"),
+        ({"residual__floor_valid": (True, False)}, "unexplained", "cannot_tell"),
+        ({"attribution__nothing": 0.4, "attribution__verdict": "unexplained"}, "unexplained", None),
+        ({"attribution__other_bands": (OtherBand(2.1, ("stribeck at boom",)),)}, "unexplained", "depends_on_band"),
+        ({"residual__kinematics": (gap(),), "attribution__nothing": 0.6}, "effect_added", None),
+        ({"attribution__looked": False, "attribution__verdict": "not_examined"}, "not_examined", None),
+    ],
+)
+def test_a_label_stands_beside_a_verdict_that_the_recordings_leave_open(
+    changes: dict[str, Any], said: str, beside: str | None
+) -> None:
+    assert verdict(results(**changes), JOINTS)[0] == said
+    assert label(results(**changes)) == beside
+
+
+def test_what_cannot_be_told_says_what_to_record_next() -> None:
+    reasons = verdict(results(attribution__nothing=0.6), JOINTS)[1]
+    assert len(reasons) == 1 and "0.60" in reasons[0] and "record" in reasons[0]
+    (reason,) = verdict(results(attribution__nothing=0.3, attribution__verdict="unexplained"), JOINTS)[1]
+    assert "probability of 0.3 only" in reason
+
+
+@pytest.mark.parametrize(("value", "beside"), [(100.0, None), (30.0, "depends_on_band")])
+def test_a_name_that_another_bandwidth_would_not_give_depends_on_it(value: float, beside: str | None) -> None:
+    """At three standard deviations nothing is named."""
+    named = AcceptedTerm(
+        term=Term(effect("stribeck"), 0),
+        score=60.0,
+        gain=70.0,
+        surviving=0.5,
+        held_out_gain=50.0,
+        held_out_z=5.0,
+        validate_gain=20.0,
+        witness="",
+        cutoffs=(Cutoff(3.0, 100.0, 10.0), Cutoff(2.1, value, 10.0), Cutoff(3.9, 100.0, 9.0)),
+        null=None,
+        rivals=(),
+        probability=0.99,
+    )
+    assert label(results(attribution__verdict="effect_added", attribution__accepted=(named,))) == beside

@@ -21,7 +21,7 @@ from fitting.pipeline.results.loop_results import (
     UnconfirmedLaw,
 )
 from fitting.pipeline.results.stage_results import Residual, StageResults
-from fitting.pipeline.verdict import verdict
+from fitting.pipeline.verdict import label, verdict
 from fitting.regression.drive import effort_unit
 from fitting.report.drawing_data import law_curve
 from fitting.report.joint_words import in_own_units, own_unit
@@ -57,6 +57,7 @@ def loop_content(session: Session, results: StageResults, model: Model, terms: l
     designed, resolved = found.next_experiment, results.get(Resolution) or Resolution()
     return {
         "verdict": said,
+        "label": label(results),
         "reasons": reasons,
         "effects": effects,
         "unexplained": unexplained,

@@ -206,6 +206,7 @@ class Attributed:
     accepted : terms of the model, in their order
     candidates, limits : what was tried, and what would have been seen
     hypotheses : explanations of the efforts, the most probable first
+    nothing : probability that nothing is missing in the efforts
     unconfirmed, lines, changes, other_bands : what else was seen
     searched : None where nobody looked
     next_experiment : what would close an ambiguity
@@ -218,6 +219,7 @@ class Attributed:
     candidates: tuple[Tried, ...] = ()
     limits: tuple[Limit, ...] = ()
     hypotheses: tuple[StoredHypothesis, ...] = ()
+    nothing: float = 1.0
     unconfirmed: tuple[UnconfirmedLaw, ...] = ()
     lines: tuple[SpectralLine, ...] = ()
     changes: tuple[Change, ...] = ()

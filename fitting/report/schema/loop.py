@@ -146,6 +146,7 @@ class Loop(Part):
     """What the residual loop found."""
 
     verdict: Verdict
+    label: Literal["cannot_tell", "depends_on_band"] | None = None
     reasons: list[str] = Field(default_factory=list)
     effects: list[AddedEffect] = Field(default_factory=list)
     unexplained: list[Unexplained] = Field(default_factory=list)

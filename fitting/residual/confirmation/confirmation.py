@@ -12,6 +12,8 @@ from scipy import stats
 
 from fitting.regression.design import effort_errors, full_residual, moving_rows, whitened
 from fitting.regression.noise import Pairing
+from fitting.regression.solving import Fit
+from fitting.residual.confirmation.cross_validation import CONFIRMED
 from fitting.residual.terms import Model
 
 FloatArray = npt.NDArray[np.float64]
@@ -188,13 +190,15 @@ class OnValidate:
     expected : what falls on average if it is right, ``d'd``; infinite where the two models have not the same rows
     spread : the standard deviation of that, ``2 sqrt(d'V d)``; ``s^2`` is what the better of the two leaves per row:
         more than 1 where the validation motion is noisier than those that were fitted
-    noise : the part of ``spread`` that is noise, ``2 s sqrt(d'd)``
+    predicted : twice the logarithm of the rows' density, ``N(0, V)`` of what each leaves, over that of the other model
+    entered : whether what was added acts in these segments at all
     """
 
     gain: float
     expected: float
     spread: float
-    noise: float
+    predicted: float
+    entered: bool = True
 
     @property
     def short(self) -> float:
@@ -204,16 +208,17 @@ class OnValidate:
 
     @property
     def tells(self) -> bool:
-        """Whether the two models differ here by so much that noise hides it in less than one case of a hundred.
-
-        A model whose uncertain parameters make much of it here differs as well; that it may be right is no excuse.
-        """
-        return self.expected > float(stats.norm.isf(MISSES_RIGHT)) * self.noise
+        """Whether a right model would be confirmed here in all but one case of a hundred."""
+        return self.expected > CONFIRMED + float(stats.norm.isf(MISSES_RIGHT)) * self.spread
 
     @property
     def refutes(self) -> bool:
-        """Whether it falls by less than a right model's does."""
-        return self.short > float(stats.norm.isf(REFUSES_RIGHT))
+        """Whether the rows speak against it as clearly as they have to for it, or are silent where they could speak.
+
+        The rows' density knows how uncertain the parameters are; what is handed out has their means. Neither may.
+        """
+        needed = CONFIRMED if self.tells and np.isfinite(self.expected) else -CONFIRMED
+        return min(self.predicted, self.gain) < needed
 
 
 def on_validate(before: Model, after: Model, validate: Sequence[int]) -> OnValidate:
@@ -223,6 +228,8 @@ def on_validate(before: Model, after: Model, validate: Sequence[int]) -> OnValid
 
 def _on_validate(before: Model, after: Model, validate: Sequence[int], joints: Sequence[int]) -> OnValidate:
     gain, expected, own, seen = 0.0, 0.0, 0.0, np.zeros(len(after.fit.theta))
+    start, entered = len(before.fit.theta), False
+    densities = [_Density(np.zeros(len(m.fit.theta))) for m in (before, after)]
     for joint in joints:
         residuals = [[_white_residual(model, index, joint) for index in validate] for model in (before, after)]
         old, new = (np.concatenate(parts) for parts in residuals)
@@ -234,11 +241,45 @@ def _on_validate(before: Model, after: Model, validate: Sequence[int], joints: S
         difference = new - old
         scale = max(1.0, min(left) / max(len(old), 1))
         rows = np.vstack([whitened(after.design, after.noise, (i,), after.extra)[joint].A for i in validate])
+        entered = entered or bool(np.any(rows[:, start:]))
         expected += float(difference @ difference)
         own += scale * float(difference @ difference)
         seen += np.sqrt(scale) * (rows.T @ difference)
+        densities = [
+            density.with_rows(rows[:, : len(density.shadow)], r, scale)
+            for density, r in zip(densities, (old, new), strict=True)
+        ]
     spread = 2.0 * float(np.sqrt(own + seen @ after.fit.covariance @ seen))
-    return OnValidate(gain, expected, spread, 2.0 * float(np.sqrt(own)))
+    predicted = gain
+    if np.isfinite(expected):
+        predicted = 2.0 * (densities[1].log(after.fit) - densities[0].log(before.fit))
+    return OnValidate(gain, expected, spread, predicted, entered)
+
+
+@dataclass(frozen=True)
+class _Density:
+    """Density ``N(0, s^2 + A C A')`` of what a model leaves of some rows: ``A'r``, ``A'A`` and ``r'r`` over ``s^2``."""
+
+    shadow: FloatArray
+    own: FloatArray | float = 0.0
+    squares: float = 0.0
+
+    def with_rows(self, A: FloatArray, residual: FloatArray, scale: float) -> _Density:
+        return _Density(
+            self.shadow + A.T @ residual / scale,
+            self.own + A.T @ A / scale,
+            self.squares + float(residual @ residual) / scale,
+        )
+
+    def log(self, fit: Fit) -> float:
+        """Its logarithm, but for a constant, with the covariance ``C`` of a fit's parameters."""
+        told = np.flatnonzero(fit.told)
+        std = fit.std[told]
+        unit = fit.covariance[np.ix_(told, told)] / np.outer(std, std)
+        root = std[:, None] * np.linalg.cholesky(unit + 1e-12 * np.eye(len(told)))
+        own = np.eye(len(told)) + root.T @ np.asarray(self.own)[np.ix_(told, told)] @ root
+        shadow = root.T @ self.shadow[told]
+        return -0.5 * (self.squares - float(shadow @ np.linalg.solve(own, shadow)) + float(np.linalg.slogdet(own)[1]))
 
 
 def validate_gain(before: Model, after: Model, validate: Sequence[int]) -> float:

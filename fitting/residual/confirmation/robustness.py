@@ -1,37 +1,98 @@
-"""How much noisier the rows that show an effect are than the noise model says.
+"""How much noisier the rows that show a term are than the noise model says.
 
 The noise is measured where a motion was made twice, over all of it alike, and within some per cent. Where it depends on
-the motion (a sign that is unsure near reversals, knocks) or hangs together for longer than was heard, chance reaches
-further for an effect that acts just there. What its rows say of it is compared with what the model leaves in them::
+the motion (a sign that is unsure near reversals, knocks), or hangs together for longer than was heard, chance reaches
+further for a term that acts just there. On a machine whose model is not exact, what the final model leaves is neither
+white nor small. So the gain of a term is worth less by
 
-    inflation = Var(sum_t c_t e_t) / sum_t c_t^2,
+    phi = max(1, w, w c),   w = sum_t u_t^2 e_t^2 / sum_t u_t^2,   c = sum_f S(f) |U(f)|^2 / sum_f |U(f)|^2,
 
-``c`` the fitted effect less what the base takes of it, ``e`` the whitened residual with the effect; the variance is
-White's (rows of unequal noise) or Newey and West's (noise that hangs together), whichever is larger. A right effect and
-a right noise give one.
+``u`` what the fitted term contributes less what the base takes of it, ``U`` its spectrum, ``e`` what the final model
+leaves and ``S`` its spectrum over its mean square, an autoregression (Burg's): how large it is where the term acts, and
+how slow. Right noise gives one. It is the same in the gate and in the probabilities.
 
-Sources: White, Econometrica 48 (1980) 817; and those of :mod:`fitting.estimators.covariance`.
+Sources: White, Econometrica 48 (1980) 817 (rows of unequal noise); and those of :mod:`fitting.estimators.covariance`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from itertools import pairwise
 
 import numpy as np
 import numpy.typing as npt
 
-from fitting.estimators.covariance import series_scores
+from fitting.estimators.covariance import autoregression
 from fitting.regression.solving import WhiteRows
 from fitting.residual.confirmation.cross_validation import solve_gram, unit_columns
+from fitting.residual.terms import Model
 
 FloatArray = npt.NDArray[np.float64]
 
 #: Squared share of a column's norm below which what the others leave of it is rounding.
 _DEAD = 1e-8
+#: Rows of a joint below which no autoregression is fitted.
+_SHORT = 40
+
+
+class Leftover:
+    """What a final model leaves, by which gains are divided.
+
+    Parameters
+    ----------
+    residual : of each joint (R_j,), whitened
+    sections : of each joint the rows of each fitted segment, in time order; rows of a prior are in none
+    """
+
+    def __init__(self, residual: Sequence[FloatArray], sections: Sequence[Sequence[slice]]) -> None:
+        self._squares = [r**2 for r in residual]
+        self._parts = [
+            [(part, _spectrum(own, part)) for part in parts if part.stop > part.start]
+            for own, parts in zip(residual, sections, strict=True)
+        ]
+
+    @classmethod
+    def of(cls, model: Model) -> Leftover:
+        """Of a fitted model."""
+        sections = []
+        for joint in range(len(model.fit.residual)):
+            counts = [
+                int(np.count_nonzero(model.noise.kept(joint, model.design.blocks[joint][index].keep)))
+                for index in model.fitted
+            ]
+            ends = np.cumsum(counts).tolist()
+            sections.append([slice(end - count, end) for end, count in zip(ends, counts, strict=True)])
+        return cls(model.fit.residual, sections)
+
+    def inflation(self, shown: Mapping[int, FloatArray]) -> float:
+        """``phi`` of contributions (R_j,) by joint."""
+        power, coloured, uneven = 0.0, 0.0, 0.0
+        for joint, own in shown.items():
+            squares, sums = self._squares[joint], np.zeros(3)
+            for part, density in self._parts[joint]:
+                u = own[part]
+                transform = np.abs(np.fft.fft(u, 2 * len(u))) ** 2 / (2 * len(u))
+                sums += [float(u @ u), float(transform @ density), float(u**2 @ squares[part])]
+            if sums[0] > 0:
+                power, uneven = power + sums[0], uneven + sums[2]
+                coloured += sums[2] * sums[1] / sums[0]
+        return max(1.0, coloured / power, uneven / power) if power > 0 else 1.0
+
+
+def _spectrum(residual: FloatArray, part: slice) -> FloatArray:
+    """Power density of a joint's residual over its mean square, for a stretch that is padded to twice its length."""
+    size, points = float(np.mean(residual**2)), 2 * (part.stop - part.start)
+    if len(residual) < _SHORT or not size > 0:
+        return np.ones(points)
+    taps = autoregression(residual)
+    if points < len(taps):  # too short a stretch to tell frequencies apart
+        return np.ones(points)
+    innovations = float(np.mean(np.convolve(residual, taps, mode="valid") ** 2))
+    return np.asarray(innovations / size / np.abs(np.fft.fft(taps, points)) ** 2)
 
 
 def inflation(rows: Sequence[WhiteRows], candidate: int, residual: Sequence[FloatArray]) -> float:
-    """Variance of the last ``candidate`` columns' gain over what the noise model says, at least 1.
+    """``phi`` of the last ``candidate`` columns.
 
     Parameters
     ----------
@@ -46,18 +107,9 @@ def inflation(rows: Sequence[WhiteRows], candidate: int, residual: Sequence[Floa
     left = A[:, first:] - A[:, :first] @ solve_gram(gram[:first, :first], gram[:first, first:])
     live = np.einsum("ij,ij->j", left, left) > _DEAD
     shown = left[:, live] @ solve_gram(gram, A.T @ b)[first:][live]
-    power = float(shown @ shown)
-    if not power > 0:
-        return 1.0
-    rng = np.random.default_rng(0)  # neither way draws
-    uneven, coloured, start = 0.0, 0.0, 0
-    for own, left_over in zip(rows, residual, strict=True):
-        place = 0
-        for _, kept in own.sections:
-            part = slice(place, place := place + int(np.count_nonzero(kept)))
-            c, e = shown[start:][part, None], left_over[part]
-            if c.any():
-                uneven += float(series_scores(c, e, 0, rng)[0, 0])
-                coloured += float(series_scores(c, e, "hac", rng)[0, 0])
-        start += len(own.b)
-    return max(1.0, uneven / power, coloured / power)
+    ends = np.cumsum([len(own.b) for own in rows])[:-1]
+    sections = []
+    for own in rows:
+        edges = np.cumsum([0, *(int(np.count_nonzero(kept)) for _, kept in own.sections)]).tolist()
+        sections.append([slice(start, stop) for start, stop in pairwise(edges)])
+    return Leftover(residual, sections).inflation(dict(enumerate(np.split(shown, ends))))

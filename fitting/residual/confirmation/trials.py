@@ -15,7 +15,6 @@ from fitting.residual.confirmation.confirmation import Misfit, OnValidate, on_va
 from fitting.residual.confirmation.cross_validation import HeldOut, held_out_gain
 from fitting.residual.confirmation.robustness import inflation
 from fitting.residual.null import Null
-from fitting.residual.scoring import Score
 from fitting.residual.terms import Model, Term
 
 FloatArray = npt.NDArray[np.float64]
@@ -83,7 +82,7 @@ class Trials:
         return self._last[3]
 
     def judged(
-        self, choice: Score, before: Model, trial: Model, precision: FloatArray | None = None
+        self, before: Model, trial: Model, precision: FloatArray | None = None
     ) -> tuple[HeldOut, OnValidate | None]:
         """What held-out blocks and the validation motion say of a trial's last term.
 
@@ -92,19 +91,16 @@ class Trials:
         rows, columns = self._last_rows(trial)
         held_out = held_out_gain(rows, columns, trial.design.bank.reduced_rate_hz, precision)
         mirrored = self._signals.mirrored(before, trial) if trial.terms[-1].rebuilt else None
-        # What is moved into the signals explains more than its column, which is its beginning only.
-        moved = 0.0 if mirrored is None else mirrored_gain(*mirrored)
-        own_noise = inflation(rows, columns, trial.fit.residual)
-        held_out = replace(held_out, own_noise=own_noise, own_gain=max(choice.gain, moved) / own_noise)
-        confirming = self._validate and not choice.term.confined
-        if not confirming:
+        held_out = replace(held_out, inflation=inflation(rows, columns, trial.fit.residual))
+        if not self._validate:
             return held_out, None
         if mirrored is None:
             return held_out, on_validate(before, trial, self._validate)
         # Samples between samples have less noise, and a noise model of their own: beside efforts that were not moved,
         # that is what a chi-square shows first. The parabola of the delay is four times as high at the other one.
         seen = on_validate(*mirrored, self._validate)
-        return held_out, OnValidate(*(value / 4.0 for value in (seen.gain, seen.expected, seen.spread, seen.noise)))
+        quarter = [value / 4.0 for value in (seen.gain, seen.expected, seen.spread, seen.predicted)]
+        return held_out, OnValidate(quarter[0], quarter[1], quarter[2], quarter[3], seen.entered)
 
     def _last_rows(self, trial: Model) -> tuple[tuple[WhiteRows, ...], int]:
         """Whitened rows with the trial's last term in the last columns, and how many those are."""
