@@ -26,7 +26,7 @@ from daq.drivers.can.port import CanAccess, CanConfig, CanPort
 from daq.drivers.canopen.driver import CanopenDriver
 from daq.drivers.canopen.leadership import State
 from daq.frames.channels import channel_table
-from daq.frames.clock import FollowingClock, RealClock
+from daq.frames.clock import RealClock
 from daq.frames.events import EventLog
 from daq.frames.frame import Frame
 from daq.machine.machine_file import CanopenBus, CanSource, Machine
@@ -165,9 +165,8 @@ class Run:
         self.driver = driver = CanopenDriver(bus, channels, context)
         self.access.guest = lambda: driver._leadership.state is State.GUEST
         self.problems = driver.start()
-        own = RealClock(self.machine.rate_hz)
-        clock = self.clock = FollowingClock(
-            own, self.machine.rate_hz, context.period_s, lambda: driver.next_sync if driver.external_sync else None
+        clock = self.clock = RealClock(
+            self.machine.rate_hz, following=lambda: driver.next_sync if driver.external_sync else None
         )
         table = channel_table(self.machine)
         self.cycles = Cycles(self.machine, table, [driver], clock, events)
@@ -180,9 +179,7 @@ class Run:
     def write_frame(self, frame: Frame) -> None:
         """In the ring's place: what came is looked at."""
         self.frames.append(frame)
-        tick = self.clock._last
-        assert tick is not None and tick.at_ns is not None
-        oldest = bisect_right(self.world.moments, tick.at_ns - FRESH_PERIODS * 1e9 / self.machine.rate_hz) - 1
+        oldest = bisect_right(self.world.moments, self.clock._last - FRESH_PERIODS * 1e9 / self.machine.rate_hz) - 1
         near = [np.array(self.world.values(sync)) for sync in range(max(0, oldest), self.world.syncs + 1)]
         spans = np.array([high - low for low, high in self.world._limits]) / COUNTED
         fresh = frame.quality == Quality.FRESH

@@ -27,7 +27,7 @@ from daq.acquisition.ring import RingReader
 from daq.drivers import DriverContext, make_driver
 from daq.drivers.canopen.eds import pdo_places
 from daq.drivers.canopen.listening import ListeningDriver
-from daq.frames.clock import NS, SyncClock
+from daq.frames.clock import NS, RealClock
 from daq.machine.machine_check import check_machine
 
 CHANNELS = """
@@ -253,7 +253,8 @@ class Syncs:
     def __init__(self, at: list[float]) -> None:
         self.now = 0
         self._at = [round(moment * PERIOD * NS) for moment in at]
-        self.clock = SyncClock(1 / PERIOD, PERIOD, self.next_sync, lambda: self.now)
+        self.clock = RealClock(1 / PERIOD, following=lambda: self.next_sync)
+        self.clock.monotonic_ns = lambda: self.now  # type: ignore[method-assign]
         self.clock.start()
 
     def next_sync(self, deadline: int) -> int | None:

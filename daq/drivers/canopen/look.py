@@ -8,7 +8,6 @@ TPDO is looked at (:class:`Look`).
 
 from __future__ import annotations
 
-import math
 from collections.abc import MutableMapping, Sequence
 
 import numpy as np
@@ -137,6 +136,7 @@ class Look:
                 care.keeper.later()
             if node.state == "running":
                 self.take(care, number, answers)
+        self._counts["not_a_number"] += answers.no_numbers
         return answers.samples()
 
     def take(self, care: NodeCare, number: int, answers: Answers) -> None:
@@ -158,19 +158,14 @@ class Look:
             self._counts["late"] += late
             current += not late
             good = Quality.EMERGENCY if node.emergency is not None else Quality.LATE if late else Quality.FRESH
+            good = Quality.INVALID if mixed else good
             for value, positions in zip(tpdo.mapping.decoder.unpack(arrival.data), tpdo.mapping.positions, strict=True):
-                quality = good
-                if mixed or not math.isfinite(value):
-                    self._counts["not_a_number"] += not mixed
-                    quality, value = Quality.INVALID, math.nan
                 for position in positions:
-                    answers.raw[position] = value
-                    answers.quality[position] = quality
+                    decimals = node.decimals.get(position)
+                    answers.value(position, value if decimals is None else decimals.value(value), good)
                     if late:
                         answers.cycles_ago[position] = ago
                         answers.after_sync_s[position] = 0.0 if ago else after_ns / NS
-        if node.decimals:
-            _with_decimals(node, answers)
         if not node.starting_anew:
             self._judge(care, brought, current)
 
@@ -187,11 +182,3 @@ class Look:
                 f"{node.place}: more TPDOs than SYNCs: two devices have this node-ID, or something else sends SYNC as "
                 "well; give each device an ID of its own, and let only one send SYNC",
             )
-
-
-def _with_decimals(node: Node, answers: Answers) -> None:
-    for position, decimals in node.decimals.items():
-        if math.isfinite(answers.raw[position]):
-            value = answers.raw[position] = decimals.value(answers.raw[position])
-            if not math.isfinite(value):
-                answers.quality[position] = Quality.INVALID
