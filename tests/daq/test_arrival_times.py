@@ -5,10 +5,15 @@ from __future__ import annotations
 import random
 from collections.abc import Iterator
 
+import can
 import pytest
 
+from daq.drivers.base import DriverContext
 from daq.drivers.can.arrival import ArrivalTimes
+from daq.drivers.can.health import BusHealth
+from daq.drivers.can.port import CanConfig, CanPort
 from daq.frames.clock import NS
+from daq.machine.machine_file import CanopenBus
 
 PERIOD = 0.02
 MOST = 1e-3  # s that an age may be wrong by
@@ -95,3 +100,56 @@ def test_frames_never_overtake_each_other_nor_come_after_they_were_taken() -> No
         came = times.of(random_.choice((1e9, 1.1e9, 9e8)) + now / NS + random_.gauss(0, 0.5), now)
         assert before <= came <= now
         before = came
+
+
+class Bursts:
+    """A bus on which five frames come every 20 ms; its clock is turned by waiting, and by a millionth by each look."""
+
+    def __init__(self, count: int) -> None:
+        self.now = 0.0
+        self._at = [k * PERIOD for k in range(1, count + 1) for _ in range(5)]  # as a gateway hands them on
+
+    def monotonic_ns(self) -> int:
+        self.now += 1e-6
+        return round(self.now * NS)
+
+    def recv(self, timeout: float) -> can.Message | None:
+        if not self._at:
+            raise can.CanOperationError("the end")
+        if self._at[0] > self.now + timeout:
+            self.now += timeout
+            return None
+        self.now = max(self.now, self._at[0])
+        return can.Message(timestamp=1.7e9 + self._at.pop(0), arbitration_id=0x181, is_extended_id=False)
+
+    def attach(self, port: CanPort, config: CanConfig) -> Bursts:
+        return self
+
+    def begin(self, port: CanPort) -> None:
+        port._receive()
+
+    def noted(self, name: str) -> None:
+        return None
+
+
+class Ear(CanPort):
+    """Notes when nothing was there."""
+
+    def __init__(self, bus: Bursts) -> None:
+        context = DriverContext(PERIOD, 0.0, bus.monotonic_ns, can=bus)  # type: ignore[arg-type]
+        super().__init__(CanopenBus(name="b", type="canopen", interface="virtual", channel="x"), context, BusHealth())
+        self.empty: list[float] = []
+        nothing_at = self._times.nothing_at
+        self._times.nothing_at = lambda now_ns: (self.empty.append(now_ns / NS), nothing_at(now_ns))[1]  # type: ignore[method-assign]
+        self.open()
+
+    def dispatch(self, message: can.Message, at_ns: int) -> None:
+        pass
+
+
+def test_behind_each_burst_it_is_known_that_nothing_waits() -> None:
+    """Else a clock that is set back by two cycles is taken for frames that waited."""
+    ear = Ear(Bursts(30))
+    for cycle in range(1, 30):
+        assert any(0.0 <= at - cycle * PERIOD < 0.005 for at in ear.empty), cycle
+    assert len(ear.empty) <= 2 * 30  # and no more often than that: each look costs a system call

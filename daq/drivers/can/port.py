@@ -8,8 +8,6 @@ from __future__ import annotations
 
 import contextlib
 import copy
-import logging
-import socket
 import threading
 import time
 from collections.abc import Callable, Mapping
@@ -20,14 +18,12 @@ import can
 from daq.drivers.base import DriverContext
 from daq.drivers.can.arrival import ArrivalTimes
 from daq.drivers.can.health import BusHealth
-from daq.drivers.can.receive_queue import ended, lengthen, lost_frames
+from daq.drivers.can.receive_queue import lengthen, lost_frames
+from daq.drivers.can.socketcand import SocketcandBus
 from daq.errors import BusError
 from daq.frames.clock import NS
 from daq.machine.bus_places import check_can
 
-# A hub that is busy may put a frame behind its handshake's last word, which python-can takes for a wrong answer.
-OPEN_ATTEMPTS = 5
-OPEN_TIMEOUT_S = 2.0
 IDLE_S = 0.1
 LOOK_NS = 5_000_000  # between two looks whether a frame waits (:mod:`daq.drivers.can.arrival`)
 LOOK_EVERY = 64  # frames between two looks at the controller's state
@@ -101,13 +97,12 @@ class CanPort:
 
     def _receive(self) -> None:
         receive, now = self._bus.recv, self._monotonic_ns
-        looked = 0
+        looked = before = 0
         while not self._closing:
+            message = None
             try:
-                message = None
-                if (before := now()) - looked > LOOK_NS:  # else it is known well enough that nothing was there
-                    if (message := receive(0.0)) is None:
-                        self._times.nothing_at(before)
+                if before - looked > LOOK_NS and (message := receive(0.0)) is None:
+                    self._times.nothing_at(before)  # known well enough until the next look
                     looked = before
                 if message is None:
                     message = receive(IDLE_S)
@@ -116,18 +111,16 @@ class CanPort:
                     self.fail(error)
                 return
             if message is None:
-                self.health.look(now())
-                if ended(self._bus):
-                    self.fail(can.CanOperationError("the gateway closed the connection"))
-                    return
+                before = now()
+                self.health.look(before)
                 continue
-            self.take(message)
-            if self.health.state == "bus_off":
+            before = self.take(message)
+            if message.is_error_frame and self.health.state == "bus_off":
                 self.fail(can.CanOperationError("the controller is bus-off"))
                 return
 
-    def take(self, message: can.Message) -> None:
-        """A frame came."""
+    def take(self, message: can.Message) -> int:
+        """A frame came; when it was taken, monotonic ns."""
         self.frames += 1
         now = self._monotonic_ns()
         if self.frames % LOOK_EVERY == 0:
@@ -148,6 +141,7 @@ class CanPort:
                 self.dispatch(message, at_ns)
             except Exception:  # one frame that a handler cannot take is not the end of the others
                 self.broken += 1
+        return now
 
     @property
     def lost(self) -> int:
@@ -206,43 +200,28 @@ def open_bus(config: CanConfig) -> Any:
         raise BusError(f"bus '{config.name}': {first_line(error)}") from None
     if config.bitrate is not None:
         options.setdefault("bitrate", config.bitrate)
-    if config.interface == "socketcand":
-        options.setdefault("tcp_tune", True)  # SYNC must not wait for Nagle's algorithm
-        _reachable(config, str(options.get("host", "")), int(options.get("port", 0)))
-        # It logs a warning for every frame that arrives in two parts, which TCP does all the time.
-        logging.getLogger("can.interfaces.socketcand").setLevel(logging.CRITICAL)
     if config.listen_only:
         options.update({key: value for key, value in _silent(config.interface).items() if key not in options})
-    problem: Exception | None = None
-    for attempt in range(OPEN_ATTEMPTS):
-        try:
-            return can.Bus(interface=config.interface, channel=config.channel, ignore_config=True, **options)
-        except (can.CanError, OSError, ValueError, TypeError, ImportError, NotImplementedError) as error:
-            problem = error
-            if config.interface != "socketcand" or not isinstance(error, can.CanError):
-                break
-            time.sleep(0.05 * (attempt + 1))
-    raise BusError(
-        f"bus '{config.name}': {config.interface} {config.channel} cannot be opened ({first_line(problem)}); check "
-        "interface, channel and options in the machine file, and that the interface is up"
-    )
+    try:
+        if config.interface == "socketcand":
+            return SocketcandBus(config.channel, **config.options)
+        return can.Bus(interface=config.interface, channel=config.channel, ignore_config=True, **options)
+    except (can.CanError, OSError, ValueError, TypeError, ImportError, NotImplementedError) as error:
+        place = f"bus '{config.name}': "
+        if config.interface == "socketcand":
+            raise BusError(
+                f"{place}nothing answers at {options['host']}:{options['port']} ({first_line(error)}); start the "
+                "socketcand server or correct host and port"
+            ) from None
+        raise BusError(
+            f"{place}{config.interface} {config.channel} cannot be opened ({first_line(error)}); check interface, "
+            "channel and options in the machine file, and that the interface is up"
+        ) from None
 
 
 def _silent(interface: str) -> dict[str, Any]:
     """Options that keep an interface from even acknowledging frames; socketcan's is set by ``ip link``, not by us."""
     return {"pcan": {"state": can.BusState.PASSIVE}, "kvaser": {"driver_mode": False}}.get(interface, {})
-
-
-def _reachable(config: CanConfig, host: str, port: int) -> None:
-    # python-can retries a refused connection for ten seconds without a pause; look first.
-    try:
-        socket.create_connection((host, port), timeout=OPEN_TIMEOUT_S).close()
-    except OSError as error:
-        raise BusError(
-            f"bus '{config.name}': nothing answers at {host}:{port} ({first_line(error)}); start the "
-            "socketcand server or "
-            "correct host and port"
-        ) from None
 
 
 def first_line(error: Exception | None) -> str:

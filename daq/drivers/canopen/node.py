@@ -42,26 +42,32 @@ class Cycle:
     def __init__(self) -> None:
         self.number = 0
         self.sync_ns = 0
-        self.done = threading.Event()
         self._lock = threading.Lock()
         self._pending: set[int] = set()
+        self._whole = threading.Lock()  # held while something is pending; an Event takes three times as long
 
     def begin(self, number: int, sync_ns: int, expected: set[int]) -> None:
         """Start cycle ``number`` in which TPDOs of the COB-IDs ``expected`` are waited for."""
         with self._lock:
             self.number, self.sync_ns, self._pending = number, sync_ns, expected
-            if expected:
-                self.done.clear()
-            else:
-                self.done.set()
+            self._whole.acquire(blocking=False)
+            if not expected:
+                self._whole.release()
 
     def arrived(self, cob_id: int, number: int) -> None:
         """A TPDO of cycle ``number`` came."""
         with self._lock:
-            if number == self.number:
+            if number == self.number and self._pending:
                 self._pending.discard(cob_id)
                 if not self._pending:
-                    self.done.set()
+                    self._whole.release()
+
+    def whole(self, seconds: float) -> bool:
+        """Wait until all that is expected came; whether it did. For one thread at a time."""
+        if not self._whole.acquire(timeout=max(0.0, seconds)):
+            return False
+        self._whole.release()
+        return True
 
 
 class Arrival(NamedTuple):
