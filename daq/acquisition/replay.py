@@ -23,14 +23,14 @@ from daq.acquisition.frozen import FrozenDetector
 from daq.acquisition.recorder import UNMEASURED
 from daq.acquisition.trace import bus_file, read_trace, trace_files
 from daq.drivers.base import Driver, DriverContext, make_driver
-from daq.drivers.can.port import CanAccess, CanConfig, CanPort
+from daq.drivers.can.port import CanAccess, CanPort
 from daq.drivers.canopen.listening import ListeningDriver, commissioned, nothing_to_ask
 from daq.errors import InputError
 from daq.frames.channels import channel_table, channels_by_bus
 from daq.frames.clock import NS, RealClock, Tick
 from daq.frames.events import EventLog
 from daq.frames.frame import Frame
-from daq.machine.machine_file import CanopenBus, CanSignalsBus, Channel, Machine
+from daq.machine.machine_file import CanBus, CanopenBus, CanSignalsBus, Channel, Machine
 
 _NO_WAITING_S = 1e-12
 _LOOKED_AT = 5000  # frames of each bus by which the cycle's phase is chosen
@@ -70,7 +70,7 @@ class _Tape(CanAccess):
         """Whether there are no more frames."""
         return self._next is None
 
-    def attach(self, port: CanPort, config: CanConfig) -> Any:
+    def attach(self, port: CanPort, config: CanBus) -> Any:
         """No interface."""
         self._ports[config.name] = port
         return _Silent()

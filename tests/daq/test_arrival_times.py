@@ -11,9 +11,9 @@ import pytest
 from daq.drivers.base import DriverContext
 from daq.drivers.can.arrival import ArrivalTimes
 from daq.drivers.can.health import BusHealth
-from daq.drivers.can.port import CanConfig, CanPort
+from daq.drivers.can.port import CanPort
 from daq.frames.clock import NS
-from daq.machine.machine_file import CanopenBus
+from daq.machine.machine_file import CanBus, CanopenBus
 
 PERIOD = 0.02
 MOST = 1e-3  # s that an age may be wrong by
@@ -122,7 +122,7 @@ class Bursts:
         self.now = max(self.now, self._at[0])
         return can.Message(timestamp=1.7e9 + self._at.pop(0), arbitration_id=0x181, is_extended_id=False)
 
-    def attach(self, port: CanPort, config: CanConfig) -> Bursts:
+    def attach(self, port: CanPort, config: CanBus) -> Bursts:
         return self
 
     def begin(self, port: CanPort) -> None:

@@ -15,8 +15,8 @@ from collections.abc import Iterable, Iterator, Sequence
 from daq.drivers.base import Answers, DeviceStatus, DriverContext, Problem, Samples, nothing
 from daq.drivers.can.bus_driver import CanDriver
 from daq.drivers.can.pace import Pace
-from daq.drivers.can.port import CanConfig
 from daq.frames.clock import NS
+from daq.machine.machine_file import CanBus
 from daq.quality import Quality
 
 SILENT_S = 1.0  # without a frame that comes in every cycle; or three of its intervals
@@ -83,7 +83,7 @@ class Listener(CanDriver):
     leads = False
 
     def __init__(
-        self, config: CanConfig, names: Sequence[str], context: DriverContext, counts: Iterable[str] = ()
+        self, config: CanBus, names: Sequence[str], context: DriverContext, counts: Iterable[str] = ()
     ) -> None:
         super().__init__(config, names, context, ("missing", "late", "short", "not_a_number", "two_senders", *counts))
         self.streams: list[Stream] = []

@@ -10,8 +10,8 @@ import contextlib
 import copy
 import threading
 import time
-from collections.abc import Callable, Mapping
-from typing import Any, ClassVar, Protocol
+from collections.abc import Callable
+from typing import Any, ClassVar
 
 import can
 
@@ -23,33 +23,17 @@ from daq.drivers.can.socketcand import SocketcandBus
 from daq.errors import BusError
 from daq.frames.clock import NS
 from daq.machine.bus_places import check_can
+from daq.machine.machine_file import CanBus
 
 IDLE_S = 0.1
 LOOK_NS = 5_000_000  # between two looks whether a frame waits (:mod:`daq.drivers.can.arrival`)
 LOOK_EVERY = 64  # frames between two looks at the controller's state
 
 
-class CanConfig(Protocol):
-    """What every bus behind python-can says of itself in a machine file."""
-
-    @property
-    def name(self) -> str: ...
-    @property
-    def interface(self) -> str: ...
-    @property
-    def channel(self) -> str: ...
-    @property
-    def bitrate(self) -> int | None: ...
-    @property
-    def options(self) -> Mapping[str, str | int | float | bool]: ...
-    @property
-    def listen_only(self) -> bool: ...
-
-
 class CanAccess:
     """How a port gets at its bus: by the interface. A trace and a replay have ways of their own."""
 
-    def attach(self, port: CanPort, config: CanConfig) -> Any:
+    def attach(self, port: CanPort, config: CanBus) -> Any:
         """A python-can bus for a port that is being opened; may raise BusError."""
         return open_bus(config)
 
@@ -67,7 +51,7 @@ class CanPort:
 
     takes_extended: ClassVar[bool] = False  # else frames with 29 bits are another protocol's: counted, no more
 
-    def __init__(self, config: CanConfig, context: DriverContext, health: BusHealth) -> None:
+    def __init__(self, config: CanBus, context: DriverContext, health: BusHealth) -> None:
         self.name = config.name
         self.health = health
         self.frames = 0
@@ -185,7 +169,7 @@ class CanPort:
             self._bus.shutdown()
 
 
-def open_bus(config: CanConfig) -> Any:
+def open_bus(config: CanBus) -> Any:
     """A python-can bus as the machine file describes it.
 
     Raises
@@ -204,7 +188,7 @@ def open_bus(config: CanConfig) -> Any:
         options.update({key: value for key, value in _silent(config.interface).items() if key not in options})
     try:
         if config.interface == "socketcand":
-            return SocketcandBus(config.channel, **config.options)
+            return SocketcandBus(config.channel, **dict[str, Any](config.options))
         return can.Bus(interface=config.interface, channel=config.channel, ignore_config=True, **options)
     except (can.CanError, OSError, ValueError, TypeError, ImportError, NotImplementedError) as error:
         place = f"bus '{config.name}': "

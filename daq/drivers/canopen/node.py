@@ -16,8 +16,8 @@ from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 from daq.drivers.base import Spread
-from daq.drivers.canopen.commissioning import SdoAccess
-from daq.drivers.canopen.link import SdoRefusedError
+from daq.drivers.canopen.leadership import BOOT_UP
+from daq.drivers.canopen.link import Sdo, SdoRefusedError
 from daq.drivers.canopen.mapping import Mapping, map_node
 from daq.drivers.decimals import Decimals
 from daq.errors import CommissioningError
@@ -31,7 +31,6 @@ WRONG_TOLERATED = 3  # TPDOs of a wrong length after which a node's mapping is t
 SURPLUS_TOLERATED = 3  # cycles in a row with more TPDOs than SYNCs after which two devices share the node-ID
 WATCHDOG_PERIODS = 2.5  # heartbeat periods without a sign of life
 UNANSWERED = 4  # SYNCs that a TPDO may be behind; beyond, the oldest one is given up and the count is in doubt
-BOOT_UP, STATE_STOPPED, STATE_OPERATIONAL, STATE_PRE_OPERATIONAL = 0x00, 0x04, 0x05, 0x7F
 _EMERGENCY = struct.Struct("<HB")
 Handler = Callable[[bytearray, int], None]
 
@@ -268,7 +267,7 @@ class Node:
                 return True
         return False
 
-    def learn(self, sdo: SdoAccess) -> None:
+    def learn(self, sdo: Sdo) -> None:
         """Ask for its heartbeat time, and the decimals of its channels (CommissioningError if none, or too many)."""
         try:
             self.heartbeat_ms = sdo.read_unsigned(0x1017)
