@@ -15,7 +15,7 @@ from benchmarks.targets import Check, Outcome, fact
 RECOVERY_S = 2.0
 AT_ONCE = 3  # times of a row beside each other: most of each is waiting
 #: How many times run beside each other, and what.
-ROWS: tuple[tuple[int, dict[str, Row]], ...] = ((AT_ONCE, masters.ROWS), (1, restarts.ROWS), (1, traces.ROWS))
+ROWS: tuple[tuple[int, dict[str, Row]], ...] = ((AT_ONCE, masters.ROWS), (AT_ONCE, restarts.ROWS), (1, traces.ROWS))
 
 
 def names() -> tuple[str, ...]:
@@ -73,7 +73,8 @@ def _line(name: str, found: Sequence[Seen], took: float) -> str:
     )
     marked = [one.marked for one in found if one.marked is not None]
     excused = sum(one.excused for one in found)
+    counts = f"{max(marked)} ({excused})" if marked else "-"
     return (
         f"{name:48s} {sum(one.frames for one in found):4d} {sum(one.wrong for one in found):6d} "
-        f"{max(marked) if marked else '-':>7} {f'({excused})' if marked else '':>9} {heard:>13s} {recovery:>16s} {took:5.0f} s"
+        f"{counts:>16s} {heard:>13s} {recovery:>16s} {took:5.0f} s"
     )
