@@ -38,7 +38,7 @@ from sim_backends import default_machine
 from sim_backends.devices.canopen_device import SimulatedNode
 from sim_backends.devices.wiring import wire
 
-LISTEN_S = 0.3
+LISTEN_S = 1.0  # ten heartbeats, also on a computer that is busy
 PATIENCE_S = 20.0
 BEHIND = 25  # cycles for which may be marked what a lost answer leads to: its node is started anew
 AGE_S = 1e-3  # that the age of a fresh value may be wrong by

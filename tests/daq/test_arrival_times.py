@@ -34,20 +34,27 @@ def errors(
     off_ppm: float = 0.0,
     proofs: bool = True,
     seconds: float = 40.0,
+    least: float = 0.0,
 ) -> list[tuple[float, float]]:
     """(when a frame was on the bus, by how much the estimate is off), both in s.
 
     The thread looks whether a frame waits as :mod:`daq.drivers.can.port` does, is woken after an exponential time, and
-    every 200th frame kept from running for up to 0.12 s.
+    every 200th frame kept from running for up to 0.12 s; in every second second, by chance, by ``least`` more.
     """
     random_ = random.Random(seed)
+    more = [random_.choice((0.0, least)) if least else 0.0 for _ in range(round(seconds) + 1)]
     times, now, looked, found = ArrivalTimes(), 0.0, -1.0, []
     for at in frames(random_, seconds):
         if at > now:
             if proofs and now - looked > 0.002:
                 times.nothing_at(round(now * NS))
                 looked = now
-            now = at + random_.expovariate(1 / 80e-6) + (random_.uniform(0, 0.12) if random_.random() < 0.005 else 0.0)
+            now = (
+                at
+                + more[int(at)]
+                + random_.expovariate(1 / 80e-6)
+                + (random_.uniform(0, 0.12) if random_.random() < 0.005 else 0.0)
+            )
         else:
             now += 40e-6
         stamp = 1.7e9 + at * (1 + off_ppm * 1e-6)
@@ -70,6 +77,14 @@ def test_ages_are_right_whatever_is_done_to_the_clock_of_the_stamps(clock: dict[
     for seed in range(4):
         wrong = [(at, error) for at, error in errors(seed, **clock) if abs(error) > MOST]
         assert len({round(at / PERIOD) for at, _ in wrong}) <= 1, wrong[:5]  # cycles that are marked
+
+
+@pytest.mark.slow
+def test_a_second_in_which_every_frame_waited_is_no_rate() -> None:
+    """What two windows seem to say of it must not put ages wrong by more than they waited."""
+    for seed in range(8):
+        early = [(at, error) for at, error in errors(seed, least=2e-3, seconds=15.0) if error < -MOST]
+        assert not early, early[:5]
 
 
 @pytest.mark.slow

@@ -145,6 +145,18 @@ def test_a_pdo_belongs_to_the_sync_before_it(bench: HandFed) -> None:
     assert (samples.cycles_ago[ANGLE], samples.after_sync_s[ANGLE]) == (0, 0.0)
 
 
+def test_a_pdo_behind_the_next_sync_is_of_that_one(bench: HandFed) -> None:
+    """A master that is not always in time, and a cycle that is collected late."""
+    sync(bench)
+    bench.advance(0.009)
+    bench.frame(0x080, b"")
+    bench.advance(0.0005)
+    angle(bench, 2)
+    samples = bench.driver.collect(bench.now_ns)
+    assert (samples.quality[ANGLE], samples.cycles_ago[ANGLE]) == (Quality.FRESH, 0)
+    assert samples.after_sync_s[ANGLE] == pytest.approx(0.009)
+
+
 def test_a_pdo_later_than_half_a_period_is_late(bench: HandFed) -> None:
     sync(bench)
     bench.advance(0.012)

@@ -261,11 +261,12 @@ class ListeningDriver(Listener):
     def _at_sync(self, pdo: _Pdo, at_ns: int, answers: Answers) -> Quality:
         """A PDO that was sampled at SYNC: at which, and whether it was in time."""
         period_ns = self.context.period_s * NS
-        behind_ns = at_ns - self.cycle_ns
+        sync_ns = max((sync for sync in self._syncs if self.cycle_ns < sync <= at_ns), default=self.cycle_ns)
+        behind_ns = at_ns - sync_ns
         ago = max(0, math.ceil(-behind_ns / period_ns))
         for position in pdo.stream.positions:
             answers.cycles_ago[position] = ago
-            answers.after_sync_s[position] = 0.0
+            answers.after_sync_s[position] = (sync_ns - self.cycle_ns) / NS
         return Quality.LATE if ago or behind_ns > period_ns / 2 else Quality.FRESH
 
     def device_line(self, device: str) -> str:
