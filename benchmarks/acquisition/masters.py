@@ -221,7 +221,7 @@ class Run:
         self.frames: list[Frame] = []
         self.excused: list[bool] = []  # of each frame, whether the computer did not keep up
         self.marked: list[bool] = []  # whether it did, and all the same not all values are fresh
-        self._behind = 0
+        self._behind, self._late = 0, False
         self.wrong = 0
 
     def start(self) -> tuple[str, ...]:
@@ -244,6 +244,7 @@ class Run:
         self.wrong += int((fresh & ((sampled == 0) | off)).sum())
         answered = max(world.answered[-1] - world.moments[-1], world.answered[-2:][0] - world.moments[-2:][0])
         late = frame.monotonic_ns - tick_ns > late_ns or answered >= 4 * late_ns
+        self._late = late
         if late or np.isin(frame.quality, (Quality.STALE, Quality.MISSING)).any():
             self._behind = BEHIND
         self.excused.append(self._behind > 0)
@@ -261,12 +262,15 @@ class Run:
             self.cycles.once(self)  # type: ignore[arg-type]
 
     def until_fresh(self, run: int = 5) -> float:
-        """Seconds until the first of so many cycles in a row that were fresh on all channels."""
+        """Seconds until the first of so many cycles that were fresh on all channels, none between but by lateness."""
         began, first, good = time.monotonic(), 0.0, 0
         while good < run and time.monotonic() - began < PATIENCE_S:
             self.once()
-            good = good + 1 if bool(np.all(self.frames[-1].quality == Quality.FRESH)) else 0
-            first = time.monotonic() if good == 1 else first
+            if bool(np.all(self.frames[-1].quality == Quality.FRESH)):
+                good += 1
+                first = time.monotonic() if good == 1 else first
+            elif not self._late:
+                good = 0
         return (first if good == run else time.monotonic()) - began
 
     def ended(self, seen: Seen) -> Seen:

@@ -37,6 +37,7 @@ def tpdo(number: int, transmission: int, event_ms: int, *entries: int) -> tuple[
 
 ENCODER = Device("absolute encoder", 0x00020196, (tpdo(1, 254, 0, 0x60040020), tpdo(2, 1, 0, 0x60040020, 0x60300110)))
 MULTITURN = Device("multiturn encoder", 0x00020196, (tpdo(1, 255, 100, 0x60040020), tpdo(2, 1, 0, 0x60040020)))
+UMLAUTS = Device("Drehgeber für Höhe, ±1°", 0x00020196, MULTITURN.tpdos)
 LINEAR = Device("linear encoder", 0x000A0196, (tpdo(1, 254, 50, 0x60200120), tpdo(2, 1, 0, 0x60200120, 0x60300110)))
 TWO_HEADS = Device("linear encoder of two magnets", 0x000A0196, (tpdo(1, 1, 0, 0x60200120, 0x60200220),))
 PRESSURE = Device("pressure transmitter", 0x00020194, (tpdo(1, 255, 0, 0x61300120, 0x61500108),))
@@ -125,6 +126,18 @@ def compact(device: Device) -> list[tuple[str, Lines]]:
     return sections
 
 
+def spaced(number: int) -> str:
+    return f"$NODEID + 0x{0x080 + 0x100 * number:X}"
+
+
+def lowered(sections: list[tuple[str, Lines]]) -> list[tuple[str, Lines]]:
+    return [(name.lower() if name[0].isdigit() else name, lines) for name, lines in sections]
+
+
+def changed(device: Device, change: Callable[[Lines], Lines]) -> list[tuple[str, Lines]]:
+    return [(name, change(lines)) for name, lines in objects(device)]
+
+
 def without(device: Device, *keys: str) -> list[tuple[str, Lines]]:
     return [(s, [line for line in lines if not line.startswith(keys)]) for s, lines in objects(device)]
 
@@ -134,10 +147,10 @@ FILES: tuple[tuple[Device, str, bytes], ...] = (
     (ENCODER, "as the standard has it", text(objects(ENCODER))),
     (ENCODER, "CRLF", text(objects(ENCODER), end="\r\n")),
     (MULTITURN, "a byte order mark", b"\xef\xbb\xbf" + text(objects(MULTITURN))),
-    (MULTITURN, "Latin-1", text(objects(Device("Drehgeber für Höhe, ±1°", 0x20196, MULTITURN.tpdos))).decode().encode("cp1252")),
+    (MULTITURN, "Latin-1", text(objects(UMLAUTS)).decode().encode("cp1252")),
     (LINEAR, "node-ID behind the number", text(objects(LINEAR, of_pdo=lambda n: f"0x{0x80 + 0x100 * n:x}+$NODEID"))),
-    (LINEAR, "blanks around signs", text(objects(LINEAR, of_pdo=lambda n: f"$NODEID + 0x{0x80 + 0x100 * n:X}"), equals=" = ")),
-    (TWO_HEADS, "lower case", text([(s.lower() if s[0].isdigit() else s, c) for s, c in objects(TWO_HEADS, of_pdo=lambda n: f"$nodeid+0x{0x80 + 0x100 * n:x}")])),
+    (LINEAR, "blanks around signs", text(objects(LINEAR, of_pdo=spaced), equals=" = ")),
+    (TWO_HEADS, "lower case", text(lowered(objects(TWO_HEADS, of_pdo=lambda n: cob_id(n).lower())))),
     (TWO_HEADS, "SUB in capitals", text(objects(TWO_HEADS, sub="SUB{0:X}"))),
     (PRESSURE, "decimal numbers", text(objects(PRESSURE, number=str))),
     (PRESSURE, "no remote frames", text(objects(PRESSURE, of_pdo=lambda n: f"$NODEID+0x{0x40000080 + 0x100 * n:X}"))),
@@ -146,15 +159,15 @@ FILES: tuple[tuple[Device, str, bytes], ...] = (
     (TWO_CHANNELS, "no object types", text(without(TWO_CHANNELS, "ObjectType=0x7"))),
     (TWO_CHANNELS, "no numbers of members", text(without(TWO_CHANNELS, "SubNumber"))),
     (TILT, "comments", text(objects(TILT), before="; made by an editor\n# and by hand")),
-    (TILT, "comments behind values", text([(s, [f"{c} ; as delivered" if c.startswith("DefaultValue=0x") else c for c in lines]) for s, lines in objects(TILT)])),
+    (TILT, "comments behind values", text(changed(TILT, lambda lines: [f"{line} ; as delivered" for line in lines]))),
     (TILT_32, "a section twice", text([*objects(TILT_32), ("DummyUsage", ["Dummy0001=0"])])),
-    (TILT_32, "a key twice", text([(s, [*lines, *lines[-1:]]) for s, lines in objects(TILT_32)])),
+    (TILT_32, "a key twice", text(changed(TILT_32, lambda lines: [*lines, *lines[-1:]]))),
     (INPUTS, "the order turned round", text(objects(INPUTS)[::-1])),
     (INPUTS, "per cent in a name", text(objects(INPUTS, name="ParameterName={0} in 0.1 % of %s"))),
     (JOYSTICK, "compact lists", text(compact(JOYSTICK))),
     (JOYSTICK, "zeros before members", text(objects(JOYSTICK, sub="sub{0:02X}"))),
-    (PACKED, "leading blanks", text([(s, [f"  {line}" for line in lines]) for s, lines in objects(PACKED)])),
-    (PACKED, "empty values and keys without one", text([(s, [*lines, "LowLimit=", "HighLimit=", "Denotation"]) for s, lines in objects(PACKED)])),
+    (PACKED, "leading blanks", text(changed(PACKED, lambda lines: [f"  {line}" for line in lines]))),
+    (PACKED, "empty values, lone keys", text(changed(PACKED, lambda lines: [*lines, "LowLimit=", "Denotation"]))),
 )  # fmt: skip
 
 

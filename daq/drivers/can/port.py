@@ -205,7 +205,10 @@ def open_bus(config: CanBus) -> Any:
 
 def _silent(interface: str) -> dict[str, Any]:
     """Options that keep an interface from even acknowledging frames; socketcan's is set by ``ip link``, not by us."""
-    return {"pcan": {"state": can.BusState.PASSIVE}, "kvaser": {"driver_mode": False}}.get(interface, {})
+    found: dict[str, dict[str, Any]] = {
+        "pcan": {"state": can.BusState.PASSIVE}, "kvaser": {"driver_mode": False}, "slcan": {"listen_only": True}
+    }  # fmt: skip
+    return found.get(interface, {})
 
 
 def first_line(error: Exception | None) -> str:
