@@ -14,7 +14,7 @@ import threading
 from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import can
 from can.io.logger import SizedRotatingLogger
@@ -25,8 +25,17 @@ from daq.frames.events import EventLog
 
 SUFFIXES = (".blf", ".asc", ".log")  # Vector binary, Vector text, candump
 FILE_BYTES = 64_000_000  # of one file; at 3000 frames per second about ten minutes of candump's text
+
+
+def _blf(opened: IO[bytes]) -> can.BLFReader:
+    if opened.read(4) != b"LOGG":  # it would say how many bytes it lacks
+        raise ValueError("no BLF file")
+    opened.seek(0)
+    return can.BLFReader(opened)
+
+
 _READERS: dict[str, tuple[str, Callable[[Any], Any]]] = {
-    ".blf": ("rb", can.BLFReader), ".asc": ("r", partial(can.ASCReader, relative_timestamp=False)),
+    ".blf": ("rb", _blf), ".asc": ("r", partial(can.ASCReader, relative_timestamp=False)),
     ".log": ("r", can.CanutilsLogReader), ".trc": ("r", can.TRCReader),
 }  # fmt: skip
 WAITING = 200_000  # frames that may wait for the disk; beyond, they are counted and lost
