@@ -191,14 +191,13 @@ def open_bus(config: CanBus) -> Any:
             return SocketcandBus(config.channel, **dict[str, Any](config.options))
         return can.Bus(interface=config.interface, channel=config.channel, ignore_config=True, **options)
     except (can.CanError, OSError, ValueError, TypeError, ImportError, NotImplementedError) as error:
-        place = f"bus '{config.name}': "
         if config.interface == "socketcand":
             raise BusError(
-                f"{place}nothing answers at {options['host']}:{options['port']} ({first_line(error)}); start the "
+                f"bus '{config.name}': nothing answers at {options['host']}:{options['port']} ({first_line(error)}); start the "
                 "socketcand server or correct host and port"
             ) from None
         raise BusError(
-            f"{place}{config.interface} {config.channel} cannot be opened ({first_line(error)}); check interface, "
+            f"bus '{config.name}': {config.interface} {config.channel} cannot be opened ({first_line(error)}); check interface, "
             "channel and options in the machine file, and that the interface is up"
         ) from None
 
