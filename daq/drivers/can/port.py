@@ -193,12 +193,12 @@ def open_bus(config: CanBus) -> Any:
     except (can.CanError, OSError, ValueError, TypeError, ImportError, NotImplementedError) as error:
         if config.interface == "socketcand":
             raise BusError(
-                f"bus '{config.name}': nothing answers at {options['host']}:{options['port']} ({first_line(error)}); start the "
-                "socketcand server or correct host and port"
+                f"bus '{config.name}': nothing answers at {options['host']}:{options['port']} ({first_line(error)}); "
+                "start the socketcand server or correct host and port"
             ) from None
         raise BusError(
-            f"bus '{config.name}': {config.interface} {config.channel} cannot be opened ({first_line(error)}); check interface, "
-            "channel and options in the machine file, and that the interface is up"
+            f"bus '{config.name}': {config.interface} {config.channel} cannot be opened ({first_line(error)}); check "
+            "interface, channel and options in the machine file, and that the interface is up"
         ) from None
 
 
