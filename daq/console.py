@@ -10,7 +10,8 @@ import functools
 import json
 import sys
 from collections.abc import Callable, Iterator
-from typing import Any, ParamSpec, Protocol, TypeVar
+from pathlib import Path
+from typing import Annotated, Any, ParamSpec, Protocol, TypeVar
 
 import typer
 from rich.console import Console
@@ -26,6 +27,10 @@ from rich.progress import (
 from rich.table import Table
 
 from daq.errors import HilfitError, InputError
+
+#: Of every command that a program may call, and of every command about one machine.
+Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]
+MachineFile = Annotated[Path, typer.Argument(help="The machine file.", metavar="MACHINE")]
 
 #: Seconds over which the speed is averaged that the remaining time is told from: stages report far apart.
 _SPEED_PERIOD = 180.0

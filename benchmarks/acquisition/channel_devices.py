@@ -1,7 +1,7 @@
 """CANopen nodes of many machines in one process, cheap enough to stand beside what is measured.
 
-``python -m benchmarks.acquisition.channel_devices MACHINES NODES DEAD`` says a port for each machine and serves until
-standard input ends. Nodes 1 to DEAD of each are not there.
+``python -m benchmarks.acquisition.channel_devices MACHINES NODES DEAD PORT`` says a port for each machine and serves
+until standard input ends. Nodes 1 to DEAD of each are not there. PORT is that of the first machine, 0 for a free one.
 """
 
 from __future__ import annotations
@@ -21,8 +21,8 @@ BEAT_S = 0.05  # between two looks for heartbeats that are due
 class _Bus:
     """One machine's nodes and the client that talks to them."""
 
-    def __init__(self, nodes: int, dead: int) -> None:
-        self.listener = socket.create_server(("127.0.0.1", 0))
+    def __init__(self, nodes: int, dead: int, port: int) -> None:
+        self.listener = socket.create_server(("127.0.0.1", port))
         self.client: socket.socket | None = None
         self.raw = False
         self._received = b""
@@ -91,8 +91,8 @@ class _Bus:
                 node.on_frame(identifier, content, now)
 
 
-def _serve(machines: int, nodes: int, dead: int) -> None:
-    buses = [_Bus(nodes, dead) for _ in range(machines)]
+def _serve(machines: int, nodes: int, dead: int, port: int) -> None:
+    buses = [_Bus(nodes, dead, port if not number else 0) for number in range(machines)]
     selector = selectors.DefaultSelector()
     selector.register(sys.stdin, selectors.EVENT_READ)
     for bus in buses:
@@ -124,4 +124,4 @@ def _serve(machines: int, nodes: int, dead: int) -> None:
 
 
 if __name__ == "__main__":
-    _serve(*(int(word) for word in sys.argv[1:4]))
+    _serve(*(int(word) for word in sys.argv[1:5]))

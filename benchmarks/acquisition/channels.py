@@ -63,12 +63,18 @@ def machine_of(name: str, port: int, nodes: int) -> Machine:
 class Devices:
     """Nodes of several machines in one process, each machine behind a port of its own."""
 
-    def __init__(self, machines: int, nodes: int, dead: int = 0) -> None:
-        command = [sys.executable, "-m", "benchmarks.acquisition.channel_devices", str(machines), str(nodes), str(dead)]
+    def __init__(self, machines: int, nodes: int, dead: int = 0, port: int = 0) -> None:
+        numbers = [str(number) for number in (machines, nodes, dead, port)]
+        command = [sys.executable, "-m", "benchmarks.acquisition.channel_devices", *numbers]
         self._process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
         assert self._process.stdout is not None
         self.ports = [int(word) for word in self._process.stdout.readline().split()]
         self.pid = self._process.pid
+
+    def kill(self) -> None:
+        """As if they lost their power."""
+        self._process.kill()
+        self._process.wait()
 
     def __enter__(self) -> Devices:
         return self

@@ -1,45 +1,49 @@
-"""On somebody else's bus: another master that comes, clocks that are set, strangers that send what others send.
+"""On somebody else's bus: another master that comes, clocks that are set, SYNCs of ours that are late, odd nodes.
 
 Independent nodes (:mod:`sim_backends.devices.canopen_device`) on a virtual bus, at the wall's clock. Values count the
-SYNCs, so that one of another SYNC is known; every frame of ours is counted where it leaves the driver.
+SYNCs, so that it is known of each which SYNC sampled it, and when that was sent; every frame of ours is counted where
+it leaves the driver. What a busy computer marks by itself (a tick that begins late, nodes that answer late) is told
+apart from what was done to the bus.
 """
 
 from __future__ import annotations
 
-import statistics
+import contextlib
 import threading
 import time
 import uuid
-from bisect import bisect_right
+from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import can
 import numpy as np
+from numpy.typing import NDArray
 
-from benchmarks.targets import Check, Outcome, fact
 from daq.acquisition.cycles import Cycles
 from daq.acquisition.ledger import FRAME, Ledger
 from daq.drivers.base import DriverContext
-from daq.drivers.can.port import CanAccess, CanConfig, CanPort
+from daq.drivers.can.port import CanAccess, CanPort
 from daq.drivers.canopen.driver import CanopenDriver
 from daq.drivers.canopen.leadership import State
+from daq.errors import BusError
 from daq.frames.channels import channel_table
-from daq.frames.clock import FollowingClock, RealClock
+from daq.frames.clock import RealClock, Tick
 from daq.frames.events import EventLog
 from daq.frames.frame import Frame
-from daq.machine.machine_file import CanopenBus, CanSource, Machine
+from daq.machine.machine_file import CanBus, CanopenBus, CanSource, Machine
 from daq.quality import Quality
 from sim_backends import default_machine
 from sim_backends.devices.canopen_device import SimulatedNode
 from sim_backends.devices.wiring import wire
 
-LISTEN_S = 0.3
-RECOVERY_S = 2.0
+LISTEN_S = 1.0  # ten heartbeats, also on a computer that is busy
 PATIENCE_S = 20.0
-FRESH_PERIODS = 1.6  # that a fresh value may be older than its tick, a little beyond what drivers allow
+BEHIND = 25  # cycles for which may be marked what a lost answer leads to: its node is started anew
+AGE_S = 1e-3  # that the age of a fresh value may be wrong by
 COUNTED = 900  # SYNCs after which values begin again: as many as a 12-bit encoder tells apart
+Row = Callable[[np.random.Generator], "Seen"]  # one time of it
 STEPS_S = (0.05, -0.05, 0.3, -0.3, 1.0, -1.0, 60.0, -60.0)
 
 
@@ -49,9 +53,11 @@ class World(threading.Thread):
     def __init__(self, machine: Machine, channel: str) -> None:
         super().__init__(daemon=True)
         self.bus = can.Bus(interface="virtual", channel=channel, preserve_timestamps=True)
-        self.jump_s = 0.0
+        self.jump_s = self.rate = 0.0  # of the gateway's clock, and what it gains per second
         self.syncs = 0
-        self.moments = [0]  # monotonic ns of each SYNC, beginning with power-on
+        self.moments = [0]  # monotonic ns of each SYNC as it was sent, beginning with power-on
+        self.answered = [0]  # and when the nodes had answered it
+        self.ours: deque[int] = deque()  # when SYNCs of ours left, that the nodes have not heard yet
         self.leads = False  # whether the other controller sends SYNC
         self.ended = threading.Event()
         self._limits = [channel.range or (-1.0, 1.0) for channel in machine.channels]
@@ -63,7 +69,7 @@ class World(threading.Thread):
 
     def say(self, identifier: int, data: bytes) -> None:
         """A frame of a node, or of the other controller; its stamp is the gateway's clock."""
-        stamp = time.time() + self.jump_s
+        stamp = time.time() + self.jump_s + self.rate * time.monotonic()
         self.bus.send(can.Message(timestamp=stamp, arbitration_id=identifier, data=data, is_extended_id=False))
 
     def values(self, sync: int) -> tuple[float, ...]:
@@ -76,22 +82,34 @@ class World(threading.Thread):
         for node in self.nodes.values():
             node.latch(self.values(self.syncs))
 
-    def sync(self) -> None:
+    def sync(self, at_ns: int) -> None:
         """SYNC, whosever it is."""
+        self.moments.append(at_ns)
         self.syncs += 1
-        self.moments.append(time.monotonic_ns())
         for node in self.nodes.values():
             node.on_sync(self.values(self.syncs))
+        self.answered.append(time.monotonic_ns())
+
+    def sampled(self, values: NDArray[np.float64]) -> NDArray[np.int64]:
+        """(n,) by which SYNC each of (n,) values was sampled, of those near; 0 for what is of none."""
+        low, high = np.array(self._limits).T
+        step = ((values - low) / (high - low) - 0.1) / 0.8 * COUNTED
+        near = np.round(np.nan_to_num(step, nan=-1.0)).astype(np.int64)
+        turns = self.syncs // COUNTED * COUNTED + near
+        found = np.where(turns > self.syncs, turns - COUNTED, turns)
+        good = (np.abs(step - near) <= 0.45) & (near >= 0) & (found > 0) & (found <= self.syncs)
+        return np.where(good, found, 0)
 
     def master(self, identifier: int, data: bytes) -> None:
         """A frame of the other controller, heard by the nodes as well."""
         with self._lock:
+            now = time.monotonic_ns()
             self.say(identifier, data)
-            self._heard(identifier, data)
+            self._heard(identifier, data, now)
 
-    def _heard(self, identifier: int, data: bytes) -> None:
+    def _heard(self, identifier: int, data: bytes, at_ns: int) -> None:
         if identifier == 0x080:
-            self.sync()
+            self.sync(at_ns)
             return
         for node in self.nodes.values():
             if identifier == 0 or identifier == 0x600 + node.id:
@@ -104,7 +122,8 @@ class World(threading.Thread):
             message = self.bus.recv(0.002)
             with self._lock:
                 if message is not None:
-                    self._heard(message.arbitration_id, bytes(message.data))
+                    own = message.arbitration_id == 0x080
+                    self._heard(message.arbitration_id, bytes(message.data), self.ours.popleft() if own else 0)
                 for node in self.nodes.values():
                     node.on_time(time.monotonic())
             if self.leads and time.monotonic() >= due:
@@ -116,16 +135,20 @@ class World(threading.Thread):
 class _Counted(CanAccess):
     """Counts every frame that leaves the driver."""
 
-    def __init__(self) -> None:
+    def __init__(self, world: World) -> None:
         self.guest: Callable[[], bool] = lambda: False  # whether another master was heard
-        self.afterwards = 0
+        self.sent = self.afterwards = 0
+        self._world = world
 
-    def attach(self, port: CanPort, config: CanConfig) -> Any:
+    def attach(self, port: CanPort, config: CanBus) -> Any:
         bus = super().attach(port, config)
         send = bus.send
 
         def counted(message: can.Message, timeout: float | None = None) -> None:
+            self.sent += 1
             self.afterwards += self.guest()
+            if message.arbitration_id == 0x080:
+                self._world.ours.append(time.monotonic_ns())
             send(message, timeout)
 
         bus.send = counted
@@ -133,22 +156,47 @@ class _Counted(CanAccess):
 
 
 @dataclass
-class Case:
-    """What one row did, each time."""
+class Seen:
+    """What one time of a row did; None where it is not asked.
 
-    name: str
-    frames: int = 0  # of ours, after the other master's first was taken from the interface
-    heard: list[float] = field(default_factory=list)  # s from that frame until it was taken
-    wrong: int = 0  # values called fresh that are of no SYNC within a cycle
-    marked: list[tuple[int, int]] = field(default_factory=list)  # of 50 cycles before and behind it, not all fresh
-    recoveries: list[float] = field(default_factory=list)
+    Attributes
+    ----------
+    frames : of ours, after the other master's first was taken from the interface
+    heard : s from that frame until it was taken
+    wrong : values called fresh that are of no SYNC near, or whose age is wrong by more than :data:`AGE_S`
+    marked : cycles that were not all fresh although the computer kept up
+    excused : those with which it did not, of 60, and what followed from that
+    recovery : s until all was fresh again
+    unbalanced : channels of which produced is not stored + dropped
+    failed : what did not happen as it should, in words
+    """
+
+    frames: int = 0
+    heard: float | None = None
+    wrong: int = 0
+    marked: int | None = None
+    excused: int = 0
+    recovery: float | None = None
     unbalanced: int = 0
+    failed: str = ""
+
+
+class _Clock(RealClock):
+    """Kept from running behind a tick for ``stall_s``, once."""
+
+    stall_s = 0.0
+
+    def wait(self) -> Tick:
+        tick = super().wait()
+        stall, self.stall_s = self.stall_s, 0.0
+        time.sleep(stall)
+        return tick
 
 
 class Run:
-    """One start of acquisition on a bus of its own."""
+    """One start of acquisition on a bus of its own; ``prepare`` is done to the world before."""
 
-    def __init__(self) -> None:
+    def __init__(self, prepare: Callable[[World], None] = lambda world: None) -> None:
         declared, _ = default_machine()
         channel = uuid.uuid4().hex
         (bus,) = (bus for bus in declared.buses if isinstance(bus, CanopenBus))
@@ -158,36 +206,51 @@ class Run:
         channels = tuple(c for c in declared.channels if isinstance(c.source, CanSource))
         self.machine = declared.model_copy(update={"channels": channels, "buses": (bus,), "simulation": None})
         self.world = World(self.machine, channel)
+        prepare(self.world)
         self.world.start()
-        self.access = _Counted()
+        self.access = _Counted(self.world)
         events = EventLog()
         context = DriverContext(1 / self.machine.rate_hz, 0.0, time.monotonic_ns, events=events, can=self.access)
         self.driver = driver = CanopenDriver(bus, channels, context)
         self.access.guest = lambda: driver._leadership.state is State.GUEST
-        self.problems = driver.start()
-        own = RealClock(self.machine.rate_hz)
-        clock = self.clock = FollowingClock(
-            own, self.machine.rate_hz, context.period_s, lambda: driver.next_sync if driver.external_sync else None
-        )
+        self.clock = _Clock(self.machine.rate_hz, following=lambda: driver.next_sync if driver.external_sync else None)
         table = channel_table(self.machine)
-        self.cycles = Cycles(self.machine, table, [driver], clock, events)
+        self.cycles = Cycles(self.machine, table, [driver], self.clock, events)
         self.cycles.assembler._frozen = None  # a ramp of numbers is no sensor
         self.ledger = Ledger(table.names)
         self.frames: list[Frame] = []
+        self.excused: list[bool] = []  # of each frame, whether the computer did not keep up
+        self.marked: list[bool] = []  # whether it did, and all the same not all values are fresh
+        self._behind, self._late = 0, False
         self.wrong = 0
-        clock.start()
+
+    def start(self) -> tuple[str, ...]:
+        """Start acquisition; lines about what cannot be used."""
+        try:
+            return self.driver.start()
+        finally:
+            self.clock.start()
 
     def write_frame(self, frame: Frame) -> None:
         """In the ring's place: what came is looked at."""
-        self.frames.append(frame)
-        tick = self.clock._last
-        assert tick is not None and tick.at_ns is not None
-        oldest = bisect_right(self.world.moments, tick.at_ns - FRESH_PERIODS * 1e9 / self.machine.rate_hz) - 1
-        near = [np.array(self.world.values(sync)) for sync in range(max(0, oldest), self.world.syncs + 1)]
-        spans = np.array([high - low for low, high in self.world._limits]) / COUNTED
+        world, tick_ns, late_ns = self.world, self.clock._last, 0.1e9 / self.machine.rate_hz
         fresh = frame.quality == Quality.FRESH
-        agree = [np.abs(frame.values - values) <= 0.45 * spans for values in near]
-        self.wrong += int((fresh & ~np.any(agree, axis=0)).sum())
+        sampled = world.sampled(frame.values)
+        # A guest that its master's SYNC does not lead yet counts from when a frame was on the bus.
+        latest = world.answered if self.access.guest() else world.moments
+        bounds = np.array([(world.moments[sync], latest[min(sync, len(latest) - 1)]) for sync in sampled]).T
+        claimed = tick_ns - frame.ages * 1e9
+        off = (claimed < bounds[0] - AGE_S * 1e9) | (claimed > bounds[1] + AGE_S * 1e9)
+        self.wrong += int((fresh & ((sampled == 0) | off)).sum())
+        answered = max(world.answered[-1] - world.moments[-1], world.answered[-2:][0] - world.moments[-2:][0])
+        late = frame.monotonic_ns - tick_ns > late_ns or answered >= 4 * late_ns
+        self._late = late
+        if late or np.isin(frame.quality, (Quality.STALE, Quality.MISSING)).any():
+            self._behind = BEHIND
+        self.excused.append(self._behind > 0)
+        self.marked.append(self._behind == 0 and not bool(fresh.all()))
+        self._behind -= self._behind > 0
+        self.frames.append(frame)
         stored = np.isfinite(frame.values)[None, :] & ~np.isin(
             frame.quality, (Quality.STALE, Quality.MISSING, Quality.BUS_ERROR, Quality.INVALID, Quality.HELD)
         )
@@ -199,18 +262,30 @@ class Run:
             self.cycles.once(self)  # type: ignore[arg-type]
 
     def until_fresh(self, run: int = 5) -> float:
-        """Seconds until so many cycles in a row were fresh on all channels."""
-        began, good = time.monotonic(), 0
+        """Seconds until the first of so many cycles that were fresh on all channels, none between but by lateness."""
+        began, first, good = time.monotonic(), 0.0, 0
         while good < run and time.monotonic() - began < PATIENCE_S:
             self.once()
-            good = good + 1 if bool(np.all(self.frames[-1].quality == Quality.FRESH)) else 0
-        return time.monotonic() - began
+            if bool(np.all(self.frames[-1].quality == Quality.FRESH)):
+                good += 1
+                first = time.monotonic() if good == 1 else first
+            elif not self._late:
+                good = 0
+        return (first if good == run else time.monotonic()) - began
 
-    def close(self) -> None:
-        """Everything ends."""
+    def ended(self, seen: Seen) -> Seen:
+        """What was seen, with what every run is looked at for; everything ends."""
         self.driver.stop()
+        seen.wrong = self.wrong
+        if self.frames:
+            self.ledger.close(self.frames[0].cycle, self.frames[-1].cycle)
+            skipped = self.frames[-1].cycle - self.frames[0].cycle + 1 - len(self.frames)
+            for channel in self.ledger.channels.values():
+                channel.dropped["acquisition: cycle skipped"] += skipped
+                seen.unbalanced += not channel.balanced
         self.world.ended.set()
         self.world.join()
+        return seen
 
 
 def _power_up(run: Run) -> None:
@@ -240,19 +315,12 @@ def _rebuilt(run: Run) -> None:
     run.world.master(0x080, b"")
 
 
-#: What another master does; whether values come on by its SYNC.
-MASTERS: tuple[tuple[str, Callable[[Run], None], bool], ...] = (
-    ("another master powers up", _power_up, True),
-    ("another master starts nodes", _starts, True),
-    ("another master resets nodes, no SYNC", _resets, False),
-    ("another SDO client", _asks, True),
-    ("rebuilt while another master leads", _rebuilt, False),
-)
+def _led(act: Callable[[Run], None], goes_on: bool) -> Row:
+    """Another master does something while we lead; whether values come on by its SYNC."""
 
-
-def _master(case: Case, act: Callable[[Run], None], goes_on: bool, random: np.random.Generator) -> None:
-    run = Run()
-    try:
+    def once(random: np.random.Generator) -> Seen:
+        run, seen = Run(), Seen()
+        run.start()
         run.until_fresh()
         run.once(int(random.integers(1, 30)))
         time.sleep(float(random.uniform(0, 0.02)))
@@ -260,79 +328,128 @@ def _master(case: Case, act: Callable[[Run], None], goes_on: bool, random: np.ra
         began = time.monotonic()
         while not run.access.guest() and time.monotonic() - began < PATIENCE_S:
             run.once()
-        case.heard.append(time.monotonic() - began)
+        seen.heard = time.monotonic() - began
         if goes_on:
-            case.recoveries.append(run.until_fresh())
+            seen.recovery = run.until_fresh()
         run.once(60)
-        case.frames += run.access.afterwards
-    finally:
-        run.driver.stop()
-        _settle(case, run)
+        seen.frames = run.access.afterwards
+        return run.ended(seen)
+
+    return once
 
 
-def _step(case: Case, seconds: float, random: np.random.Generator) -> None:
-    run = Run()
-    try:
+def _there_before(act: Callable[[World], None]) -> Row:
+    """Another master is there when we start."""
+
+    def once(random: np.random.Generator) -> Seen:
+        run, seen = Run(act), Seen(failed="it was started all the same")
+        with contextlib.suppress(BusError):
+            run.start()
+        if run.driver.failure:
+            seen.failed = ""
+        seen.frames = run.access.sent
+        return run.ended(seen)
+
+    return once
+
+
+def _sends_sync(world: World) -> None:
+    world.leads = True
+
+
+def _sends_events(world: World) -> None:
+    """Nodes are operational and send heartbeats, and nobody sends SYNC."""
+    for node in world.nodes.values():
+        node.set_data(0x1017, 0, b"\x64\0")
+        node.on_nmt(0x01, time.monotonic())
+
+
+def _clock(change: Callable[[World], None], before: bool = False) -> Row:
+    """The gateway's clock is set, or runs otherwise from the start."""
+
+    def once(random: np.random.Generator) -> Seen:
+        run, seen = Run(change if before else lambda world: None), Seen()
+        run.start()
         run.until_fresh()
         run.once(int(random.integers(60, 100)))
-        before = len(run.frames)
-        run.world.jump_s = seconds
-        run.once(50)
-        lost = [bool(np.any(frame.quality != Quality.FRESH)) for frame in run.frames[before - 50 :]]
-        case.marked.append((sum(lost[:50]), sum(lost[50:])))
-        case.recoveries.append(run.until_fresh())
-    finally:
-        _settle(case, run)
+        begun = len(run.frames)
+        if not before:
+            change(run.world)
+        run.once(60)
+        seen.marked, seen.excused = sum(run.marked[begun:]), sum(run.excused[begun:])
+        seen.recovery = run.until_fresh()
+        return run.ended(seen)
+
+    return once
 
 
-def _settle(case: Case, run: Run) -> None:
-    case.wrong += run.wrong
-    run.ledger.close(run.frames[0].cycle, run.frames[-1].cycle)
-    skipped = run.frames[-1].cycle - run.frames[0].cycle + 1 - len(run.frames)
-    for channel in run.ledger.channels.values():
-        channel.dropped["acquisition: cycle skipped"] += skipped
-        case.unbalanced += not channel.balanced
-    run.close()
+def _set(step: float) -> Row:
+    def change(world: World) -> None:
+        world.jump_s += step
+
+    return _clock(change)
 
 
-def names() -> tuple[str, ...]:
-    """Of all rows."""
-    return (*(name for name, _, _ in MASTERS), *(f"stamps set by {step:+g} s" for step in STEPS_S))
+def _runs(rate: float, before: bool) -> Row:
+    def change(world: World) -> None:
+        world.jump_s -= rate * time.monotonic()
+        world.rate = rate
+
+    return _clock(change, before)
 
 
-def run_masters(times: int, seed: int, only: str | None, say: Callable[[str], None]) -> Outcome:
-    """Every row so many times at random moments."""
-    random = np.random.default_rng(seed)
-    cases: list[Case] = []
-    for name, act, goes_on in MASTERS:
-        if only is None or only in name:
-            cases.append(Case(name))
-            for _ in range(times):
-                _master(cases[-1], act, goes_on, random)
-            say(f"{name:40s} {times} times")
-    for step in STEPS_S:
-        if only is None or only in (name := f"stamps set by {step:+g} s"):
-            cases.append(Case(f"stamps set by {step:+g} s"))
-            for _ in range(times):
-                _step(cases[-1], step, random)
-            say(f"{cases[-1].name:40s} {times} times")
-    notes = [f"{'row':40s} ours afterwards   wrong   cycles marked before, behind   heard, worst   recovery, worst"]
-    for case in cases:
-        recovery, heard = (f"{max(times_s):.2f} s" if times_s else "-" for times_s in (case.recoveries, case.heard))
-        marked = "{}, {}".format(*map(sum, zip(*case.marked, strict=True))) if case.marked else "-"
-        notes.append(f"{case.name:40s} {case.frames:15d} {case.wrong:7d} {marked:>29s} {heard:>14s} {recovery:>17s}")
-    frames, wrong = sum(case.frames for case in cases), sum(case.wrong for case in cases)
-    worst = max((max(case.recoveries) for case in cases if case.recoveries), default=0.0)
-    unbalanced = sum(case.unbalanced for case in cases)
-    pairs = [pair for case in cases for pair in case.marked]
-    more = statistics.mean([behind - before for before, behind in pairs]) if pairs else 0.0
-    return Outcome(
-        (
-            Check("frames of ours after another master's first", frames, f"{frames}", "at most", 0, "0"),
-            Check("wrong values called fresh", wrong, f"{wrong}", "at most", 0, "0"),
-            Check("cycles marked behind a step, beyond those before it, mean", more, f"{more:.2f}", "at most", 1, "1"),
-            Check("slowest recovery", worst, f"{worst:.2f} s", "at most", RECOVERY_S, f"{RECOVERY_S:g} s"),
-            fact("produced = stored + dropped", not unbalanced, f"{times} times each"),
-        ),
-        tuple(notes),
-    )
+def _late_sync(random: np.random.Generator) -> Seen:
+    """We are kept from running between the tick and our SYNC."""
+    run, seen = Run(), Seen()
+    run.start()
+    run.until_fresh()
+    for _ in range(5):
+        run.once(int(random.integers(1, 20)))
+        run.clock.stall_s = float(random.uniform(0.002, 0.018))
+        run.once(2)
+    seen.recovery = run.until_fresh()
+    return run.ended(seen)
+
+
+def _node(change: Callable[[SimulatedNode], None]) -> Row:
+    """One node is not as others are; it has to be commissioned, and to bring values, all the same."""
+
+    def once(random: np.random.Generator) -> Seen:
+        run, seen = Run(lambda world: change(world.nodes[int(random.choice(list(world.nodes)))])), Seen()
+        seen.failed = "; ".join(run.start())
+        seen.recovery = run.until_fresh()
+        run.once(60)
+        return run.ended(seen)
+
+    return once
+
+
+def _without_heartbeat(node: SimulatedNode) -> None:
+    del node.object_dictionary[0x1017]
+    node._store.pop((0x1017, 0), None)
+
+
+def _in_steps(node: SimulatedNode) -> None:
+    taken = node.set_data
+
+    def rounded(index: int, subindex: int, data: bytes, check_writable: bool = False) -> None:
+        taken(index, subindex, b"\x7d\0" if index == 0x1017 else data, check_writable)
+
+    node.set_data = rounded  # type: ignore[method-assign]
+
+
+ROWS: dict[str, Row] = {
+    "another master powers up": _led(_power_up, True),
+    "another master starts nodes": _led(_starts, True),
+    "another master resets nodes, no SYNC": _led(_resets, False),
+    "another SDO client": _led(_asks, True),
+    "rebuilt while another master leads": _led(_rebuilt, False),
+    "another master's SYNC before the start": _there_before(_sends_sync),
+    "operational nodes without SYNC before the start": _there_before(_sends_events),
+    **{f"stamps set by {step:+g} s": _set(step) for step in STEPS_S},
+    **{f"stamps slewed by {1e6 * rate:+g} ppm": _runs(rate, False) for rate in (5e-4, -5e-4)},
+    **{f"stamps off by {1e6 * rate:+g} ppm": _runs(rate, True) for rate in (1e-3, -1e-3)},
+    "SYNC of ours sent late": _late_sync,
+    "node without 0x1017": _node(_without_heartbeat),
+    "node with a heartbeat of 125 ms": _node(_in_steps),
+}

@@ -19,8 +19,8 @@ def faults(
     json: Annotated[bool, typer.Option("--json", help="Print the checks as JSON.")] = False,
 ) -> None:
     """Every fault at random moments: what is lost, what is wrong, how soon it is over."""
+    from benchmarks.acquisition.bus_rows import names, run_rows
     from benchmarks.acquisition.faults import run, scripts
-    from benchmarks.acquisition.masters import names, run_masters
     from benchmarks.targets import Outcome
     from daq.errors import InputError
 
@@ -31,7 +31,7 @@ def faults(
     if only is None or any(only in name for name in ours):
         outcome = run(times, seed, only, real_time, shown(json))
     if only is None or any(only in name for name in theirs):
-        bus = run_masters(times, seed, only, shown(json))
+        bus = run_rows(times, seed, only, shown(json))
         outcome = Outcome((*outcome.checks, *bus.checks), (*outcome.notes, *bus.notes))
     finish("faults", outcome, json)
 

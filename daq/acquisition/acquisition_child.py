@@ -12,7 +12,7 @@ import os
 import signal
 import sys
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from multiprocessing.connection import Connection
 from pathlib import Path
@@ -28,7 +28,7 @@ from daq.drivers.canopen.listening import ListeningDriver
 from daq.drivers.found_setups import FoundSetups
 from daq.errors import AcquisitionError, HilfitError
 from daq.frames.channels import channel_table, channels_by_bus
-from daq.frames.clock import Clock, FollowingClock, RealClock, clock_for
+from daq.frames.clock import Clock, NextSync, clock_for
 from daq.frames.events import EventLog
 from daq.machine.machine_file import Machine
 
@@ -43,9 +43,6 @@ def main(control: Connection) -> None:
 
     Says ``("running", "")`` or ``("failed", line)`` through ``control``; stops when anything comes back.
     """
-    # python-can looks for asammdf, which brings pandas, for a log format that nothing here writes: half of the start,
-    # and 90 MB for every machine that is acquired. Drivers are loaded below.
-    sys.modules.setdefault("asammdf", None)  # type: ignore[arg-type]  # "not installed" from here on
     machine, name, required, data_directory, trace = control.recv()
     stopping = threading.Event()
     signal.signal(signal.SIGTERM, lambda *_: stopping.set())
@@ -147,14 +144,9 @@ class Drivers:
 
     def clock(self) -> Clock:
         """What paces the cycle: the machine's own clock, or another master's SYNC where that leads."""
-        own = clock_for(self._machine)
-        return (
-            FollowingClock(own, self._machine.rate_hz, self._period_s, self._sync)
-            if isinstance(own, RealClock)
-            else own
-        )
+        return clock_for(self._machine, self._sync)
 
-    def _sync(self) -> Callable[[int], int | None] | None:
+    def _sync(self) -> NextSync | None:
         """What tells the SYNC that leads, if one does: a bus says so, or a master came to one that we led."""
         for driver in self.drivers:
             if isinstance(driver, ListeningDriver | CanopenDriver) and driver.external_sync:

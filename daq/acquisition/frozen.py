@@ -65,7 +65,7 @@ class FrozenDetector:
         self._last = np.full(n, np.nan)
         self._whole = False  # whether a last value is known of every channel
         self._running = True  # whether some run may go on
-        self._all = np.ones(n, dtype=np.bool_)
+        self._all, self._none = np.ones(n, dtype=np.bool_), np.zeros(n, dtype=np.bool_)
         self._step = np.zeros(n)  # the last change that was one
         self._steps: list[FloatArray] = []  # since then, of frames that were all fresh
         self._run = np.zeros(n, dtype=np.int64)  # values equal to the one before, until now
@@ -120,10 +120,11 @@ class FrozenDetector:
         step = values - self._last
         self._steps.append(step)
         changed = step != 0.0
-        if not changed.any():
+        changes = np.count_nonzero(changed)  # quicker than any() and all()
+        if not changes:
             self._run += 1
             self._running = True
-        elif self._running or not changed.all():  # else no run goes on that could end
+        elif self._running or changes != len(step):  # else no run goes on that could end
             np.maximum(self._longest, self._run, out=self._longest, where=changed & ~self._found)
             self._found[changed] = False
             self._run += 1
@@ -132,10 +133,10 @@ class FrozenDetector:
         self._last[:] = values
         self._next_block()
         judged = self._running and self._some_known
-        found = self._by_noise() if judged else np.zeros(len(values), dtype=np.bool_)
+        found = self._by_noise() if judged else self._none
         if len(self._one):
-            found |= self._by_other(values, self._all)
-        if found.any():
+            found = found | self._by_other(values, self._all)
+        if found is not self._none:
             self._found |= found
         return found
 

@@ -23,14 +23,14 @@ from daq.acquisition.frozen import FrozenDetector
 from daq.acquisition.recorder import UNMEASURED
 from daq.acquisition.trace import bus_file, read_trace, trace_files
 from daq.drivers.base import Driver, DriverContext, make_driver
-from daq.drivers.can.port import CanAccess, CanConfig, CanPort
+from daq.drivers.can.port import CanAccess, CanPort
 from daq.drivers.canopen.listening import ListeningDriver, commissioned, nothing_to_ask
 from daq.errors import InputError
 from daq.frames.channels import channel_table, channels_by_bus
-from daq.frames.clock import NS, SyncClock, Tick
+from daq.frames.clock import NS, RealClock, Tick
 from daq.frames.events import EventLog
 from daq.frames.frame import Frame
-from daq.machine.machine_file import CanopenBus, CanSignalsBus, Channel, Machine
+from daq.machine.machine_file import CanBus, CanopenBus, CanSignalsBus, Channel, Machine
 
 _NO_WAITING_S = 1e-12
 _LOOKED_AT = 5000  # frames of each bus by which the cycle's phase is chosen
@@ -70,7 +70,7 @@ class _Tape(CanAccess):
         """Whether there are no more frames."""
         return self._next is None
 
-    def attach(self, port: CanPort, config: CanConfig) -> Any:
+    def attach(self, port: CanPort, config: CanBus) -> Any:
         """No interface."""
         self._ports[config.name] = port
         return _Silent()
@@ -161,13 +161,7 @@ def _frames(machine: Machine, tape: _Tape, drivers: list[Driver], leading: Liste
     assembler = Assembler(table, names, machine.rate_hz, frozen=FrozenDetector(machine))
     period_ns = round(NS / machine.rate_hz)
 
-    def next_sync(deadline_ns: int) -> int | None:
-        assert leading is not None
-        while (came := leading.next_sync(tape.now_ns)) is None and tape.step(deadline_ns):
-            pass
-        return came
-
-    clock = None if leading is None else SyncClock(machine.rate_hz, 1 / machine.rate_hz, next_sync, lambda: tape.now_ns)
+    clock = None if leading is None else _TapeClock(tape, leading, machine.rate_hz)
     if clock is not None:
         clock.start()
     begin, number = tape.now_ns + _phase(tape.first, tape.now_ns, period_ns) - period_ns, 0
@@ -190,6 +184,23 @@ def _frames(machine: Machine, tape: _Tape, drivers: list[Driver], leading: Liste
             if not leading.counts["sync"]:
                 continue  # commissioning, or nobody leads yet
         yield assembler.frame(tick, at_ns, at_ns, [samples[id(driver)] for driver in drivers])
+
+
+class _TapeClock(RealClock):
+    """Led by a trace's SYNCs; time passes as its frames are taken."""
+
+    def __init__(self, tape: _Tape, leading: ListeningDriver, rate_hz: float) -> None:
+        super().__init__(rate_hz, following=lambda: self._next_sync)
+        self._tape, self._leading = tape, leading
+
+    def monotonic_ns(self) -> int:
+        """That of the tape."""
+        return self._tape.now_ns
+
+    def _next_sync(self, deadline_ns: int) -> int | None:
+        while (came := self._leading.next_sync(self._tape.now_ns)) is None and self._tape.step(deadline_ns):
+            pass
+        return came
 
 
 def _phase(first: dict[str, dict[int, list[int]]], begin_ns: int, period_ns: int) -> int:

@@ -390,8 +390,3 @@ def _description(dtype: np.dtype[np.void]) -> list[list[Any]]:
 
 def _dtype(description: list[list[Any]]) -> np.dtype[np.void]:
     return np.dtype([(name, kind, tuple(shape)) for name, kind, shape in description])
-
-
-def ring_name(text: str) -> str:
-    """A name for the ring of the machine ``text`` that fits shared memory and is the same in every process."""
-    return "hilfit-" + "".join(c if c.isalnum() or c in "-_." else "-" for c in text)[:100]

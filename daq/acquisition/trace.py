@@ -12,6 +12,7 @@ import queue
 import re
 import threading
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 from typing import IO, Any
 
@@ -24,7 +25,19 @@ from daq.frames.events import EventLog
 
 SUFFIXES = (".blf", ".asc", ".log")  # Vector binary, Vector text, candump
 FILE_BYTES = 64_000_000  # of one file; at 3000 frames per second about ten minutes of candump's text
-_BLF = b"LOGG"
+
+
+def _blf(opened: IO[bytes]) -> can.BLFReader:
+    if opened.read(4) != b"LOGG":  # it would say how many bytes it lacks
+        raise ValueError("no BLF file")
+    opened.seek(0)
+    return can.BLFReader(opened)
+
+
+_READERS: dict[str, tuple[str, Callable[[Any], Any]]] = {
+    ".blf": ("rb", _blf), ".asc": ("r", partial(can.ASCReader, relative_timestamp=False)),
+    ".log": ("r", can.CanutilsLogReader), ".trc": ("r", can.TRCReader),
+}  # fmt: skip
 WAITING = 200_000  # frames that may wait for the disk; beyond, they are counted and lost
 
 
@@ -110,24 +123,9 @@ def read_trace(path: Path) -> Iterator[can.Message]:
     for file in trace_files(path):
         try:
             # Opened here: a reader that does not like how a file begins would leave it open.
-            with file.open("rb" if file.suffix.lower() == ".blf" else "r") as opened, _reader(file, opened) as reader:
-                yield from reader
+            mode, reader = _READERS[file.suffix.lower()]
+            with file.open(mode) as opened, reader(opened) as frames:
+                yield from frames
         except Exception as error:  # python-can's readers let out whatever becomes of a file that contradicts itself
             line = str(error).split("\n")[0] or type(error).__name__
             raise InputError(f"{file}: is no trace that can be read ({line}); give .blf, .asc, .log or .trc") from None
-
-
-def _reader(file: Path, opened: IO[Any]) -> Any:
-    suffix = file.suffix.lower()
-    if suffix == ".asc":
-        return can.ASCReader(opened, relative_timestamp=False)
-    if suffix == ".trc":
-        return can.TRCReader(opened)
-    if suffix == ".log":
-        return can.CanutilsLogReader(opened)
-    if suffix == ".blf":
-        if opened.read(len(_BLF)) != _BLF:
-            raise ValueError("no BLF file")
-        opened.seek(0)
-        return can.BLFReader(opened)
-    raise ValueError(f"{suffix or 'no suffix'} is unknown")

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from daq.commands import cli_bus, cli_machine
-from daq.console import print_json, progress_bar, reported, working
+from daq.console import Json, MachineFile, print_json, progress_bar, reported, working
 from daq.errors import InputError
 from daq.machine.machine_file import Machine, load_machine
 from daq.recordings.recording_files import SUFFIXES
@@ -23,8 +23,6 @@ if TYPE_CHECKING:
     from daq.acquisition.acquisition import AcquisitionProcess
     from daq.acquisition.recorder import RecordingSummary
 
-Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]
-MachineFile = Annotated[Path, typer.Argument(help="The machine file.", metavar="MACHINE")]
 
 Required = Annotated[
     list[str] | None,

@@ -10,7 +10,7 @@ import typer
 
 from daq.commands.cli_check import check, monitor
 from daq.commands.cli_scan import scan
-from daq.console import print_json, reported
+from daq.console import Json, MachineFile, print_json, reported
 from daq.machine.machine_file import load_machine
 
 DATA_DIRECTORY = Path("hilfit-data")
@@ -30,9 +30,9 @@ def register(app: typer.Typer) -> None:
 
 
 def restore(
-    machine: Annotated[Path, typer.Argument(help="The machine file.", metavar="MACHINE")],
+    machine: MachineFile,
     data_dir: DataDirectory = DATA_DIRECTORY,
-    json: Annotated[bool, typer.Option("--json", help="Print the result as JSON.")] = False,
+    json: Json = False,
 ) -> None:
     """Put CANopen nodes back to what they were before hilfit changed them: mapping, transmission type, heartbeat."""
     from daq.drivers.canopen.restore import restore_nodes

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from daq.console import print_json, progress_bar, show_table
+from daq.console import Json, MachineFile, print_json, progress_bar, show_table
 from daq.errors import InputError
 from daq.machine.machine_file import Machine, load_machine
 
@@ -16,7 +16,6 @@ if TYPE_CHECKING:
     from daq.commissioning.check import MachineCheck
     from daq.commissioning.delays import BusDelay
 
-MachineFile = Annotated[Path, typer.Argument(help="The machine file.", metavar="MACHINE")]
 _PAGE = (".html", ".htm")
 
 
@@ -30,7 +29,7 @@ def check(
         list[Path] | None, typer.Option(help="A recording of a motion, for the delays between buses (several times).")
     ] = None,
     output: Annotated[Path | None, typer.Option("-o", "--output", help="Page to print: an HTML file.")] = None,
-    json: Annotated[bool, typer.Option("--json", help="Print the result as JSON.")] = False,
+    json: Json = False,
 ) -> None:
     """Check every device of a machine: identity, units, mapping, latency, jitter, noise at rest, zero, drift."""
     from daq.commissioning.check import check_machine_buses

@@ -10,11 +10,9 @@ from typing import Annotated
 import typer
 
 from daq.commands.cli_new import new
-from daq.console import print_json, reported
+from daq.console import Json, print_json, reported
 from daq.errors import InputError
 from daq.machine.machine_file import Machine, parse_machine
-
-Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]
 
 
 def register(app: typer.Typer) -> None:

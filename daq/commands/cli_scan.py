@@ -13,7 +13,7 @@ import typer
 from pydantic import ValidationError
 
 from daq.commissioning import SCAN_SCHEMA
-from daq.console import print_json, show_table
+from daq.console import Json, print_json, show_table
 from daq.errors import InputError
 from daq.machine.machine_file import CanopenBus, CanSignalsBus, ModbusRtuBus, ModbusSource, ModbusTcpBus, load_machine
 from daq.validation_words import in_words
@@ -47,7 +47,7 @@ def scan(
     ] = False,
     listen_only: Annotated[bool, typer.Option("--listen-only", help="Send nothing: as without --ask.")] = False,
     output: Annotated[Path | None, typer.Option("-o", "--output", help="Also write it for 'machine new'.")] = None,
-    json: Annotated[bool, typer.Option("--json", help="Print the result as JSON.")] = False,
+    json: Json = False,
 ) -> None:
     """Who is on a bus: listens for two seconds. With --ask it then asks, unless somebody else leads; writes nothing."""
     from daq.commissioning.modbus_scan import scan_modbus, span

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import can
 
 from daq.drivers.can.port import first_line
+from daq.drivers.canopen.identity import ask
 from daq.drivers.canopen.link import CanLink, NoAnswerError, Sdo, SdoRefusedError
-from daq.drivers.canopen.profiles import ASKED, profile_name, profile_of
+from daq.drivers.canopen.profiles import profile_name
 from daq.errors import BusError
 
 ASK_EVERY_S = 0.005
@@ -85,29 +86,27 @@ def answering(link: CanLink, nodes: Sequence[int]) -> dict[int, int]:
     return dict(sorted(answers.items()))
 
 
+def said(number: int, told: Mapping[str, int | str]) -> FoundNode:
+    """A node by what it says of itself (:func:`daq.drivers.canopen.identity.ask`)."""
+    numbers = {name: value for name, value in told.items() if isinstance(value, int)}
+    texts = {name: value for name, value in told.items() if isinstance(value, str)}
+    device_type = numbers.get("0x1000:0")
+    return FoundNode(
+        number, device_type=device_type, profile="" if device_type is None else profile_name(device_type),
+        name=texts.get("0x1008:0"), hardware=texts.get("0x1009:0"), firmware=texts.get("0x100A:0"),
+        vendor_id=numbers.get("0x1018:1"), product_code=numbers.get("0x1018:2"),
+        revision_number=numbers.get("0x1018:3"), serial_number=numbers.get("0x1018:4"),
+        objects={name: value for name, value in numbers.items() if not name.startswith("0x1")},
+    )  # fmt: skip
+
+
 def asked(link: CanLink, node: FoundNode) -> FoundNode:
     """A node with what it says of itself; what it refuses stays None."""
     sdo = link.sdo(node.node)
     try:
-        device_type = _number(sdo, 0x1000)
-        profile = "" if device_type is None else profile_name(device_type)
-        wanted = () if device_type is None else ASKED.get(profile_of(device_type), ())
-        values = {key: _number(sdo, *key) for key in wanted}
-        return replace(
-            node,
-            device_type=device_type,
-            profile=profile,
-            name=_text(sdo, 0x1008),
-            hardware=_text(sdo, 0x1009),
-            firmware=_text(sdo, 0x100A),
-            vendor_id=_number(sdo, 0x1018, 1),
-            product_code=_number(sdo, 0x1018, 2),
-            revision_number=_number(sdo, 0x1018, 3),
-            serial_number=_number(sdo, 0x1018, 4),
-            heartbeat_ms=_number(sdo, 0x1017),
-            pdos=tuple(_pdos(sdo)),
-            objects={f"0x{index:04X}:{sub}": value for (index, sub), value in values.items() if value is not None},
-        )
+        answered = said(node.node, ask(sdo))
+        heartbeat_ms, pdos = _number(sdo, 0x1017), tuple(_pdos(sdo))
+        return replace(answered, state=node.state, answers=node.answers, heartbeat_ms=heartbeat_ms, pdos=pdos)
     except NoAnswerError:  # it went away, or answers one question in two
         return node
     finally:
@@ -135,12 +134,5 @@ def _pdos(sdo: Sdo) -> list[Pdo]:
 def _number(sdo: Sdo, index: int, subindex: int = 0) -> int | None:
     try:
         return sdo.read_unsigned(index, subindex)
-    except SdoRefusedError:
-        return None
-
-
-def _text(sdo: Sdo, index: int) -> str | None:
-    try:
-        return sdo.read(index).rstrip(b"\0 ").decode("latin-1")[:60]
     except SdoRefusedError:
         return None

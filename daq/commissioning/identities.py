@@ -8,6 +8,7 @@ from daq.commissioning.can_questions import FoundNode
 from daq.drivers.canopen.mapping import map_node
 from daq.drivers.canopen.profiles import measured
 from daq.errors import MachineFileError
+from daq.machine.buses import object_of
 from daq.machine.machine_file import CanopenBus, CanSource, Channel, Machine, ModbusSource
 from daq.units import conversion
 
@@ -37,7 +38,7 @@ def scale_finding(machine: Machine, channel: Channel, node: FoundNode) -> str | 
     source = channel.source
     if not isinstance(source, CanSource) or node.device_type is None:
         return None
-    objects = {_key(text): value for text, value in node.objects.items()}
+    objects = {object_of(text): value for text, value in node.objects.items()}
     for own in measured(node.device_type, objects):
         if (own.index, own.subindex) != (source.object, source.subindex) or not own.unit:
             continue
@@ -61,11 +62,6 @@ def scale_finding(machine: Machine, channel: Channel, node: FoundNode) -> str | 
                 f"scaling ({own.unit}); correct scale ({scale:.6g}) or set the device"
             )
     return None
-
-
-def _key(text: str) -> tuple[int, int]:
-    index, _, subindex = text.partition(":")
-    return int(index, 16), int(subindex)
 
 
 def mapping_of(machine: Machine, bus_name: str, device: str) -> str:

@@ -11,7 +11,7 @@ from canopen.objectdictionary import ODVariable
 
 from daq.drivers.canopen.eds import Place, pdo_places, read_eds, value_of
 from daq.drivers.canopen.profiles import ASKED, Measured, measured, profile_of
-from daq.machine.buses import CanSignalsBus
+from daq.machine.buses import CanSignalsBus, object_of
 from daq.machine.can_database import read_database
 from daq.units import conversion
 
@@ -52,7 +52,7 @@ def of_nodes(bus: str, nodes: Iterable[Mapping[str, Any]], listen_only: bool) ->
     for node in nodes:
         if node.get("device_type") is None:
             continue
-        objects = {_key(text): value for text, value in node["objects"].items()}
+        objects = {object_of(text): value for text, value in node["objects"].items()}
         places = {
             (index, sub): Place(pdo["cob_id"], bit, bits, pdo["transmission"] <= 240, pdo["event_ms"])
             for pdo in node["pdos"]
@@ -151,11 +151,6 @@ def _data_type(dictionary: Any, index: int, subindex: int) -> str | None:
     held = dictionary.get(index)
     variable = held if isinstance(held, ODVariable) else None if held is None else held.subindices.get(subindex)
     return None if variable is None else _TYPES.get(variable.data_type)
-
-
-def _key(text: str) -> tuple[int, int]:
-    index, _, subindex = text.partition(":")
-    return int(index, 16), int(subindex)
 
 
 def _placed(entries: Iterable[tuple[int, int, int]]) -> Iterable[tuple[tuple[int, int, int], int]]:

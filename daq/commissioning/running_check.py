@@ -10,9 +10,8 @@ import numpy as np
 import numpy.typing as npt
 
 from daq.acquisition.cycles import AcquisitionStatistics
-from daq.commissioning.can_questions import FoundNode
+from daq.commissioning.can_questions import FoundNode, said
 from daq.commissioning.check import SECONDS, MachineCheck, delays_of_frames, machine_check
-from daq.drivers.canopen.profiles import profile_name
 from daq.machine.machine_file import CanopenBus, Machine
 
 
@@ -50,16 +49,6 @@ def check_running(
 
 def _told(device: Mapping[str, Any]) -> FoundNode | None:
     """A node from what its driver asked it; None for a device that was not asked."""
-    said = device.get("objects") or {}
+    told = device.get("objects") or {}
     kind, _, number = str(device["name"]).rpartition(" ")
-    if kind != "node" or not said or not number.isdigit():
-        return None
-    numbers = {name: value for name, value in said.items() if isinstance(value, int)}
-    texts = {name: value for name, value in said.items() if isinstance(value, str)}
-    device_type = numbers.get("0x1000:0")
-    return FoundNode(
-        int(number), device_type=device_type, profile="" if device_type is None else profile_name(device_type),
-        name=texts.get("0x1008:0"), hardware=texts.get("0x1009:0"), firmware=texts.get("0x100A:0"),
-        vendor_id=numbers.get("0x1018:1"), product_code=numbers.get("0x1018:2"),
-        revision_number=numbers.get("0x1018:3"), serial_number=numbers.get("0x1018:4"), objects=numbers,
-    )  # fmt: skip
+    return said(int(number), told) if kind == "node" and told and number.isdigit() else None

@@ -104,34 +104,45 @@ class Samples:
 
 
 class Answers:
-    """Samples of a cycle while they are put together: lists, which take single values much faster than arrays do."""
+    """Samples of a cycle while they are put together: lists, which take single values much faster than arrays do.
 
-    def __init__(self, count: int, intervals: bool = False) -> None:
+    Attributes
+    ----------
+    raw, quality, cycles_ago, after_sync_s, interval : as in :class:`Samples`; nothing came yet
+    no_numbers : values that came and were none
+    """
+
+    def __init__(self, count: int, quality: Quality = Quality.MISSING) -> None:
         self.raw: list[float] = [math.nan] * count
-        self.quality: list[int] = [Quality.MISSING] * count
+        self.quality: list[int] = [quality] * count
         self.cycles_ago = [0] * count
         self.after_sync_s = [0.0] * count
-        self.interval = [1.0] * count if intervals else None
+        self.interval = [1.0] * count
+        self.no_numbers = 0
 
-    def samples(self) -> Samples:
+    def value(self, position: int, value: float, quality: Quality) -> None:
+        """What came for a channel; what is no number is no measurement, nor is what is invalid for another reason."""
+        if quality != Quality.INVALID and not math.isfinite(value):
+            self.no_numbers += 1
+            quality = Quality.INVALID
+        self.raw[position] = math.nan if quality == Quality.INVALID else value
+        self.quality[position] = quality
+
+    def samples(self, *, from_tick: bool = False) -> Samples:
         """The samples."""
         return Samples(
             np.array(self.raw, dtype=np.float64),
             np.array(self.quality, dtype=np.uint8),
             np.array(self.cycles_ago, dtype=np.int64),
             np.array(self.after_sync_s, dtype=np.float64),
-            None if self.interval is None else np.array(self.interval, dtype=np.float64),
+            np.array(self.interval, dtype=np.float64),
+            from_tick=from_tick,
         )
 
 
 def nothing(count: int, quality: Quality = Quality.MISSING) -> Samples:
     """Samples of a cycle in which nothing came."""
-    return Samples(
-        raw=np.full(count, np.nan),
-        quality=np.full(count, quality, dtype=np.uint8),
-        cycles_ago=np.zeros(count, dtype=np.int64),
-        after_sync_s=np.zeros(count),
-    )
+    return Answers(count, quality).samples()
 
 
 class Spread:

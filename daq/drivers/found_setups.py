@@ -15,6 +15,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from daq.errors import CommissioningError
+from daq.machine.buses import object_of
 from daq.recordings.recording_files import replacing
 
 Objects = Mapping[tuple[int, int], bytes]
@@ -124,8 +125,4 @@ def _content(setup: FoundSetup) -> dict[str, object]:
 
 
 def _objects(content: Mapping[str, str]) -> dict[tuple[int, int], bytes]:
-    found = {}
-    for key, value in content.items():
-        index, _, subindex = key.partition(":")
-        found[int(index, 0), int(subindex)] = bytes.fromhex(value)
-    return found
+    return {object_of(key): bytes.fromhex(value) for key, value in content.items()}

@@ -1,4 +1,4 @@
-"""What paces the cycle: the wall's clock for a machine, lockstep for a simulation."""
+"""What paces the cycle: the wall's clock or another master's SYNC for a machine, lockstep for a simulation."""
 
 from __future__ import annotations
 
@@ -50,18 +50,12 @@ class Clock(Protocol):
         """Sleep until the next tick."""
 
 
-class RealClock:
-    """Absolute deadlines: tick ``k`` is at ``start + k / rate``, whatever happened before.
+#: Tells when the next SYNC came (monotonic ns); None if it has not by the deadline (ns) that it is given.
+NextSync = Callable[[int], int | None]
 
-    A tick whose successor is already due is skipped and its number with it, so that a stall never causes a burst and
-    machine time stays the wall's time.
-    """
 
-    def __init__(self, rate_hz: float, speed: float = 1.0) -> None:
-        self._period = round(NS / (rate_hz * speed))
-        self._rate = rate_hz
-        self._origin = 0
-        self._next = 0
+class _SystemClocks:
+    """The clocks of this computer."""
 
     def monotonic_ns(self) -> int:
         """Nanoseconds of the monotonic clock."""
@@ -71,25 +65,73 @@ class RealClock:
         """Nanoseconds since 1970 by the system's clock."""
         return time.time_ns()
 
+    def until(self, deadline_ns: int) -> int:
+        """Sleep until then; what time it is afterwards."""
+        while (now := time.monotonic_ns()) < deadline_ns:
+            time.sleep((deadline_ns - now) / NS)
+        return now
+
+
+class RealClock(_SystemClocks):
+    """The wall's time: absolute deadlines of our own, or another master's SYNC once one is followed.
+
+    A tick whose successor is already due is skipped and its number with it, so that a stall never causes a burst and
+    machine time stays the wall's time. Of a master that is followed, cycles are numbered by its SYNCs, so that machine
+    time is its own. A SYNC that comes more often than the cycle leads only where a period is over; one that comes at
+    other moments leads nothing (the driver says so). Where it does not come our own clock goes on; when it comes again,
+    the ticks follow it from the next one on.
+
+    Parameters
+    ----------
+    speed : machine seconds per second
+    following : what tells the next SYNC; None as long as there is none to follow
+    """
+
+    TOLERANCE = 0.2  # of a period that a SYNC may come too early or too late
+
+    def __init__(
+        self, rate_hz: float, speed: float = 1.0, following: Callable[[], NextSync | None] = lambda: None
+    ) -> None:
+        self._period = round(NS / (rate_hz * speed))
+        self._rate = rate_hz
+        self._following = following
+        self._last = 0  # moment of the last tick, or of the SYNC that periods count from
+        self._cycle = -1
+        self._free = True  # whether the last tick was by our own clock
+
     def start(self) -> None:
-        """Tick 0 is one period from now."""
-        self._origin = time.monotonic_ns() + self._period
-        self._next = 0
+        """Tick 0 is the next SYNC, or one period from now."""
+        self._last, self._cycle, self._free = self.monotonic_ns(), -1, True
 
     def wait(self) -> Tick:
-        """Sleep until the next tick that is not over yet."""
-        now = time.monotonic_ns()
-        due = max(self._next, (now - self._origin) // self._period)
-        skipped = due - self._next
-        at = self._origin + due * self._period
-        while (now := time.monotonic_ns()) < at:
-            time.sleep((at - now) / NS)
-        self._next = due + 1
+        """Wait until the next tick that is not over yet: of a SYNC half a period more than it may take."""
+        while True:
+            next_sync = self._following()
+            if next_sync is None:
+                now, at = self.until(self._last + self._period), None
+            else:
+                at = next_sync(self._last + (self._period if self._free else self._period * 3 // 2))
+                now = self.monotonic_ns()
+            if at is None:
+                self._free = True
+                steps = max(1, (now - self._last) // self._period)
+                return self._tick(self._last + steps * self._period, steps, now)
+            elapsed = (at - self._last) / self._period
+            if round(elapsed) >= 1 and abs(elapsed - round(elapsed)) <= self.TOLERANCE:
+                self._free = False
+                return self._tick(at, round(elapsed), now)
+            if self._free:  # it is here, or here again, at another moment: periods count from it
+                self._free, self._last = False, at
+
+    def _tick(self, at: int, steps: int, now: int) -> Tick:
+        steps = steps if self._cycle >= 0 else 1
+        self._cycle += steps
+        self._last = at
         # The last tenth of the period is kept for publishing the frame and for waking up in time.
-        return Tick(due, due / self._rate, now - at, skipped, at + self._period * 9 // 10, at)
+        return Tick(self._cycle, self._cycle / self._rate, now - at, steps - 1, at + self._period * 9 // 10, at)
 
 
-class LockstepClock:
+class LockstepClock(_SystemClocks):
     """Machine time advances one period per SYNC and by nothing else.
 
     The wall's period is ``1 / (rate * speed)``. A cycle that takes longer makes the next tick slip, and all that
@@ -105,14 +147,6 @@ class LockstepClock:
         self._at = 0
         self._cycle = 0
 
-    def monotonic_ns(self) -> int:
-        """Nanoseconds of the monotonic clock."""
-        return time.monotonic_ns()
-
-    def utc_ns(self) -> int:
-        """Nanoseconds since 1970 by the system's clock."""
-        return time.time_ns()
-
     def start(self) -> None:
         """Tick 0 is one wall period from now."""
         self._at = time.monotonic_ns() + self._period
@@ -120,8 +154,7 @@ class LockstepClock:
 
     def wait(self) -> Tick:
         """Sleep until the next tick, or not at all when it is overdue."""
-        while (now := time.monotonic_ns()) < self._at:
-            time.sleep((self._at - now) / NS)
+        now = self.until(self._at)
         late = now - self._at
         cycle, self._cycle = self._cycle, self._cycle + 1
         # Within one period of lateness the pace is kept (waking up late is no slip); beyond, all later ticks slip.
@@ -129,118 +162,9 @@ class LockstepClock:
         return Tick(cycle, cycle / self._rate, late, 0, now + max(self._period, round(self._patience_s * NS)))
 
 
-class SyncClock:
-    """Led by a SYNC that is not ours: a tick whenever it comes, by our own clock where it does not.
-
-    Cycles are numbered by the SYNCs, so that machine time is the other master's. A SYNC that comes more often than the
-    cycle leads only where a period is over; one that comes at other moments leads nothing (the driver says so).
-    When it comes again after it was lost, the ticks follow it from the next one on.
-
-    Parameters
-    ----------
-    period_s : wall seconds per cycle
-    next_sync : when the next SYNC came (monotonic ns); None if it has not by the deadline (ns) that it is given
-    monotonic_ns : the clock of these moments
-    """
-
-    TOLERANCE = 0.2  # of a period that a SYNC may come too early or too late
-
-    def __init__(
-        self,
-        rate_hz: float,
-        period_s: float,
-        next_sync: Callable[[int], int | None],
-        monotonic_ns: Callable[[], int] = time.monotonic_ns,
-    ) -> None:
-        self._rate = rate_hz
-        self._period = round(period_s * NS)
-        self._next_sync = next_sync
-        self._now = monotonic_ns
-        self._last = 0
-        self._cycle = -1
-        self._free = True  # whether the last tick was by our own clock
-
-    def monotonic_ns(self) -> int:
-        """Nanoseconds of the monotonic clock."""
-        return self._now()
-
-    def utc_ns(self) -> int:
-        """Nanoseconds since 1970 by the system's clock."""
-        return time.time_ns()
-
-    def start(self) -> None:
-        """The first tick is the next SYNC, or one period from now."""
-        self._last, self._cycle, self._free = self._now(), -1, True
-
-    def go_on(self, cycle: int, at_ns: int) -> None:
-        """Follow from here on: cycle ``cycle`` was at ``at_ns``, by another clock."""
-        self._last, self._cycle, self._free = at_ns, cycle, True
-
-    def wait(self) -> Tick:
-        """Wait for the SYNC that is due; half a period more than that, then go on without."""
-        while True:
-            at = self._next_sync(self._last + (self._period if self._free else self._period * 3 // 2))
-            if at is None:
-                self._free = True
-                steps = max(1, (self._now() - self._last) // self._period)
-                return self._tick(self._last + steps * self._period, steps)
-            elapsed = (at - self._last) / self._period
-            if round(elapsed) >= 1 and abs(elapsed - round(elapsed)) <= self.TOLERANCE:
-                self._free = False
-                return self._tick(at, round(elapsed))
-            if self._free:  # it is here again, at another moment: periods count from it
-                self._free, self._last = False, at
-
-    def _tick(self, at: int, steps: int) -> Tick:
-        steps = steps if self._cycle >= 0 else 1
-        self._cycle += steps
-        self._last = at
-        late_ns, until_ns = self._now() - at, at + self._period * 9 // 10
-        return Tick(self._cycle, self._cycle / self._rate, late_ns, steps - 1, until_ns, at)
-
-
-class FollowingClock:
-    """Our own clock, until another master's SYNC leads the cycle; then that one, for good.
-
-    Parameters
-    ----------
-    own : our own
-    following : what tells the next SYNC (as :class:`SyncClock` takes it), once there is one to follow
-    """
-
-    def __init__(
-        self,
-        own: RealClock,
-        rate_hz: float,
-        period_s: float,
-        following: Callable[[], Callable[[int], int | None] | None],
-    ) -> None:
-        self._clock: RealClock | SyncClock = own
-        self._rate, self._period_s = rate_hz, period_s
-        self._following = following
-        self._last: Tick | None = None
-        self.monotonic_ns, self.utc_ns = own.monotonic_ns, own.utc_ns
-
-    def start(self) -> None:
-        """As the clock that leads does."""
-        self._clock.start()
-
-    def wait(self) -> Tick:
-        """The next tick; cycles are counted on from one clock to the other."""
-        if isinstance(self._clock, RealClock) and (next_sync := self._following()) is not None:
-            self._clock = SyncClock(self._rate, self._period_s, next_sync, self.monotonic_ns)
-            self._clock.start()
-            if self._last is not None and self._last.at_ns is not None:
-                self._clock.go_on(self._last.cycle, self._last.at_ns)
-        self._last = self._clock.wait()
-        return self._last
-
-
-def clock_for(machine: Machine) -> Clock:
-    """The clock that a machine is acquired with: the wall's, unless the file describes a simulation."""
+def clock_for(machine: Machine, following: Callable[[], NextSync | None] = lambda: None) -> Clock:
+    """The clock that a machine is acquired with: the wall's (``following`` as there), or lockstep with a simulation."""
     simulation = machine.simulation
-    if simulation is None:
-        return RealClock(machine.rate_hz)
-    if simulation.lockstep:
+    if simulation is not None and simulation.lockstep:
         return LockstepClock(machine.rate_hz, simulation.speed, simulation.patience_s)
-    return RealClock(machine.rate_hz, simulation.speed)
+    return RealClock(machine.rate_hz, 1.0 if simulation is None else simulation.speed, following)

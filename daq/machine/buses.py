@@ -266,6 +266,9 @@ class CanSignalsBus(_CanBus):
         return True
 
 
+CanBus = CanopenBus | CanSignalsBus
+
+
 class ModbusTcpBus(FileModel):
     """Modbus TCP transmitters or a gateway."""
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, get_args
 
 import numpy as np
 import numpy.typing as npt
@@ -19,6 +19,7 @@ from daq import safe_yaml
 from daq.errors import MachineFileError
 from daq.machine.buses import (
     Bus,
+    CanBus,
     CanNode,
     CanopenBus,
     CanSignalsBus,
@@ -56,6 +57,7 @@ __all__ = [
     "JOINT_QUANTITIES",
     "SCHEMA",
     "Bus",
+    "CanBus",
     "CanNode",
     "CanSignalsBus",
     "CanSource",
@@ -280,7 +282,7 @@ def machine_problems(
     try:
         return Machine.model_validate(content, context={"folder": folder}), []
     except ValidationError as error:
-        return None, all_problems(tree, error, _ALL_KEYS)
+        return None, all_problems(tree, error, _ALL_KEYS, _TAGS)
 
 
 def machine_to_yaml(machine: Machine) -> str:
@@ -296,4 +298,6 @@ def _kinds(model: type[BaseModel]) -> Iterator[type[BaseModel]]:
 
 
 _MODELS: tuple[type[BaseModel], ...] = (*_kinds(FileModel), *LINKAGES)
+_TYPES = [kind.annotation for model in _MODELS if (kind := model.model_fields.get("type")) is not None]
+_TAGS = frozenset(("other", *(str(name) for kind in _TYPES for name in get_args(kind))))  # of alternatives
 _ALL_KEYS = sorted({field.alias or key for model in _MODELS for key, field in model.model_fields.items()})

@@ -13,22 +13,6 @@ from pydantic_core import ErrorDetails
 
 from daq.validation_words import in_words
 
-_UNION_TAGS = frozenset(
-    (
-        "three_pin",
-        "pins",
-        "four_bar",
-        "rack",
-        "direct",
-        "polynomial",
-        "canopen",
-        "can_signals",
-        "modbus_tcp",
-        "modbus_rtu",
-        "other",
-    )
-)
-
 #: What machines, joints, channels and buses may be called.
 NAME_PATTERN = r"^[A-Za-z_][A-Za-z0-9_.\-]*$"
 #: Characters of what was found that are shown.
@@ -63,7 +47,7 @@ class Problem:
 
 
 def all_problems(
-    tree: yaml.Node | None, error: ValidationError, keys: Sequence[str], tags: Collection[str] = _UNION_TAGS
+    tree: yaml.Node | None, error: ValidationError, keys: Sequence[str], tags: Collection[str]
 ) -> list[Problem]:
     """Everything that pydantic found, unknown keys first: they explain more than the missing ones they stand for.
 

@@ -21,7 +21,7 @@ import numpy as np
 import numpy.typing as npt
 
 from daq.errors import RecordingError
-from daq.recordings.recording_files import Table
+from daq.recordings.recording_files import Table, digest_of
 
 #: Values of all columns of a file that are read into memory (2 GB); more is for Parquet.
 MAXIMUM_VALUES = 1 << 28
@@ -106,15 +106,10 @@ def _table(path: Path, columns: dict[str, Any], units: dict[str, str], digest: s
     return Table(columns, {"hilfit.units": json.dumps(units)}, digest)
 
 
-def _digest(path: Path) -> str:
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
-
-
 def _mdf(path: Path, wanted: Wanted) -> list[Table]:
     """One table per time base of an MDF file."""
     rasters = _guarded(path, "an MDF file", "asammdf", lambda: _mdf_rasters(path, wanted))
-    digest = _digest(path)
+    digest = digest_of(path)
     return [_table(path, columns, units, digest) for _, columns, units in rasters]
 
 
@@ -168,7 +163,7 @@ def _mat(path: Path, wanted: Wanted) -> list[Table]:
     if len(lengths) > 1:
         listed = ", ".join(f"{name} ({len(values)})" for name, values in list(columns.items())[:4])
         raise RecordingError(f"{path}: vectors differ in length: {listed}; save them on one time base")
-    return [_table(path, columns, {}, _digest(path))] if columns else []
+    return [_table(path, columns, {}, digest_of(path))] if columns else []
 
 
 def _mat_content(path: Path) -> dict[str, Any]:
@@ -201,7 +196,7 @@ def _bag(path: Path, wanted: Wanted) -> list[Table]:
     if not rasters:
         return []
     begin = min(min(times) for times, _ in rasters.values())
-    digest = _digest(path) if path.is_file() else _digest_of_folder(path)
+    digest = digest_of(path) if path.is_file() else _digest_of_folder(path)
     return [
         _table(
             path,
@@ -253,5 +248,5 @@ def _bag_topics(path: Path, wanted: Wanted) -> dict[str, tuple[list[int], dict[s
 def _digest_of_folder(path: Path) -> str:
     whole = hashlib.sha256()
     for file in sorted(entry for entry in path.iterdir() if entry.is_file()):
-        whole.update(file.name.encode() + b"\0" + bytes.fromhex(_digest(file)))
+        whole.update(file.name.encode() + b"\0" + bytes.fromhex(digest_of(file)))
     return whole.hexdigest()

@@ -7,7 +7,6 @@ A recording that our recorder made also has the cycle counter, UTC, and per chan
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, MutableMapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -25,10 +24,9 @@ from daq.recordings.column_map import ColumnMap
 from daq.recordings.encoder_wraps import unwrapped, wrap_text
 from daq.recordings.recorded_events import RecordedEvent, recorded_events
 from daq.recordings.recording_files import Table, write_table
-from daq.recordings.recording_source import load_table, stored_notes, units_on_disk
+from daq.recordings.recording_source import load_table, recording_metadata, stored_notes, units_on_disk
 from daq.scratch import ScratchColumns
 
-SCHEMA = "hilfit/recording/1"
 #: ``unloaded``: rods unpinned, F_l = 0. ``train``, ``repeat`` (the same motion again), ``validate`` (another
 #: motion, nothing is ever selected on it), ``operation`` (whatever the machine did).
 ROLES = ("unloaded", "train", "repeat", "validate", "operation")
@@ -165,11 +163,11 @@ def read_recording(
             quality[name] = flags
             value = np.where(np.isin(flags, MEASURED), value, np.nan)
         if f"{name}.age" in table.columns:
-            age[name] = _frozen(np.asarray(table.columns[f"{name}.age"], dtype=np.float64))
+            age[name] = _frozen(table.columns[f"{name}.age"], np.float64)
         value, wraps = unwrapped(machine, channel, value)
         if len(wraps):
             notes = (*notes, f"{wrap_text(path, name, wraps, time)}; its turns are put back")
-        values[name] = _frozen(value)
+        values[name] = _frozen(value, np.float64)
     utc_ns = _integers(path, "utc_ns", table)
     recording = Recording(
         machine=machine.name,
@@ -177,7 +175,7 @@ def read_recording(
         file=str(path),
         sha256=table.sha256,
         rate_hz=machine.rate_hz,
-        time=_frozen(time),
+        time=_frozen(time, np.float64),
         values=values,
         age=age,
         quality=quality,
@@ -268,17 +266,6 @@ def recording_table(
     return pa.table(arrays).replace_schema_metadata(recording_metadata(machine, role))
 
 
-def recording_metadata(machine: Machine, role: str) -> dict[str, str]:
-    """What the Arrow schema of a recording says about it."""
-    return {
-        "hilfit.schema": SCHEMA,
-        "hilfit.machine": machine.name,
-        "hilfit.role": role,
-        "hilfit.rate_hz": repr(machine.rate_hz),
-        "hilfit.units": json.dumps({channel.name: channel.unit for channel in machine.channels}),
-    }
-
-
 def _shelf(table: Table) -> MutableMapping[str, npt.NDArray[Any]]:
     """Where columns are kept: where the table has its own."""
     return ScratchColumns(table.columns.scratch) if isinstance(table.columns, ScratchColumns) else {}
@@ -302,7 +289,7 @@ def _quality(path: Path, name: str, table: Table) -> QualityArray | None:
         return None
     if not np.all(np.isfinite(column)) or np.any((column < 0) | (column > 255)) or np.any(column % 1 != 0):
         raise RecordingError(f"{path}: {name}.quality: holds something that is no quality; export it again")
-    return _frozen_quality(np.asarray(column, dtype=np.uint8))
+    return _frozen(column, np.uint8)
 
 
 def _integers(path: Path, name: str, table: Table) -> IntArray | None:
@@ -311,17 +298,10 @@ def _integers(path: Path, name: str, table: Table) -> IntArray | None:
         return None
     if not np.all(np.isfinite(column)):
         raise RecordingError(f"{path}: {name}: has rows without a number; export it again")
-    result = np.asarray(column, dtype=np.int64)
-    result.flags.writeable = False
-    return result
+    return _frozen(column, np.int64)
 
 
-def _frozen(values: FloatArray) -> FloatArray:
-    values = np.array(values, dtype=np.float64)
-    values.flags.writeable = False
-    return values
-
-
-def _frozen_quality(values: QualityArray) -> QualityArray:
-    values.flags.writeable = False
-    return values
+def _frozen(values: npt.ArrayLike, kind: type[_Kind]) -> npt.NDArray[_Kind]:
+    copied = np.array(values, dtype=kind)
+    copied.flags.writeable = False
+    return copied

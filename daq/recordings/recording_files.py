@@ -65,8 +65,7 @@ def read_table(path: Path) -> Table:
     try:
         with path.open("rb") as file:
             head = file.read(4096)
-            file.seek(0)
-            digest = hashlib.file_digest(file, "sha256").hexdigest()
+        digest = digest_of(path)
     except FileNotFoundError:
         raise RecordingError(f"{path}: no such file; give the path of a recording (.parquet or .csv)") from None
     except OSError as error:
@@ -97,6 +96,12 @@ def read_table(path: Path) -> Table:
     _names_differ(path, table.column_names)
     columns = {name: _numeric(path, name, table.column(name)) for name in table.column_names}
     return Table(columns, _metadata(table.schema), digest)
+
+
+def digest_of(path: Path) -> str:
+    """SHA-256 of a file's bytes, hexadecimal."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def _moments_counted(table: pa.Table) -> pa.Table:

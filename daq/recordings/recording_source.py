@@ -25,6 +25,8 @@ from daq.recordings.recording_files import Table, read_table, write_table
 from daq.recordings.resampling import PASSBAND, Resampled, grid, resample
 from daq.units import Conversion, conversion
 
+SCHEMA = "hilfit/recording/1"
+
 FloatArray = npt.NDArray[np.float64]
 
 
@@ -223,16 +225,20 @@ def import_file(
         if name not in arrays:
             kind = np.int64 if name in ("cycle", "utc_ns") else np.uint8 if name.endswith(".quality") else np.float64
             arrays[name] = np.asarray(table.columns[name]).astype(kind)
-    metadata = {
-        "hilfit.schema": "hilfit/recording/1",
-        "hilfit.machine": machine.name,
-        "hilfit.rate_hz": repr(machine.rate_hz),
-        "hilfit.units": json.dumps({channel.name: channel.unit for channel in machine.channels}),
-        **({} if role is None else {"hilfit.role": role}),
-        **({"hilfit.notes": json.dumps(notes)} if notes else {}),
-    }
+    metadata = recording_metadata(machine, role) | ({"hilfit.notes": json.dumps(notes)} if notes else {})
     write_table(output, pa.table(arrays).replace_schema_metadata(metadata))
     return len(time), notes
+
+
+def recording_metadata(machine: Machine, role: str | None) -> dict[str, str]:
+    """What the Arrow schema of a recording says about it; ``role`` None: whoever uses it decides."""
+    return {
+        "hilfit.schema": SCHEMA,
+        "hilfit.machine": machine.name,
+        **({} if role is None else {"hilfit.role": role}),
+        "hilfit.rate_hz": repr(machine.rate_hz),
+        "hilfit.units": json.dumps({channel.name: channel.unit for channel in machine.channels}),
+    }
 
 
 def stored_notes(table: Table) -> tuple[str, ...]:

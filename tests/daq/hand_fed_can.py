@@ -9,7 +9,8 @@ import can
 
 from daq.drivers import DriverContext, Samples
 from daq.drivers.base import Driver
-from daq.drivers.can.port import CanAccess, CanConfig, CanPort
+from daq.drivers.can.port import CanAccess, CanPort
+from daq.machine.machine_file import CanBus
 
 NS = 1_000_000_000
 PERIOD = 0.02
@@ -39,7 +40,7 @@ class HandFed(CanAccess):
         self.driver = make(DriverContext(PERIOD, 0.0, lambda: self.now_ns, start_s=1e-12, can=self))  # no waiting
         self.problems = self.driver.start()
 
-    def attach(self, port: CanPort, config: CanConfig) -> Any:
+    def attach(self, port: CanPort, config: CanBus) -> Any:
         self.port = port
         return self.bus
 

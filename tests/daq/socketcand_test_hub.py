@@ -1,4 +1,4 @@
-"""A minimal socketcand server for tests: raw mode, one client at a time, bridged to a virtual bus.
+"""A minimal socketcand server for tests: raw mode, one client at a time, bridged to a virtual bus, or to the kernel's.
 
 The protocol is that of the socketcand project's documentation: ``< hi >``, ``< open bus >``, ``< rawmode >``,
 ``< send id length bytes >``, ``< frame id seconds bytes >``.
@@ -19,11 +19,11 @@ class TestHub:
 
     __test__ = False  # not a test, whatever its name begins with
 
-    def __init__(self, channel: str, port: int = 0) -> None:
+    def __init__(self, channel: str, port: int = 0, interface: str = "virtual") -> None:
         self._server = socket.create_server(("127.0.0.1", port))
         self.port = self._server.getsockname()[1]
         self.clients = 0
-        self._bus = can.Bus(interface="virtual", channel=channel)
+        self._bus = can.Bus(interface=interface, channel=channel)
         self._client: socket.socket | None = None
         self._stop = threading.Event()
         self._threads = [threading.Thread(target=run, daemon=True) for run in (self._accept, self._to_client)]

@@ -5,10 +5,15 @@ from __future__ import annotations
 import random
 from collections.abc import Iterator
 
+import can
 import pytest
 
+from daq.drivers.base import DriverContext
 from daq.drivers.can.arrival import ArrivalTimes
+from daq.drivers.can.health import BusHealth
+from daq.drivers.can.port import CanPort
 from daq.frames.clock import NS
+from daq.machine.machine_file import CanBus, CanopenBus
 
 PERIOD = 0.02
 MOST = 1e-3  # s that an age may be wrong by
@@ -29,20 +34,27 @@ def errors(
     off_ppm: float = 0.0,
     proofs: bool = True,
     seconds: float = 40.0,
+    least: float = 0.0,
 ) -> list[tuple[float, float]]:
     """(when a frame was on the bus, by how much the estimate is off), both in s.
 
     The thread looks whether a frame waits as :mod:`daq.drivers.can.port` does, is woken after an exponential time, and
-    every 200th frame kept from running for up to 0.12 s.
+    every 200th frame kept from running for up to 0.12 s; in every second second, by chance, by ``least`` more.
     """
     random_ = random.Random(seed)
+    more = [random_.choice((0.0, least)) if least else 0.0 for _ in range(round(seconds) + 1)]
     times, now, looked, found = ArrivalTimes(), 0.0, -1.0, []
     for at in frames(random_, seconds):
         if at > now:
             if proofs and now - looked > 0.002:
                 times.nothing_at(round(now * NS))
                 looked = now
-            now = at + random_.expovariate(1 / 80e-6) + (random_.uniform(0, 0.12) if random_.random() < 0.005 else 0.0)
+            now = (
+                at
+                + more[int(at)]
+                + random_.expovariate(1 / 80e-6)
+                + (random_.uniform(0, 0.12) if random_.random() < 0.005 else 0.0)
+            )
         else:
             now += 40e-6
         stamp = 1.7e9 + at * (1 + off_ppm * 1e-6)
@@ -65,6 +77,14 @@ def test_ages_are_right_whatever_is_done_to_the_clock_of_the_stamps(clock: dict[
     for seed in range(4):
         wrong = [(at, error) for at, error in errors(seed, **clock) if abs(error) > MOST]
         assert len({round(at / PERIOD) for at, _ in wrong}) <= 1, wrong[:5]  # cycles that are marked
+
+
+@pytest.mark.slow
+def test_a_second_in_which_every_frame_waited_is_no_rate() -> None:
+    """What two windows seem to say of it must not put ages wrong by more than they waited."""
+    for seed in range(8):
+        early = [(at, error) for at, error in errors(seed, least=2e-3, seconds=15.0) if error < -MOST]
+        assert not early, early[:5]
 
 
 @pytest.mark.slow
@@ -95,3 +115,56 @@ def test_frames_never_overtake_each_other_nor_come_after_they_were_taken() -> No
         came = times.of(random_.choice((1e9, 1.1e9, 9e8)) + now / NS + random_.gauss(0, 0.5), now)
         assert before <= came <= now
         before = came
+
+
+class Bursts:
+    """A bus on which five frames come every 20 ms; its clock is turned by waiting, and by a millionth by each look."""
+
+    def __init__(self, count: int) -> None:
+        self.now = 0.0
+        self._at = [k * PERIOD for k in range(1, count + 1) for _ in range(5)]  # as a gateway hands them on
+
+    def monotonic_ns(self) -> int:
+        self.now += 1e-6
+        return round(self.now * NS)
+
+    def recv(self, timeout: float) -> can.Message | None:
+        if not self._at:
+            raise can.CanOperationError("the end")
+        if self._at[0] > self.now + timeout:
+            self.now += timeout
+            return None
+        self.now = max(self.now, self._at[0])
+        return can.Message(timestamp=1.7e9 + self._at.pop(0), arbitration_id=0x181, is_extended_id=False)
+
+    def attach(self, port: CanPort, config: CanBus) -> Bursts:
+        return self
+
+    def begin(self, port: CanPort) -> None:
+        port._receive()
+
+    def noted(self, name: str) -> None:
+        return None
+
+
+class Ear(CanPort):
+    """Notes when nothing was there."""
+
+    def __init__(self, bus: Bursts) -> None:
+        context = DriverContext(PERIOD, 0.0, bus.monotonic_ns, can=bus)  # type: ignore[arg-type]
+        super().__init__(CanopenBus(name="b", type="canopen", interface="virtual", channel="x"), context, BusHealth())
+        self.empty: list[float] = []
+        nothing_at = self._times.nothing_at
+        self._times.nothing_at = lambda now_ns: (self.empty.append(now_ns / NS), nothing_at(now_ns))[1]  # type: ignore[method-assign]
+        self.open()
+
+    def dispatch(self, message: can.Message, at_ns: int) -> None:
+        pass
+
+
+def test_behind_each_burst_it_is_known_that_nothing_waits() -> None:
+    """Else a clock that is set back by two cycles is taken for frames that waited."""
+    ear = Ear(Bursts(30))
+    for cycle in range(1, 30):
+        assert any(0.0 <= at - cycle * PERIOD < 0.005 for at in ear.empty), cycle
+    assert len(ear.empty) <= 2 * 30  # and no more often than that: each look costs a system call

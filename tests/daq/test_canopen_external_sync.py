@@ -27,7 +27,7 @@ from daq.acquisition.ring import RingReader
 from daq.drivers import DriverContext, make_driver
 from daq.drivers.canopen.eds import pdo_places
 from daq.drivers.canopen.listening import ListeningDriver
-from daq.frames.clock import NS, SyncClock
+from daq.frames.clock import NS, RealClock
 from daq.machine.machine_check import check_machine
 
 CHANNELS = """
@@ -145,6 +145,18 @@ def test_a_pdo_belongs_to_the_sync_before_it(bench: HandFed) -> None:
     assert (samples.cycles_ago[ANGLE], samples.after_sync_s[ANGLE]) == (0, 0.0)
 
 
+def test_a_pdo_behind_the_next_sync_is_of_that_one(bench: HandFed) -> None:
+    """A master that is not always in time, and a cycle that is collected late."""
+    sync(bench)
+    bench.advance(0.009)
+    bench.frame(0x080, b"")
+    bench.advance(0.0005)
+    angle(bench, 2)
+    samples = bench.driver.collect(bench.now_ns)
+    assert (samples.quality[ANGLE], samples.cycles_ago[ANGLE]) == (Quality.FRESH, 0)
+    assert samples.after_sync_s[ANGLE] == pytest.approx(0.009)
+
+
 def test_a_pdo_later_than_half_a_period_is_late(bench: HandFed) -> None:
     sync(bench)
     bench.advance(0.012)
@@ -253,7 +265,8 @@ class Syncs:
     def __init__(self, at: list[float]) -> None:
         self.now = 0
         self._at = [round(moment * PERIOD * NS) for moment in at]
-        self.clock = SyncClock(1 / PERIOD, PERIOD, self.next_sync, lambda: self.now)
+        self.clock = RealClock(1 / PERIOD, following=lambda: self.next_sync)
+        self.clock.monotonic_ns = lambda: self.now  # type: ignore[method-assign]
         self.clock.start()
 
     def next_sync(self, deadline: int) -> int | None:

@@ -7,6 +7,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import cache
 from pathlib import Path
 
 import can as python_can
@@ -24,6 +25,7 @@ from daq.drivers.canopen.leadership import Leadership, NotLeadingError, State
 from daq.drivers.canopen.listening import ListeningDriver
 from daq.drivers.found_setups import FoundSetups
 from daq.frames.clock import NS
+from daq.machine.machine_file import CanopenBus
 
 OWN, STRANGER = 5, 9
 LISTEN_S, AGAIN_S = 2.0, 1.0  # the first time; when a bus that was led is opened again
@@ -39,15 +41,21 @@ INNOCENT = (
 )  # fmt: skip
 
 
+@cache
+def listened(seconds: float) -> CanopenBus:
+    """A bus that is listened to for so long before it is led."""
+    (bus,) = parse_machine(can("none").replace("listen_s: 0", f"listen_s: {seconds}")).buses
+    assert isinstance(bus, CanopenBus)
+    return bus
+
+
 class Frames(RuleBasedStateMachine):
     """A bus whose every frame is here, and a clock that is turned by hand."""
 
     @initialize(seconds=st.sampled_from([0.5, LISTEN_S]))
     def bus(self, seconds: float) -> None:
         self.now = 1_000 * NS
-        text = can("none").replace("listen_s: 0", f"listen_s: {seconds}")
-        (bus,) = parse_machine(text).buses
-        self.leadership = Leadership(bus, DriverContext(0.02, 0.0, lambda: self.now), [OWN])  # type: ignore[arg-type]
+        self.leadership = Leadership(listened(seconds), DriverContext(0.02, 0.0, lambda: self.now), [OWN])
         self.listen = seconds
         self.led = self.foreign = False
         self.silent_until = self.now + round(seconds * NS)
@@ -127,8 +135,7 @@ TestFrames.pytestmark = [pytest.mark.slow]
 
 def leader(listen_s: float = LISTEN_S, started: tuple[int, ...] = ()) -> tuple[Leadership, list[int]]:
     now = [1_000 * NS]
-    (bus,) = parse_machine(can("none").replace("listen_s: 0", f"listen_s: {listen_s}")).buses
-    made = Leadership(bus, DriverContext(0.02, 0.0, lambda: now[0]), [OWN], started)  # type: ignore[arg-type]
+    made = Leadership(listened(listen_s), DriverContext(0.02, 0.0, lambda: now[0]), [OWN], started)
     now[0] += round(listen_s * NS)
     return made, now
 
@@ -270,7 +277,8 @@ def test_a_guest_takes_nothing_of_a_node_that_the_other_master_maps_anew(bench: 
         send(0x186, struct.pack("<ff", 1.0, 2.0))
         bench.until(lambda s: s.quality[HEAD] == Quality.INVALID)
         send(0x185, struct.pack("<I", 77))
-        assert bench.until(lambda s: s.quality[ANGLE] == Quality.FRESH).raw[ANGLE] == 77
+        came = (Quality.FRESH, Quality.LATE)  # a busy computer takes it late
+        assert bench.until(lambda s: s.quality[ANGLE] in came).raw[ANGLE] == 77
 
 
 @pytest.mark.slow

@@ -16,7 +16,7 @@ from daq.acquisition.assembly import HOLD_CYCLES, Assembler
 from daq.acquisition.frozen import FrozenDetector
 from daq.drivers.base import Samples, nothing
 from daq.frames.channels import channel_table, channels_by_bus
-from daq.frames.clock import NS, Clock, FollowingClock, LockstepClock, RealClock, Tick, clock_for
+from daq.frames.clock import NS, Clock, LockstepClock, RealClock, Tick, clock_for
 from daq.frames.frame import Frame, frame_from_row, row_dtype, row_from_frame
 
 MODBUS = parse_machine(modbus(502))
@@ -340,7 +340,7 @@ def test_the_cycle_goes_over_to_another_masters_sync_and_counts_on(wall: Wall) -
         return wall.now
 
     there: list[bool] = []
-    clock = FollowingClock(RealClock(50), 50.0, 0.02, lambda: next_sync if there else None)
+    clock = RealClock(50, following=lambda: next_sync if there else None)
     clock.start()
     before = ticks(clock, 5)
     syncs += [wall.now + 7_000_000 + k * period for k in range(20)]

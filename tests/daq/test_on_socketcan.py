@@ -7,8 +7,10 @@ driver stands in the files that these tests come from; here their nodes are on a
 from __future__ import annotations
 
 import os
+import socket
 import struct
 import subprocess
+import threading
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -17,10 +19,11 @@ import can as python_can
 import cantools.database
 import numpy as np
 import pytest
-from bench_machines import can
+from bench_machines import can, socketcand
 from canopen_test_bench import ANGLE, HEAD, ROD, Bench, fresh
 from signals_test_bench import DBC, OIL, TEMPERATURES, signals, written
 from signals_test_bench import HEAD_PRESSURE as SIGNAL
+from socketcand_test_hub import TestHub
 from test_canopen_driver import (
     test_a_killed_node_is_noticed_by_the_watchdog_and_comes_back as test_a_killed_node,
 )
@@ -52,7 +55,7 @@ from test_canopen_truth import (
     test_tpdos_that_are_periods_late_are_late_and_of_their_own_cycle as test_lagging_tpdos,
 )
 
-from daq import Quality, load_machine, parse_machine
+from daq import BusError, Quality, load_machine, parse_machine
 from daq.drivers import DriverContext, Samples, make_driver
 from daq.drivers.base import Driver
 from daq.drivers.canopen.listening import ListeningDriver
@@ -202,3 +205,79 @@ def test_an_interface_that_goes_down_and_up(bench: Bench) -> None:
     finally:
         subprocess.run(["ip", "link", "set", BUS, "up"], check=True)
     bench.until(lambda s: bench.driver.statistics().state == "active")
+
+
+def test_a_second_hilfit_does_not_lead(bench: Bench) -> None:
+    """Its first frames would be another master's to the first one: it listens, and is told."""
+    bench.driver.start()
+    bench.until(fresh)
+    text = can(BUS, interface="socketcan").replace("listen_s: 0", "listen_s: 30")
+    second = bench.make(text, start_s=30.0)
+    refused: list[str] = []
+
+    def start() -> None:
+        try:
+            second.start()
+        except BusError as error:
+            refused.append(str(error))
+
+    thread = threading.Thread(target=start)
+    thread.start()
+    bench.until(lambda s: bool(refused))
+    thread.join()
+    assert "another master leads it" in refused[0] and "nothing was sent" in refused[0]
+    bench.until(fresh)  # and the first one leads on
+    assert bench.driver.statistics().counts["foreign_sync"] == 0
+    second.stop()
+
+
+def test_a_gateway_of_this_bus_that_restarts(bench: Bench) -> None:
+    hub = TestHub(BUS, interface="socketcan")
+    port = hub.port
+    bench.driver = bench.make(socketcand(port))
+    try:
+        bench.driver.start()
+        bench.until(fresh)
+        hub.close()
+        bench.until(lambda s: bool(np.all(s.quality == Quality.BUS_ERROR)))
+        hub = TestHub(BUS, port, interface="socketcan")
+        bench.until(fresh)
+        assert bench.driver.statistics().counts["bus_rebuilt"] >= 1
+    finally:
+        bench.driver.stop()
+        hub.close()
+
+
+ERROR_FLAG = 0x2000_0000  # linux/can.h; classes of errors in linux/can/error.h
+
+
+def report(identifier: int, data: bytes = bytes(8)) -> None:
+    """What a controller's driver hands up (vcan has no controller)."""
+    with socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW) as raw:
+        raw.bind((BUS,))
+        raw.send(struct.pack("=IB3x8s", identifier | ERROR_FLAG, 8, data.ljust(8, b"\0")))
+
+
+def test_error_frames_are_told_and_pass(bench: Bench) -> None:
+    bench.driver.start()
+    bench.until(fresh)
+    report(0x004, b"\0\x20")  # error passive, sending
+    bench.until(lambda s: bench.driver.statistics().state == "passive")
+    report(0x004, b"\0\x40")  # active again
+    bench.until(lambda s: bench.driver.statistics().state == "active")
+    report(0x088)  # a protocol violation on the bus
+    bench.until(lambda s: bench.driver.statistics().counts["error_frames"] >= 3)
+    bench.until(fresh)
+    assert bench.driver.statistics().counts["bus_rebuilt"] == 0
+
+
+def test_a_controller_that_restarts_by_itself_after_bus_off(bench: Bench) -> None:
+    """``restart-ms``: bus-off, then CAN_ERR_RESTARTED; the bus is opened again, and led on."""
+    bench.driver.start()
+    bench.until(fresh)
+    report(0x040)
+    bench.until(lambda s: bool(np.all(s.quality == Quality.BUS_ERROR)))
+    report(0x100)
+    bench.until(fresh)
+    statistics = bench.driver.statistics()
+    assert statistics.state == "active" and statistics.counts["bus_rebuilt"] >= 1

@@ -14,7 +14,7 @@ from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, rule
 
-from daq.acquisition.ring import RingReader, RingWriter, ring_buffer, ring_name
+from daq.acquisition.ring import RingReader, RingWriter, ring_buffer
 from daq.errors import AcquisitionError
 from daq.frames.frame import Frame, row_dtype, row_from_frame
 
@@ -188,10 +188,6 @@ def test_a_reader_that_ends_does_not_take_the_memory_away(ring: str) -> None:
     assert done.stderr == ""
     with RingReader(ring) as reader:
         assert reader.capacity == 16
-
-
-def test_names_of_rings() -> None:
-    assert ring_name("folding arm/2") == "hilfit-folding-arm-2"
 
 
 def test_a_frame_and_its_row_are_written_alike(ring: str) -> None:

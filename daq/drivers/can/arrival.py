@@ -73,7 +73,7 @@ class ArrivalTimes:
         if self._windows:
             slope = (least[1] - before[1]) / max(1, least[2] - before[2])
             if abs(slope) <= UNKNOWN_DRIFT:  # else the clock was set meanwhile
-                self._rate += (slope - self._rate) / min(2, self._windows)
+                self._rate += 0.5 * (slope - self._rate)  # not in full: one of the two may have waited throughout
         self._before, self._least, self._windows, self._count = least, _NONE, self._windows + 1, 0
         self._ends = now_ns + WINDOW_NS
         return max(0.0, least[0])

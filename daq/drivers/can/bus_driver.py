@@ -7,9 +7,10 @@ from collections.abc import Iterable, Sequence
 
 from daq.drivers.base import DeviceStatus, DriverContext, DriverStatistics
 from daq.drivers.can.health import BusHealth, advice, told
-from daq.drivers.can.port import CanConfig, CanPort, first_line
+from daq.drivers.can.port import CanPort, first_line
 from daq.drivers.keeper import Keeper
 from daq.errors import AcquisitionError
+from daq.machine.machine_file import CanBus
 
 
 class CanDriver:
@@ -24,7 +25,7 @@ class CanDriver:
     counts : what happened on it since the start
     """
 
-    def __init__(self, config: CanConfig, names: Sequence[str], context: DriverContext, counts: Iterable[str]) -> None:
+    def __init__(self, config: CanBus, names: Sequence[str], context: DriverContext, counts: Iterable[str]) -> None:
         self.config = config
         self.context = context
         self.counts = dict.fromkeys((*counts, "bus_rebuilt", "keeper_broke"), 0)

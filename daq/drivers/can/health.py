@@ -5,7 +5,7 @@ more about each::
 
     identifier  0x004 controller problem (data[1])   0x040 bus-off   0x100 restarted   0x200 counters (data[6], data[7])
     data[1]     0x04, 0x08 warning limit (96) of the receive, send counter   0x10, 0x20 error passive (128)
-                0x40 error active again              0x01, 0x02 a frame was lost: buffer overflow
+                0x40 error active again
 
 Other interfaces send error frames without details; those are counted. A controller that was in warning and has had no
 error frame for :data:`QUIET_S` is taken for active again: CiA and ISO 11898-1 let a counter fall by one with every good
@@ -14,7 +14,6 @@ frame, so at 50 SYNCs a second the 32 counts between warning and a sound bus are
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Callable
 
 from daq.frames.clock import NS
@@ -22,10 +21,6 @@ from daq.frames.events import EventLog
 
 QUIET_S = 2.0
 _CONTROLLER, _BUS_OFF, _RESTARTED, _COUNTERS = 0x004, 0x040, 0x100, 0x200
-_KINDS = {
-    0x001: "send_timeout", 0x002: "lost_arbitration", 0x008: "protocol", 0x010: "transceiver",
-    0x020: "no_acknowledge", 0x080: "bus_error",
-}  # fmt: skip
 WARNING_LIMIT, PASSIVE_LIMIT = 96, 128  # ISO 11898-1, 12.1.4
 _ORDER = ("active", "warning", "passive", "bus_off")
 
@@ -41,9 +36,6 @@ class BusHealth:
     def __init__(self, changed: Callable[[str, str], None] = lambda old, new: None) -> None:
         self.state = "active"
         self.error_frames = 0
-        self.overflows = 0
-        self.kinds: Counter[str] = Counter()
-        self.send_errors = self.receive_errors = 0  # the controller's counters, where it tells them
         self._changed = changed
         self._last_ns = 0
 
@@ -51,12 +43,9 @@ class BusHealth:
         """An error frame came."""
         self.error_frames += 1
         self._last_ns = now_ns
-        for bit, name in _KINDS.items():
-            self.kinds[name] += bool(identifier & bit)
         found: str | None = None
         if identifier & _CONTROLLER and len(data) > 1:
             detail = data[1]
-            self.overflows += bool(detail & 0x03)
             if detail & 0x30:
                 found = "passive"
             elif detail & 0x0C:
@@ -64,7 +53,6 @@ class BusHealth:
             elif detail & 0x40:
                 found = "active"
         if identifier & _COUNTERS and len(data) > 7:
-            self.send_errors, self.receive_errors = data[6], data[7]
             largest = max(data[6], data[7])
             by_count = _ORDER[(largest >= WARNING_LIMIT) + (largest >= PASSIVE_LIMIT)]
             found = by_count if found is None else max(found, by_count, key=_ORDER.index)

@@ -7,18 +7,16 @@ has a rate of its own: between two of them its channels are held.
 
 from __future__ import annotations
 
+import math
 import threading
 from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import replace
 
-import numpy as np
-
-from daq.drivers.base import DeviceStatus, DriverContext, Problem, Samples, nothing
+from daq.drivers.base import Answers, DeviceStatus, DriverContext, Problem, Samples, nothing
 from daq.drivers.can.bus_driver import CanDriver
 from daq.drivers.can.pace import Pace
-from daq.drivers.can.port import CanConfig
 from daq.frames.clock import NS
+from daq.machine.machine_file import CanBus
 from daq.quality import Quality
 
 SILENT_S = 1.0  # without a frame that comes in every cycle; or three of its intervals
@@ -85,7 +83,7 @@ class Listener(CanDriver):
     leads = False
 
     def __init__(
-        self, config: CanConfig, names: Sequence[str], context: DriverContext, counts: Iterable[str] = ()
+        self, config: CanBus, names: Sequence[str], context: DriverContext, counts: Iterable[str] = ()
     ) -> None:
         super().__init__(config, names, context, ("missing", "late", "short", "not_a_number", "two_senders", *counts))
         self.streams: list[Stream] = []
@@ -93,8 +91,8 @@ class Listener(CanDriver):
         self.led = False  # whether the cycle began with another master's SYNC, at cycle_ns
         self._silent: set[str] = set()
 
-    def decode(self, samples: Samples) -> None:
-        """Take what came, and put it into the samples with :meth:`came` and :meth:`value`."""
+    def decode(self, answers: Answers) -> None:
+        """Take what came, and put it into the answers with :meth:`came` and their ``value``."""
         raise NotImplementedError
 
     def device_line(self, device: str) -> str:
@@ -106,9 +104,8 @@ class Listener(CanDriver):
         self.keeper.start()
         self.open()
         deadline = self.context.monotonic_ns() + round(min(FIRST_S, self.context.start_s or FIRST_S) * NS)
-        scratch = nothing(len(self._names))
         while self.port is not None and (left := deadline - self.context.monotonic_ns()) > 0:
-            self.decode(scratch)
+            self.decode(Answers(len(self._names)))
             known = all(stream.at_ns is not None and stream.pace.known for stream in self.streams)
             if known or self.keeper.paused(min(self.context.period_s, left / NS)):
                 break
@@ -132,20 +129,20 @@ class Listener(CanDriver):
         if not self.working():
             self.keeper.later()
             return nothing(len(self._names), Quality.BUS_ERROR)
-        count = len(self._names)
-        samples = replace(nothing(count), interval=np.ones(count), from_tick=self.led)
-        self.decode(samples)
-        assert samples.interval is not None
+        answers = Answers(len(self._names))
+        self.decode(answers)
+        self.counts["not_a_number"] += answers.no_numbers
         for stream in self.streams:
             every = stream.interval_ns / NS / self.context.period_s
             if stream.at_ns is not None and every > LATE_PERIODS:
-                samples.interval[list(stream.positions)] = every
-            elif all(samples.quality[position] == Quality.MISSING for position in stream.positions):
+                for position in stream.positions:
+                    answers.interval[position] = every
+            elif all(answers.quality[position] == Quality.MISSING for position in stream.positions):
                 self.counts["missing"] += 1
         self._look()
-        return samples
+        return answers.samples(from_tick=self.led)
 
-    def came(self, stream: Stream, at_ns: int, samples: Samples) -> Quality:
+    def came(self, stream: Stream, at_ns: int, answers: Answers) -> Quality:
         """A frame of a stream came: its age, and the quality of what it holds."""
         stream.fault = ""
         if stream.arrived(at_ns):
@@ -155,24 +152,16 @@ class Listener(CanDriver):
         late = self.context.patience_s == 0 and age_ns > LATE_PERIODS * self.context.period_s * NS
         self.counts["late"] += late
         for position in stream.positions:
-            samples.after_sync_s[position] = -age_ns / NS
+            answers.after_sync_s[position] = -age_ns / NS
         return Quality.INVALID if stream.fault else Quality.LATE if late else Quality.FRESH
 
-    def alike(self, stream: Stream, values: Sequence[float], samples: Samples) -> None:
+    def alike(self, stream: Stream, answers: Answers) -> None:
         """What a frame held: where every second one of many belongs together, two devices send them."""
-        if stream.pace.mixed(values):
+        if stream.pace.mixed([answers.raw[position] for position in stream.positions]):
             self.counts["two_senders"] += 1
             stream.fault = f"{stream.name} comes from two devices; give each one an identifier of its own"
             for position in stream.positions:
-                self.value(position, np.nan, Quality.INVALID, samples)
-
-    def value(self, position: int, value: float, quality: Quality, samples: Samples) -> None:
-        """What a frame holds for a channel; NaN is no measurement."""
-        if not np.isfinite(value):
-            self.counts["not_a_number"] += quality != Quality.INVALID
-            quality = Quality.INVALID
-        samples.raw[position] = np.nan if quality == Quality.INVALID else value
-        samples.quality[position] = quality
+                answers.value(position, math.nan, Quality.INVALID)
 
     def _devices(self) -> list[str]:
         return list(dict.fromkeys(stream.device for stream in self.streams))

@@ -8,52 +8,32 @@ from __future__ import annotations
 
 import contextlib
 import copy
-import logging
-import socket
 import threading
 import time
-from collections.abc import Callable, Mapping
-from typing import Any, ClassVar, Protocol
+from collections.abc import Callable
+from typing import Any, ClassVar
 
 import can
 
 from daq.drivers.base import DriverContext
 from daq.drivers.can.arrival import ArrivalTimes
 from daq.drivers.can.health import BusHealth
-from daq.drivers.can.receive_queue import ended, lengthen, lost_frames
+from daq.drivers.can.receive_queue import lengthen, lost_frames
+from daq.drivers.can.socketcand import SocketcandBus
 from daq.errors import BusError
 from daq.frames.clock import NS
 from daq.machine.bus_places import check_can
+from daq.machine.machine_file import CanBus
 
-# A hub that is busy may put a frame behind its handshake's last word, which python-can takes for a wrong answer.
-OPEN_ATTEMPTS = 5
-OPEN_TIMEOUT_S = 2.0
 IDLE_S = 0.1
 LOOK_NS = 5_000_000  # between two looks whether a frame waits (:mod:`daq.drivers.can.arrival`)
 LOOK_EVERY = 64  # frames between two looks at the controller's state
 
 
-class CanConfig(Protocol):
-    """What every bus behind python-can says of itself in a machine file."""
-
-    @property
-    def name(self) -> str: ...
-    @property
-    def interface(self) -> str: ...
-    @property
-    def channel(self) -> str: ...
-    @property
-    def bitrate(self) -> int | None: ...
-    @property
-    def options(self) -> Mapping[str, str | int | float | bool]: ...
-    @property
-    def listen_only(self) -> bool: ...
-
-
 class CanAccess:
     """How a port gets at its bus: by the interface. A trace and a replay have ways of their own."""
 
-    def attach(self, port: CanPort, config: CanConfig) -> Any:
+    def attach(self, port: CanPort, config: CanBus) -> Any:
         """A python-can bus for a port that is being opened; may raise BusError."""
         return open_bus(config)
 
@@ -71,7 +51,7 @@ class CanPort:
 
     takes_extended: ClassVar[bool] = False  # else frames with 29 bits are another protocol's: counted, no more
 
-    def __init__(self, config: CanConfig, context: DriverContext, health: BusHealth) -> None:
+    def __init__(self, config: CanBus, context: DriverContext, health: BusHealth) -> None:
         self.name = config.name
         self.health = health
         self.frames = 0
@@ -101,13 +81,12 @@ class CanPort:
 
     def _receive(self) -> None:
         receive, now = self._bus.recv, self._monotonic_ns
-        looked = 0
+        looked = before = 0
         while not self._closing:
+            message = None
             try:
-                message = None
-                if (before := now()) - looked > LOOK_NS:  # else it is known well enough that nothing was there
-                    if (message := receive(0.0)) is None:
-                        self._times.nothing_at(before)
+                if before - looked > LOOK_NS and (message := receive(0.0)) is None:
+                    self._times.nothing_at(before)  # known well enough until the next look
                     looked = before
                 if message is None:
                     message = receive(IDLE_S)
@@ -116,18 +95,16 @@ class CanPort:
                     self.fail(error)
                 return
             if message is None:
-                self.health.look(now())
-                if ended(self._bus):
-                    self.fail(can.CanOperationError("the gateway closed the connection"))
-                    return
+                before = now()
+                self.health.look(before)
                 continue
-            self.take(message)
-            if self.health.state == "bus_off":
+            before = self.take(message)
+            if message.is_error_frame and self.health.state == "bus_off":
                 self.fail(can.CanOperationError("the controller is bus-off"))
                 return
 
-    def take(self, message: can.Message) -> None:
-        """A frame came."""
+    def take(self, message: can.Message) -> int:
+        """A frame came; when it was taken, monotonic ns."""
         self.frames += 1
         now = self._monotonic_ns()
         if self.frames % LOOK_EVERY == 0:
@@ -148,6 +125,7 @@ class CanPort:
                 self.dispatch(message, at_ns)
             except Exception:  # one frame that a handler cannot take is not the end of the others
                 self.broken += 1
+        return now
 
     @property
     def lost(self) -> int:
@@ -191,7 +169,7 @@ class CanPort:
             self._bus.shutdown()
 
 
-def open_bus(config: CanConfig) -> Any:
+def open_bus(config: CanBus) -> Any:
     """A python-can bus as the machine file describes it.
 
     Raises
@@ -206,43 +184,30 @@ def open_bus(config: CanConfig) -> Any:
         raise BusError(f"bus '{config.name}': {first_line(error)}") from None
     if config.bitrate is not None:
         options.setdefault("bitrate", config.bitrate)
-    if config.interface == "socketcand":
-        options.setdefault("tcp_tune", True)  # SYNC must not wait for Nagle's algorithm
-        _reachable(config, str(options.get("host", "")), int(options.get("port", 0)))
-        # It logs a warning for every frame that arrives in two parts, which TCP does all the time.
-        logging.getLogger("can.interfaces.socketcand").setLevel(logging.CRITICAL)
     if config.listen_only:
         options.update({key: value for key, value in _silent(config.interface).items() if key not in options})
-    problem: Exception | None = None
-    for attempt in range(OPEN_ATTEMPTS):
-        try:
-            return can.Bus(interface=config.interface, channel=config.channel, ignore_config=True, **options)
-        except (can.CanError, OSError, ValueError, TypeError, ImportError, NotImplementedError) as error:
-            problem = error
-            if config.interface != "socketcand" or not isinstance(error, can.CanError):
-                break
-            time.sleep(0.05 * (attempt + 1))
-    raise BusError(
-        f"bus '{config.name}': {config.interface} {config.channel} cannot be opened ({first_line(problem)}); check "
-        "interface, channel and options in the machine file, and that the interface is up"
-    )
+    try:
+        if config.interface == "socketcand":
+            return SocketcandBus(config.channel, **dict[str, Any](config.options))
+        return can.Bus(interface=config.interface, channel=config.channel, ignore_config=True, **options)
+    except (can.CanError, OSError, ValueError, TypeError, ImportError, NotImplementedError) as error:
+        if config.interface == "socketcand":
+            raise BusError(
+                f"bus '{config.name}': nothing answers at {options['host']}:{options['port']} ({first_line(error)}); "
+                "start the socketcand server or correct host and port"
+            ) from None
+        raise BusError(
+            f"bus '{config.name}': {config.interface} {config.channel} cannot be opened ({first_line(error)}); check "
+            "interface, channel and options in the machine file, and that the interface is up"
+        ) from None
 
 
 def _silent(interface: str) -> dict[str, Any]:
     """Options that keep an interface from even acknowledging frames; socketcan's is set by ``ip link``, not by us."""
-    return {"pcan": {"state": can.BusState.PASSIVE}, "kvaser": {"driver_mode": False}}.get(interface, {})
-
-
-def _reachable(config: CanConfig, host: str, port: int) -> None:
-    # python-can retries a refused connection for ten seconds without a pause; look first.
-    try:
-        socket.create_connection((host, port), timeout=OPEN_TIMEOUT_S).close()
-    except OSError as error:
-        raise BusError(
-            f"bus '{config.name}': nothing answers at {host}:{port} ({first_line(error)}); start the "
-            "socketcand server or "
-            "correct host and port"
-        ) from None
+    found: dict[str, dict[str, Any]] = {
+        "pcan": {"state": can.BusState.PASSIVE}, "kvaser": {"driver_mode": False}, "slcan": {"listen_only": True}
+    }  # fmt: skip
+    return found.get(interface, {})
 
 
 def first_line(error: Exception | None) -> str:

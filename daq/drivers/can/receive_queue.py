@@ -1,6 +1,6 @@
-"""The kernel's end of an interface: the queue of a SocketCAN interface, and whether a gateway is still there.
+"""The kernel's queue of a SocketCAN interface.
 
-The queue keeps frames until they are read. As it is by default it holds some hundred frames, and what comes beyond is
+It keeps frames until they are read. By default it holds some hundred frames, and what comes beyond is
 lost without a word: a thread that is kept from running for a tenth of a second on a busy bus is enough.
 """
 
@@ -24,12 +24,7 @@ def _of(bus: Any) -> socket.socket | None:
 
 
 def lengthen(bus: Any) -> None:
-    """Let the kernel keep more frames for a python-can bus, as many as it lets us, and ask after a silent gateway."""
-    connection = getattr(bus, "_SocketCanDaemonBus__socket", None)
-    if isinstance(connection, socket.socket):  # one that lost its power closes nothing: asked twice, a second apart
-        connection.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
-        for option in (socket.TCP_KEEPIDLE, socket.TCP_KEEPINTVL, socket.TCP_KEEPCNT):
-            connection.setsockopt(socket.IPPROTO_TCP, option, 1)
+    """Let the kernel keep more frames for a python-can bus, as many as it lets us."""
     queue = _of(bus)
     if queue is None:
         return
@@ -51,16 +46,3 @@ def lost_frames(bus: Any) -> int:
         return 0
     content = queue.getsockopt(socket.SOL_SOCKET, _MEMINFO, 4 * (_DROPS + 1))
     return int(struct.unpack_from("=I", content, 4 * _DROPS)[0]) if len(content) > 4 * _DROPS else 0
-
-
-def ended(bus: Any) -> bool:
-    """Whether the gateway behind a TCP connection closed it, which python-can takes for a frame that is not whole."""
-    connection = getattr(bus, "_SocketCanDaemonBus__socket", None)
-    if not isinstance(connection, socket.socket):
-        return False
-    try:
-        return not connection.recv(1, socket.MSG_PEEK | socket.MSG_DONTWAIT)
-    except BlockingIOError:
-        return False
-    except OSError:
-        return True

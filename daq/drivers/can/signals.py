@@ -6,13 +6,13 @@ no source address says which is meant, nothing is taken. A multiplexed message i
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Any
 
 import can
-import numpy as np
 
-from daq.drivers.base import DriverContext, Samples
+from daq.drivers.base import Answers, DriverContext
 from daq.drivers.can.health import BusHealth
 from daq.drivers.can.listening import INBOX, Inbox, Listener, Stream
 from daq.drivers.can.port import CanPort
@@ -102,18 +102,18 @@ class CanSignalsDriver(Listener):
         """The bus, its frames into the inboxes."""
         return _SignalsPort(self._bus, self.context, self.health, self._received)
 
-    def decode(self, samples: Samples) -> None:
+    def decode(self, answers: Answers) -> None:
         """All frames of multiplexed messages, of others the newest."""
         for received in self._received:
             frames = list(received.inbox.taken())
             for data, at_ns, _ in frames if received.listed.message.is_multiplexed() else frames[-1:]:
-                self._frame(received, data, at_ns, samples)
+                self._frame(received, data, at_ns, answers)
             for _, at_ns, sender in frames:
                 received.senders[sender] = at_ns
             if frames and received.mixed():
-                self._refuse(received, samples)
+                self._refuse(received, answers)
 
-    def _frame(self, received: _Received, data: bytes, at_ns: int, samples: Samples) -> None:
+    def _frame(self, received: _Received, data: bytes, at_ns: int, answers: Answers) -> None:
         message = received.listed.message
         raw = decoded(message, data)
         if raw is None:
@@ -123,7 +123,7 @@ class CanSignalsDriver(Listener):
             present = [wanted for wanted in members if wanted.signal.name in raw]
             if not present and members[0].signal.multiplexer_ids:
                 continue  # another part's frame
-            quality = self.came(stream, at_ns, samples)
+            quality = self.came(stream, at_ns, answers)
             for wanted in members:
                 value = raw.get(wanted.signal.name)
                 if value is None:
@@ -131,26 +131,22 @@ class CanSignalsDriver(Listener):
                     stream.fault = (
                         f"{stream.name} has {len(data)} bytes instead of {message.length}; is it the right file?"
                     )
-                    _invalid(wanted, samples)
+                    answers.value(wanted.position, math.nan, Quality.INVALID)
                 elif received.listed.j1939 and not_available(wanted.signal, value):
                     self.counts["not_available"] += 1
-                    _invalid(wanted, samples)
+                    answers.value(wanted.position, math.nan, Quality.INVALID)
                 else:
                     scaled: Any = wanted.signal.conversion.raw_to_scaled(value, decode_choices=False)
-                    self.value(wanted.position, float(scaled), quality, samples)
+                    answers.value(wanted.position, float(scaled), quality)
             if quality != Quality.INVALID:
-                self.alike(stream, [float(samples.raw[wanted.position]) for wanted in members], samples)
+                self.alike(stream, answers)
 
-    def _refuse(self, received: _Received, samples: Samples) -> None:
+    def _refuse(self, received: _Received, answers: Answers) -> None:
         """Two devices send one message: nothing of it is a measurement."""
         self.counts["two_senders"] += 1
         senders = " and ".join(f"0x{sender:02X}" for sender in sorted(received.senders))
         for stream, members in received.parts:
             stream.fault = f"{stream.name} comes from {senders}; add source_address to its sources"
             for wanted in members:
-                if samples.quality[wanted.position] != Quality.MISSING:
-                    _invalid(wanted, samples)
-
-
-def _invalid(wanted: Wanted, samples: Samples) -> None:
-    samples.raw[wanted.position], samples.quality[wanted.position] = np.nan, Quality.INVALID
+                if answers.quality[wanted.position] != Quality.MISSING:
+                    answers.value(wanted.position, math.nan, Quality.INVALID)

@@ -12,10 +12,10 @@ from dataclasses import replace
 
 from daq.drivers.base import DriverContext
 from daq.drivers.can.port import first_line
-from daq.drivers.canopen.commissioning import OPERATIONAL, PRE_OPERATIONAL, SdoAccess, commission
+from daq.drivers.canopen.commissioning import OPERATIONAL, PRE_OPERATIONAL, commission
 from daq.drivers.canopen.identity import ask
 from daq.drivers.canopen.lead import Lead
-from daq.drivers.canopen.link import CanLink
+from daq.drivers.canopen.link import CanLink, Sdo
 from daq.drivers.canopen.node import UNANSWERED, Node
 from daq.drivers.canopen.watch import NodeWatch
 from daq.drivers.found_setups import FoundSetup
@@ -159,7 +159,7 @@ class NodeCare:
             sdo.close()
         return True
 
-    def _learn(self, sdo: SdoAccess) -> None:
+    def _learn(self, sdo: Sdo) -> None:
         self.node.learn(sdo)
         self._watch.limit_ns(self.node)
 

@@ -11,13 +11,13 @@ import contextlib
 import struct
 import time
 from collections.abc import Callable, Iterable, Sequence
-from typing import Protocol
 
 from daq import wire
-from daq.drivers.canopen.link import NoAnswerError, SdoRefusedError
+from daq.drivers.canopen.link import NoAnswerError, Sdo, SdoRefusedError
 from daq.drivers.canopen.mapping import TPDO_COUNT, Mapping
 from daq.drivers.found_setups import Objects
 from daq.errors import CommissioningError
+from daq.machine.buses import object_of
 from daq.machine.machine_file import CanNode
 
 OPERATIONAL = 0x01  # NMT commands (CiA 301, 7.3.2.2.1)
@@ -32,25 +32,8 @@ SECOND_ANSWER_S = 0.05
 SYNCHRONOUS_EVERY = 1  # transmission type: at every SYNC
 
 
-class SdoAccess(Protocol):
-    """Reads and writes objects of one node."""
-
-    def read(self, index: int, subindex: int = 0) -> bytes:
-        """Bytes of an object."""
-
-    def read_unsigned(self, index: int, subindex: int = 0) -> int:
-        """An unsigned object."""
-
-    def write(self, index: int, subindex: int, data: bytes) -> None:
-        """Write an object."""
-
-    @property
-    def surplus(self) -> int:
-        """Answers beyond one per request so far."""
-
-
 def commission(
-    sdo: SdoAccess,
+    sdo: Sdo,
     send_nmt: Callable[[int], None],
     node: CanNode,
     mappings: Sequence[Mapping],
@@ -60,7 +43,7 @@ def commission(
     answered: Callable[[], None],
     boot_up_s: float,
     keep: Callable[[Objects, Objects, Objects], None] = lambda found, wrote, identity: None,
-    learn: Callable[[SdoAccess], None] = lambda sdo: None,
+    learn: Callable[[Sdo], None] = lambda sdo: None,
 ) -> None:
     """Commission one node; it is operational afterwards and sends every mapped TPDO at every SYNC.
 
@@ -101,7 +84,7 @@ def commission(
     send_nmt(OPERATIONAL)
 
 
-def _await_answer(sdo: SdoAccess, place: str, monotonic_ns: Callable[[], int], boot_up_s: float) -> int:
+def _await_answer(sdo: Sdo, place: str, monotonic_ns: Callable[[], int], boot_up_s: float) -> int:
     deadline = monotonic_ns() + round(boot_up_s * 1e9)
     while True:
         try:
@@ -116,7 +99,7 @@ def _await_answer(sdo: SdoAccess, place: str, monotonic_ns: Callable[[], int], b
                 ) from None
 
 
-def _alone(sdo: SdoAccess, place: str, wait_s: float = 0.0) -> None:
+def _alone(sdo: Sdo, place: str, wait_s: float = 0.0) -> None:
     """Two devices with one node-ID both answer; nothing is written before this was asked for the first time."""
     sdo.read_unsigned(0x1000)  # by now the second answer to the first request has come, as a rule
     if not sdo.surplus:
@@ -127,7 +110,7 @@ def _alone(sdo: SdoAccess, place: str, wait_s: float = 0.0) -> None:
         )
 
 
-def _identify(sdo: SdoAccess, node: CanNode, place: str, device_type: int) -> None:
+def _identify(sdo: Sdo, node: CanNode, place: str, device_type: int) -> None:
     for what, key, expected, subindex in (
         ("device type (0x1000)", "device_type", node.device_type, None),
         ("vendor-ID (0x1018:1)", "vendor_id", node.vendor_id, 1),
@@ -152,12 +135,12 @@ def _identify(sdo: SdoAccess, node: CanNode, place: str, device_type: int) -> No
             )
 
 
-def identity_of(sdo: SdoAccess) -> dict[tuple[int, int], bytes]:
+def identity_of(sdo: Sdo) -> dict[tuple[int, int], bytes]:
     """Device type, vendor, product, revision and serial number, as far as the node has them."""
     return _read_there(sdo, [(0x1000, 0), *((0x1018, subindex) for subindex in range(1, 5))])
 
 
-def _read_there(sdo: SdoAccess, keys: Iterable[tuple[int, int]]) -> dict[tuple[int, int], bytes]:
+def _read_there(sdo: Sdo, keys: Iterable[tuple[int, int]]) -> dict[tuple[int, int], bytes]:
     """Objects that the node has."""
     found = {}
     for index, subindex in keys:
@@ -166,7 +149,7 @@ def _read_there(sdo: SdoAccess, keys: Iterable[tuple[int, int]]) -> dict[tuple[i
     return found
 
 
-def _present(sdo: SdoAccess, node: CanNode, mappings: Sequence[Mapping]) -> dict[tuple[int, int], bytes]:
+def _present(sdo: Sdo, node: CanNode, mappings: Sequence[Mapping]) -> dict[tuple[int, int], bytes]:
     """Everything that commissioning may write, as it is."""
     needed = {mapping.number for mapping in mappings}
     found: dict[tuple[int, int], bytes] = {}
@@ -181,7 +164,7 @@ def _present(sdo: SdoAccess, node: CanNode, mappings: Sequence[Mapping]) -> dict
     return found | _read_there(sdo, [(0x1017, 0), *settings])
 
 
-def _wanted(sdo: SdoAccess, node: CanNode, mappings: Sequence[Mapping], found: Objects) -> dict[tuple[int, int], bytes]:
+def _wanted(sdo: Sdo, node: CanNode, mappings: Sequence[Mapping], found: Objects) -> dict[tuple[int, int], bytes]:
     """The same objects, as they have to be."""
     wanted: dict[tuple[int, int], bytes] = {}
     needed = {mapping.number: mapping for mapping in mappings}
@@ -212,7 +195,7 @@ def _pdo(key: tuple[int, int]) -> int | None:
     return key[0] & 0x1FF if 0x1800 <= key[0] < 0x1C00 else None
 
 
-def write_objects(sdo: SdoAccess, objects: Objects, place: str) -> None:
+def write_objects(sdo: Sdo, objects: Objects, place: str) -> None:
     """Write objects in the order that is safe, and read them back.
 
     A TPDO is off while its mapping changes (CiA 301, 7.5.2.36): mapping is changed with the number of entries at 0, is
@@ -237,7 +220,7 @@ def write_objects(sdo: SdoAccess, objects: Objects, place: str) -> None:
         _read_back(sdo, index, subindex, data, place)
 
 
-def _write_pdo(sdo: SdoAccess, parameters: int, mapping: int, objects: Objects) -> None:
+def _write_pdo(sdo: Sdo, parameters: int, mapping: int, objects: Objects) -> None:
     count = objects.get((mapping, 0))
     if count is not None:
         sdo.write(mapping, 0, b"\x00")
@@ -252,7 +235,7 @@ def _write_pdo(sdo: SdoAccess, parameters: int, mapping: int, objects: Objects) 
         sdo.write(parameters, 1, cob_id)
 
 
-def _read_back(sdo: SdoAccess, index: int, subindex: int, data: bytes, place: str) -> None:
+def _read_back(sdo: Sdo, index: int, subindex: int, data: bytes, place: str) -> None:
     found = sdo.read(index, subindex)[: len(data)]
     if found == data:
         return
@@ -273,11 +256,10 @@ def _read_back(sdo: SdoAccess, index: int, subindex: int, data: bytes, place: st
 def _object(key: str) -> tuple[int, int, str | None]:
     """Index, subindex and, if it is given, data type of a settings key like ``0x6131:1 uint32``."""
     place, _, data_type = key.partition(" ")
-    index, _, subindex = place.partition(":")
-    return int(index, 0), int(subindex or "0", 0), data_type.strip() or None
+    return *object_of(place), data_type.strip() or None
 
 
-def _encode(sdo: SdoAccess, index: int, subindex: int, data_type: str | None, value: float) -> bytes:
+def _encode(sdo: Sdo, index: int, subindex: int, data_type: str | None, value: float) -> bytes:
     """The value in the object's data type: the declared one, else an integer of the size that the node holds now."""
     if data_type is not None:
         return wire.encode(data_type, value)

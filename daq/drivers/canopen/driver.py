@@ -122,7 +122,7 @@ class CanopenDriver(CanDriver):
             if all(node.complete() for node in ready):
                 return
             self._lead.sync(link, number, set().union(*(node.cob_ids for node in ready)))
-            self._lead.cycle.done.wait(max(self.context.period_s, ANSWER_S) + self.context.patience_s)
+            self._lead.cycle.whole(max(self.context.period_s, ANSWER_S) + self.context.patience_s)
 
     def connected(self) -> CanPort:
         """The bus, frames of its nodes to them, or to the guest."""
@@ -209,7 +209,7 @@ class CanopenDriver(CanDriver):
         if self._guest is not None:
             return self._guest.collect(until_ns)
         remaining = (until_ns - self.context.monotonic_ns()) / NS
-        lost = remaining > 0 and not self._lead.cycle.done.wait(remaining) and self.context.patience_s > 0
+        lost = remaining > 0 and not self._lead.cycle.whole(remaining) and self.context.patience_s > 0
         if lost:  # waited for far longer than anything takes; a machine that does not stand still is told by counting
             for tpdo in (
                 tpdo for node in self._nodes.values() if node.misses < MISSES_TOLERATED for tpdo in node.tpdos

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import configparser
 import io
+import re
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -24,6 +25,7 @@ from daq.machine.device_files import check_device_file
 
 SUFFIXES = (".eds", ".dcf")
 SYNCHRONOUS = 240  # transmission types up to here are sampled at SYNC; 252 to 255 are not
+_SECTION = re.compile(r"([0-9A-F]{4})(?:sub([0-9A-F]{1,2}))?", re.IGNORECASE)
 _NOT_USED = 0x8000_0000
 _PDOS = 512
 _ENTRIES = 64  # a PDO has 64 bits
@@ -90,11 +92,47 @@ def read_eds(path: str, node: int, place: str) -> Any:
             text = data.decode("cp1252", errors="replace")  # what most editors of such files write
         if "[DeviceInfo]" not in text:
             raise ValueError("a section that each has is not there")
-        return import_eds(io.StringIO(text), node)
+        return import_eds(_in_order(text), node)
     except OSError as error:
         raise MachineFileError(f"{place}: cannot be read ({error.strerror})") from None
     except (configparser.Error, ValueError, KeyError, IndexError, TypeError, AttributeError):
         raise MachineFileError(f"{place}: is no EDS or DCF (CiA 306); get it from the device's manufacturer") from None
+
+
+def _in_order(text: str) -> io.StringIO:
+    """A file as the standard has it, whatever its maker's habits; what nothing is asked of is left out.
+
+    Sections and keys that are there twice, members before their object or in capitals, without a name, and mappings in
+    compact lists (CiA 306, 4.6.3.2) are common, and canopen's reader stumbles over them.
+    """
+    read = configparser.RawConfigParser(strict=False, allow_no_value=True, inline_comment_prefixes=(";",))
+    read.optionxform = str  # type: ignore[assignment,method-assign]
+    read.read_string("\n".join(line.strip() for line in text.splitlines()))
+    found: dict[tuple[int, int], dict[str, str]] = {}  # by index and subindex; -1 is the object itself
+    for section in read.sections():
+        place = _SECTION.fullmatch(section)
+        if place is not None:
+            key = int(place[1], 16), int(place[2], 16) if place[2] else -1
+            found.setdefault(key, {}).update((k, v) for k, v in read.items(section) if v)
+    for index, subindex in list(found):
+        head = found.setdefault((index, -1), {"ObjectType": "0x9"})
+        if subindex < 0 and "CompactSubObj" in head and 0x1800 <= index < 0x1C00:
+            count, values = head.pop("CompactSubObj"), f"{index:04X}Value"
+            own = {k: v for k, v in head.items() if k != "ObjectType"}
+            found[index, 0] = {"DataType": "0x0005", "DefaultValue": count}
+            for k in range(1, min(int(count, 0), _ENTRIES) + 1):
+                told = read.get(values, str(k), fallback=None)
+                found[index, k] = own | ({} if told is None else {"ParameterValue": told})
+    written = configparser.RawConfigParser()
+    written.optionxform = str  # type: ignore[assignment,method-assign]
+    written["DeviceInfo"] = {k: v for k, v in read.items("DeviceInfo") if v}
+    for (index, subindex), keys in sorted(found.items()):
+        section = f"{index:04X}" + (f"sub{subindex:X}" if subindex >= 0 else "")
+        written[section] = {"ParameterName": section, "DataType": "0x0007", "AccessType": "rw"} | keys
+    made = io.StringIO()
+    written.write(made)
+    made.seek(0)
+    return made
 
 
 def value_of(dictionary: Any, index: int, subindex: int) -> int | None:

@@ -7,8 +7,7 @@ from __future__ import annotations
 
 import contextlib
 
-from daq.drivers.canopen.commissioning import SdoAccess
-from daq.drivers.canopen.link import SdoRefusedError
+from daq.drivers.canopen.link import Sdo, SdoRefusedError
 from daq.drivers.canopen.profiles import ASKED, profile_of
 
 DEVICE_TYPE = "0x1000:0"
@@ -24,7 +23,7 @@ def key(index: int, subindex: int) -> str:
     return f"0x{index:04X}:{subindex}"
 
 
-def ask(sdo: SdoAccess) -> Told:
+def ask(sdo: Sdo) -> Told:
     """Objects that the node has, by :func:`key`: numbers, and texts of at most 60 characters.
 
     Raises
@@ -32,13 +31,18 @@ def ask(sdo: SdoAccess) -> Told:
     CommissioningError
         If it stops answering.
     """
-    device_type = sdo.read_unsigned(0x1000)
-    found: Told = {DEVICE_TYPE: device_type}
-    for index, subindex in (*NUMBERS, *ASKED.get(profile_of(device_type), ())):
-        with contextlib.suppress(SdoRefusedError):
-            found[key(index, subindex)] = sdo.read_unsigned(index, subindex)
+    found: Told = {}
+    for asked in ((0x1000, 0), *NUMBERS):
+        _ask(sdo, asked, found)
+    for asked in ASKED.get(profile_of(int(found.get(DEVICE_TYPE, 0))), ()):
+        _ask(sdo, asked, found)
     for index, subindex in TEXTS:
         with contextlib.suppress(SdoRefusedError):
             text = sdo.read(index, subindex).rstrip(b"\0 ").decode("latin-1")
             found[key(index, subindex)] = "".join(c for c in text if c.isprintable())[:LONGEST]
     return found
+
+
+def _ask(sdo: Sdo, place: tuple[int, int], found: Told) -> None:
+    with contextlib.suppress(SdoRefusedError):
+        found[key(*place)] = sdo.read_unsigned(*place)

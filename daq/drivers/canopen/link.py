@@ -45,6 +45,7 @@ class CanLink(CanPort):
         super().__init__(config, context, health)
         self.leadership = Leadership(config, context) if leadership is None else leadership
         self.leadership.opened()
+        self._answers = self.leadership.answers
         self.handlers: dict[int, Handler] = {}
         self._network = canopen.Network(self)
         self._sync = can.Message(arbitration_id=SYNC_ID, is_extended_id=False, data=b"")
@@ -58,7 +59,7 @@ class CanLink(CanPort):
     def dispatch(self, message: can.Message, at_ns: int) -> None:
         """Let leadership hear it, then call the handler of its COB-ID."""
         identifier = message.arbitration_id
-        if identifier not in self.leadership.answers and self.leadership.heard(identifier, message.data, at_ns):
+        if identifier not in self._answers and self.leadership.heard(identifier, message.data, at_ns):
             self._let_go()
         handler = self.handlers.get(identifier)
         if handler is not None:

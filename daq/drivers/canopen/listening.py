@@ -18,7 +18,7 @@ from functools import partial
 import numpy as np
 
 from daq import wire
-from daq.drivers.base import DriverContext, Problem, Samples
+from daq.drivers.base import Answers, DriverContext, Problem, Samples
 from daq.drivers.can.listening import FIRST_S, Inbox, Listener, Stream
 from daq.drivers.can.port import CanPort
 from daq.drivers.canopen.eds import Place, pdo_places
@@ -226,19 +226,24 @@ class ListeningDriver(Listener):
                 if left <= 0 or (pdo.newest_ns < self.cycle_ns and not pdo.due.wait(left)):
                     return
 
-    def decode(self, samples: Samples) -> None:
+    def decode(self, answers: Answers) -> None:
         """The newest frame of every PDO."""
         for pdo in self._pdos.values():
             for data, at_ns, _ in pdo.inbox.taken():
-                quality = self.came(pdo.stream, at_ns, samples)
+                quality = self.came(pdo.stream, at_ns, answers)
                 if quality != Quality.INVALID and pdo.synchronous and self.led:
-                    quality = self._at_sync(pdo, at_ns, samples)
+                    quality = self._at_sync(pdo, at_ns, answers)
                 if fault := self._fault(pdo, data):
                     quality, pdo.stream.fault = Quality.INVALID, fault
+                elif quality != Quality.INVALID and pdo.node in self._emergencies:
+                    quality = Quality.EMERGENCY
                 for member in pdo.members:
-                    self._member(data, member, quality, samples)
+                    known = quality != Quality.INVALID
+                    place = member.place
+                    value = wire.from_bits(member.source.data_type, data, place.bit, place.bits) if known else math.nan
+                    answers.value(member.position, value, quality)
                 if quality != Quality.INVALID:
-                    self.alike(pdo.stream, [float(samples.raw[m.position]) for m in pdo.members], samples)
+                    self.alike(pdo.stream, answers)
 
     def _fault(self, pdo: _Pdo, data: bytes) -> str:
         """Why nothing of a frame is taken; empty if it is."""
@@ -253,23 +258,16 @@ class ListeningDriver(Listener):
             "check byte, data_type, eds"
         )
 
-    def _at_sync(self, pdo: _Pdo, at_ns: int, samples: Samples) -> Quality:
+    def _at_sync(self, pdo: _Pdo, at_ns: int, answers: Answers) -> Quality:
         """A PDO that was sampled at SYNC: at which, and whether it was in time."""
         period_ns = self.context.period_s * NS
-        behind_ns = at_ns - self.cycle_ns
+        sync_ns = max((sync for sync in self._syncs if self.cycle_ns < sync <= at_ns), default=self.cycle_ns)
+        behind_ns = at_ns - sync_ns
         ago = max(0, math.ceil(-behind_ns / period_ns))
         for position in pdo.stream.positions:
-            samples.cycles_ago[position] = ago
-            samples.after_sync_s[position] = 0.0
+            answers.cycles_ago[position] = ago
+            answers.after_sync_s[position] = (sync_ns - self.cycle_ns) / NS
         return Quality.LATE if ago or behind_ns > period_ns / 2 else Quality.FRESH
-
-    def _member(self, data: bytes, member: Member, quality: Quality, samples: Samples) -> None:
-        if quality == Quality.INVALID:
-            self.value(member.position, math.nan, quality, samples)
-            return
-        value = wire.from_bits(member.source.data_type, data, member.place.bit, member.place.bits)
-        emergency = member.source.node in self._emergencies
-        self.value(member.position, value, Quality.EMERGENCY if emergency else quality, samples)
 
     def device_line(self, device: str) -> str:
         """Its emergency, or what is wrong with the SYNC that should lead."""

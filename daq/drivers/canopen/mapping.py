@@ -12,6 +12,9 @@ import struct
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
+import numpy.typing as npt
+
 from daq import wire
 from daq.errors import MachineFileError
 from daq.machine.machine_file import CanSource, Channel
@@ -25,15 +28,23 @@ class PdoDecoder:
 
     def __init__(self, data_types: Sequence[str]) -> None:
         self.data_types = tuple(data_types)
-        self._struct = struct.Struct("<" + "".join(wire.struct_code(kind) for kind in data_types))
-        self._wide = self.data_types if any(kind.endswith("24") for kind in data_types) else ()
+        codes = [wire.struct_code(kind) for kind in data_types]
+        self._struct = struct.Struct("<" + "".join(codes))
+        self._wide = any(kind.endswith("24") for kind in data_types)
+        self._alike = np.dtype("<" + codes[0]) if len(set(codes)) == 1 and not self._wide else None
 
     def unpack(self, data: bytes) -> tuple[float, ...]:
         """The numbers in as many bytes as they take."""
         found: tuple[float, ...] = self._struct.unpack(data)
         if not self._wide:
             return found
-        return tuple(wire.number(kind, value) for kind, value in zip(self._wide, found, strict=True))
+        return tuple(wire.number(kind, value) for kind, value in zip(self.data_types, found, strict=True))
+
+    def array(self, data: bytes) -> npt.NDArray[np.float64]:
+        """The same as an array: at once where all are of one type, as nearly always."""
+        if self._alike is None:
+            return np.array(self.unpack(data), dtype=np.float64)
+        return np.frombuffer(data, self._alike).astype(np.float64)
 
 
 @dataclass(frozen=True)

@@ -16,8 +16,8 @@ from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 from daq.drivers.base import Spread
-from daq.drivers.canopen.commissioning import SdoAccess
-from daq.drivers.canopen.link import SdoRefusedError
+from daq.drivers.canopen.leadership import BOOT_UP
+from daq.drivers.canopen.link import Sdo, SdoRefusedError
 from daq.drivers.canopen.mapping import Mapping, map_node
 from daq.drivers.decimals import Decimals
 from daq.errors import CommissioningError
@@ -31,7 +31,6 @@ WRONG_TOLERATED = 3  # TPDOs of a wrong length after which a node's mapping is t
 SURPLUS_TOLERATED = 3  # cycles in a row with more TPDOs than SYNCs after which two devices share the node-ID
 WATCHDOG_PERIODS = 2.5  # heartbeat periods without a sign of life
 UNANSWERED = 4  # SYNCs that a TPDO may be behind; beyond, the oldest one is given up and the count is in doubt
-BOOT_UP, STATE_STOPPED, STATE_OPERATIONAL, STATE_PRE_OPERATIONAL = 0x00, 0x04, 0x05, 0x7F
 _EMERGENCY = struct.Struct("<HB")
 Handler = Callable[[bytearray, int], None]
 
@@ -42,26 +41,32 @@ class Cycle:
     def __init__(self) -> None:
         self.number = 0
         self.sync_ns = 0
-        self.done = threading.Event()
         self._lock = threading.Lock()
         self._pending: set[int] = set()
+        self._whole = threading.Lock()  # held while something is pending; an Event takes three times as long
 
     def begin(self, number: int, sync_ns: int, expected: set[int]) -> None:
         """Start cycle ``number`` in which TPDOs of the COB-IDs ``expected`` are waited for."""
         with self._lock:
             self.number, self.sync_ns, self._pending = number, sync_ns, expected
-            if expected:
-                self.done.clear()
-            else:
-                self.done.set()
+            self._whole.acquire(blocking=False)
+            if not expected:
+                self._whole.release()
 
     def arrived(self, cob_id: int, number: int) -> None:
         """A TPDO of cycle ``number`` came."""
         with self._lock:
-            if number == self.number:
+            if number == self.number and self._pending:
                 self._pending.discard(cob_id)
                 if not self._pending:
-                    self.done.set()
+                    self._whole.release()
+
+    def whole(self, seconds: float) -> bool:
+        """Wait until all that is expected came; whether it did. For one thread at a time."""
+        if not self._whole.acquire(timeout=max(0.0, seconds)):
+            return False
+        self._whole.release()
+        return True
 
 
 class Arrival(NamedTuple):
@@ -262,7 +267,7 @@ class Node:
                 return True
         return False
 
-    def learn(self, sdo: SdoAccess) -> None:
+    def learn(self, sdo: Sdo) -> None:
         """Ask for its heartbeat time, and the decimals of its channels (CommissioningError if none, or too many)."""
         try:
             self.heartbeat_ms = sdo.read_unsigned(0x1017)

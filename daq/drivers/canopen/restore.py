@@ -8,9 +8,9 @@ from pathlib import Path
 
 from daq.drivers.base import DriverContext
 from daq.drivers.can.health import BusHealth
-from daq.drivers.canopen.commissioning import LEFT, PRE_OPERATIONAL, SdoAccess, identity_of, write_objects
+from daq.drivers.canopen.commissioning import LEFT, PRE_OPERATIONAL, identity_of, write_objects
 from daq.drivers.canopen.leadership import Leadership
-from daq.drivers.canopen.link import CanLink
+from daq.drivers.canopen.link import CanLink, Sdo
 from daq.drivers.found_setups import FoundSetup, FoundSetups
 from daq.errors import AcquisitionError, BusError, CommissioningError
 from daq.machine.machine_file import CanopenBus, CanSource, Machine
@@ -76,7 +76,7 @@ def _bus(bus: CanopenBus, setups: dict[int, FoundSetup], kept: FoundSetups) -> l
         link.close()
 
 
-def _restore(sdo: SdoAccess, setup: FoundSetup, place: str) -> None:
+def _restore(sdo: Sdo, setup: FoundSetup, place: str) -> None:
     found = identity_of(sdo)
     if found != dict(setup.identity):
         raise CommissioningError(f"{place}: is another device than the one that was changed; connect that one")

@@ -9,14 +9,11 @@ from collections import Counter
 from collections.abc import Iterable, MutableMapping
 
 from daq.drivers.base import DriverContext
-from daq.drivers.canopen.leadership import Leadership
+from daq.drivers.canopen.leadership import OPERATIONAL, PRE_OPERATIONAL, STOPPED, Leadership
 from daq.drivers.canopen.node import (
     LATE_TOLERATED,
     MISSES_LOST,
     MISSES_TOLERATED,
-    STATE_OPERATIONAL,
-    STATE_PRE_OPERATIONAL,
-    STATE_STOPPED,
     WATCHDOG_PERIODS,
     WRONG_TOLERATED,
     Node,
@@ -119,7 +116,7 @@ class NodeWatch:
             )
             return False
         if node.state == "silent":
-            if now - alive <= limit and node.heartbeat_state == STATE_OPERATIONAL:
+            if now - alive <= limit and node.heartbeat_state == OPERATIONAL:
                 self.back(node)  # only the cable was out: its mapping is still there
             return False
         self._heartbeat(node, now - max(node.heartbeat_ns, node.watched_ns), limit)
@@ -148,7 +145,7 @@ class NodeWatch:
         """Alive, but no longer doing what it was commissioned for, by its own doing and not another master's."""
         if node.starting_anew:
             return False
-        if node.heartbeat_state in (STATE_PRE_OPERATIONAL, STATE_STOPPED):
+        if node.heartbeat_state in (PRE_OPERATIONAL, STOPPED):
             by_itself = self.leadership is None or self.leadership.excused(node.config.node)
             return by_itself and node.misses >= MISSES_TOLERATED
         return node.misses >= MISSES_LOST

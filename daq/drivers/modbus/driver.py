@@ -8,7 +8,6 @@ own rate, with their age.
 
 from __future__ import annotations
 
-import math
 import threading
 from collections.abc import Sequence
 
@@ -259,7 +258,7 @@ class _ModbusDriver:
 
     def collect(self, until_ns: int) -> Samples:
         """Registers of this cycle, as soon as all units that are alive have answered."""
-        answers = Answers(len(self._names), intervals=True)
+        answers = Answers(len(self._names))
         for poller in self._pollers:
             remaining = (until_ns - self._context.monotonic_ns()) / NS
             if remaining > 0 and poller.patience():
@@ -268,14 +267,14 @@ class _ModbusDriver:
                 for unit in poller.units:
                     for block in unit.blocks:
                         self._take(unit, block, answers)
+        self._counts["not_a_number"] += answers.no_numbers
         return answers.samples()
 
     def _take(self, unit: Unit, block: Block, answers: Answers) -> None:
         every = 1.0 if block.rate_hz is None else max(1.0, self._rate_hz / block.rate_hz)
         interval = max(every, unit.cycles)
-        if interval != 1.0 and answers.interval is not None:
-            for position, _, _ in block.members:
-                answers.interval[position] = interval
+        for position, _, _ in block.members:
+            answers.interval[position] = interval
         reading = block.reading
         if reading is None or reading.ordinal <= block.taken:
             if interval == 1.0:
@@ -301,12 +300,7 @@ class _ModbusDriver:
         value = wire.from_registers(source.data_type, words, source.word_order, source.byte_order)
         if position in unit.decimals:
             value = unit.decimals[position].value(value)
-        if math.isfinite(value):
-            answers.raw[position] = value
-            answers.quality[position] = Quality.FRESH
-        else:
-            self._counts["not_a_number"] += 1
-            answers.quality[position] = Quality.INVALID
+        answers.value(position, value, Quality.FRESH)
 
     def statistics(self) -> DriverStatistics:
         """State of every unit, and counters since the start."""
