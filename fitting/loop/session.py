@@ -25,6 +25,7 @@ from fitting.arm.base_parameters import BaseParameters, base_regressor, reduce_p
 from fitting.arm.geometry import geometry_of
 from fitting.arm.joint_side import at_joints
 from fitting.estimators.effort_fit import EffortRows
+from fitting.loop.noise_scale import on_fitted_rows
 from fitting.loop.search_pieces import choose_pieces, thinned
 from fitting.loop.weighting import Weighed, Weights, weighed
 from fitting.regression.design import Design, NoiseModel, build_design, reduced_residual, with_efforts, with_targets
@@ -119,13 +120,14 @@ class Request:
 
 @dataclass(frozen=True)
 class Prepared:
-    """A design with its noise, for one state of corrections."""
+    """A design with its noise, for one state of corrections; ``rescaled`` is :mod:`fitting.loop.noise_scale`'s."""
 
     design: Design
     pairs: tuple[Pairing, ...]
     noise: NoiseModel
     fitted: tuple[int, ...]
     validate: tuple[int, ...]
+    rescaled: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -356,9 +358,10 @@ class Session:
         design = build_design(machine, self.base, self.bank, self.position_noise, segments, store)
         pairs = pair_repeats(design) if noise is None else ()
         fitted = design.indices(*FITTED_ROLES)
+        rescaled: tuple[float, ...] = ()
         if noise is None:
-            noise = noise_model(design, fitted, pairs)
-        return Prepared(design, pairs, noise, fitted, design.indices("validate"))
+            noise, rescaled = on_fitted_rows(design, noise_model(design, fitted, pairs), fitted)
+        return Prepared(design, pairs, noise, fitted, design.indices("validate"), rescaled)
 
     def delayed(self, prepared: Prepared, latency: Mapping[str, float], resampled: Collection[str] = ()) -> Prepared:
         """A design without delays, in memory, with the efforts of some joints moved; all else is shared."""
@@ -370,7 +373,8 @@ class Session:
         late = [number for number, joint in enumerate(design.machine.joints) if joint.name in latency]
         design = with_efforts(design, segments, late)
         noise = noise_model(design, prepared.fitted, prepared.pairs, start=prepared.noise, anew=late)
-        return replace(prepared, design=design, noise=noise)
+        noise, rescaled = on_fitted_rows(design, noise, prepared.fitted)
+        return replace(prepared, design=design, noise=noise, rescaled=rescaled)
 
     @staticmethod
     def with_efforts(prepared: Prepared, recordings: Sequence[Recording]) -> Prepared:

@@ -11,6 +11,7 @@ from fitting.loop.attribution import attributed
 from fitting.loop.closing import next_experiment
 from fitting.loop.everything import said
 from fitting.loop.kinematic_check import corrections_from_json
+from fitting.loop.noise_scale import words as noise_words
 from fitting.loop.residual_loop import is_ripple, other_bands
 from fitting.loop.session import Session
 from fitting.pipeline.results.loop_results import (
@@ -51,13 +52,14 @@ def attribution(session: Session, results: StageResults, progress: Progress) -> 
         return Attributed("not_examined", looked=False)
     corrections, search = found_corrections(session, results), session.search
     found = attributed(session, corrections, progress)
+    names = tuple(joint.name for joint in session.machine.joints)
     warnings = [*found.warnings, *([] if search.whole else [said(search)])]
+    warnings += noise_words(names, search.session.plain.rescaled)
     # Another bandwidth is asked only where it can change the verdict: not where structure is certain, or noise unknown.
     residual = results[Residual]
     silent = found.verdict == "nothing_missing" and not residual.kinematics and all(residual.floor_valid)
     others = other_bands(search.session, corrections, progress) if silent else ()
     progress(0.92, "designing the experiment that tells rivals apart")
-    names = tuple(joint.name for joint in session.machine.joints)
     result = Attributed(
         verdict=found.verdict,
         accepted=tuple(_accepted(a) for a in found.accepted),

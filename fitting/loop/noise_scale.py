@@ -1,0 +1,63 @@
+"""Where no motion was recorded twice: the size of the noise, from the rows that are fitted.
+
+The spectrum of a noise that was never measured comes from what a flexible model leaves at the full rate, and that holds
+more and less than the noise of the fitted rows: reversals and short rests, whose rows are not fitted, the model's error
+where splines in the joint's own motion do not follow it, the filter's edge. Its shape may be right and its size be off
+by ten, either way: then nothing can be found, or everything is. So each joint's noise is scaled until the base model
+leaves of its fitted rows what noise of that size leaves. A missing effect is part of it; it has to stand out of this.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from fitting.regression.design import Design, NoiseModel
+from fitting.regression.streamed import fit_rows
+
+#: Fits: weights between joints change with the sizes.
+_PASSES = 2
+#: Factor from which on it is worth saying.
+WORTH_SAYING = 1.5
+
+
+def on_fitted_rows(design: Design, noise: NoiseModel, fitted: Sequence[int]) -> tuple[NoiseModel, tuple[float, ...]]:
+    """The noise in the size that the fitted rows have, and by which factor (n,) it was moved.
+
+    Parameters
+    ----------
+    design : the rows
+    noise : as residuals gave it; one that was measured stays as it is
+    fitted : segments that are fitted
+    """
+    factors = np.ones(len(noise.whitenings))
+    if noise.measured:
+        return noise, tuple(factors.tolist())
+    # White inside the band, and nothing beyond it.
+    share = min(1.0, 2.0 * design.bank.bandwidth_hz / design.bank.reduced_rate_hz)
+    for _ in range(_PASSES):
+        fit = fit_rows(design, noise, fitted)[0]
+        told = float(np.count_nonzero(fit.told)) / max(sum(map(len, fit.residual)), 1)
+        sizes = [float(np.mean(r**2)) / max(1.0 - told, 0.1) / share if len(r) else 1.0 for r in fit.residual]
+        moved = np.sqrt([size if size > 0 else 1.0 for size in sizes])
+        factors *= moved
+        noise = NoiseModel(
+            tuple(
+                replace(own, innovation=own.innovation * factor, std=own.std * factor)
+                for own, factor in zip(noise.whitenings, moved.tolist(), strict=True)
+            ),
+            measured=False,
+        )
+    return noise, tuple(factors.tolist())
+
+
+def words(names: Sequence[str], factors: Sequence[float]) -> list[str]:
+    """What is said of noises that were far off, a line per joint."""
+    return [
+        f"{name}: no motion was recorded twice, and what a flexible model leaves is {1 / factor:.2g} times the noise "
+        "of the fitted rows; their own size is used"
+        for name, factor in zip(names, factors, strict=True)
+        if not 1 / WORTH_SAYING < factor < WORTH_SAYING
+    ]
