@@ -261,7 +261,8 @@ class ListeningDriver(Listener):
     def _at_sync(self, pdo: _Pdo, at_ns: int, answers: Answers) -> Quality:
         """A PDO that was sampled at SYNC: at which, and whether it was in time."""
         period_ns = self.context.period_s * NS
-        sync_ns = max((sync for sync in self._syncs if self.cycle_ns < sync <= at_ns), default=self.cycle_ns)
+        with self._sync_came:  # the receiving thread adds to them
+            sync_ns = max((sync for sync in self._syncs if self.cycle_ns < sync <= at_ns), default=self.cycle_ns)
         behind_ns = at_ns - sync_ns
         ago = max(0, math.ceil(-behind_ns / period_ns))
         for position in pdo.stream.positions:
