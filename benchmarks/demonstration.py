@@ -14,12 +14,12 @@ import time
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 from scipy.optimize import least_squares
 
 from benchmarks.targets import Check, Outcome, fact
 from daq.machine.machine_file import load_machine
 from daq.recordings.recording import read_recording
+from fitting.arrays import FloatArray
 from fitting.excitation.motion import read_motion
 from server.commands.demo_command import run_demo
 
@@ -35,7 +35,7 @@ def cycles_per_machine_second(output: Path, joint: str = "joint1") -> float:
     motion = read_motion(output / "motions" / "validate.csv", machine)
     angle, stamps = recording.values[f"{joint}.angle"], recording.time - recording.time[0]
 
-    def apart(x: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    def apart(x: FloatArray) -> FloatArray:
         return np.asarray(angle - np.interp(x[0] * stamps + x[1], motion.time, motion.columns[joint]))
 
     scale = least_squares(apart, [1.0, 0.0], x_scale=[1e-3, 0.02]).x[0]

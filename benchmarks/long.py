@@ -22,18 +22,17 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from benchmarks.speed import identified, linear, memory
 from benchmarks.targets import Check, Outcome
 from daq.machine.machine_file import machine_to_yaml
 from daq.recordings.recording import write_recording
+from fitting.arrays import FloatArray
 from sim_backends.plant.cases import CasePlan, plan_case
 from sim_backends.plant.motion import random_motion
 from sim_backends.plant.plant import record_beside_ideal
 from sim_backends.undeclared import EffectSpec
 
-FloatArray = npt.NDArray[np.float64]
 MINUTES = (10.0, 30.0, 60.0)
 #: Length of the stretches that recordings are made of, s; of `validate`, min; and when the payload comes, share.
 _STRETCH, _VALIDATE, _PICKED_UP = 600.0, 10.0, 7.0 / 12.0

@@ -21,14 +21,13 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
 from benchmarks.targets import Check, Outcome
 from daq.machine.machine_file import Machine, machine_to_yaml
 from daq.recordings.recording import write_recording
+from fitting.arrays import FloatArray
 from sim_backends.plant.cases import Case, simulate_case
 
-FloatArray = npt.NDArray[np.float64]
 SHORT = (("unloaded", "unloaded"), ("train", "train-1"), ("repeat", "repeat"), ("validate", "validate"))
 MEMORY = 500.0  # MB
 MINUTES = (10.0, 30.0, 60.0)

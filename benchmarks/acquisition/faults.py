@@ -32,6 +32,7 @@ from daq.errors import HilfitError
 from daq.frames.channels import channel_table
 from daq.machine.machine_file import Machine, ModbusRtuBus, ModbusSource, Simulation, load_machine
 from daq.quality import Quality
+from fitting.arrays import BoolArray, FloatArray
 from sim_backends import Plant, SimulatedMachine, default_machine
 from sim_backends.faults.fault_file import SCHEMA, Fault, fault_problems, targets
 from sim_backends.faults.fault_runner import begin, end
@@ -56,8 +57,6 @@ NS = 1_000_000_000
 UNKNOWABLE = ("noise_burst", "bias_step")
 #: Without SYNC machine time stands still, and what is polled with it.
 STOPS_ALL = ("bus_off", "half_open")
-
-BoolArray = npt.NDArray[np.bool_]
 
 
 def machine_of_three_buses() -> tuple[Machine, Any]:
@@ -302,7 +301,7 @@ def _wrong_places(
     return found
 
 
-def measured(machine: Machine, truth: Any, periods: int) -> npt.NDArray[np.float64]:
+def measured(machine: Machine, truth: Any, periods: int) -> FloatArray:
     """(at least ``periods``, n) what the idle plant measures from power-on, in the blocks that its process computes.
 
     In other blocks it rounds otherwise, and of ten thousand pressures one then differs by more than it is read with.

@@ -23,7 +23,6 @@ from types import ModuleType
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 import sim_backends
 from benchmarks.exports.model_formats import formats
@@ -33,6 +32,7 @@ from benchmarks.targets import Check, Outcome
 from daq.machine.machine_file import Machine, load_machine
 from daq.recordings.recording import Recording, read_recording
 from fitting.arm.base_parameters import base_regressor, reduce_parameters
+from fitting.arrays import FloatArray
 from fitting.effects import effect
 from fitting.effects.base import Ranges
 from fitting.loop.residual_loop import final_model
@@ -49,7 +49,6 @@ from fitting.residual.terms import Term
 from fitting.signals.corrections import Corrections
 from fitting.signals.preparation import PositionNoise
 
-FloatArray = npt.NDArray[np.float64]
 Trial = tuple[Machine, list[Recording]]
 
 #: Settings under which the C has to compile without a word.

@@ -12,16 +12,15 @@ from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 from scipy.interpolate import RegularGridInterpolator
 
 from benchmarks.targets import Check
+from fitting.arrays import FloatArray
 from fitting.model import motion
 from fitting.model.arm_model import ArmModel
 from fitting.model.export import export_model
 from fitting.model.export.c import identifier
 
-FloatArray = npt.NDArray[np.float64]
 #: States of a motion, each (N, n), and times (N,).
 States = tuple[FloatArray, FloatArray, FloatArray, FloatArray]
 EXACT = 1e-9

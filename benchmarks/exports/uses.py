@@ -20,7 +20,6 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 import pyarrow.csv as arrow_csv
 from scipy.stats import chi2
 
@@ -28,6 +27,7 @@ import sim_backends
 from benchmarks.targets import Check, Outcome
 from daq.machine.machine_file import Machine, load_machine
 from daq.recordings.recording import Recording
+from fitting.arrays import FloatArray
 from fitting.excitation.motion import read_motion
 from fitting.loop.residual_loop import final_model
 from fitting.loop.session import Options, Session
@@ -45,7 +45,6 @@ from sim_backends.plant.motion import Motion, Rods, random_motion, write_motion
 from sim_backends.plant.plant import record
 from sim_backends.plant.truth import SensorQuality, Truth, load_truth
 
-FloatArray = npt.NDArray[np.float64]
 Show = Callable[[str], None]
 
 #: Forces on the tip, N, and how long each acts, s.

@@ -14,17 +14,15 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 from scipy import signal
 from scipy.io import loadmat
 
 from benchmarks.measured.stacks import Found, Low, Stack, loop, refitted, relative, stack_of
 from daq.machine.machine_file import Machine, load_machine
 from daq.recordings.recording import Recording, read_recording, write_recording
+from fitting.arrays import FloatArray
 from fitting.loop.session import Options, Session
 from fitting.residual.terms import Term
-
-FloatArray = npt.NDArray[np.float64]
 
 MACHINE = Path(__file__).parent / "machines" / "emps.yaml"
 FORCE_PER_VOLT = 35.1507  # N/V, the drive's published gain

@@ -11,13 +11,12 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from benchmarks.mistakes.rigs import Rig
 from daq.errors import MachineFileError
 from daq.machine.machine_file import Machine, machine_to_yaml, parse_machine
+from fitting.arrays import FloatArray
 
-FloatArray = npt.NDArray[np.float64]
 Rng = np.random.Generator
 
 

@@ -12,7 +12,6 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from benchmarks.attribution.judging import recordings_of
 from benchmarks.measured import emps, staubli
@@ -23,13 +22,13 @@ from benchmarks.targets import Check, Outcome, fact
 from daq.machine.machine_file import Machine, load_machine
 from daq.recordings.recording import read_recording
 from fitting.arm.dynamics import rigid_body_regressor
+from fitting.arrays import FloatArray
 from fitting.loop.session import Options, Session
 from fitting.pipeline.results.stage_results import Cylinders, Residual, RigidBody, StageResults
 from fitting.pipeline.stage_two import comparison
 from fitting.pipeline.stages import STEPS
 from sim_backends.plant.cases import Case, simulate_case
 
-FloatArray = npt.NDArray[np.float64]
 Show = Callable[[str], None]
 
 #: Standard deviation of measured minus computed joint torque in N m, on the motion that was fitted, as published.

@@ -40,8 +40,7 @@ from fitting.arm.dynamics import (
     standard_regressor,
 )
 from fitting.arm.geometry import Geometry, geometry_of
-
-FloatArray = npt.NDArray[np.float64]
+from fitting.arrays import BoolArray, FloatArray, IntArray
 
 RANK_TOLERANCE = 1e-8
 _SYMBOLS = ("m", "MX", "MY", "MZ", "XX", "XY", "XZ", "YY", "YZ", "ZZ", "f_c", "f_v", "J")
@@ -79,7 +78,7 @@ class BaseParameters:
         Largest remainder that was taken for round-off, and smallest that was taken for independence.
     """
 
-    independent: npt.NDArray[np.intp]
+    independent: IntArray
     regrouping: FloatArray
     names: tuple[str, ...]
     expressions: tuple[str, ...]
@@ -270,9 +269,7 @@ def _independent(W: FloatArray) -> tuple[list[int], tuple[float, float]]:
     return kept, (largest_dependent, smallest_independent)
 
 
-def _regrouping(
-    W: FloatArray, norms: FloatArray, alive: npt.NDArray[np.bool_], independent: npt.NDArray[np.intp]
-) -> FloatArray:
+def _regrouping(W: FloatArray, norms: FloatArray, alive: BoolArray, independent: IntArray) -> FloatArray:
     dependent = np.array([k for k in np.flatnonzero(alive) if k not in set(independent.tolist())], dtype=np.intp)
     P = np.zeros((len(independent), W.shape[1]))
     P[np.arange(len(independent)), independent] = 1.0

@@ -42,8 +42,8 @@ import numpy.typing as npt
 from daq.machine.machine_file import Machine
 from fitting.arm.expected import expected_sign
 from fitting.arm.geometry import Geometry, geometry_of, link_frames
+from fitting.arrays import FloatArray, IntArray
 
-FloatArray = npt.NDArray[np.float64]
 Component = float | FloatArray  # one component of a vector, over the samples; exactly 0.0 where it vanishes
 Vector = tuple[Component, Component, Component]
 
@@ -63,7 +63,7 @@ def rigid_body_regressor(
     qd: npt.ArrayLike,
     qdd: npt.ArrayLike,
     *,
-    columns: Sequence[int] | npt.NDArray[np.intp] | None = None,
+    columns: Sequence[int] | IntArray | None = None,
     gravity: npt.ArrayLike | None = None,
 ) -> FloatArray:
     """Regressor of the rigid-body dynamics, for all samples at once.
@@ -119,7 +119,7 @@ def gravity_regressor(
     q: npt.ArrayLike,
     direction: npt.ArrayLike,
     *,
-    columns: Sequence[int] | npt.NDArray[np.intp] | None = None,
+    columns: Sequence[int] | IntArray | None = None,
 ) -> FloatArray:
     """What a unit change of gravity along ``direction`` (base frame) adds to the regressor.
 

@@ -13,14 +13,12 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-import numpy.typing as npt
 
 from daq.machine.machine_file import Channel, Joint, Machine, Quantity
 from daq.machine.quantities import MOTOR_QUANTITIES
 from daq.recordings.recording import Recording
 from fitting.arm.linkage import joint_position
-
-FloatArray = npt.NDArray[np.float64]
+from fitting.arrays import FloatArray
 
 
 def at_joints(machine: Machine, recordings: Sequence[Recording]) -> tuple[Machine, tuple[Recording, ...]]:

@@ -19,8 +19,7 @@ from daq.errors import InputError
 from daq.machine.linkages import Direct, FourBar, Linkage, Polynomial, Rack, ThreePin, reduced
 from daq.machine.machine_file import Joint
 from fitting.arm.rocker import rocker_motion
-
-FloatArray = npt.NDArray[np.float64]
+from fitting.arrays import FloatArray
 
 _polynomial = np.polynomial.polynomial
 #: Parameters of a four-bar linkage that a wrong length shows in, m; its points only move what these do.

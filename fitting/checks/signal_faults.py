@@ -10,17 +10,14 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
-import numpy.typing as npt
 
 from daq.machine.machine_file import Channel, Joint, Machine
 from daq.recordings.recording import Recording
 from daq.recordings.recording_checks import cut_off, piled_up, regular_steps
+from fitting.arrays import BoolArray, FloatArray
 from fitting.checks.findings import Finding
 from fitting.signals.position_sensors import position_channel
 from fitting.signals.preparation import parked, reach
-
-FloatArray = npt.NDArray[np.float64]
-BoolArray = npt.NDArray[np.bool_]
 
 POSITIONS = ("joint_position", "piston_position", "motor_position")
 PRESSURES = ("head_pressure", "rod_pressure")

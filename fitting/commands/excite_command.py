@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-import numpy.typing as npt
 import typer
 
 from daq.console import print_json, progress_bar, reported
@@ -19,6 +18,7 @@ from daq.recordings.recording_files import read_table
 from fitting.arm.base_parameters import BaseParameters, base_regressor, reduce_parameters
 from fitting.arm.geometry import geometry_of
 from fitting.arm.linkage import lever_arm
+from fitting.arrays import FloatArray
 from fitting.excitation import (
     KINDS,
     CylinderOptions,
@@ -37,7 +37,6 @@ from fitting.excitation.motion import SCHEMA, Motion, read_motion, write_motion
 from fitting.planning.excite_text import show
 from fitting.planning.guess import USUAL_SUPPLY, Guess, default_guess, guess_from_file, worst_friction
 
-FloatArray = npt.NDArray[np.float64]
 Criterion = Literal["condition", "determinant"]
 
 _LITRES_PER_MINUTE = 1e-3 / 60  # m^3/s

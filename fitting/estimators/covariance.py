@@ -25,7 +25,8 @@ import numpy as np
 import numpy.typing as npt
 from scipy import signal
 
-from fitting.estimators.base import FloatArray, IntArray, check_rows
+from fitting.arrays import BoolArray, FloatArray, IntArray
+from fitting.estimators.base import check_rows
 from fitting.estimators.least_squares import Solution, solve
 
 #: How a covariance treats colour: a name as above, or a fixed number of lags for a plain Newey-West sum.
@@ -68,7 +69,7 @@ def scores_covariance(
     residual: FloatArray,
     colour: Colour,
     group: IntArray,
-    counted: npt.NDArray[np.bool_] | None = None,
+    counted: BoolArray | None = None,
 ) -> FloatArray | float:
     """Covariance of ``Q'e``: (rank, rank), or one variance for a white residual.
 

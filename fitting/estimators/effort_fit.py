@@ -18,19 +18,16 @@ from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
-import numpy.typing as npt
 from scipy import signal, stats
 
 from daq.recordings.recording_checks import runs
+from fitting.arrays import BoolArray, FloatArray
 from fitting.estimators.covariance import autoregression, series_scores
 from fitting.regression.design import Design, Extra
 from fitting.regression.plausible_arm import ALONE
 from fitting.regression.prior import Prior, data_share, with_prior
 from fitting.regression.solving import Factor, Fit, WhiteRows, factor
 from fitting.regression.streamed import triangle
-
-FloatArray = npt.NDArray[np.float64]
-BoolArray = npt.NDArray[np.bool_]
 
 #: Standard errors by which least squares has to be better on positions left out, and the rise of the training error up
 #: to which a plausible arm costs nothing that a motion could refuse.

@@ -11,16 +11,13 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 
 import numpy as np
-import numpy.typing as npt
 
+from fitting.arrays import FloatArray, IntArray
 from fitting.estimators.base import Estimate
 from fitting.estimators.covariance import Colour, check_colour, series_scores
 from fitting.estimators.least_squares import solve
 from fitting.regression.design import Design
 from fitting.regression.streamed import triangle
-
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.intp]
 
 
 class LongRows:

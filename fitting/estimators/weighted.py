@@ -7,7 +7,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from fitting.estimators.base import Estimate, FloatArray, Rows, check_rows
+from fitting.arrays import FloatArray
+from fitting.estimators.base import Estimate, Rows, check_rows
 from fitting.estimators.context import StageTwo
 from fitting.estimators.covariance import Colour
 from fitting.estimators.ordinary import weighted_fit

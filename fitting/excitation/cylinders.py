@@ -18,19 +18,17 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
 from daq.errors import InputError
 from daq.machine.machine_file import Joint, Machine
 from fitting.arm.linkage import lever_arm
+from fitting.arrays import FloatArray
 from fitting.excitation.fourier import fourier_basis
 from fitting.excitation.limits import LimitUse
 from fitting.excitation.motion import Motion
 from fitting.excitation.objective import condition_of_information, spectral_objective
 from fitting.excitation.search import lbfgs
 from fitting.excitation.staircase import LEVEL_SECONDS, staircase
-
-FloatArray = npt.NDArray[np.float64]
 
 _NORM_POWER = 24  # of the p-norm that keeps the limits, as for whole motions
 _FLOW_TRIALS = 4  # speeds come down in proportion to the flow that is asked for: two are enough as a rule

@@ -19,20 +19,19 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 from scipy.interpolate import make_interp_spline
 
 from daq.errors import InputError
 from daq.machine.machine_file import Joint, Machine
 from fitting.arm.base_parameters import BaseParameters
 from fitting.arm.linkage import joint_position, lever_arm, stroke_limits
+from fitting.arrays import FloatArray
 from fitting.excitation.cylinders import CylinderOptions, design_cylinder_motion
 from fitting.excitation.limits import HydraulicLimits, limits_used
 from fitting.excitation.motion import Motion
 from fitting.excitation.shapes import ACCELERATION_OF_STEP, SPEED_OF_STEP, burst, step, wave
 from fitting.excitation.staircase import staircase
 
-FloatArray = npt.NDArray[np.float64]
 #: Static drive efforts (N, n) at joint positions (N, n).
 Holding = Callable[[FloatArray], FloatArray]
 

@@ -5,13 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from daq.machine.machine_file import Cylinder, Machine
 from fitting.arm.base_parameters import BaseParameters, base_regressor, reduce_parameters
 from fitting.arm.linkage import lever_arm, lever_arm_slope, piston_motion
-
-FloatArray = npt.NDArray[np.float64]
+from fitting.arrays import FloatArray
 
 
 @dataclass(frozen=True)

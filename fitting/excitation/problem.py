@@ -15,17 +15,15 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
 from daq.errors import InputError
 from daq.machine.machine_file import Machine
 from fitting.arm.base_parameters import BaseParameters, base_regressor
 from fitting.arm.linkage import stroke_limits
+from fitting.arrays import FloatArray, IntArray
 from fitting.excitation.fourier import FourierBasis, fourier_basis, spread_harmonics
 from fitting.excitation.limits import HydraulicLimits
 from fitting.excitation.objective import Criterion, condition_of_information, information
-
-FloatArray = npt.NDArray[np.float64]
 
 _HOME_SHARE = 0.7  # of the way from mid-range to an end: a home at the very end would leave no motion
 _START_AMPLITUDE = 2.0  # sigmoid(2) = 0.88
@@ -87,14 +85,14 @@ class Problem:
 
     machine: Machine
     base: BaseParameters
-    joints: npt.NDArray[np.intp]  # those that move
+    joints: IntArray  # those that move
     middle: FloatArray  # (n,)
     half: FloatArray  # (n,) way from the middle to either end, already times `use`
     top_speed: FloatArray
     top_acceleration: FloatArray
     harmonics: tuple[tuple[int, ...], ...]
     bases: tuple[FourierBasis, ...]  # sampled for the search
-    columns: npt.NDArray[np.intp]  # base columns that can be told
+    columns: IntArray  # base columns that can be told
     gathered: FloatArray  # per sample of the final motion
     hydraulic: HydraulicLimits
     options: ExcitationOptions
@@ -178,7 +176,7 @@ def resampled(problem: Problem, samples: int) -> Problem:
     return replace(problem, bases=_bases(problem.harmonics, problem.options.seconds, samples))
 
 
-def _tellable(problem: Problem, rng: np.random.Generator) -> npt.NDArray[np.intp]:
+def _tellable(problem: Problem, rng: np.random.Generator) -> IntArray:
     """A largest set of base columns that motions of these joints, with what was gathered, tell apart."""
     q, qd, qdd, _ = states(problem, random_start(problem, rng), 24)
     G = information(base_regressor(problem.machine, problem.base, q, qd, qdd)) + problem.gathered

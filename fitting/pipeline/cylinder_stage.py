@@ -14,16 +14,14 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from fitting.arrays import FloatArray
 from fitting.estimators.covariance import series_scores
 from fitting.estimators.recursive import RecursiveLeastSquares
 from fitting.pipeline.results.stored_types import Numbers, stored
 from fitting.regression.design import Design, NoiseModel, reduced_residual
 from fitting.regression.prior import Prior, prior_row
 from fitting.regression.solving import Fit, factor
-
-FloatArray = npt.NDArray[np.float64]
 
 #: Whitened rows that a cylinder needs in `unloaded` recordings; fewer, and it is identified in situ.
 LEAST_ROWS = 40

@@ -27,10 +27,10 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 from scipy import linalg, stats
 
 from fitting.arm.geometry import geometry_of
+from fitting.arrays import FloatArray
 from fitting.pipeline.results.stage_results import Constrained, Physics
 from fitting.regression.design import Design
 from fitting.regression.drive import UNITS, direct_units
@@ -38,8 +38,6 @@ from fitting.regression.error_sizes import errors_of
 from fitting.regression.plausible_arm import ALONE, plausible_arm
 from fitting.residual.friction_power import FrictionPower, driving, friction_power
 from fitting.residual.terms import Model
-
-FloatArray = npt.NDArray[np.float64]
 
 #: Chance that a possible machine is called impossible, over all that is asked of it.
 ALARM = 1e-4

@@ -7,17 +7,15 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from fitting.arm.geometry import geometry_of
+from fitting.arrays import BoolArray, FloatArray, IntArray
 from fitting.estimators import Colour, Estimate, Estimator, OrdinaryLeastSquares, StageTwo, within
 from fitting.estimators.least_squares import solve
 from fitting.estimators.long_rows import LongRows
 from fitting.pipeline.cylinder_stage import CylinderEstimate
 from fitting.regression.body_prior import BodyPrior
 from fitting.regression.design import Design, Extra
-
-FloatArray = npt.NDArray[np.float64]
 
 #: Recordings that stage 2 and the one-shot regression are made on.
 ROLES = ("train", "operation")
@@ -41,7 +39,7 @@ class StackedEstimate:
     theta: FloatArray
     std: FloatArray
     condition_number: float
-    told: npt.NDArray[np.bool_]
+    told: BoolArray
     estimator: str = "ols"
     details: Mapping[str, Any] = field(default_factory=dict)
     covariance: FloatArray | None = field(default=None, repr=False)
@@ -60,7 +58,7 @@ class EffortRows:
 
     columns: FloatArray
     target: FloatArray
-    groups: npt.NDArray[np.intp]
+    groups: IntArray
 
 
 def effort_rows(design: Design, roles: Sequence[str] = ROLES, extra: Extra | None = None) -> EffortRows:
@@ -210,8 +208,8 @@ def _covariance(
     D: FloatArray,
     frozen: FloatArray,
     estimate: Estimate,
-    groups: npt.NDArray[np.intp],
-    places: tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]],
+    groups: IntArray,
+    places: tuple[IntArray, IntArray],
 ) -> FloatArray:
     """Covariance (p, p) of all parameters: base ones have their own and what they inherit of those that were frozen.
 

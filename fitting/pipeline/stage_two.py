@@ -7,9 +7,9 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from fitting.arm.geometry import geometry_of
+from fitting.arrays import FloatArray
 from fitting.loop.session import Session
 from fitting.pipeline.comparison import Contender, compare, cylinder_conditions, stage_condition
 from fitting.pipeline.estimator_choice import Choice, chosen
@@ -19,7 +19,6 @@ from fitting.regression.design import Design, Extra
 from fitting.regression.error_sizes import errors_of
 from fitting.residual.terms import Model
 
-FloatArray = npt.NDArray[np.float64]
 Progress = Callable[[float, str], None]
 
 

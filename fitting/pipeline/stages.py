@@ -16,10 +16,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from daq.errors import HilfitError, InputError
 from fitting.arm.dynamics import self_check
+from fitting.arrays import FloatArray
 from fitting.estimators.effort_fit import EffortRows, mean_levers, parameter_error, predicted_std
 from fitting.excitation.motion import Motion, write_motion
 from fitting.loop.kinematic_check import kinematic_findings, step_to_json
@@ -62,7 +62,6 @@ from fitting.report.languages import language
 from fitting.residual.confirmation.confirmation import overall_change
 from fitting.residual.terms import Model
 
-FloatArray = npt.NDArray[np.float64]
 Progress = Callable[[float, str], None]
 
 

@@ -16,20 +16,18 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 from scipy import linalg
 from scipy.optimize import brentq
 from scipy.stats import chi2, ncx2
 
 from daq.machine.machine_file import Machine
+from fitting.arrays import FloatArray
 from fitting.effects.base import DriveView, Effect
 from fitting.regression.design import Design, NoiseModel
 from fitting.regression.solving import WhiteRows
 from fitting.residual.laws import Law
 from fitting.residual.terms import Term
 from fitting.residual.views import Views
-
-FloatArray = npt.NDArray[np.float64]
 
 _RANK = 1e-10  # of unit columns' products: directions below are not told
 _DEAD = 1e-8  # of a column's own square: what is left of it is rounding

@@ -13,12 +13,12 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from daq.machine.machine_file import Machine
 from daq.recordings.recording import Recording
 from fitting.arm.base_parameters import BaseParameters
 from fitting.arm.joint_side import at_joints
+from fitting.arrays import FloatArray
 from fitting.effects.base import Effect
 from fitting.excitation.motion import Motion
 from fitting.planning.detection import Visibility, typical_terms, visibilities
@@ -32,8 +32,6 @@ from fitting.selection.evidence import least_gain
 from fitting.signals.filters import FilterBank, filter_bank
 from fitting.signals.preparation import PositionNoise, Segment, position_noise, prepare
 from fitting.signals.spectrum import whitening
-
-FloatArray = npt.NDArray[np.float64]
 
 #: Bandwidth of an identification of slow motions, Hz (at most an eighth of the rate).
 BANDWIDTH = 3.0

@@ -12,17 +12,15 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
 from daq.machine.machine_file import Joint, Machine
 from fitting.arm.base_parameters import BaseParameters, base_regressor
 from fitting.arm.geometry import geometry_of
 from fitting.arm.linkage import lever_arm, stroke_limits
+from fitting.arrays import FloatArray
 from fitting.regression.body_prior import read_body_prior, standard_of_link
 from fitting.regression.drive import drive_names
 from fitting.regression.prior import moving_mass
-
-FloatArray = npt.NDArray[np.float64]
 
 #: Supply pressure of mobile hydraulics where the machine file gives none, Pa.
 USUAL_SUPPLY = 21.0e6

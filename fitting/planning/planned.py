@@ -9,18 +9,16 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-import numpy.typing as npt
 from scipy.interpolate import make_interp_spline
 
 from daq.errors import InputError
 from daq.machine.machine_file import Machine
 from fitting.arm.linkage import lever_arm, piston_motion
+from fitting.arrays import BoolArray, FloatArray
 from fitting.excitation.motion import Motion
 from fitting.signals.filters import FilterBank
 from fitting.signals.preparation import REST_SPEED, PositionNoise, Segment, long_rests
 
-FloatArray = npt.NDArray[np.float64]
-BoolArray = npt.NDArray[np.bool_]
 #: Position, speed and acceleration, each (N, n).
 States = tuple[FloatArray, FloatArray, FloatArray]
 

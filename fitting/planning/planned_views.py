@@ -12,15 +12,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
 from daq.machine.machine_file import Machine
+from fitting.arrays import FloatArray
 from fitting.effects.base import DriveView
 from fitting.regression.design import Design, Extra
 from fitting.residual.terms import Model, Term, extra_columns
 from fitting.residual.views import Views, build_views
-
-FloatArray = npt.NDArray[np.float64]
 
 _LOWEST = 0.005  # quantile that counts as the lowest pressure seen
 

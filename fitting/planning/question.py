@@ -6,10 +6,10 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-import numpy.typing as npt
 
 from fitting.arm.base_parameters import base_regressor
 from fitting.arm.linkage import lever_arm
+from fitting.arrays import FloatArray
 from fitting.effects.base import Effect
 from fitting.excitation.limits import HydraulicLimits
 from fitting.excitation.motion import Motion
@@ -20,8 +20,6 @@ from fitting.regression.design import build_design, whitened
 from fitting.regression.prior import Prior, with_prior
 from fitting.residual.terms import Model, Term, extra_columns
 from fitting.signals.preparation import Segment
-
-FloatArray = npt.NDArray[np.float64]
 
 #: Shapes of a rival's grid that are looked at.
 _MOST_SHAPES = 16

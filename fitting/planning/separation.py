@@ -24,10 +24,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 from scipy import linalg
 from scipy.special import ndtr
 
+from fitting.arrays import FloatArray
 from fitting.regression.solving import WhiteRows
 from fitting.residual.laws import Law
 from fitting.residual.scoring import Score
@@ -36,8 +36,6 @@ from fitting.selection.decision import odds_behind
 from fitting.selection.evidence import log_mean, whitened_parts
 from fitting.selection.gains import averaged, orders, plausible
 from fitting.selection.priors import SAID_ODDS, USUAL_EFFORT
-
-FloatArray = npt.NDArray[np.float64]
 
 #: Least standard deviation of log odds: noise moves what no motion tells apart as well.
 _LEAST_SPREAD = 0.5

@@ -28,8 +28,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from daq.errors import InputError
 from daq.validation_words import in_words
 from fitting.arm.base_parameters import BaseParameters
-
-FloatArray = npt.NDArray[np.float64]
+from fitting.arrays import FloatArray
 
 #: How far an arm may have moved from its last calibration, as a share of each parameter's size.
 REPORT_DRIFT = 0.1

@@ -18,19 +18,16 @@ from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
 from daq.machine.machine_file import Machine
 from fitting.arm.base_parameters import BaseParameters, base_regressor
+from fitting.arrays import BoolArray, FloatArray
 from fitting.regression.drive import drive_columns, drive_names, known_effort
 from fitting.regression.solving import WhiteRows
 from fitting.signals.filters import FilterBank
 from fitting.signals.lost_rows import hidden
 from fitting.signals.preparation import PositionNoise, Segment
 from fitting.signals.spectrum import Whitening, unit_whitening
-
-FloatArray = npt.NDArray[np.float64]
-BoolArray = npt.NDArray[np.bool_]
 
 #: A reduced row is dropped when the element rests during more than this share of its filter window. At rest friction is
 #: anything between plus and minus the Coulomb friction, which is tens of standard deviations of a row.

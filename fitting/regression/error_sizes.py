@@ -13,9 +13,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from fitting.arrays import FloatArray
 from fitting.regression.design import Design, Extra, effort_errors
-
-FloatArray = npt.NDArray[np.float64]
 
 #: Which recordings each column of a report's errors is of.
 ROLES = {"train": ("train", "operation"), "validate": ("validate",)}

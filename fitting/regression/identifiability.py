@@ -20,14 +20,13 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-import numpy.typing as npt
 from scipy import linalg
 
+from fitting.arrays import FloatArray
 from fitting.regression.design import Design, NoiseModel, whitened
 from fitting.regression.prior import Prior, with_prior
 from fitting.regression.solving import WhiteRows
 
-FloatArray = npt.NDArray[np.float64]
 Verdict = Literal["told", "poorly told", "not told", "assumed"]
 
 #: Relative standard deviation above which a parameter is flagged, and above which it is not told at all.

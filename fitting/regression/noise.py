@@ -13,9 +13,9 @@ from operator import itemgetter
 from typing import TypeVar
 
 import numpy as np
-import numpy.typing as npt
 
 from daq.recordings.recording_checks import runs
+from fitting.arrays import BoolArray, FloatArray
 from fitting.regression.design import Design, Extra, NoiseModel, full_residual, moving_rows, white_noise_model
 from fitting.regression.streamed import fit_rows
 from fitting.signals.filters import FilterBank, lag_between
@@ -23,7 +23,6 @@ from fitting.signals.preparation import STILL, reach
 from fitting.signals.spectrum import unit_whitening, whitening
 from fitting.signals.splines import spline_basis
 
-FloatArray = npt.NDArray[np.float64]
 _T = TypeVar("_T")
 
 #: Reduced rows that a repeated stretch needs to say something of the noise.
@@ -94,7 +93,7 @@ def _laid(design: Design, train: int, repeat: int) -> tuple[float, Pairing]:
     return _apart(inner, a, b, spread), inner
 
 
-def _near(a: FloatArray, b: FloatArray, spread: FloatArray) -> npt.NDArray[np.bool_]:
+def _near(a: FloatArray, b: FloatArray, spread: FloatArray) -> BoolArray:
     """Where (N,) all joints of two motions are at about the same place."""
     return np.asarray(np.all(np.abs(a - b) < _NEAR * spread, axis=1))
 
@@ -250,7 +249,7 @@ def _flexible_residual(
     ]
 
 
-def moving_stretches(series: FloatArray, rest: npt.NDArray[np.bool_], bank: FilterBank) -> list[FloatArray]:
+def moving_stretches(series: FloatArray, rest: BoolArray, bank: FilterBank) -> list[FloatArray]:
     """Stretches of a series (N,) or (N, k) between long rests, those that fill the identification filter's window.
 
     A drive at rest holds any effort up to its static friction; that is neither noise nor model.

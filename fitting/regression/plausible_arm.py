@@ -28,15 +28,13 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-import numpy.typing as npt
 from scipy import linalg
 
 from fitting.arm.base_parameters import BaseParameters
 from fitting.arm.geometry import Geometry
+from fitting.arrays import BoolArray, FloatArray
 from fitting.regression.body_prior import pseudo_inertia, standard_of_link
 from fitting.regression.solving import factor
-
-FloatArray = npt.NDArray[np.float64]
 
 #: Weight of the divergence against a chi-square.
 WEIGHT = 0.1
@@ -112,7 +110,7 @@ class PlausibleArm:
 
     bodies: FloatArray
     own: FloatArray
-    signed: npt.NDArray[np.bool_]
+    signed: BoolArray
     drives: int
     regrouping: FloatArray
     below: float = BELOW_ZERO

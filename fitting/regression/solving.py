@@ -9,11 +9,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-import numpy.typing as npt
 from scipy import linalg
 
-FloatArray = npt.NDArray[np.float64]
-BoolArray = npt.NDArray[np.bool_]
+from fitting.arrays import BoolArray, FloatArray, IntArray
 
 
 @dataclass(frozen=True)
@@ -85,7 +83,7 @@ class Factor:
 
     Q: FloatArray
     R: FloatArray
-    told: npt.NDArray[np.intp]
+    told: IntArray
     root: FloatArray
 
     @property

@@ -13,9 +13,10 @@ from typing import Any
 import numpy as np
 
 from daq.scratch import Place, Scratch
+from fitting.arrays import FloatArray
 from fitting.regression.design import JointBlock, Store
 from fitting.signals.filters import FilterBank
-from fitting.signals.preparation import FloatArray, Segment
+from fitting.signals.preparation import Segment
 
 
 class StoredSegment(Segment):

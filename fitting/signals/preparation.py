@@ -14,7 +14,6 @@ from functools import cache
 from typing import Literal
 
 import numpy as np
-import numpy.typing as npt
 from scipy import ndimage
 
 from daq.errors import RecordingError
@@ -22,6 +21,7 @@ from daq.machine.machine_file import Joint, Machine
 from daq.recordings.recording import Recording
 from daq.recordings.recording_checks import runs
 from fitting.arm.linkage import joint_motion, joint_position, lever_arm, piston_motion
+from fitting.arrays import BoolArray, FloatArray
 from fitting.signals.filters import FilterBank, advanced
 from fitting.signals.position_sensors import (
     REST_SECONDS,
@@ -32,8 +32,6 @@ from fitting.signals.position_sensors import (
 )
 from fitting.signals.velocities import Motion, VelocityShare
 
-FloatArray = npt.NDArray[np.float64]
-BoolArray = npt.NDArray[np.bool_]
 PositionError = Callable[[FloatArray], FloatArray]
 #: Play between a joint's two position sensors. In the pin: piston and joint move apart, and each sensor is right for
 #: its own. In the piston's sensor: both move as the joint's sensor says.

@@ -12,14 +12,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
 from fitting.arm.dynamics import rigid_body_regressor
+from fitting.arrays import FloatArray
 from fitting.checks.mistakes.hypothesis import CLEAR
 from fitting.checks.mistakes.physical import Trial, declared, friction, measured_effort, without
 from fitting.checks.mistakes.samples import EFFORTS, Samples
-
-FloatArray = npt.NDArray[np.float64]
 
 _ITERATIONS = 4
 #: s from which the estimate begins as well, where efforts are left unexplained by more than this (geometric mean).

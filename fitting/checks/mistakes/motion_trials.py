@@ -6,14 +6,12 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
-import numpy.typing as npt
 
+from fitting.arrays import BoolArray
 from fitting.checks.mistakes.factors import gains
 from fitting.checks.mistakes.hypothesis import CLEAR, Build, Hypothesis, Targets
 from fitting.checks.mistakes.physical import Trial
 from fitting.checks.mistakes.samples import EFFORTS, Signal
-
-BoolArray = npt.NDArray[np.bool_]
 
 
 def mapped(key: tuple[str, int], gain: float, offset: float = 0.0) -> Build:

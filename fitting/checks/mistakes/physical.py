@@ -24,7 +24,6 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-import numpy.typing as npt
 from scipy import linalg
 from scipy.optimize import lsq_linear, nnls
 
@@ -32,12 +31,10 @@ from daq.machine.machine_file import Machine
 from fitting.arm.dynamics import coupled_regressor, rigid_body_regressor
 from fitting.arm.expected import expected_sign
 from fitting.arm.geometry import Geometry, geometry_of
+from fitting.arrays import FloatArray
 from fitting.checks.mistakes.arm_motion import Motion, motion_of
 from fitting.checks.mistakes.samples import Samples
 from fitting.regression.prior import moving_mass
-
-FloatArray = npt.NDArray[np.float64]
-BoolArray = npt.NDArray[np.bool_]
 
 #: Points along each edge of a link's box. Three tell its mass, centre and spread.
 _GRID = 3

@@ -15,11 +15,10 @@ import numpy.typing as npt
 
 from daq.machine.machine_file import Machine
 from daq.recordings.recording import Recording
+from fitting.arrays import BoolArray, FloatArray
 from fitting.signals.filters import FilterBank, edge_frequency, filter_bank, white_noise_of
 
-FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
-BoolArray = npt.NDArray[np.bool_]
 
 #: Samples that a trial uses at most: rows of six joints are some thirty times the parameters of their arm.
 MOST_SAMPLES = 420

@@ -12,17 +12,15 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from daq.machine.linkages import ThreePin
 from daq.machine.machine_file import Machine
 from fitting.arm.linkage import parameter_names
+from fitting.arrays import FloatArray
 from fitting.checks.mistakes.factors import gains
 from fitting.checks.mistakes.machine_trials import changed_joint
 from fitting.checks.mistakes.motion_trials import COUNTS, DELAYS, RATES, times_too
 from fitting.checks.mistakes.samples import Samples, Signal
-
-FloatArray = npt.NDArray[np.float64]
 
 #: Misfit (of the piston's spread) and distance (of the stroke) up to which two sensors agree: what effects do.
 AGREE, NEAR = 0.08, 0.15

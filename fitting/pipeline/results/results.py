@@ -10,9 +10,9 @@ from importlib.metadata import version
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from daq.machine.machine_file import Machine
+from fitting.arrays import FloatArray
 from fitting.loop.kinematic_check import corrections_from_json
 from fitting.loop.residual_loop import final_model
 from fitting.loop.session import Prepared, Session
@@ -38,8 +38,6 @@ from fitting.report.joint_words import in_words_of
 from fitting.report.model import Figures
 from fitting.report.residual_diagnostics import diagnostics
 from fitting.residual.terms import Model, Term
-
-FloatArray = npt.NDArray[np.float64]
 
 #: What the joint refit's weights make it, and its deviations.
 _ESTIMATORS = {"whitened": "gls", "equal": "joint_ols"}
