@@ -171,7 +171,7 @@ def base_gravity_regressor(
 
 
 def reduce_parameters(
-    machine: Machine | Geometry, *, friction_by_stage_1: bool = True, seed: int = 0, states: int | None = None
+    machine: Machine | Geometry, *, friction_by_stage_1: bool = True, seed: int = 0
 ) -> BaseParameters:
     """Find the base parameters of a machine.
 
@@ -184,8 +184,6 @@ def reduce_parameters(
         are reduced. False: all ``p = 13 n``. Three more for every motor that turns with several joints, in both.
     seed
         Of the random states.
-    states
-        How many random states (default: enough for five rows per column).
     """
     geometry = geometry_of(machine).squared_up()
     n = geometry.joints
@@ -194,7 +192,7 @@ def reduce_parameters(
         *(f"{symbol}{i + 1}" for i in range(n) for symbol in _SYMBOLS[:kinds]),
         *(f"{symbol}{i + 1}" for i in geometry.coupled for symbol in COUPLED_PARAMETERS),
     )
-    W = _random_observation(geometry, kinds, np.random.default_rng(seed), states or max(60, 5 * kinds))
+    W = _random_observation(geometry, kinds, np.random.default_rng(seed), max(60, 5 * kinds))
     norms = np.linalg.norm(W, axis=0)
     alive = norms > RANK_TOLERANCE * norms.max()
     order = [column for column in _offered(geometry, kinds) if alive[column]]

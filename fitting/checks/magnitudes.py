@@ -30,8 +30,6 @@ _ALIKE = 8.0
 _BEYOND = 0.5
 #: Smallest share of the limits that a motion covers, in position and in speed, for its unit to be believed.
 _TINY = 0.025
-#: rad or m; a speed so many times the declared limit is another unit.
-_FAST = 8.0
 
 
 def magnitude_findings(machine: Machine, recordings: Sequence[Recording]) -> list[Finding]:

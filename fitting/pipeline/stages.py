@@ -77,7 +77,7 @@ def check(session: Session, results: StageResults, progress: Progress) -> Checke
     progress(0.5, "checking the equations of motion against themselves")
     return Checked(
         bandwidth_hz=session.bank.bandwidth_hz,
-        self_check=self_check(session.machine).error,
+        self_check=self_check(session.machine),
         standard_parameters=session.base.standard_count,
         base_parameters=len(session.base),
         repeated=bool(session.plain.pairs),

@@ -45,14 +45,12 @@ class Telling:
     verdict : see the module's text
     std : standard deviation in the parameter's unit; infinite where rows do not tell it
     relative : ``std`` over the parameter's size
-    effort_share : change of the effort by one standard deviation, over the effort of the joint where it shows most
     """
 
     name: str
     verdict: Verdict
     std: float
     relative: float
-    effort_share: float
 
 
 def tellings(
@@ -61,7 +59,6 @@ def tellings(
     indices: Sequence[int],
     theta: FloatArray,
     prior: Prior | None = None,
-    inflation: float = 1.0,
 ) -> tuple[Telling, ...]:
     """What a motion tells of each drive and base parameter.
 
@@ -72,7 +69,6 @@ def tellings(
     indices : the segments to go by
     theta : (p,) values of the parameters, as fitted or guessed: what their deviations are measured by
     prior : what the fit also knows
-    inflation : factor on all standard deviations, the root of the residual's chi-square per row where that is above 1
 
     Notes
     -----
@@ -87,9 +83,8 @@ def tellings(
     if prior is not None:
         nothing = [WhiteRows(np.zeros((0, size)), np.zeros(0), ())] * len(design.blocks)
         both = measured + sum(own.A.T @ own.A for own in with_prior(nothing, design.parameters, prior))
-    alone, together = inflation * np.sqrt(_variances(measured)), inflation * np.sqrt(_variances(both))
+    alone, together = np.sqrt(_variances(measured)), np.sqrt(_variances(both))
     sizes = parameter_sizes(design, indices, theta)
-    shares = _effort_shares(design, indices, together, theta)
     result = []
     for k, name in enumerate(design.parameters.names):
         relative = float(together[k] / sizes[k])
@@ -99,7 +94,7 @@ def tellings(
             verdict = "assumed"
         else:
             verdict = "told" if relative <= FLAGGED else "poorly told" if relative <= HOPELESS else "not told"
-        result.append(Telling(name, verdict, float(together[k]), relative, float(shares[k])))
+        result.append(Telling(name, verdict, float(together[k]), relative))
     return tuple(result)
 
 
@@ -139,25 +134,6 @@ def _variances(G: FloatArray) -> FloatArray:
     concerned = np.sum(vectors[:, ~told] ** 2, axis=1) > _CONCERNED**2
     result[used] = np.where(concerned, np.inf, inside)
     return result
-
-
-def _effort_shares(design: Design, indices: Sequence[int], std: FloatArray, theta: FloatArray) -> FloatArray:
-    """Effort that one standard deviation makes, over the effort that is there, at the joint where that is most."""
-    shares = np.zeros(len(std))
-    for row in design.blocks:
-        count, squares, efforts = 0, np.zeros(len(std)), 0.0
-        for i in indices:
-            table = row[i].reduced[row[i].keep]
-            count += len(table)
-            squares += np.sum(table**2, axis=0)
-            efforts += float(np.sum((table @ theta[: len(std)]) ** 2))
-        if not count:
-            continue
-        effort = max(float(np.sqrt(efforts / count)), 1e-12)
-        size = np.sqrt(squares / count)
-        with np.errstate(invalid="ignore"):  # an infinite deviation of a column that is zero here
-            shares = np.maximum(shares, np.where(size > 0, std * size / effort, 0.0))
-    return shares
 
 
 def statement(found: Sequence[Telling]) -> str:

@@ -31,9 +31,10 @@ import numpy as np
 from scipy import linalg
 
 from fitting.arm.base_parameters import BaseParameters
+from fitting.arm.dynamics import standard_of_link
 from fitting.arm.geometry import Geometry
 from fitting.arrays import BoolArray, FloatArray
-from fitting.regression.body_prior import pseudo_inertia, standard_of_link
+from fitting.regression.body_prior import pseudo_inertia
 from fitting.regression.solving import factor
 
 #: Weight of the divergence against a chi-square.
@@ -85,7 +86,7 @@ def rods(geometry: Geometry) -> FloatArray:
     for start, end, length, mass in zip(starts, ends, lengths, lengths / lengths.sum(), strict=True):
         arm, thick = end - start, (_THICK * length) ** 2
         central = mass * ((arm @ arm / 12 + 2 * thick) * np.eye(3) - np.outer(arm, arm) / 12)
-        bodies.append(pseudo_inertia(standard_of_link(mass, (start + end) / 2, central[np.triu_indices(3)])))
+        bodies.append(pseudo_inertia(standard_of_link(mass, (start + end) / 2, central)))
     return np.array(bodies)
 
 

@@ -1,6 +1,6 @@
 """Small arms, motions and recordings with known parameters, for the tests of the identification.
 
-The forces are put together here: rigid body from :func:`fitting.arm.dynamics.inverse_dynamics` (itself tested against
+The forces are put together here: rigid body from :func:`arm_examples.inverse_dynamics` (itself tested against
 another library), friction and stiffness written out as in the issue of the model. Nothing here filters or
 differentiates: positions, speeds and accelerations come from the same sums of sines.
 """
@@ -14,11 +14,11 @@ from typing import Any
 
 import numpy as np
 import yaml
+from arm_examples import inverse_dynamics
 
 from daq.machine.machine_file import Machine, parse_machine
 from daq.recordings.recording import Recording
 from fitting.arm.base_parameters import reduce_parameters
-from fitting.arm.dynamics import inverse_dynamics
 from fitting.arm.linkage import lever_arm, piston_motion
 from fitting.effects.base import Effect
 from fitting.loop.session import Options, Session
