@@ -101,10 +101,8 @@ class EffortRows:
         if self._levers is not None and not segment.loaded:
             r = np.full(len(segment), self._levers[joint])
         target, columns = block.effort(design.bank, r)
-        if extra is not None and extra.names:
-            own = extra.columns[joint][index]
-            more = np.zeros((len(target), len(extra.names)))
-            columns = np.hstack([columns, more if own is None else design.bank.reduce(own * r[:, None])])
+        if extra is not None:
+            columns = extra.beside(columns, design.bank, joint, index, r)
         if not design.stored:
             self._made[joint, index] = columns, target
         return columns, target

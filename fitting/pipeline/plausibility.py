@@ -34,7 +34,7 @@ from fitting.arrays import FloatArray
 from fitting.pipeline.results.stage_results import Constrained, Physics
 from fitting.regression.design import Design
 from fitting.regression.drive import UNITS, direct_units
-from fitting.regression.error_sizes import errors_of
+from fitting.regression.error_sizes import errors_of, in_floors
 from fitting.regression.plausible_arm import ALONE, plausible_arm
 from fitting.residual.friction_power import FrictionPower, driving, friction_power
 from fitting.residual.terms import Model
@@ -271,8 +271,6 @@ def physics(design: Design, model: Model) -> Physics:
     if found.theta is None:
         return Physics(violations)
     free, bound = (errors_of(design, theta, model.extra)[0] for theta in (model.fit.theta, found.theta))
-    price: dict[str, float | None] = {}
-    for role in ("train", "validate"):
-        pairs = [(a, b) for a, b in zip(free[f"{role}_rms"], bound[f"{role}_rms"], strict=True) if a and b is not None]
-        price[role] = 100.0 * (float(np.sqrt(np.mean([(b / a) ** 2 for a, b in pairs]))) - 1.0) if pairs else None
+    shares = {role: in_floors(bound[f"{role}_rms"], free[f"{role}_rms"]) for role in ("train", "validate")}
+    price = {role: None if share is None else 100.0 * (share - 1.0) for role, share in shares.items()}
     return Physics(violations, Constrained(found.theta, bound, price))

@@ -37,6 +37,7 @@ from fitting.signals.spectrum import whitening
 BANDWIDTH = 3.0
 #: Noise of a smoothed speed that is assumed where no recording tells, as a share of the joint's top speed.
 _SPEED_NOISE = 2e-4
+_POWER = 0.95  # with which the smallest effects are found
 _BACK_PRESSURE = 5.0e5  # Pa: what a valve usually keeps in the chamber that is emptied
 
 
@@ -128,13 +129,12 @@ def _position_noise(machine: Machine, recordings: Sequence[Recording], bank: Fil
     return tuple(result)
 
 
-def forecast_to_json(found: Forecast, guess: Guess, power: float = 0.95) -> dict[str, Any]:
+def forecast_to_json(found: Forecast, guess: Guess) -> dict[str, Any]:
     """The forecast as plain JSON; ``smallest`` is None where nothing of an effect survives."""
-    names = [t.name for t in found.tellings]
     effects = []
     for visibility, choices in zip(found.visibilities, found.choices, strict=True):
         needed = least_gain(max(visibility.parameters, 1), choices)
-        smallest = visibility.smallest(needed, power)
+        smallest = visibility.smallest(needed, _POWER)
         joint = visibility.term.joint
         effects.append(
             {
@@ -149,16 +149,8 @@ def forecast_to_json(found: Forecast, guess: Guess, power: float = 0.95) -> dict
     return {
         "basis": guess.statement,
         "measured": guess.measured,
-        "power": power,
+        "power": _POWER,
         "effects": effects,
-        "parameters": [
-            {
-                "name": name,
-                "verdict": t.verdict,
-                "std": t.std if np.isfinite(t.std) else None,
-                "relative": t.relative if np.isfinite(t.relative) else None,
-            }
-            for name, t in zip(names, found.tellings, strict=True)
-        ],
+        "parameters": [telling.to_json() for telling in found.tellings],
         "parameters_statement": statement(found.tellings),
     }

@@ -17,7 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from scipy import linalg
@@ -51,6 +51,10 @@ class Telling:
     verdict: Verdict
     std: float
     relative: float
+
+    def to_json(self) -> dict[str, Any]:
+        """As reports and forecasts have it; None for what is infinite."""
+        return {key: None if value == np.inf else value for key, value in vars(self).items()}
 
 
 def tellings(
