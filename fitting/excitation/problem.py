@@ -22,7 +22,7 @@ from fitting.arm.base_parameters import BaseParameters, base_regressor
 from fitting.arm.linkage import stroke_limits
 from fitting.arrays import FloatArray, IntArray
 from fitting.excitation.fourier import FourierBasis, fourier_basis, spread_harmonics
-from fitting.excitation.limits import HydraulicLimits
+from fitting.excitation.limits import HydraulicLimits, joint_numbers
 from fitting.excitation.objective import Criterion, condition_of_information, information
 
 _HOME_SHARE = 0.7  # of the way from mid-range to an end: a home at the very end would leave no motion
@@ -131,15 +131,11 @@ def pose_problem(
     """The problem of one motion; arguments as in :func:`fitting.excitation.design.design_motion`."""
     if not base.only_rigid_body:
         raise ValueError("excitation is designed for inertial base parameters (friction_by_stage_1=True)")
-    known = [joint.name for joint in machine.joints]
-    for name in names or ():
-        if name not in known:
-            raise InputError(f"joint '{name}': {machine.name} has {', '.join(known)}")
-    moved = np.array([i for i, name in enumerate(known) if names is None or name in names], dtype=np.intp)
+    moved = np.array(joint_numbers(machine, names), dtype=np.intp)
     allowed = np.array([stroke_limits(joint) for joint in machine.joints])
     half = (allowed[:, 1] - allowed[:, 0]) / 2
     if np.any(half <= 0):
-        raise InputError(f"joints.{known[int(np.argmin(half))]}: limits and stroke leave no motion")
+        raise InputError(f"joints.{machine.joints[int(np.argmin(half))].name}: limits and stroke leave no motion")
     seconds = options.seconds
     harmonics = tuple(
         spread_harmonics(options.harmonics, place, len(moved), seconds, options.max_frequency)

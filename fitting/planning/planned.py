@@ -13,7 +13,7 @@ from scipy.interpolate import make_interp_spline
 
 from daq.errors import InputError
 from daq.machine.machine_file import Machine
-from fitting.arm.linkage import lever_arm, piston_motion
+from fitting.arm.linkage import lever_arms, piston_motion
 from fitting.arrays import BoolArray, FloatArray
 from fitting.excitation.motion import Motion
 from fitting.signals.filters import FilterBank
@@ -90,10 +90,6 @@ def _segment(
 ) -> Segment:
     q, qd, qdd = turning
     x, v, a = driving
-    levers = [
-        np.ones(len(q)) if joint.cylinder is None else lever_arm(joint.cylinder.linkage, q[:, j])
-        for j, joint in enumerate(machine.joints)
-    ]
     nothing = np.full_like(q, np.nan)
     return Segment(
         recording=recording,
@@ -106,7 +102,7 @@ def _segment(
         x=x,
         v=v,
         a=a,
-        r=np.stack(levers, axis=1),
+        r=lever_arms(machine, q),
         effort=np.zeros_like(q),
         p1=nothing,
         p2=nothing,
