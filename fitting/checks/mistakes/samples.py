@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
@@ -53,6 +54,11 @@ class Signal:
             size * self.speed_noise,
         )
 
+    def faster(self, factor: float) -> Signal:
+        """As the same values would be in a time that runs ``factor`` times as fast."""
+        speeds = factor * self.first, factor**2 * self.second
+        return replace(self, first=speeds[0], second=speeds[1], speed_noise=factor * self.speed_noise)
+
 
 @dataclass(frozen=True)
 class Samples:
@@ -87,6 +93,13 @@ class Samples:
 
     def __len__(self) -> int:
         return len(self.time)
+
+    @cached_property
+    def since(self) -> FloatArray:
+        """(T,) s since the beginning of each one's recording."""
+        numbers = range(self.recording.max() + 1)
+        begins = np.array([self.time[self.recording == k].min(initial=np.inf) for k in numbers])
+        return self.time - begins[self.recording]
 
     def get(self, quantity: str, joint: int) -> Signal | None:
         """A joint's signal of that quantity, or None."""
