@@ -24,7 +24,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.speed import identified, linear, memory
-from benchmarks.targets import Check, Outcome
+from benchmarks.targets import Check, Outcome, figure
 from daq.machine.machine_file import machine_to_yaml
 from daq.recordings.recording import write_recording
 from fitting.arrays import FloatArray
@@ -167,4 +167,4 @@ def _moment(report: Mapping[str, Any], true: float) -> Check:
     """Distance of the moment of the payload from the true one, which lies 15 to 35 s after ``true``."""
     moments = [e["parameters"]["t_0"]["value"] for e in report["loop"]["effects"] if e["id"] == PAYLOAD.id]
     off = min((abs(moment - true - 25.0) for moment in moments), default=float("inf"))
-    return Check("moment of the payload", off, f"{off:.0f} s off", "at most", _MOMENT, f"{_MOMENT:g} s")
+    return figure("moment of the payload", off, "{:g} s", most=_MOMENT, shown=f"{off:.0f} s off")

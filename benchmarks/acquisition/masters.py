@@ -18,7 +18,7 @@ from typing import Any
 import can
 import numpy as np
 
-from benchmarks.targets import Check, Outcome, fact
+from benchmarks.targets import Outcome, fact, figure
 from daq.acquisition.cycles import Cycles
 from daq.acquisition.ledger import FRAME, Ledger
 from daq.drivers.base import DriverContext
@@ -328,10 +328,10 @@ def run_masters(times: int, seed: int, only: str | None, say: Callable[[str], No
     more = statistics.mean([behind - before for before, behind in pairs]) if pairs else 0.0
     return Outcome(
         (
-            Check("frames of ours after another master's first", frames, f"{frames}", "at most", 0, "0"),
-            Check("wrong values called fresh", wrong, f"{wrong}", "at most", 0, "0"),
-            Check("cycles marked behind a step, beyond those before it, mean", more, f"{more:.2f}", "at most", 1, "1"),
-            Check("slowest recovery", worst, f"{worst:.2f} s", "at most", RECOVERY_S, f"{RECOVERY_S:g} s"),
+            figure("frames of ours after another master's first", frames, most=0),
+            figure("wrong values called fresh", wrong, most=0),
+            figure("cycles marked behind a step, beyond those before it, mean", more, "{:.2f}", most=1),
+            figure("slowest recovery", worst, "{:.2f} s", most=RECOVERY_S),
             fact("produced = stored + dropped", not unbalanced, f"{times} times each"),
         ),
         tuple(notes),

@@ -28,7 +28,7 @@ import sim_backends
 from benchmarks.exports.model_formats import formats
 from benchmarks.measured import DATA, emps, staubli
 from benchmarks.samples import SAMPLES
-from benchmarks.targets import Check, Outcome
+from benchmarks.targets import Check, Outcome, figure
 from daq.machine.machine_file import Machine, load_machine
 from daq.recordings.recording import Recording, read_recording
 from fitting.arm.base_parameters import base_regressor, reduce_parameters
@@ -205,10 +205,10 @@ def _engines(
 
     def differs(what: str, found: FloatArray) -> None:
         share = float(np.max(np.abs(found - links)) / np.max(np.abs(links)))
-        checks.append(Check(f"{name}: {what} against the links", share, f"{share:.1e}", "at most", 1e-6, "1e-06"))
+        checks.append(figure(f"{name}: {what} against the links", share, "{:.1e}", most=1e-6))
 
     moved = bodies_of(model).moved
-    checks.append(Check(f"{name}: base parameters moved for links that can exist", moved, f"{moved:.2g} deviations"))
+    checks.append(figure(f"{name}: base parameters moved for links that can exist", moved, "{:.2g} deviations"))
     pinocchio, mujoco = _module("pinocchio"), _module("mujoco")
     if mujoco is not None:
         export_model(model, "mjcf", folder / "arm.xml")

@@ -14,7 +14,7 @@ from benchmarks.measured.emps import Emps
 from benchmarks.measured.seals import Seal
 from benchmarks.measured.staubli import Staubli
 from benchmarks.measured.ways import MOST_WORSE, Ways, cut, named, ways
-from benchmarks.targets import Check, Outcome, fact
+from benchmarks.targets import Check, Outcome, fact, figure
 from fitting.loop.session import Options, Session
 
 __all__ = ["DATA", "MACHINES", "run"]
@@ -113,7 +113,7 @@ def _write(
 
 
 def _percent(name: str, value: float, target: float) -> Check:
-    return Check(name, value, f"{value:.2f} %", "at most", target, f"{target:g} %")
+    return figure(name, value, "{:.2f} %", most=target)
 
 
 def _emps_checks(result: Emps) -> tuple[Check, ...]:
@@ -133,11 +133,9 @@ def _emps_checks(result: Emps) -> tuple[Check, ...]:
 def _staubli_checks(result: Staubli) -> tuple[Check, ...]:
     refused = not set(staubli.REFUSED) & set(result.found.names)
     return (
-        Check("TX40: parameters told", result.parameters, str(result.parameters), "at least", 61.0, "61"),
+        figure("TX40: parameters told", result.parameters, least=61.0, shown=str(result.parameters)),
         _percent("TX40: relative error of the base model, every row", result.base.every_row, 8.4),
-        Check(
-            "TX40: five blocks before the loop", result.base.every_row_blocks, f"{result.base.every_row_blocks:.2f} %"
-        ),
+        figure("TX40: five blocks before the loop", result.base.every_row_blocks, "{:.2f} %"),
         _percent("TX40: five blocks after the loop", result.after.every_row_blocks, 8.1),
         fact("TX40: asymmetric and load-dependent friction refused", refused, ", ".join(result.found.names)),
     )
@@ -159,7 +157,7 @@ def _beside(result: Ways) -> Check:
         f"{result.base:.2f} % ({result.chosen}) beside {result.held_out['one_shot']:.2f} %, {100 * result.worse:+.1f} %"
     )
     name = f"{result.machine}: base model against plain least squares, held-out motion"
-    return Check(name, 100 * result.worse, shown, "at most", 100 * MOST_WORSE, f"{100 * MOST_WORSE:g} % worse")
+    return figure(name, 100 * result.worse, "{:g} % worse", most=100 * MOST_WORSE, shown=shown)
 
 
 def _seal_checks(results: list[Seal]) -> tuple[Check, ...]:
@@ -170,7 +168,7 @@ def _seal_checks(results: list[Seal]) -> tuple[Check, ...]:
         slope = f"{seal.slope:.2f} ± {seal.slope_std:.2f} N/bar"
         name = f"pneumatic cylinder, {seal.name}: runs that name pressure-dependent friction, alone or in a set"
         if runs:
-            checks.append(Check(name, float(named), f"{named} of {len(runs)}; {slope}", "at least", 1.0, "1"))
+            checks.append(figure(name, float(named), least=1.0, shown=f"{named} of {len(runs)}; {slope}"))
         else:
             checks.append(Check(name, None, f"two pressures only; {slope}"))
     return tuple(checks)

@@ -14,7 +14,7 @@ import numpy as np
 
 from benchmarks.measured import emps, staubli
 from benchmarks.measured.ways import cut
-from benchmarks.targets import Check
+from benchmarks.targets import Check, figure
 from daq.errors import RecordingError
 from daq.machine.machine_file import Machine, load_machine
 from daq.recordings.recording import Recording, read_recording
@@ -125,7 +125,7 @@ def checks(splits: list[Split]) -> tuple[Check, ...]:
     ]
     for name, most in (("KUKA", KUKA), ("KUKA, swapped", KUKA_SWAPPED)):
         found += [
-            Check(f"{name}: base at 3 Hz", s.base, f"{s.base:.2f} %", "at most", most, f"{most:g} %")
+            figure(f"{name}: base at 3 Hz", s.base, "{:.2f} %", most=most)
             for s in splits
             if s.name == name and s.bandwidth_hz == BANDS[0]
         ]

@@ -13,7 +13,7 @@ import numpy as np
 from benchmarks.mistakes.making import MISTAKES, Made
 from benchmarks.mistakes.measured_machines import measured_machines
 from benchmarks.mistakes.rigs import KINDS, Rig, make_rig, with_lost_rows
-from benchmarks.targets import Check, Outcome, rate
+from benchmarks.targets import Check, Outcome, figure, rate
 from daq.errors import InputError
 from daq.machine.machine_file import Machine, load_machine
 from daq.recordings.recording import read_recording
@@ -73,7 +73,7 @@ def judge(rig: Rig, number: int, name: str | None, seed: int, folder: Path, blem
         file, files = rig.write(folder)
         made = None
     else:
-        made = MISTAKES[name].make(rig, np.random.default_rng([seed, number, list(MISTAKES).index(name)]))
+        made = MISTAKES[name](rig, np.random.default_rng([seed, number, list(MISTAKES).index(name)]))
         if made is None:
             return None
         file, files = made.rig.write(folder, made.machine)
@@ -121,7 +121,7 @@ def run(
     only: str | None = None,
     show: Callable[[str], None] = lambda line: None,
     data: Path | None = None,
-) -> tuple[Outcome, list[Line]]:
+) -> Outcome:
     """Make every mistake on every machine.
 
     Parameters
@@ -155,7 +155,7 @@ def run(
         for line in measured(data, Path(scratch)) if data is not None and data.is_dir() and sound else ():
             lines.append(line)
             _show(line, show)
-    return Outcome(checks_of(lines)), lines
+    return Outcome(checks_of(lines), content={"seed": seed, "cases": [asdict(line) for line in lines]})
 
 
 def _show(line: Line, show: Callable[[str], None]) -> None:
@@ -173,27 +173,14 @@ def checks_of(lines: Sequence[Line]) -> tuple[Check, ...]:
 
     kinds = len({line.mistake for line in made})
     seconds = sorted(line.seconds for line in sound if not line.rig.startswith("one"))
+    middle = seconds[len(seconds) // 2] if seconds else 0.0
+    timed = [figure("median time of the checks, six joints", middle, "{:.2f} s")] if seconds else []
     return (
-        Check("kinds of mistakes", kinds, str(kinds), "at least", 30.0, "30"),
+        figure("kinds of mistakes", kinds, least=30.0, shown=str(kinds)),
         rate("mistakes: silent", count(made, "silent"), len(made), "at most", 0.0),
         rate("mistakes: named rightly", count(made, "right", "note"), len(made), "at least", 0.97),
         rate("mistakes: of these in a note", count(made, "note"), len(made)),
         rate("sound ones: accused", count(sound, "accused"), len(sound), "at most", 0.0),
         rate("sound ones: refused", count(sound, "refused"), len(sound), "at most", 0.0),
-        *(
-            (
-                Check(
-                    "median time of the checks, six joints",
-                    seconds[len(seconds) // 2],
-                    f"{seconds[len(seconds) // 2]:.2f} s",
-                ),
-            )
-            if seconds
-            else ()
-        ),
+        *timed,
     )
-
-
-def as_json(lines: Sequence[Line]) -> list[dict[str, object]]:
-    """All cases, for programs."""
-    return [asdict(line) for line in lines]

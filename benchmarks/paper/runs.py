@@ -18,7 +18,7 @@ from benchmarks.measured import emps, staubli
 from benchmarks.measured.ways import cut
 from benchmarks.paper.stribeck import StribeckRun, stribeck_run
 from benchmarks.stages import ARMS, Arm, truth_vector
-from benchmarks.targets import Check, Outcome, fact
+from benchmarks.targets import Check, Outcome, fact, figure
 from daq.machine.machine_file import Machine, load_machine
 from daq.recordings.recording import read_recording
 from fitting.arm.dynamics import rigid_body_regressor
@@ -251,12 +251,11 @@ def checks(claims: Claims) -> tuple[Check, ...]:
         fact("rank of its regressor by singular values", ranks == {PUBLISHED_COUNTS[1]}, str(own.rank)),
         Check("stage 1: f_c apart from the truth, worst cylinder", worst["f_c"], f"{100 * worst['f_c']:.1f} %"),
         Check("stage 1: K apart from the truth, worst cylinder", worst["K"], f"{100 * worst['K']:.1f} %"),
-        Check(
+        figure(
             "error on the unseen motion over the noise floor, all joints of the arm shown",
             over_floor(own),
-            f"{over_floor(own):.2f}",
-            "at most",
-            1.2,
+            "{:.2f}",
+            most=1.2,
         ),
         fact("Stribeck friction is named at its joint", bump.named, bump.said),
         Check(

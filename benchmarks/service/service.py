@@ -24,7 +24,7 @@ from websockets.asyncio.client import connect
 from websockets.exceptions import WebSocketException
 
 from benchmarks.service.start import before_the_first_frame
-from benchmarks.targets import Check, Outcome, fact
+from benchmarks.targets import Check, Outcome, fact, figure
 from sim_backends import default_machine
 from sim_backends.plant.cases import make_case
 
@@ -188,19 +188,18 @@ async def _run(
     strange = sum(number for code, number in seen.uploads.items() if code not in (201, *BUSY))
     return Outcome(
         (
-            Check("p50 of reading", p50, f"{p50:.1f} ms"),
-            Check("p99 of reading", p99, f"{p99:.1f} ms of {len(seen.seconds)}", "at most", 100.0, "100 ms"),
-            Check("p99 of the clients' own delay", late, f"{late:.1f} ms, contained in the above"),
-            Check("answers other than 200", failed, f"{failed}", "at most", 0, "0"),
+            figure("p50 of reading", p50, "{:.1f} ms"),
+            figure("p99 of reading", p99, "{:g} ms", most=100.0, shown=f"{p99:.1f} ms of {len(seen.seconds)}"),
+            figure("p99 of the clients' own delay", late, "{:.1f} ms, contained in the above"),
+            figure("answers other than 200", failed, most=0),
             Check("uploads accepted", taken, f"{taken}; told to come again later: {later}"),
-            Check("uploads answered otherwise", strange, f"{strange}", "at most", 0, "0"),
-            Check("cycles lost", lost, f"{lost} of {cycles}", "at most", 0, "0"),
+            figure("uploads answered otherwise", strange, most=0),
+            figure("cycles lost", lost, most=0, shown=f"{lost} of {cycles}"),
             Check("cycles late or slipped", after["late"] + after["slipped"] - before["late"] - before["slipped"],
                   f"{after['late'] + after['slipped'] - before['late'] - before['slipped']} of {cycles}"),
-            Check("tablets dropped", seen.dropped, f"{seen.dropped} of {tablets}", "at most", 0, "0"),
-            Check("holes in streams", seen.holes, f"{seen.holes}", "at most", 0, "0"),
-            Check("samples per tablet and cycle", seen.samples / tablets / max(cycles, 1),
-                  f"{seen.samples / tablets / max(cycles, 1):.3f}"),
+            figure("tablets dropped", seen.dropped, most=0, shown=f"{seen.dropped} of {tablets}"),
+            figure("holes in streams", seen.holes, most=0),
+            figure("samples per tablet and cycle", seen.samples / tablets / max(cycles, 1), "{:.3f}"),
             fact("a fit ran all the time", running == 1 and done < fits, f"{done} done, {running} running at the end"),
         )
     )  # fmt: skip

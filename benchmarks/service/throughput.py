@@ -27,7 +27,7 @@ import httpx2
 
 from benchmarks.service.postgresql import postgresql_server
 from benchmarks.service.start import children, cpu_s
-from benchmarks.targets import Check, Outcome
+from benchmarks.targets import Check, Outcome, figure
 from sim_backends import default_machine
 from sim_backends.plant.cases import make_case
 
@@ -78,10 +78,10 @@ def run(workers: Sequence[int], jobs: int, say: Say) -> Outcome:
 def _checks(rates: dict[int, float]) -> Iterator[Check]:
     first = min(rates)
     for count, rate in rates.items():
-        yield Check(f"identifications per hour, {count} workers", rate, f"{rate:.0f}")
+        yield figure(f"identifications per hour, {count} workers", rate, "{:.0f}")
         if count > first:
             share = rate / count / (rates[first] / first)
-            plain = Check(f"efficiency of {count} workers", share, f"{share:.0%}")
+            plain = figure(f"efficiency of {count} workers", share, "{:.0%}")
             asked = replace(plain, bound="at least", target=EFFICIENT, target_shown=f"{EFFICIENT:.0%}")
             yield asked if count <= (os.cpu_count() or 1) else plain
 
@@ -98,7 +98,7 @@ def _ceiling(rates: dict[int, float]) -> Iterator[Check]:
 
 def _beside(own: dict[int, float]) -> Iterator[Check]:
     for count, seconds in own.items():
-        yield Check(f"processor time of service and workers per job, {count} workers", seconds, f"{seconds:.2f} s")
+        yield figure(f"processor time of service and workers per job, {count} workers", seconds, "{:.2f} s")
 
 
 def _plain(directory: Path, count: int, jobs: int) -> float:

@@ -278,7 +278,7 @@ def _whole_arm(
 
 def _asked(options: _Options, plan: _Plan) -> _Options:
     """The usual options with what was asked for."""
-    asked = {"seconds": plan.seconds, "use": plan.use, "starts": plan.starts}
+    asked: dict[str, Any] = {"seconds": plan.seconds, "use": plan.use, "starts": plan.starts}
     return replace(options, **{name: value for name, value in asked.items() if value is not None})
 
 

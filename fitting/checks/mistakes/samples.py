@@ -99,7 +99,7 @@ class Samples:
         """(T,) s since the beginning of each one's recording."""
         numbers = range(self.recording.max() + 1)
         begins = np.array([self.time[self.recording == k].min(initial=np.inf) for k in numbers])
-        return self.time - begins[self.recording]
+        return np.asarray(self.time - begins[self.recording])
 
     def get(self, quantity: str, joint: int) -> Signal | None:
         """A joint's signal of that quantity, or None."""
