@@ -30,7 +30,7 @@ from fitting.regression.identifiability import Telling, statement, tellings
 from fitting.regression.prior import mass_prior, with_prior
 from fitting.selection.evidence import least_gain
 from fitting.signals.filters import FilterBank, filter_bank
-from fitting.signals.preparation import PositionNoise, Segment, position_noise, prepare
+from fitting.signals.preparation import PositionNoise, Segment, position_noise, segments_of
 from fitting.signals.spectrum import whitening
 
 #: Bandwidth of an identification of slow motions, Hz (at most an eighth of the rate).
@@ -89,7 +89,7 @@ def forecast(
     machine, recordings = at_joints(machine, recordings)
     bank = filter_bank(machine.rate_hz, min(BANDWIDTH, machine.rate_hz / 8))
     noise = _position_noise(machine, recordings, bank)
-    segments: list[Segment] = list(prepare(machine, recordings, bank, noise=noise)) if recordings else []
+    segments: list[Segment] = list(segments_of(machine, recordings, bank, noise=noise)) if recordings else []
     first = 1 + max((segment.recording for segment in segments), default=-1)
     segments += [planned_segment(machine, bank, noise, m, first + k) for k, m in enumerate(motions)]
     segments = [replace(segment, temperature=None) for segment in segments]  # of a plan nothing is known of it

@@ -24,11 +24,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy import linalg
 from scipy.special import ndtr
 
 from fitting.arrays import FloatArray
-from fitting.regression.solving import WhiteRows
+from fitting.regression.solving import WhiteRows, inverse_root
 from fitting.residual.laws import Law
 from fitting.residual.scoring import Score
 from fitting.residual.terms import Term
@@ -41,7 +40,6 @@ from fitting.selection.priors import SAID_ODDS, USUAL_EFFORT
 _LEAST_SPREAD = 0.5
 #: Standard deviations of margin beyond which more of it is worth nothing.
 _ENOUGH = 4.0
-_RANK = 1e-10  # of unit columns' products: directions below are not told
 
 
 def products(rows: Sequence[WhiteRows]) -> FloatArray:
@@ -58,11 +56,7 @@ def projected(values: FloatArray, count: int) -> FloatArray:
 
     Directions that vanish to 1e-10 of the products of unit columns count as not told, and are not projected out.
     """
-    out = np.flatnonzero(np.diag(values)[:count] > 0)
-    scale = np.sqrt(values[out, out])
-    eigenvalues, vectors = linalg.eigh(values[np.ix_(out, out)] / np.outer(scale, scale), check_finite=False)
-    told = eigenvalues > _RANK * max(float(eigenvalues[-1]), 1e-300) if len(out) else np.zeros(0, dtype=bool)
-    cross = vectors[:, told].T @ (values[out, count:] / scale[:, None]) / np.sqrt(eigenvalues[told])[:, None]
+    cross = inverse_root(values[:count, :count]).T @ values[:count, count:]
     return np.asarray(values[count:, count:] - cross.T @ cross)
 
 

@@ -26,7 +26,7 @@ from fitting.regression.design import Design, build_design
 from fitting.residual.terms import Term, extra_columns
 from fitting.residual.views import Views, build_views
 from fitting.signals.filters import filter_bank
-from fitting.signals.preparation import PositionNoise, Segment
+from fitting.signals.preparation import PositionNoise, Segment, segments_of
 
 RATE = 50.0
 DRIVE = ("m", "K", "f_c", "f_v", "f_s")
@@ -393,3 +393,8 @@ def shifted(recording: Recording, samples: int) -> Recording:
     """The recording without its first ``samples`` rows: the same motion, started later."""
     cut = {name: value[samples:] for name, value in recording.values.items()}
     return replace(recording, time=recording.time[samples:] - recording.time[samples], values=cut)
+
+
+def prepare(*given: Any, **options: Any) -> tuple[Segment, ...]:
+    """All segments of :func:`fitting.signals.preparation.segments_of`."""
+    return tuple(segments_of(*given, **options))
