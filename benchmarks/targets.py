@@ -70,14 +70,11 @@ def figure(
     shown: str | None = None,
 ) -> Check:
     """A number that is to be at most or at least a target; ``form`` has its unit, ``shown`` more than the number."""
-    bound, target = (
-        (None, None) if most is None and least is None else ("at most", most) if least is None else ("at least", least)
-    )
-    unit = form.partition("}")[2]
+    unit, target = form.partition("}")[2], most if least is None else least
     shown = shown or form.format(value)
-    return (
-        Check(name, value, shown) if target is None else Check(name, value, shown, bound, target, f"{target:g}{unit}")
-    )
+    if target is None:
+        return Check(name, value, shown)
+    return Check(name, value, shown, "at most" if least is None else "at least", target, f"{target:g}{unit}")
 
 
 def rate(name: str, count: int, of: int, bound: Bound | None = None, target: float | None = None) -> Check:

@@ -10,8 +10,8 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
+from benchmarks.measured import sets
 from benchmarks.mistakes.making import MISTAKES, Made
-from benchmarks.mistakes.measured_machines import measured_machines
 from benchmarks.mistakes.rigs import KINDS, Rig, make_rig, with_lost_rows
 from benchmarks.targets import Check, Outcome, figure, rate
 from daq.errors import InputError
@@ -104,7 +104,11 @@ def _of_sound(
 
 def measured(data: Path, folder: Path) -> Iterator[Line]:
     """Checks on every measured machine that is there, at each rate: nothing is wrong with any."""
-    for name, machine, files in measured_machines(data, folder):
+    for name in sets.FOLDERS:
+        found_files = sets.files(name, data, folder)
+        if found_files is None:
+            continue
+        machine, files = load_machine(found_files[0]), found_files[1]
         for hz in (machine.rate_hz, *(r for r in _RATES if r < machine.rate_hz)):
             own = machine.model_copy(update={"rate_hz": hz})
             began = time.perf_counter()
