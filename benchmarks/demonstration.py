@@ -14,12 +14,12 @@ import time
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 from scipy.optimize import least_squares
 
-from benchmarks.targets import Check, Outcome, fact
+from benchmarks.targets import Check, Outcome, fact, figure
 from daq.machine.machine_file import load_machine
 from daq.recordings.recording import read_recording
+from fitting.arrays import FloatArray
 from fitting.excitation.motion import read_motion
 from server.commands.demo_command import run_demo
 
@@ -35,7 +35,7 @@ def cycles_per_machine_second(output: Path, joint: str = "joint1") -> float:
     motion = read_motion(output / "motions" / "validate.csv", machine)
     angle, stamps = recording.values[f"{joint}.angle"], recording.time - recording.time[0]
 
-    def apart(x: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    def apart(x: FloatArray) -> FloatArray:
         return np.asarray(angle - np.interp(x[0] * stamps + x[1], motion.time, motion.columns[joint]))
 
     scale = least_squares(apart, [1.0, 0.0], x_scale=[1e-3, 0.02]).x[0]
@@ -63,13 +63,13 @@ def demonstration(seed: int = 1, seconds: float = 40.0) -> Outcome:
     shown = f"{before:.2f} to {after:.2f} {error['unit']}, ratio {after / before:.2f}"
     return Outcome(
         (
-            Check("wall time of the whole demonstration", wall, f"{wall:.0f} s"),
+            figure("wall time of the whole demonstration", wall, "{:.0f} s"),
             Check("cycles missing", float(acquired.missed_cycles), f"{acquired.missed_cycles} of {acquired.rows}",
                   "at most", 0.0, "none"),
             Check("values not fresh", float(acquired.not_fresh), f"{acquired.not_fresh}", "at most", 0.0, "none"),
-            Check("rate off 50 Hz in machine time", abs(rate - 50.0), f"{rate:.2f} Hz", "at most", 0.05, "0.05 Hz"),
+            figure("rate off 50 Hz in machine time", abs(rate - 50.0), "{:g} Hz", most=0.05, shown=f"{rate:.2f} Hz"),
             fact("the effect at its joint, alone", named == [("position_dependent_friction", "joint2")],
                  f"{loop['verdict']}: {', '.join(f'{e}@{j}' for e, j in named) or 'nothing'}"),
-            Check("joint2 on validate, after over before", after / before, shown, "at most", 0.5, "0.5"),
+            figure("joint2 on validate, after over before", after / before, most=0.5, shown=shown),
         )
     )  # fmt: skip

@@ -15,7 +15,7 @@ from typing import Literal
 
 import numpy as np
 
-from benchmarks.targets import Check
+from benchmarks.targets import Check, figure
 from daq.machine.machine_file import Machine
 from fitting.arm.base_parameters import base_regressor, reduce_parameters
 from fitting.excitation import Excitation, ExcitationOptions, HydraulicLimits, design_motion
@@ -87,7 +87,7 @@ def checks(outcomes: list[Outcome]) -> list[Check]:
     most, use = max(o.kept for o in outcomes), ExcitationOptions().use
     took = "time of the default search, one core"
     return [
-        Check(took, slowest, f"{slowest:.1f} s", "at most", SECONDS, f"{SECONDS:g} s"),
+        figure(took, slowest, "{:.1f} s", most=SECONDS),
         Check("cond(W) over the best of the long runs", farthest, f"{farthest:.3f}", "at most", RATIO),
         Check("share of a limit that is used", most, f"{100 * most:.2f} %", "at most", use + 1e-6, f"{100 * use:g} %"),
     ]

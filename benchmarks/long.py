@@ -22,18 +22,17 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from benchmarks.speed import identified, linear, memory
-from benchmarks.targets import Check, Outcome
+from benchmarks.targets import Check, Outcome, figure
 from daq.machine.machine_file import machine_to_yaml
 from daq.recordings.recording import write_recording
+from fitting.arrays import FloatArray
 from sim_backends.plant.cases import CasePlan, plan_case
 from sim_backends.plant.motion import random_motion
 from sim_backends.plant.plant import record_beside_ideal
 from sim_backends.undeclared import EffectSpec
 
-FloatArray = npt.NDArray[np.float64]
 MINUTES = (10.0, 30.0, 60.0)
 #: Length of the stretches that recordings are made of, s; of `validate`, min; and when the payload comes, share.
 _STRETCH, _VALIDATE, _PICKED_UP = 600.0, 10.0, 7.0 / 12.0
@@ -168,4 +167,4 @@ def _moment(report: Mapping[str, Any], true: float) -> Check:
     """Distance of the moment of the payload from the true one, which lies 15 to 35 s after ``true``."""
     moments = [e["parameters"]["t_0"]["value"] for e in report["loop"]["effects"] if e["id"] == PAYLOAD.id]
     off = min((abs(moment - true - 25.0) for moment in moments), default=float("inf"))
-    return Check("moment of the payload", off, f"{off:.0f} s off", "at most", _MOMENT, f"{_MOMENT:g} s")
+    return figure("moment of the payload", off, "{:g} s", most=_MOMENT, shown=f"{off:.0f} s off")

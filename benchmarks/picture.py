@@ -12,13 +12,11 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 import hilfit
+from fitting.arrays import FloatArray
 from sim_backends.machines import default_machine
 from sim_backends.plant.cases import make_case
-
-FloatArray = npt.NDArray[np.float64]
 
 JOINT, SIZE = "joint2", 850.0  # N/m
 _BEFORE, _AFTER, _MEAN = "#b3541e", "#1f6f8b", "#222222"

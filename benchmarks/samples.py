@@ -25,7 +25,7 @@ from typing import Any
 import numpy as np
 import yaml
 
-from benchmarks.targets import Check, Outcome, fact
+from benchmarks.targets import Check, Outcome, fact, figure
 
 SAMPLES = Path(__file__).resolve().parents[1].parent / "shared" / "samples"
 ROLES = {"unloaded": "unloaded", "train-1": "train", "train-2": "train", "repeat": "repeat", "validate": "validate"}
@@ -105,7 +105,7 @@ def checks(case: str, report: Report, truth: dict[str, Any]) -> Iterator[Check]:
     ]
     if not true:
         yield fact(f"{case}: verdict nothing_missing", loop["verdict"] == "nothing_missing", loop["verdict"])
-        yield Check(f"{case}: error over noise floor", after, f"{after:.3f}", "at most", 1.15, "1.15")
+        yield figure(f"{case}: error over noise floor", after, "{:.3f}", most=1.15)
         for name, allowed in (("f_c", 5.0), ("K", 3.0)):
             off = {
                 joint: 100 * (report["cylinders"][joint]["parameters"][name]["value"] / values[name] - 1)
@@ -113,7 +113,7 @@ def checks(case: str, report: Report, truth: dict[str, Any]) -> Iterator[Check]:
             }
             joint, worst = max(off.items(), key=lambda item: abs(item[1]))
             shown = f"{worst:+.2f} % at {joint}"
-            yield Check(f"{case}: {name}, worst cylinder", abs(worst), shown, "at most", allowed, f"{allowed:g} %")
+            yield figure(f"{case}: {name}, worst cylinder", abs(worst), "{:g} %", most=allowed, shown=shown)
         return
     if true[0][0] is None:
         joint = str(truth["effects"][0]["joint"])
@@ -130,7 +130,7 @@ def checks(case: str, report: Report, truth: dict[str, Any]) -> Iterator[Check]:
     if true[0][1] is not None:
         before, after = (over_floor(report, when, true[0][1]) for when in ("before", "after"))
         shown = f"{before:.2f} before, {after:.2f} after"
-        yield Check(f"{case}: {true[0][1]} over its noise floor", after, shown, "at most", 1.2, "1.2")
+        yield figure(f"{case}: {true[0][1]} over its noise floor", after, most=1.2, shown=shown)
 
 
 def complete(case: str, report: Report) -> Iterator[Check]:
@@ -141,7 +141,7 @@ def complete(case: str, report: Report) -> Iterator[Check]:
             e["after"]["validate"] / (1.01 * e["before"]["validate"] + 0.05 * e["noise_floor"])
             for e in report["errors"].values()
         )
-        yield Check(f"{case}: worst joint, after over before", worst, f"{worst:.3f}", "at most", 1.0, "1")
+        yield figure(f"{case}: worst joint, after over before", worst, "{:.3f}", most=1.0)
     told = all(c["reason"] for c in loop["candidates"]) and all(e["smallest"] > 0 for e in loop["detection_limits"])
     told = told and bool(loop["candidates"]) and bool(loop["detection_limits"])
     counts = f"{len(loop['candidates'])} candidates, {len(loop['detection_limits'])} limits"
@@ -157,13 +157,13 @@ def of_sizes(case: str, report: Report, truth: dict[str, Any]) -> Iterator[Check
         size, own = float(truth["effects"][0]["size"]), effect["parameters"]
         if effect["id"] == "sensor_latency":
             off, joint = 1e3 * abs(own["tau"]["value"] - size), report["errors"][effect["joint"]]
-            yield Check(f"{case}: delay", off, f"{off:.2f} ms off", "at most", 1.0, "1 ms")
+            yield figure(f"{case}: delay", off, "{:g} ms", most=1.0, shown=f"{off:.2f} ms off")
             left = joint["after"]["validate"] / joint["before"]["validate"]
-            yield Check(f"{case}: error left at {effect['joint']}", left, f"{left:.2f}", "at most", 0.4, "0.4")
+            yield figure(f"{case}: error left at {effect['joint']}", left, "{:.2f}", most=0.4)
         if effect["id"] == "base_tilt":
             # To first order in an angle of two degrees; which way it leans is not told.
             angle = float(np.hypot(own["tilt_1"]["value"], own["tilt_2"]["value"]))
             off = 100 * abs(angle / size - 1)
-            yield Check(f"{case}: angle of the base", off, f"{off:.1f} % off", "at most", 20.0, "20 %")
+            yield figure(f"{case}: angle of the base", off, "{:g} %", most=20.0, shown=f"{off:.1f} % off")
             most = max(e["after"]["validate"] / e["noise_floor"] for e in report["errors"].values())
-            yield Check(f"{case}: joint farthest over its floor", most, f"{most:.2f}", "at most", 1.5, "1.5")
+            yield figure(f"{case}: joint farthest over its floor", most, "{:.2f}", most=1.5)

@@ -21,14 +21,13 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
-from benchmarks.targets import Check, Outcome
+from benchmarks.targets import Check, Outcome, figure
 from daq.machine.machine_file import Machine, machine_to_yaml
 from daq.recordings.recording import write_recording
+from fitting.arrays import FloatArray
 from sim_backends.plant.cases import Case, simulate_case
 
-FloatArray = npt.NDArray[np.float64]
 SHORT = (("unloaded", "unloaded"), ("train", "train-1"), ("repeat", "repeat"), ("validate", "validate"))
 MEMORY = 500.0  # MB
 MINUTES = (10.0, 30.0, 60.0)
@@ -127,16 +126,16 @@ def linear(minutes: Sequence[float], times: Sequence[float]) -> Check:
         f"{ratio:.2f} (minutes {minutes[-2]:g} to {minutes[-1]:g} took {60 * last:.1f} s an hour, {beside} "
         f"{60 * first:.1f} s an hour)"
     )
-    return Check("cost of the last minutes over the first", ratio, shown, "at most", 1.3, "1.3")
+    return figure("cost of the last minutes over the first", ratio, most=1.3, shown=shown)
 
 
 def _seconds(name: str, value: float, target: float) -> Check:
-    return Check(name, value, f"{value:.2f} s", "at most", target, f"{target:g} s")
+    return figure(name, value, "{:.2f} s", most=target)
 
 
 def memory(name: str, value: float) -> Check:
     """Peak memory beside its target, MB."""
-    return Check(f"peak memory, {name}", value, f"{value:.0f} MB", "at most", MEMORY, f"{MEMORY:g} MB")
+    return figure(f"peak memory, {name}", value, "{:.0f} MB", most=MEMORY)
 
 
 def identified(

@@ -17,10 +17,10 @@ from dataclasses import replace
 from typing import Literal
 
 import numpy as np
-import numpy.typing as npt
 
 from benchmarks.attribution.judging import recordings_of
 from benchmarks.targets import Check, Outcome, fact, rate
+from fitting.arrays import FloatArray
 from fitting.loop.session import Session
 from fitting.pipeline.comparison import cylinder_conditions, stage_condition
 from fitting.pipeline.cylinder_stage import identify_cylinders
@@ -30,7 +30,6 @@ from fitting.regression.noise import effort_floor
 from sim_backends.plant.cases import Case, simulate_case
 from sim_backends.plant.truth import SensorQuality
 
-FloatArray = npt.NDArray[np.float64]
 Arm = Literal["folding", "slewing"]
 
 ARMS: tuple[Arm, ...] = ("folding", "slewing")

@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Any, Literal
-
-from scipy.stats import beta
 
 Bound = Literal["at least", "at most"]
 _HOLDS = "holds"
+#: Of confidence intervals.
+LEVEL = 0.95
 
 
-def clopper_pearson(count: int, of: int, level: float = 0.95) -> tuple[float, float]:
+def clopper_pearson(count: int, of: int) -> tuple[float, float]:
     """Exact confidence interval of a proportion (Clopper and Pearson, Biometrika 26, 1934)."""
-    tail = (1.0 - level) / 2.0
+    from scipy.stats import beta
+
+    tail = 0.5 - LEVEL / 2.0
     low = 0.0 if count == 0 else float(beta.ppf(tail, count, of - count + 1))
     high = 1.0 if count == of else float(beta.ppf(1.0 - tail, count + 1, of - count))
     return low, high
@@ -58,6 +60,23 @@ class Check:
         }
 
 
+def figure(
+    name: str,
+    value: float,
+    form: str = "{}",
+    *,
+    most: float | None = None,
+    least: float | None = None,
+    shown: str | None = None,
+) -> Check:
+    """A number that is to be at most or at least a target; ``form`` has its unit, ``shown`` more than the number."""
+    unit, target = form.partition("}")[2], most if least is None else least
+    shown = shown or form.format(value)
+    if target is None:
+        return Check(name, value, shown)
+    return Check(name, value, shown, "at most" if least is None else "at least", target, f"{target:g}{unit}")
+
+
 def rate(name: str, count: int, of: int, bound: Bound | None = None, target: float | None = None) -> Check:
     """A proportion with its counts and 95 % interval."""
     if of == 0:
@@ -92,10 +111,12 @@ class Outcome:
     ----------
     checks : numbers and their targets
     notes : lines for people, printed before them
+    content : what ``--json`` prints beside them
     """
 
     checks: tuple[Check, ...]
     notes: tuple[str, ...] = ()
+    content: Mapping[str, Any] = field(default_factory=dict)
 
 
 def fact(name: str, holds: bool, shown: str) -> Check:

@@ -1,6 +1,7 @@
 """Identification of hydraulically driven arms: kinematics, dynamics, both stages, excitation, and the residual loop.
 
 ==============  ====================================================================================================
+``arrays``      types of arrays
 ``arm``         Denavit-Hartenberg table, linkages, dynamics, base parameters
 ``signals``     filters, recordings to smooth motion and measured effort, spectra
 ``regression``  the one linear regression: rows, drive, noise, what is known before, what can be told; hours from a file

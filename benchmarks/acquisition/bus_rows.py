@@ -10,7 +10,7 @@ import numpy as np
 
 from benchmarks.acquisition import masters, restarts, traces
 from benchmarks.acquisition.masters import Row, Seen
-from benchmarks.targets import Check, Outcome, fact
+from benchmarks.targets import Outcome, fact, figure
 
 RECOVERY_S = 2.0
 AT_ONCE = 3  # times of a row beside each other: most of each is waiting
@@ -48,17 +48,10 @@ def run_rows(times: int, seed: int, only: str | None, say: Callable[[str], None]
     )
     return Outcome(
         (
-            Check("frames of ours after another master's first", frames, f"{frames}", "at most", 0, "0"),
-            Check("wrong values called fresh", wrong, f"{wrong}", "at most", 0, "0"),
-            Check("cycles marked, at most", (n := max(marked, default=0)), f"{n}", "at most", 1, "1"),
-            Check(
-                "slowest recovery",
-                (s := max(recoveries, default=0.0)),
-                f"{s:.2f} s",
-                "at most",
-                RECOVERY_S,
-                f"{RECOVERY_S:g} s",
-            ),
+            figure("frames of ours after another master's first", frames, most=0),
+            figure("wrong values called fresh", wrong, most=0),
+            figure("cycles marked, at most", max(marked, default=0), most=1),
+            figure("slowest recovery", max(recoveries, default=0.0), "{:.2f} s", most=RECOVERY_S),
             fact("as it should be every time", not failed, f"{len(seen) - failed} of {len(seen)}"),
             fact("produced = stored + dropped", not sum(one.unbalanced for one in seen), f"{times} times each"),
         ),

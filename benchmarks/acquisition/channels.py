@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.targets import Check, Outcome
+from benchmarks.targets import Outcome, figure
 from daq.acquisition.acquisition import AcquisitionProcess
 from daq.acquisition.ring import RingReader
 from daq.machine.machine_file import Machine, parse_machine
@@ -119,14 +119,14 @@ def run(machines: Sequence[int], seconds: float, say: Callable[[str], None]) -> 
     all_there, some_there = _commissioning(0), _commissioning(DEAD)
     ratio = each[-1] / each[0]
     checks = (
-        Check("machines without a lost cycle", sound, f"{sound}", "at least", MACHINES, f"{MACHINES}"),
-        Check("of a core for each", each[0], f"{each[0]:.1f} %", "at most", CORE_PERCENT, f"{CORE_PERCENT:g} %"),
-        Check("cost of each among most, over that of one alone", ratio, f"{ratio:.2f}"),
-        Check(f"{NODES} nodes commissioned", all_there, f"{all_there:.2f} s",
-              "at most", COMMISSIONED_S, f"{COMMISSIONED_S:g} s"),
-        Check(f"{NODES - DEAD} of {NODES} nodes commissioned, {DEAD} dead", some_there, f"{some_there:.2f} s",
-              "at most", COMMISSIONED_S, f"{COMMISSIONED_S:g} s"),
-    )  # fmt: skip
+        figure("machines without a lost cycle", sound, least=MACHINES),
+        figure("of a core for each", each[0], "{:.1f} %", most=CORE_PERCENT),
+        figure("cost of each among most, over that of one alone", ratio, "{:.2f}"),
+        figure(f"{NODES} nodes commissioned", all_there, "{:.2f} s", most=COMMISSIONED_S),
+        figure(
+            f"{NODES - DEAD} of {NODES} nodes commissioned, {DEAD} dead", some_there, "{:.2f} s", most=COMMISSIONED_S
+        ),
+    )
     notes.append(f"{seconds:g} s each, load of the computer {os.getloadavg()[0]:.1f} on {os.cpu_count()} cores")
     return Outcome(checks, tuple(notes))
 

@@ -24,7 +24,7 @@ import numpy as np
 import numpy.typing as npt
 import yaml
 
-from benchmarks.targets import Check, Outcome, fact
+from benchmarks.targets import Outcome, fact, figure
 from daq.acquisition.acquisition import AcquisitionProcess
 from daq.acquisition.recorder import Recorder, RecordingSummary
 from daq.acquisition.ring import RingReader
@@ -32,6 +32,7 @@ from daq.errors import HilfitError
 from daq.frames.channels import channel_table
 from daq.machine.machine_file import Machine, ModbusRtuBus, ModbusSource, Simulation, load_machine
 from daq.quality import Quality
+from fitting.arrays import BoolArray, FloatArray
 from sim_backends import Plant, SimulatedMachine, default_machine
 from sim_backends.faults.fault_file import SCHEMA, Fault, fault_problems, targets
 from sim_backends.faults.fault_runner import begin, end
@@ -56,8 +57,6 @@ NS = 1_000_000_000
 UNKNOWABLE = ("noise_burst", "bias_step")
 #: Without SYNC machine time stands still, and what is polled with it.
 STOPS_ALL = ("bus_off", "half_open")
-
-BoolArray = npt.NDArray[np.bool_]
 
 
 def machine_of_three_buses() -> tuple[Machine, Any]:
@@ -302,7 +301,7 @@ def _wrong_places(
     return found
 
 
-def measured(machine: Machine, truth: Any, periods: int) -> npt.NDArray[np.float64]:
+def measured(machine: Machine, truth: Any, periods: int) -> FloatArray:
     """(at least ``periods``, n) what the idle plant measures from power-on, in the blocks that its process computes.
 
     In other blocks it rounds otherwise, and of ten thousand pressures one then differs by more than it is read with.
@@ -368,19 +367,19 @@ def _outcome(
     quiet = int((rows["quality"][~covered] != Quality.FRESH).sum())
     checks = [
         fact("produced = stored + dropped", not unbalanced, f"{len(summary.ledger)} channels, {summary.rows} rows"),
-        Check("wrong values called fresh", (n := sum(c.wrong for c in honest)), f"{n}", "at most", 0, "0"),
-        Check("values lost by other devices", (n := sum(c.others for c in cases)), f"{n}", "at most", 0, "0"),
-        Check("slowest recovery", worst, f"{worst:.2f} s of {faults}", "at most", RECOVERY_S, f"{RECOVERY_S:g} s"),
-        Check("cycles skipped", skipped, f"{skipped} of {len(rows)}", "at most", 0, "0"),
-        Check("values lost beside the faults", quiet, f"{quiet}"),
-        Check("values lost on the fault's own serial line", (n := sum(c.mates for c in cases)), f"{n}"),
-    ]  # fmt: skip
+        figure("wrong values called fresh", sum(c.wrong for c in honest), most=0),
+        figure("values lost by other devices", sum(c.others for c in cases), most=0),
+        figure("slowest recovery", worst, "{:g} s", most=RECOVERY_S, shown=f"{worst:.2f} s of {faults}"),
+        figure("cycles skipped", skipped, most=0, shown=f"{skipped} of {len(rows)}"),
+        figure("values lost beside the faults", quiet),
+        figure("values lost on the fault's own serial line", sum(c.mates for c in cases)),
+    ]
     if frozen:
         most = max(case.wrong / len(case.spans) for case in frozen)
-        checks.append(Check("equal values until one is called frozen", most, f"{most:.1f} per fault"))
+        checks.append(figure("equal values until one is called frozen", most, "{:.1f} per fault"))
     if lying:
         count = sum(case.wrong for case in lying)
-        checks.append(Check("wrong values of a sensor that lies", count, f"{count}; no single value tells"))
+        checks.append(figure("wrong values of a sensor that lies", count, "{:g}; no single value tells"))
     load = os.getloadavg()[0]
     notes.append(f"load of the computer {load:.1f} on {os.cpu_count()} cores, {machine.rate_hz:g} Hz")
     return Outcome(tuple(checks), tuple(notes))

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.acquisition.faults import LASTS_S, PATIENCE_S, WARM_UP_S, Bench, faults_of
-from benchmarks.targets import Check, Outcome, fact
+from benchmarks.targets import Outcome, fact, figure
 from daq.acquisition.ring import RingReader
 from sim_backends.faults.fault_runner import begin, end
 
@@ -69,15 +69,12 @@ def run(minutes: float, seed: int, say: Callable[[str], None]) -> Outcome:
     unbalanced = [n for n, e in summary.ledger.items() if e["produced"] != e["stored"] + sum(e["dropped"].values())]
     settled = [size for at, size in memory if at >= SETTLED * 60 * minutes]
     growth = (settled[-1] - settled[0]) / _MB
+    grown = f"{growth:+.1f} MB after the first quarter, {settled[-1] / _MB:.0f} MB at the end"
     checks = (
         fact("produced = stored + dropped", not unbalanced, f"{len(summary.ledger)} channels, {summary.rows} rows"),
-        Check("frames that are not in the recording", (n := summary.missed_cycles), f"{n}", "at most", 0, "0"),
-        Check("cycles skipped", statistics.skipped, f"{statistics.skipped}", "at most", 0, "0"),
-        Check("faults that were not overcome", unrecovered, f"{unrecovered} of {count}", "at most", 0, "0"),
-        Check(
-            "growth of acquisition's memory", growth,
-            f"{growth:+.1f} MB after the first quarter, {settled[-1] / _MB:.0f} MB at the end",
-            "at most", GROWTH_MB, f"{GROWTH_MB:g} MB",
-        ),
-    )  # fmt: skip
+        figure("frames that are not in the recording", summary.missed_cycles, most=0),
+        figure("cycles skipped", statistics.skipped, most=0),
+        figure("faults that were not overcome", unrecovered, most=0, shown=f"{unrecovered} of {count}"),
+        figure("growth of acquisition's memory", growth, "{:g} MB", most=GROWTH_MB, shown=grown),
+    )
     return Outcome(checks, (f"{minutes:g} min, load of the computer {os.getloadavg()[0]:.1f}",))

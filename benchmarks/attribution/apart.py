@@ -19,13 +19,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
 from benchmarks.attribution.coverage import true_values
 from benchmarks.attribution.judging import recordings_of
 from benchmarks.attribution.making import OF_THE_SIGNAL, BenchCase, opened, undisturbed
 from benchmarks.attribution.recipe import KINEMATIC, Selection
 from benchmarks.attribution.sight import FITTED
+from fitting.arrays import FloatArray
 from fitting.effects import effects
 from fitting.loop.session import Session
 from fitting.regression.design import NoiseModel, full_residual
@@ -35,7 +35,6 @@ from fitting.signals.spectrum import whitening
 from sim_backends.plant.cases import STEMS
 from sim_backends.undeclared import EffectSpec
 
-FloatArray = npt.NDArray[np.float64]
 Tables = Mapping[str, Mapping[str, FloatArray]]
 
 TELLABLE = 3.0

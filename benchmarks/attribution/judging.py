@@ -6,10 +6,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-import numpy.typing as npt
 
 from daq.machine.machine_file import Machine
 from daq.recordings.recording import Recording
+from fitting.arrays import FloatArray
 from fitting.loop.closing import Examined
 from fitting.loop.kinematic_check import KinematicFinding
 from fitting.loop.session import Options, Session
@@ -17,7 +17,6 @@ from fitting.residual.findings import Attribution
 from fitting.residual.laws import Law
 from fitting.residual.terms import Term
 
-FloatArray = npt.NDArray[np.float64]
 Place = tuple[str, str | None]
 Stated = tuple[str, str | None, float]
 

@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-import numpy.typing as npt
 
 from benchmarks.attribution.recipe import (
     FULL_SCALE,
@@ -24,12 +23,12 @@ from benchmarks.attribution.recipe import (
 )
 from benchmarks.attribution.sight import FITTED, Sight
 from daq.machine.machine_file import Machine
+from fitting.arrays import FloatArray
 from sim_backends.plant.cases import STEMS, CasePlan, plan_case
 from sim_backends.plant.plant import Plant
 from sim_backends.plant.truth import SensorQuality, Truth
 from sim_backends.undeclared import UNDECLARED, EffectSpec, obstacle
 
-FloatArray = npt.NDArray[np.float64]
 Tables = Mapping[str, Mapping[str, FloatArray]]
 
 _DRAWS = 60

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from scipy.stats import beta
 
-from benchmarks.targets import Check
+from benchmarks.targets import Check, figure
 
 Line = dict[str, Any]
 Statement = tuple[float, bool]
@@ -123,5 +123,5 @@ def checks(lines: Sequence[Line]) -> list[Check]:
             target=LARGEST_ERROR,
             target_shown=f"{100 * LARGEST_ERROR:.0f} %",
         ),
-        Check("Brier score of stated probabilities", score, f"{score:.3f}"),
+        figure("Brier score of stated probabilities", score, "{:.3f}"),
     ]

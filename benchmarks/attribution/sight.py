@@ -16,18 +16,17 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-import numpy.typing as npt
 from scipy import linalg, signal
 from scipy.interpolate import make_interp_spline
 
 from daq.machine.machine_file import Machine
 from fitting.arm.base_parameters import base_regressor, reduce_parameters
 from fitting.arm.linkage import lever_arm
+from fitting.arrays import FloatArray
 from sim_backends.plant.hydraulics import direction
 from sim_backends.plant.plant import KNOCK_TIME
 from sim_backends.plant.truth import SensorQuality, Truth
 
-FloatArray = npt.NDArray[np.float64]
 Table = Mapping[str, FloatArray]
 
 BANDWIDTH = 3.0  # Hz

@@ -16,7 +16,7 @@ from benchmarks.attribution.apart import TELLABLE
 from benchmarks.attribution.coverage import kind_of
 from benchmarks.attribution.recipe import KINDS, TARGETS
 from benchmarks.attribution.verdicts import RESULTS
-from benchmarks.targets import Check, rate
+from benchmarks.targets import Check, figure, rate
 from fitting.effects import effect
 
 Line = dict[str, Any]
@@ -93,8 +93,8 @@ def _seconds(lines: Sequence[Line], *, bootstrap: bool) -> list[Check]:
     words = f"CPU seconds a case {'with' if bootstrap else 'without'} bootstrap"
     median, tail = float(np.median(seconds)), float(np.percentile(seconds, 95))
     found = [
-        Check(f"{words}, median", median, f"{median:.1f} s"),
-        Check(f"{words}, 95th percentile", tail, f"{tail:.1f} s"),
+        figure(f"{words}, median", median, "{:.1f} s"),
+        figure(f"{words}, 95th percentile", tail, "{:.1f} s"),
     ]
     limits = {False: (2.9, 8.0), True: (None, 10.0)}[bootstrap]
     return [

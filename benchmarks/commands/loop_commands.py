@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from benchmarks.commands.saying import Show, benchmark, chosen
 from benchmarks.one_thread import one_blas_thread
-from daq.console import print_json
+from benchmarks.targets import Outcome
 from daq.errors import InputError
 
 if TYPE_CHECKING:
@@ -16,7 +17,6 @@ if TYPE_CHECKING:
     from sim_backends.machines import ArmKind
 
 #: Options of the benchmarks on random arms.
-ARMS: tuple[Literal["folding", "slewing"], ...] = ("folding", "slewing")
 Replicas = Annotated[
     int | None, typer.Option(help="Most replicas of a null distribution, 0 for none; as 'identify' if absent.", min=0)
 ]
@@ -36,13 +36,12 @@ def _counts(text: str) -> dict[str, int]:
 
 
 def _arms(text: str | None) -> tuple[ArmKind, ...]:
-    from sim_backends.machines import ARMS as ALL
+    from sim_backends.machines import ARMS
 
-    chosen = [part.strip() for part in (text or "").split(",") if part.strip()]
-    for part in chosen:
-        if part not in ALL:
-            raise InputError(f"--arms {part}: is no kind of arm; one of {', '.join(ALL)}, with commas")
-    return tuple(kind for part in dict.fromkeys(chosen) for kind in ALL if kind == part)
+    parts = dict.fromkeys(part.strip() for part in (text or "").split(",") if part.strip())
+    for part in parts:
+        chosen("--arms", part, list(ARMS), "is no kind of arm; with commas, of")
+    return tuple(kind for part in parts for kind in ARMS if kind == part)
 
 
 Cases = Annotated[
@@ -65,14 +64,9 @@ Recipe = Annotated[
 ]
 
 
-def _role(without: str | None) -> str | None:
-    """A role whose recordings can be left out."""
-    if without not in (None, "repeat", "unloaded", "validate"):
-        raise InputError(f"--without {without}: is no role that can be left out; one of repeat, unloaded, validate")
-    return without
-
-
+@benchmark
 def attribution(
+    show: Show,
     cases: Cases = "null=100,large=60,medium=40,small=20,kinematic=30,outside=40,pairs=30",
     case: Annotated[str | None, typer.Option(help="One case alone, as CLASS:NUMBER.")] = None,
     seed: Annotated[int, typer.Option(help="Seed of the run; a case is the same whatever else is run.")] = 0,
@@ -88,21 +82,18 @@ def attribution(
     seconds: Length = 60.0,
     bootstrap: Replicas = None,
     without: Annotated[
-        str | None, typer.Option(help="Judge without recordings of this role: repeat, unloaded.")
+        str | None, typer.Option(help="Judge without recordings of this role: repeat, unloaded or validate.")
     ] = None,
-    json: Annotated[bool, typer.Option("--json", help="Print checks and results as JSON.")] = False,
-) -> None:
+) -> Outcome:
     """How often the loop is right on random arms, effects, joints and sizes."""
     one_blas_thread()
     from benchmarks.attribution import summary
     from benchmarks.attribution.recipe import RECIPE, RECIPES, Selection
     from benchmarks.attribution.runs import Order, plan_of, read_lines, run
-    from benchmarks.targets import lines_of, missed
     from fitting.loop.session import Options
     from sim_backends.undeclared import UNDECLARED
 
-    if only is not None and only not in UNDECLARED:
-        raise InputError(f"--only {only}: is no effect of the plant; one of {', '.join(sorted(UNDECLARED))}")
+    chosen("--only", only, sorted(UNDECLARED), "is no effect of the plant; one of")
     if recipe is not None and recipe not in RECIPES:
         raise InputError(f"--recipe {recipe}: is no recipe; one of {', '.join(map(str, RECIPES))}")
     if only_make and cache is None:
@@ -114,24 +105,17 @@ def attribution(
     if cache is not None:
         cache.mkdir(parents=True, exist_ok=True)
     replicas = Options.bootstrap if bootstrap is None else bootstrap
-    orders = [Order(key, selection, cache, only_make, apart, replicas, _role(without)) for key in keys]
-    lines = run(orders, workers, output, lambda line: None if json else print(summary.case_text(line), flush=True))
-    checks = [] if only_make else summary.checks(lines)
-    if json:
-        content = {
-            "benchmark": "attribution",
-            "selection": selection.as_json(),
-            "checks": [check.as_json() for check in checks],
-            "found_against_lambda": summary.found_against_size(lines),
-            "cases": lines,
-        }
-        print_json(content)
-    else:
-        print("\n".join([*summary.text(lines), "", *lines_of(checks)]))
-        if compare is not None:
-            print("\n".join(["", *summary.compared(read_lines(compare), lines)]))
-    if missed(checks):
-        raise typer.Exit(1)
+    chosen("--without", without, ("repeat", "unloaded", "validate"), "is no role that can be left out; one of")
+    orders = [Order(key, selection, cache, only_make, apart, replicas, without) for key in keys]
+    lines = run(orders, workers, output, lambda line: show(summary.case_text(line)))
+    changes = [] if compare is None else ["", *summary.compared(read_lines(compare), lines)]
+    content = {
+        "selection": selection.as_json(),
+        "found_against_lambda": summary.found_against_size(lines),
+        "cases": lines,
+    }
+    checks = () if only_make else tuple(summary.checks(lines))
+    return Outcome(checks, (*summary.text(lines), *changes, ""), content)
 
 
 def _key(case: str, seed: int) -> CaseKey:
@@ -144,7 +128,9 @@ def _key(case: str, seed: int) -> CaseKey:
     return CaseKey(kind, int(number), seed)
 
 
+@benchmark
 def resolve(
+    show: Show,
     cases: Annotated[int, typer.Option(help="Ambiguous cases to find and close.", min=1)] = 20,
     seed: Annotated[int, typer.Option(help="Seed of the cases; those of 'attribution' with --only.")] = 0,
     most: Annotated[int | None, typer.Option(help="Cases to look at, at most; ten for each if absent.", min=1)] = None,
@@ -153,12 +139,10 @@ def resolve(
     ] = None,
     seconds: Length = 60.0,
     bootstrap: Replicas = None,
-    json: Annotated[bool, typer.Option("--json", help="Print checks and results as JSON.")] = False,
-) -> None:
-    """Ambiguous cases of effects that resemble others, closed by motions that the plant makes."""
+) -> Outcome:
+    """Ambiguous cases: how many end in the single right name after at most two designed motions."""
     one_blas_thread()
     from benchmarks.attribution import resolving
-    from benchmarks.targets import lines_of, missed
     from fitting.loop.session import Options
 
     if output is not None and output.exists():
@@ -173,14 +157,7 @@ def resolve(
         lines.append(line)
         if output is not None:
             resolving.append(output, line)
-        if not json:
-            print(resolving.text(line), flush=True)
+        show(resolving.text(line))
         if len(lines) >= cases:
             break
-    checks = resolving.checks(lines, looked_at)
-    if json:
-        print_json({"benchmark": "resolve", "checks": [check.as_json() for check in checks], "cases": lines})
-    else:
-        print("\n".join(lines_of(checks)))
-    if missed(checks):
-        raise typer.Exit(1)
+    return Outcome(tuple(resolving.checks(lines, looked_at)), content={"cases": lines})

@@ -1,30 +1,81 @@
-"""How every benchmark says what it does and what came of it."""
+"""What every command below ``hilfit bench`` is made of: options of its own, ``--json``, and what came of it."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import TYPE_CHECKING
+import functools
+import inspect
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Annotated, Any
 
 import typer
 
-from daq.console import print_json
+from benchmarks.targets import Outcome, lines_of, missed
+from daq.console import print_json, reported
+from daq.errors import InputError
 
-if TYPE_CHECKING:
-    from benchmarks.targets import Outcome
+#: What gets a line of progress.
+Show = Callable[[str], None]
+#: Commands by name, in the order of the list.
+BENCHMARKS: dict[str, Callable[..., None]] = {}
 
 
-def shown(json: bool) -> Callable[[str], None]:
-    """What lines of progress go to: the terminal, or nowhere where JSON is printed."""
-    return (lambda line: None) if json else (lambda line: print(line, flush=True))
+def benchmark(run: Callable[..., Outcome]) -> Callable[..., Outcome]:
+    """Make ``hilfit bench NAME`` of a function of that name; its docstring says what it shows.
+
+    Parameters
+    ----------
+    run : gives the outcome; its parameters are the options of the command, but for ``show``, which gets lines of
+        progress: for the terminal, or for nobody where JSON is printed
+    """
+    signature = inspect.signature(run, eval_str=True)
+    json_option = Annotated[bool, typer.Option("--json", help="Print the checks, and what was measured, as JSON.")]
+    options = [own for own in signature.parameters.values() if own.name != "show"]
+    json_parameter = inspect.Parameter("json", inspect.Parameter.KEYWORD_ONLY, default=False, annotation=json_option)
+
+    @functools.wraps(run)
+    def command(json: bool = False, **given: Any) -> None:
+        show: Show = (lambda line: None) if json else (lambda line: print(line, flush=True))
+        outcome = run(**given, **({"show": show} if "show" in signature.parameters else {}))
+        if json:
+            checks = [check.as_json() for check in outcome.checks]
+            print_json({"benchmark": run.__name__, "checks": checks, **outcome.content})
+        else:
+            print("\n".join([*outcome.notes, *lines_of(outcome.checks)]) or "nothing to check")
+        if missed(outcome.checks):
+            raise typer.Exit(1)
+
+    vars(command)["__signature__"] = inspect.Signature([*options, json_parameter])
+    command.__annotations__ = {own.name: own.annotation for own in (*options, json_parameter)}
+    BENCHMARKS[run.__name__] = reported(command)
+    return run
 
 
-def finish(name: str, outcome: Outcome, json: bool) -> None:
-    """Print checks beside their targets; exit code 1 if one is missed."""
-    from benchmarks.targets import lines_of, missed
+def known(option: str, value: str | None, names: Sequence[str], what: str) -> None:
+    """Refuse a value that is none of some names, or part of none."""
+    if value is not None and not any(value in name for name in names):
+        raise InputError(f"{option} {value}: {what} {', '.join(names)}")
 
-    if json:
-        print_json({"benchmark": name, "checks": [check.as_json() for check in outcome.checks]})
-    else:
-        print("\n".join([*outcome.notes, *lines_of(outcome.checks)]) or "nothing to check")
-    if missed(outcome.checks):
-        raise typer.Exit(1)
+
+def chosen(option: str, value: str | None, names: Sequence[str], what: str) -> None:
+    """Refuse a value that is none of some names."""
+    if value is not None and value not in names:
+        raise InputError(f"{option} {value}: {what} {', '.join(names)}")
+
+
+def directory(path: Path | None, usual: Path, what: str) -> Path:
+    """A directory that was given and is there, or the usual one."""
+    if path is not None and not path.is_dir():
+        raise InputError(f"{path}: no such directory; give {what}")
+    return path or usual
+
+
+def rising(option: str, text: str, example: str) -> list[float]:
+    """Rising numbers of at least 1 from a text with commas."""
+    try:
+        numbers = [float(part) for part in text.split(",")]
+    except ValueError:
+        numbers = []
+    if not numbers or numbers != sorted(set(numbers)) or numbers[0] < 1:
+        raise InputError(f"{option} {text}: write rising numbers of at least 1 with commas, as in {example}")
+    return numbers

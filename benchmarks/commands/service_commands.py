@@ -7,26 +7,30 @@ from typing import Annotated, Literal
 
 import typer
 
-from benchmarks.commands.saying import finish, shown
+from benchmarks.commands.saying import Show, benchmark, chosen
+from benchmarks.targets import Outcome
 from daq.errors import InputError
 
 DATABASES: tuple[Literal["sqlite", "postgresql"], ...] = ("sqlite", "postgresql")
 
 
+@benchmark
 def service(
+    show: Show,
     tablets: Annotated[int, typer.Option(help="Clients of the live stream.", min=1, max=200)] = 20,
     rate: Annotated[float, typer.Option(help="Requests per second.", min=1, max=2000)] = 200.0,
     uploads: Annotated[int, typer.Option(help="Clients that upload recordings all the time.", min=0, max=100)] = 10,
     seconds: Annotated[float, typer.Option(help="Seconds of load.", min=2, max=60)] = 30.0,
-    json: Annotated[bool, typer.Option("--json", help="Print the checks as JSON.")] = False,
-) -> None:
+) -> Outcome:
     """Tablets, readers and uploads at the service while numerical work runs: latency, cycles lost."""
     from benchmarks.service.service import run
 
-    finish("service", run(tablets, rate, uploads, seconds, shown(json)), json)
+    return run(tablets, rate, uploads, seconds, show)
 
 
+@benchmark
 def page(
+    show: Show,
     cpu: Annotated[float, typer.Option(help="How many times slower than this computer the tablet is.", min=1)] = 4.0,
     megabits: Annotated[float, typer.Option(help="Its network, Mbit/s.", min=0.1)] = 10.0,
     times: Annotated[int, typer.Option(help="First views, each with an empty cache.", min=1)] = 5,
@@ -36,65 +40,62 @@ def page(
     ] = None,
     only: Annotated[str | None, typer.Option(help="With --pictures: only this view.")] = None,
     language: Annotated[str, typer.Option(help="With --pictures: en or de.")] = "en",
-    json: Annotated[bool, typer.Option("--json", help="Print the checks as JSON.")] = False,
-) -> None:
+) -> Outcome:
     """The page on a slow tablet: first view, frames dropped at 50 Hz; pictures of every view (--pictures)."""
     from benchmarks.page import measuring
     from benchmarks.page.browser import Tablet
     from benchmarks.page.pictures import PRESSED, VIEWS
     from benchmarks.page.pictures import run as make_pictures
 
-    if only is not None and only not in VIEWS:
-        raise InputError(f"--only {only}: is no view; one of {', '.join(VIEWS)}")
-    if language not in PRESSED:
-        raise InputError(f"--language {language}: must be one of {', '.join(PRESSED)}")
+    chosen("--only", only, list(VIEWS), "is no view; one of")
+    chosen("--language", language, list(PRESSED), "must be one of")
     if pictures is not None:
-        finish("page", make_pictures(pictures, only, shown(json), language), json)
-        return
-    finish("page", measuring.run(Tablet(cpu, megabits), times, seconds, shown(json)), json)
+        return make_pictures(pictures, only, show, language)
+    return measuring.run(Tablet(cpu, megabits), times, seconds, show)
 
 
+@benchmark
 def storm(
+    show: Show,
     seconds: Annotated[float, typer.Option(help="Seconds of killing.", min=2, max=600)] = 60.0,
     database: Annotated[str, typer.Option(help="sqlite, or postgresql (started from Debian's packages).")] = "sqlite",
     seed: Annotated[int, typer.Option(help="Of what is killed when.")] = 0,
     kills_only: Annotated[bool, typer.Option(help="No full disk, no read-only store, no jumps of the clock.")] = False,
-    json: Annotated[bool, typer.Option("--json", help="Print the checks as JSON.")] = False,
-) -> None:
+) -> Outcome:
     """kill -9 of servers, workers, stages and acquisitions: nothing lost, nothing twice."""
     from benchmarks.storm.run import run
 
-    kind = next((known for known in DATABASES if known == database), None)
-    if kind is None:
-        raise InputError(f"--database {database}: write {' or '.join(DATABASES)}")
+    chosen("--database", database, DATABASES, "write one of")
+    (kind,) = (known for known in DATABASES if known == database)
     kills = round(seconds * 100 / 60)
-    outcome = run(seconds, kind, seed, shown(json), kills=kills, longest=10 * seconds, faults=not kills_only)
-    finish("storm", outcome, json)
+    return run(seconds, kind, seed, show, kills=kills, longest=10 * seconds, faults=not kills_only)
 
 
+@benchmark
 def throughput(
+    show: Show,
     workers: Annotated[
         str, typer.Option(help="Numbers of processes that work, the server among them, with commas.")
     ] = "1,2,4",
     jobs: Annotated[int, typer.Option(help="Identifications per worker.", min=1, max=50)] = 4,
-    json: Annotated[bool, typer.Option("--json", help="Print the checks as JSON.")] = False,
-) -> None:
+) -> Outcome:
     """Identifications per hour with several workers on PostgreSQL, and how well they share the work."""
     from benchmarks.service.throughput import run
 
     counts = [int(part) for part in workers.split(",") if part.strip().isdigit()]
     if not counts or min(counts) < 1 or len(counts) != len(workers.split(",")):
         raise InputError(f"--workers {workers}: write numbers from 1 on, as in 1,2,4")
-    finish("throughput", run(counts, jobs, shown(json)), json)
+    return run(counts, jobs, show)
 
 
+@benchmark
 def fleet(
+    show: Show,
     jobs: Annotated[int, typer.Option(help="Identifications that both workers do.", min=2, max=1000)] = 24,
     cut: Annotated[float, typer.Option(help="Seconds that a worker is cut off.", min=1, max=300)] = 60.0,
     every: Annotated[float, typer.Option(help="Seconds between two kills of a worker.", min=5)] = 60.0,
-    json: Annotated[bool, typer.Option("--json", help="Print the checks as JSON.")] = False,
-) -> None:
-    """Workers on hosts of their own, that share nothing but database and storage."""
+) -> Outcome:
+    """Workers on other hosts that share only database and storage: cut off, killed, and what they cost."""
     from benchmarks.fleet.run import run
 
-    finish("fleet", run(jobs, cut, every, shown(json)), json)
+    return run(jobs, cut, every, show)

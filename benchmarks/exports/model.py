@@ -15,7 +15,6 @@ import subprocess
 import tempfile
 import timeit
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from datetime import UTC, datetime
 from importlib.util import find_spec
 from pathlib import Path
@@ -23,16 +22,16 @@ from types import ModuleType
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 import sim_backends
 from benchmarks.exports.model_formats import formats
-from benchmarks.measured import DATA, emps, staubli
+from benchmarks.measured import DATA, sets
 from benchmarks.samples import SAMPLES
-from benchmarks.targets import Check, Outcome
+from benchmarks.targets import Check, Outcome, figure
 from daq.machine.machine_file import Machine, load_machine
 from daq.recordings.recording import Recording, read_recording
 from fitting.arm.base_parameters import base_regressor, reduce_parameters
+from fitting.arrays import FloatArray
 from fitting.effects import effect
 from fitting.effects.base import Ranges
 from fitting.loop.residual_loop import final_model
@@ -49,7 +48,6 @@ from fitting.residual.terms import Term
 from fitting.signals.corrections import Corrections
 from fitting.signals.preparation import PositionNoise
 
-FloatArray = npt.NDArray[np.float64]
 Trial = tuple[Machine, list[Recording]]
 
 #: Settings under which the C has to compile without a word.
@@ -206,10 +204,10 @@ def _engines(
 
     def differs(what: str, found: FloatArray) -> None:
         share = float(np.max(np.abs(found - links)) / np.max(np.abs(links)))
-        checks.append(Check(f"{name}: {what} against the links", share, f"{share:.1e}", "at most", 1e-6, "1e-06"))
+        checks.append(figure(f"{name}: {what} against the links", share, "{:.1e}", most=1e-6))
 
     moved = bodies_of(model).moved
-    checks.append(Check(f"{name}: base parameters moved for links that can exist", moved, f"{moved:.2g} deviations"))
+    checks.append(figure(f"{name}: base parameters moved for links that can exist", moved, "{:.2g} deviations"))
     pinocchio, mujoco = _module("pinocchio"), _module("mujoco")
     if mujoco is not None:
         export_model(model, "mjcf", folder / "arm.xml")
@@ -271,38 +269,20 @@ def _trials(samples: Path, data: Path) -> tuple[dict[str, Trial], list[tuple[str
         if not folder.is_dir():
             missing.append((case, samples))
             continue
+        machine = load_machine(folder / "machine.yaml")
         files = [(path.stem.partition("-")[0], path) for path in sorted(folder.glob("*.parquet"))]
-        found[case] = _read(folder / "machine.yaml", files)
-    makers: dict[str, Callable[[Path, Path], Trial]] = {"emps": _emps, "staubli_tx40": _staubli, "kuka_lwr4": _kuka}
-    for name, make in makers.items():
-        if not (data / name).is_dir():
-            missing.append((name, data))
-            continue
+        found[case] = machine, [read_recording(path, machine, role) for role, path in files]
+    for name, folder_name in sets.FOLDERS.items():
         with tempfile.TemporaryDirectory() as place:
-            found[name] = make(data / name, Path(place))
+            measured = sets.read(name, data, Path(place))
+        if measured is None:
+            missing.append((folder_name, data))
+            continue
+        machine, recordings = measured
+        if len(recordings) == 1:  # the first three quarters to fit, the rest to predict
+            recordings = list(sets.cut(recordings[0], 0.75))
+        found[folder_name] = machine, recordings
     return found, missing
-
-
-def _read(machine: Path, files: Sequence[tuple[str, Path]]) -> Trial:
-    described = load_machine(machine)
-    return described, [read_recording(path, described, role) for role, path in files]
-
-
-def _emps(data: Path, directory: Path) -> Trial:
-    paths = emps.files(data, directory)
-    return _read(emps.MACHINE, [(role, paths[role]) for role in ("train", "repeat", "validate")])
-
-
-def _staubli(data: Path, directory: Path) -> Trial:
-    """The first three quarters to fit, the rest to predict: there is one recording only."""
-    machine, (whole,) = _read(staubli.MACHINE, [("train", staubli.recording(data, directory))])
-    rows = 3 * len(whole) // 4
-    rest = replace(whole.cut(slice(rows, len(whole))), role="validate", sha256="rest")
-    return machine, [whole.cut(slice(0, rows)), rest]
-
-
-def _kuka(data: Path, directory: Path) -> Trial:
-    return _read(data / "machine.yaml", [(role, data / f"{role}.parquet") for role in ("train", "repeat", "validate")])
 
 
 def _band(name: str, trial: Trial) -> list[Check]:

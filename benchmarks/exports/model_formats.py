@@ -12,16 +12,15 @@ from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 from scipy.interpolate import RegularGridInterpolator
 
-from benchmarks.targets import Check
+from benchmarks.targets import Check, figure
+from fitting.arrays import FloatArray
 from fitting.model import motion
 from fitting.model.arm_model import ArmModel
 from fitting.model.export import export_model
 from fitting.model.export.c import identifier
 
-FloatArray = npt.NDArray[np.float64]
 #: States of a motion, each (N, n), and times (N,).
 States = tuple[FloatArray, FloatArray, FloatArray, FloatArray]
 EXACT = 1e-9
@@ -134,7 +133,7 @@ def _tables(name: str, model: ArmModel, folder: Path) -> list[Check]:
         stated.append(error / float(row["interpolation_error"]))
     shown = f"{max(shares):.1e} of the largest value, {max(stated):.2f} of the error that tables.csv states"
     shown += f" ({len(index)} tables, {len(done.left_out)} left out, {sum(p.stat().st_size for p in done.files)} bytes)"
-    return [Check(f"{name}: friction by tables between their rows", max(stated), shown, "at most", 1.2, "1.2 of it")]
+    return [figure(f"{name}: friction by tables between their rows", max(stated), "{:g} of it", most=1.2, shown=shown)]
 
 
 def _interpolated(path: Path) -> RegularGridInterpolator:

@@ -15,15 +15,14 @@ from types import ModuleType
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from benchmarks.targets import Check, Outcome
 from daq.machine.machine_file import Machine, parse_machine
 from fitting.arm.base_parameters import base_regressor, reduce_parameters
 from fitting.arm.dynamics import rigid_body_regressor
 from fitting.arm.geometry import Geometry, geometry_of
+from fitting.arrays import FloatArray
 
-FloatArray = npt.NDArray[np.float64]
 TWISTS = {
     "six parallel axes": (0.0,) * 6,
     "six axes, twisted": (np.pi / 2, 0.0, np.pi / 2, -np.pi / 2, np.pi / 2, 0.0),

@@ -20,14 +20,14 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 import pyarrow.csv as arrow_csv
 from scipy.stats import chi2
 
 import sim_backends
-from benchmarks.targets import Check, Outcome
+from benchmarks.targets import Check, Outcome, figure
 from daq.machine.machine_file import Machine, load_machine
 from daq.recordings.recording import Recording
+from fitting.arrays import FloatArray
 from fitting.excitation.motion import read_motion
 from fitting.loop.residual_loop import final_model
 from fitting.loop.session import Options, Session
@@ -45,7 +45,6 @@ from sim_backends.plant.motion import Motion, Rods, random_motion, write_motion
 from sim_backends.plant.plant import record
 from sim_backends.plant.truth import SensorQuality, Truth, load_truth
 
-FloatArray = npt.NDArray[np.float64]
 Show = Callable[[str], None]
 
 #: Forces on the tip, N, and how long each acts, s.
@@ -160,7 +159,7 @@ def _feedforward(bench: _Bench) -> list[Check]:
     shown = f"{np.min(factors):.1f} (by joint {', '.join(f'{f:.0f}' for f in factors)}; "
     shown += f"from {1e3 * np.max(_error(alone)):.1f} to {1e3 * np.max(_error(helped)):.2f} mrad at the worst joint)"
     name = "feedforward: tracking error without over with, the least of all joints"
-    return [Check(name, float(np.min(factors)), shown, "at least", 2.0, "2")]
+    return [figure(name, float(np.min(factors)), least=2.0, shown=shown)]
 
 
 def _simulation(bench: _Bench) -> list[Check]:
@@ -254,9 +253,7 @@ def _false_alarms(bench: _Bench, minutes: float) -> list[Check]:
         high = float(chi2.ppf(0.975, 2 * count + 2)) / 2 / hours
         shown = f"{count / hours:.1f} an hour in {hours:.2g} h (95 % interval {low:.1f} to {high:.1f})"
         # What chance makes of the stated rate is no miss.
-        checks.append(
-            Check(f"overload: false alarms at {stated:g} an hour stated", low, shown, "at most", stated, f"{stated:g}")
-        )
+        checks.append(figure(f"overload: false alarms at {stated:g} an hour stated", low, most=stated, shown=shown))
     return checks
 
 

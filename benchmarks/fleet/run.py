@@ -26,7 +26,7 @@ import httpx2
 from benchmarks.fleet.namespaces import HERE, NETWORK, Host, hosts
 from benchmarks.service.postgresql import AbsentError, postgresql_server
 from benchmarks.service.start import cpu_s
-from benchmarks.targets import Check, Outcome, fact
+from benchmarks.targets import Check, Outcome, fact, figure
 from sim_backends import default_machine
 from sim_backends.plant.cases import make_case
 
@@ -143,14 +143,14 @@ class _Site:
             states = [client.get(f"/jobs/{job['id']}").json()["state"] for job in told]
             listed = {row["id"] for row in client.get("/workers").json()["items"]}
         extra, shown = away - beside, f"{away - beside:.2f} ({away:.2f} there, {beside:.2f} here)"
-        both = Check("two workers beside one", two / one, f"{two / one:.2f}", "at least", BOTH, f"{BOTH}")
+        both = figure("two workers beside one", two / one, "{:.2f}", least=BOTH)
         wanted = {"server", *(f"worker-{place.name}" for place in places)}
         return Outcome(
             (
                 Check("s more on another host", extra, shown, "at most", AWAY_S, "1"),
-                both if (os.cpu_count() or 1) > 1 else Check("two workers beside one", two / one, f"{two / one:.2f}"),
-                Check("processor s of service and workers per job", own, f"{own:.2f}"),
-                Check("workers killed", kills, f"{kills}", "at least", 1.0, "1"),
+                both if (os.cpu_count() or 1) > 1 else figure("two workers beside one", two / one, "{:.2f}"),
+                figure("processor s of service and workers per job", own, "{:.2f}"),
+                figure("workers killed", kills, least=1.0),
                 fact("every job done once", states == ["done"] * len(told), f"{states.count('done')} of {len(told)}"),
                 fact("reports equal to the undisturbed one", same == len(told), f"{same} of {len(told)}"),
                 fact("all hosts are listed", wanted <= listed, ", ".join(sorted(listed))),

@@ -14,21 +14,21 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 from scipy import signal
 from scipy.io import loadmat
 
 from benchmarks.measured.stacks import Found, Low, Stack, loop, refitted, relative, stack_of
 from daq.machine.machine_file import Machine, load_machine
 from daq.recordings.recording import Recording, read_recording, write_recording
+from fitting.arrays import FloatArray
 from fitting.loop.session import Options, Session
 from fitting.residual.terms import Term
-
-FloatArray = npt.NDArray[np.float64]
 
 MACHINE = Path(__file__).parent / "machines" / "emps.yaml"
 FORCE_PER_VOLT = 35.1507  # N/V, the drive's published gain
 PERIOD_ROWS = 6240
+#: Of its recordings: two periods to fit, two to hear the noise on, the pulses to predict.
+ROLES = ("train", "repeat", "validate")
 #: Published base model and relative errors in percent: own motion, and predicted on the pulses.
 PUBLISHED = {"M": 95.1089, "Fv": 203.5034, "Fc": 20.3935, "offset": -3.1648}
 PUBLISHED_ERRORS = (4.0834, 5.9824)
@@ -97,7 +97,7 @@ def base_model(data: Path, directory: Path) -> tuple[dict[str, float], tuple[flo
 def evaluate(data: Path, directory: Path) -> Emps:
     """The base model, the loop, and errors before and after."""
     paths = files(data, directory)
-    found = loop(MACHINE, [(role, paths[role]) for role in ("train", "repeat", "validate")], directory / "emps")
+    found = loop(MACHINE, [(role, paths[role]) for role in ROLES], directory / "emps")
     session = _whole(paths)
     stacks = _stacks(session, ())
     theta = stacks[0].fit()
@@ -118,13 +118,6 @@ def evaluate(data: Path, directory: Path) -> Emps:
         residual_after=_decimated(more[0].target[0] - more[0].columns[0] @ theta_more),
         parameters=tuple(zip(names, theta_more.tolist(), strict=True)),
     )
-
-
-def session_of(data: Path, directory: Path) -> Session:
-    """Two periods to fit, two to hear the noise on, the pulses to predict; both stages only, default bandwidth."""
-    paths, machine = files(data, directory), load_machine(MACHINE)
-    roles = ("train", "repeat", "validate")
-    return Session(machine, [read_recording(paths[role], machine, role) for role in roles], Options(loop=False))
 
 
 def _whole(paths: dict[str, Path]) -> Session:

@@ -8,11 +8,9 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from benchmarks.measured.seals import Seal, line
-
-FloatArray = npt.NDArray[np.float64]
+from fitting.arrays import FloatArray
 
 _BEFORE, _AFTER = "#b3541e", "#1f6f8b"
 _COLOURS = ("#1f6f8b", "#b3541e", "#4b7f2b", "#7a3e9d", "#8a6d00")

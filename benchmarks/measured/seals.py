@@ -17,19 +17,16 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
 from benchmarks.measured.stacks import Found, loop, refitted, stack_of
 from daq.machine.machine_file import Machine, load_machine, machine_to_yaml
 from daq.quality import Quality
 from daq.recordings.recording import read_recording, write_recording
+from fitting.arrays import BoolArray, FloatArray
 from fitting.effects import effect
 from fitting.loop.session import Options, Session
 from fitting.residual.laws import Law
 from fitting.residual.terms import Term
-
-FloatArray = npt.NDArray[np.float64]
-BoolArray = npt.NDArray[np.bool_]
 
 MACHINE = Path(__file__).parent / "machines" / "pneumatic_cylinder.yaml"
 #: Pressures in bar that a seal was tried at.

@@ -7,17 +7,16 @@ out stand least squares (a flat prior, all efforts alike) and the nearest fit wi
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from benchmarks.measured import emps, staubli
-from benchmarks.measured.ways import cut
-from benchmarks.targets import Check
+from benchmarks.measured import sets
+from benchmarks.targets import Check, figure
 from daq.errors import RecordingError
-from daq.machine.machine_file import Machine, load_machine
-from daq.recordings.recording import Recording, read_recording
+from daq.machine.machine_file import Machine
+from daq.recordings.recording import Recording
 from fitting.loop.session import Options, Session
 from fitting.regression.error_sizes import errors_of
 
@@ -62,28 +61,15 @@ class Split:
 
 def recordings(data: Path, scratch: Path) -> Iterator[tuple[str, Machine, list[Recording]]]:
     """Every split of the sets that are there, by name."""
-    if (data / "kuka_lwr4").is_dir():
-        machine = load_machine(data / "kuka_lwr4" / "machine.yaml")
-        roles = ("train", "repeat", "validate")
-        kuka = {role: read_recording(data / "kuka_lwr4" / f"{role}.parquet", machine, role) for role in roles}
-        yield "KUKA", machine, list(kuka.values())
-        yield "KUKA, swapped", machine, _swapped(kuka["train"], kuka["validate"])
-    if (data / "staubli_tx40").is_dir():
-        machine = load_machine(staubli.MACHINE)
-        whole = read_recording(staubli.recording(data / "staubli_tx40", scratch), machine, "train")
-        first, second = cut(whole, 0.5)
-        yield "TX40, halves", machine, [first, second]
-        yield "TX40, halves swapped", machine, _swapped(first, second)
-        yield "TX40, last 30 %", machine, list(cut(whole, 0.7))
-    if (data / "emps").is_dir():
-        machine, files = load_machine(emps.MACHINE), emps.files(data / "emps", scratch)
-        own = {role: read_recording(files[role], machine, role) for role in ("train", "repeat", "validate")}
-        yield "EMPS", machine, list(own.values())
-        yield "EMPS, swapped", machine, _swapped(own["train"], own["validate"])
-
-
-def _swapped(train: Recording, validate: Recording) -> list[Recording]:
-    return [replace(validate, role="train"), replace(train, role="validate")]
+    for name, short in (("KUKA LWR", "KUKA"), ("EMPS", "EMPS")):
+        if found := sets.read(name, data, scratch):
+            yield short, *found
+            yield f"{short}, swapped", found[0], sets.swapped(found[1][0], found[1][2])
+    if found := sets.read("TX40", data, scratch):
+        first, second = sets.cut(found[1][0], 0.5)
+        yield "TX40, halves", found[0], [first, second]
+        yield "TX40, halves swapped", found[0], sets.swapped(first, second)
+        yield "TX40, last 30 %", found[0], list(sets.cut(found[1][0], sets.FITTED))
 
 
 def evaluate(data: Path, scratch: Path) -> tuple[list[Split], list[str]]:
@@ -125,7 +111,7 @@ def checks(splits: list[Split]) -> tuple[Check, ...]:
     ]
     for name, most in (("KUKA", KUKA), ("KUKA, swapped", KUKA_SWAPPED)):
         found += [
-            Check(f"{name}: base at 3 Hz", s.base, f"{s.base:.2f} %", "at most", most, f"{most:g} %")
+            figure(f"{name}: base at 3 Hz", s.base, "{:.2f} %", most=most)
             for s in splits
             if s.name == name and s.bandwidth_hz == BANDS[0]
         ]

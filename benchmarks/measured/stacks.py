@@ -11,14 +11,13 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from fitting.arrays import BoolArray, FloatArray
 from fitting.loop.kinematic_check import corrections_from_json
 from fitting.loop.residual_loop import final_model, term_from_json
 from fitting.loop.session import Options, Request, Session
 from fitting.pipeline.stages import run_stage
 from fitting.residual.terms import Model, Term
 
-FloatArray = npt.NDArray[np.float64]
-BoolArray = npt.NDArray[np.bool_]
 Low = Callable[[FloatArray], FloatArray]
 
 _LOOP = ("check", "cylinder_stage", "rigid_body_stage", "residual", "attribution")

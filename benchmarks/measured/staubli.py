@@ -17,17 +17,15 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 from scipy import signal
 
 from benchmarks.measured.stacks import Found, Stack, loop, refitted, relative, stack_of
 from daq.machine.machine_file import load_machine
 from daq.recordings.recording import read_recording, write_recording
+from fitting.arrays import FloatArray
 from fitting.effects import effect
 from fitting.loop.session import Session
 from fitting.residual.terms import Model, Term
-
-FloatArray = npt.NDArray[np.float64]
 
 MACHINE = Path(__file__).parent / "machines" / "staubli_tx40.yaml"
 _RECORDED_HZ, _EVALUATED_HZ = 5000.0, 50.0

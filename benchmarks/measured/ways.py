@@ -8,12 +8,12 @@ recordings, as a user would write it.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
-from daq.recordings.recording import Recording
 from fitting.loop.session import Session
 from fitting.pipeline.results.stage_results import Refitted, StageResults
+from fitting.pipeline.stage_names import quiet
 from fitting.pipeline.stages import STEPS
 
 #: Names of the ways in the order of the table; ``one_shot`` is plain least squares.
@@ -62,7 +62,7 @@ def ways(name: str, session: Session) -> Ways:
     """
     results = StageResults()
     for compute in STEPS.values():
-        results = results.having(compute(session, results, _quiet))
+        results = results.having(compute(session, results, quiet))
     refitted = results[Refitted]
     estimation, relative = refitted.estimation, refitted.overall["relative"]
     tried = {way["name"]: way for way in estimation["tried"]}
@@ -76,23 +76,6 @@ def ways(name: str, session: Session) -> Ways:
         100.0 * relative["after"] if session.options.loop else None,
         refitted.plausibility.violations,
     )
-
-
-def _quiet(fraction: float, text: str) -> None:
-    return None
-
-
-def cut(recording: Recording, share: float) -> tuple[Recording, Recording]:
-    """A single recording as a training part, up to a share of its length, and a part to be predicted."""
-    row = round(share * len(recording))
-
-    def part(role: str, rows: slice) -> Recording:
-        values = {name: own[rows] for name, own in recording.values.items()}
-        time = recording.time[rows]
-        own = f"{recording.sha256}-{role}"  # parts are recordings of their own
-        return replace(recording, role=role, sha256=own, time=time - time[0], values=values)
-
-    return part("train", slice(0, row)), part("validate", slice(row, None))
 
 
 def named(violation: Mapping[str, Any]) -> str:

@@ -6,18 +6,17 @@ of it. ``None`` where it cannot be made on that rig (no such channel), or where 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from benchmarks.mistakes.rigs import Rig
 from daq.errors import MachineFileError
 from daq.machine.machine_file import Machine, machine_to_yaml, parse_machine
+from fitting.arrays import FloatArray
 
-FloatArray = npt.NDArray[np.float64]
 Rng = np.random.Generator
 
 
@@ -43,23 +42,19 @@ class Made:
     roles: Mapping[str, str]
 
 
-@dataclass(frozen=True)
-class Mistake:
-    """A mistake, and how it is made."""
-
-    name: str
-    make: Callable[[Rig, Rng], Made | None]
-
-
 #: Share of the arm's largest effort (per head area) below which a wrong size of a cylinder or of its pins changes less
 #: than a wrist's cables and noise do.
 CARRIES = 0.05
-MISTAKES: dict[str, Mistake] = {}
+#: How a mistake is made.
+Make = Callable[[Rig, Rng], Made | None]
+#: By name; what is drawn for a mistake depends on its place, so that later ones stand at the end.
+MISTAKES: dict[str, Make] = {}
+PRESSURES = ("head_pressure", "rod_pressure")
 
 
-def _mistake(name: str) -> Callable[[Callable[[Rig, Rng], Made | None]], Callable[[Rig, Rng], Made | None]]:
-    def add(make: Callable[[Rig, Rng], Made | None]) -> Callable[[Rig, Rng], Made | None]:
-        MISTAKES[name] = Mistake(name, make)
+def _mistake(name: str) -> Callable[[Make], Make]:
+    def add(make: Make) -> Make:
+        MISTAKES[name] = make
         return make
 
     return add
@@ -84,8 +79,8 @@ def _heavy_joint(rig: Rig, rng: Rng, *, last: bool = True) -> str:
     """A joint that carries enough for its sizes to be seen in the efforts: :data:`CARRIES` of the arm's largest."""
     sizes = {}
     for joint in rig.machine.joints if last else rig.machine.joints[:-1]:
-        head, rod = (_channel(rig, q, joint.name) for q in PRESSURES)
-        assert head is not None and rod is not None and joint.cylinder is not None
+        assert joint.cylinder is not None
+        head, rod = _chambers(rig, joint.name)
         table = rig.tables["train-1"]
         ratio = joint.cylinder.rod_area / joint.cylinder.head_area
         sizes[joint.name] = float(np.std(np.asarray(table[head]) - ratio * np.asarray(table[rod])))
@@ -99,9 +94,33 @@ def _channel(rig: Rig, quantity: str, joint: str) -> str | None:
     return None if found is None else found.name
 
 
+def _chambers(rig: Rig, joint: str) -> tuple[str, str]:
+    """Channels of a joint's head and rod pressure."""
+    head, rod = (_channel(rig, quantity, joint) for quantity in PRESSURES)
+    assert head is not None and rod is not None
+    return head, rod
+
+
+#: How a sensor is chosen of a joint; None where the rig has none of them.
+Pick = Callable[[Rig, str, Rng], str | None]
+
+
 def _position(rig: Rig, joint: str, rng: Rng) -> str:
     options = [n for q in ("joint_position", "piston_position") if (n := _channel(rig, q, joint))]
     return options[int(rng.integers(len(options)))]
+
+
+def _any(rig: Rig, joint: str, rng: Rng) -> str:
+    options = [c.name for c in rig.machine.channels if c.joint == joint]
+    return options[int(rng.integers(len(options)))]
+
+
+def _chamber(rig: Rig, joint: str, rng: Rng) -> str:
+    return _chambers(rig, joint)[int(rng.integers(2))]
+
+
+def _of(quantity: str) -> Pick:
+    return lambda rig, joint, rng: _channel(rig, quantity, joint)
 
 
 def changed(rig: Rig, channel: str, of: Callable[[FloatArray], FloatArray], stems: tuple[str, ...] = ()) -> Rig:
@@ -130,10 +149,31 @@ def edited(machine: Machine, change: Callable[[dict[str, Any]], None]) -> Machin
         return None
 
 
-PRESSURES = ("head_pressure", "rod_pressure")
+def _edited(
+    rig: Rig, codes: str, *joints: str, change: Callable[[dict[str, Any]], None], words: tuple[str, ...] = ()
+) -> Made | None:
+    """The rig with an edit of its machine file; None where that cannot be read."""
+    machine = edited(rig.machine, change)
+    return None if machine is None else _made(rig, codes, *joints, machine=machine, words=words)
 
 
-def _scaled_pressures(gain: float) -> Callable[[Rig, Rng], Made | None]:
+def _spoilt(
+    name: str, pick: Pick, codes: str, of: Callable[[Rig, str, str, FloatArray, Rng], FloatArray],
+    stems: tuple[str, ...] = (),
+) -> None:  # fmt: skip
+    """One sensor of one joint that says ``of`` its values (rig, joint, channel, a copy of the values, chance)."""
+
+    def make(rig: Rig, rng: Rng) -> Made | None:
+        joint = _joint(rig, rng)
+        channel = pick(rig, joint, rng)
+        if channel is None:
+            return None
+        return _made(changed(rig, channel, lambda v: of(rig, joint, channel, v.copy(), rng), stems), codes, joint)
+
+    MISTAKES[name] = make
+
+
+def _scaled_pressures(gain: float) -> Make:
     return lambda rig, rng: _made(_all(rig, PRESSURES, lambda v: v * gain), "unit", *rig.names)
 
 
@@ -141,9 +181,7 @@ for _unit, _gain in (("bar", 1e-5), ("kPa", 1e-3), ("psi", 1 / 6894.757), ("MPa"
     _mistake(f"all pressures in {_unit}")(_scaled_pressures(_gain))
 
 
-def _one_scaled(
-    quantity: str, gain: float, codes: str = "unit", *, heavy: bool = False, alone: bool = True
-) -> Callable[[Rig, Rng], Made | None]:
+def _one_scaled(quantity: str, gain: float, codes: str = "unit", *, heavy: bool = False, alone: bool = True) -> Make:
     def make(rig: Rig, rng: Rng) -> Made | None:
         if rig.kind == "one" and not alone:
             return None  # its masses and its friction take up nearly all of it
@@ -171,54 +209,40 @@ def _(rig: Rig, rng: Rng) -> Made | None:
     def change(content: dict[str, Any]) -> None:
         next(c for c in content["channels"] if c["name"] == channel)["unit"] = "deg"
 
-    machine = edited(rig.machine, change)
-    return None if machine is None else _made(rig, "unit", joint, machine=machine)
+    return _edited(rig, "unit", joint, change=change)
 
 
-@_mistake("all angles in degrees")
-def _(rig: Rig, rng: Rng) -> Made | None:
-    if _channel(rig, "joint_position", rig.names[0]) is None:
-        return None
-    return _made(_all(rig, ("joint_position",), np.rad2deg), "unit", *rig.names)
+def _all_scaled(quantity: str, of: Callable[[FloatArray], FloatArray]) -> Make:
+    def make(rig: Rig, rng: Rng) -> Made | None:
+        there = _channel(rig, quantity, rig.names[0]) is not None
+        return _made(_all(rig, (quantity,), of), "unit", *rig.names) if there else None
+
+    return make
 
 
-@_mistake("all pistons in mm")
-def _(rig: Rig, rng: Rng) -> Made | None:
-    if _channel(rig, "piston_position", rig.names[0]) is None:
-        return None
-    return _made(_all(rig, ("piston_position",), lambda v: 1e3 * v), "unit", *rig.names)
+def _stroke(rig: Rig, joint: str) -> float:
+    cylinder = rig.machine.joint(joint).cylinder
+    assert cylinder is not None
+    return cylinder.stroke
 
 
-@_mistake("sign of an angle")
-def _(rig: Rig, rng: Rng) -> Made | None:
-    joint = _joint(rig, rng)
-    channel = _channel(rig, "joint_position", joint)
-    return None if channel is None else _made(changed(rig, channel, lambda v: -v), "sign", joint)
-
-
-@_mistake("piston counted from the other end")
-def _(rig: Rig, rng: Rng) -> Made | None:
-    joint = _joint(rig, rng)
-    channel, cylinder = _channel(rig, "piston_position", joint), rig.machine.joint(joint).cylinder
-    if channel is None or cylinder is None:
-        return None
-    return _made(changed(rig, channel, lambda v: cylinder.stroke - v), "sign", joint)
+_mistake("all angles in degrees")(_all_scaled("joint_position", np.rad2deg))
+_mistake("all pistons in mm")(_all_scaled("piston_position", lambda v: 1e3 * v))
+_spoilt("sign of an angle", _of("joint_position"), "sign", lambda rig, joint, channel, v, rng: -v)
+_spoilt("piston counted from the other end", _of("piston_position"), "sign",
+        lambda rig, joint, channel, v, rng: _stroke(rig, joint) - v)  # fmt: skip
 
 
 @_mistake("chambers swapped")
 def _(rig: Rig, rng: Rng) -> Made | None:
     joint = _joint(rig, rng)
-    head, rod = (_channel(rig, q, joint) for q in PRESSURES)
-    assert head is not None and rod is not None
-    return _made(_swapped(rig, head, rod), "swapped_chambers", joint)
+    return _made(_swapped(rig, *_chambers(rig, joint)), "swapped_chambers", joint)
 
 
 @_mistake("all chambers swapped")
 def _(rig: Rig, rng: Rng) -> Made | None:
     for joint in rig.names:
-        head, rod = (_channel(rig, q, joint) for q in PRESSURES)
-        assert head is not None and rod is not None
-        rig = _swapped(rig, head, rod)
+        rig = _swapped(rig, *_chambers(rig, joint))
     return _made(rig, "swapped_chambers", *rig.names)
 
 
@@ -238,13 +262,10 @@ def _two(rig: Rig, rng: Rng) -> tuple[str, str] | None:
 @_mistake("positions of two joints exchanged")
 def _(rig: Rig, rng: Rng) -> Made | None:
     pair = _two(rig, rng)
-    if pair is None:
-        return None
-    a, b = pair
-    for quantity in ("joint_position", "piston_position"):
-        first, second = _channel(rig, quantity, a), _channel(rig, quantity, b)
+    for quantity in ("joint_position", "piston_position") if pair else ():
+        first, second = (_channel(rig, quantity, joint) for joint in pair or ())
         if first is not None and second is not None:
-            return _made(_swapped(rig, first, second), "exchanged_channels", a, b)
+            return _made(_swapped(rig, first, second), "exchanged_channels", *(pair or ()))
     return None
 
 
@@ -253,9 +274,7 @@ def _(rig: Rig, rng: Rng) -> Made | None:
     pair = _two(rig, rng)
     if pair is None:
         return None
-    for quantity in PRESSURES:
-        first, second = _channel(rig, quantity, pair[0]), _channel(rig, quantity, pair[1])
-        assert first is not None and second is not None
+    for first, second in zip(*(_chambers(rig, joint) for joint in pair), strict=True):
         rig = _swapped(rig, first, second)
     return _made(rig, "exchanged_channels", *pair)
 
@@ -265,17 +284,15 @@ def _(rig: Rig, rng: Rng) -> Made | None:
     pair = _two(rig, rng)
     if pair is None:
         return None
-    quantity = PRESSURES[int(rng.integers(2))]
-    first, second = _channel(rig, quantity, pair[0]), _channel(rig, quantity, pair[1])
-    assert first is not None and second is not None
+    chamber = int(rng.integers(2))
+    first, second = (_chambers(rig, joint)[chamber] for joint in pair)
     return _made(_swapped(rig, first, second), "exchanged_channels", *pair)
 
 
 @_mistake("a channel recorded twice")
 def _(rig: Rig, rng: Rng) -> Made | None:
     joint = _joint(rig, rng)
-    head, rod = (_channel(rig, q, joint) for q in PRESSURES)
-    assert head is not None and rod is not None
+    head, rod = _chambers(rig, joint)
     for stem, table in rig.tables.items():
         rig = rig.with_column(stem, rod, table[head])
     return _made(rig, "same_channel", joint)
@@ -289,7 +306,7 @@ def _edit_joint(
     *,
     last: bool = True,
     words: tuple[str, ...] = (),
-) -> Callable[[Rig, Rng], Made | None]:
+) -> Make:
     def make(rig: Rig, rng: Rng) -> Made | None:
         if linkage and rig.kind == "one":
             return None  # one joint with one sensor: its masses take up any lever arm
@@ -302,9 +319,9 @@ def _edit_joint(
             place = cylinder["linkage"] if linkage else cylinder
             place[key] = of(float(place[key]))
 
-        machine = edited(rig.machine, change)
-        said = (f"{joint}: linkage.{key} ", *words) if linkage else words
-        return None if machine is None else _made(rig, code, joint, machine=machine, words=said)
+        return _edited(
+            rig, code, joint, change=change, words=(f"{joint}: linkage.{key} ", *words) if linkage else words
+        )
 
     return make
 
@@ -316,35 +333,40 @@ _mistake("wrong pin offset")(_edit_joint("offset", lambda v: v - 0.5, "linkage e
 _mistake("wrong pin distance")(_edit_joint("b", lambda v: 1.35 * v, "linkage effort_scale", True))
 
 
-@_mistake("link with a decimal slip")
-def _(rig: Rig, rng: Rng) -> Made | None:
-    inner = [k for k, joint in enumerate(rig.machine.joints[:-1]) if abs(joint.dh.a) > 0.3]
-    if not inner:
-        return None  # the length of the last link, or of the only one, enters nothing
-    number = inner[int(rng.integers(len(inner)))]
+def _edit_dh(key: str, of: Callable[[float], float], codes: str, leave: int = 2, named: bool = False) -> Make:
+    """A number of a link: not of the last ones, which carry too little to tell; ``named``: its joint has to be."""
 
-    def change(content: dict[str, Any]) -> None:
-        content["joints"][number]["dh"]["a"] *= 10
+    def make(rig: Rig, rng: Rng) -> Made | None:
+        inner = [k for k, joint in enumerate(rig.machine.joints[:-leave]) if abs(getattr(joint.dh, key)) > 0.3]
+        if not inner:
+            return None
+        number = inner[int(rng.integers(len(inner)))]
 
-    machine = edited(rig.machine, change)
-    return None if machine is None else _made(rig, "length", rig.names[number], machine=machine)
+        def change(content: dict[str, Any]) -> None:
+            content["joints"][number]["dh"][key] = of(float(content["joints"][number]["dh"][key]))
 
+        name = rig.names[number]
+        words = () if named else (f"{name}: dh.{key} ",)
+        return _edited(rig, codes, *((name,) if named else ()), change=change, words=words)
 
-@_mistake("base upside down")
-def _(rig: Rig, rng: Rng) -> Made | None:
-    if rig.kind == "one":
-        return None  # one link that hangs is one that stands with its mass on the other side
-    machine = edited(rig.machine, lambda c: c.update(gravity=[-g for g in rig.machine.gravity]))
-    return None if machine is None else _made(rig, "gravity", machine=machine)
+    return make
 
 
-@_mistake("gravity along another axis")
-def _(rig: Rig, rng: Rng) -> Made | None:
-    if rig.kind == "one":
-        return None
-    g = rig.machine.gravity
-    machine = edited(rig.machine, lambda c: c.update(gravity=[g[1], g[2], g[0]]))
-    return None if machine is None else _made(rig, "gravity", machine=machine)
+def _gravity(of: Callable[[Sequence[float]], list[float]], alone: bool = False) -> Make:
+    """Another gravity; one link that hangs is one that stands with its mass on the other side, so not ``alone``."""
+
+    def make(rig: Rig, rng: Rng) -> Made | None:
+        if rig.kind == "one" and not alone:
+            return None
+        return _edited(rig, "gravity", change=lambda c: c.update(gravity=of(rig.machine.gravity)))
+
+    return make
+
+
+# The length of the last link, or of the only one, enters nothing.
+_mistake("link with a decimal slip")(_edit_dh("a", lambda v: 10 * v, "length", 1, True))
+_mistake("base upside down")(_gravity(lambda g: [-v for v in g]))
+_mistake("gravity along another axis")(_gravity(lambda g: [g[1], g[2], g[0]]))
 
 
 @_mistake("pressures 0.6 s late")
@@ -398,71 +420,51 @@ def _(rig: Rig, rng: Rng) -> Made | None:
 @_mistake("pressure clipped inside its range")
 def _(rig: Rig, rng: Rng) -> Made | None:
     joint = _joint(rig, rng)
-    channel = _channel(rig, "head_pressure", joint)
-    assert channel is not None
+    channel = _chambers(rig, joint)[0]
     level = float(np.percentile(np.concatenate([table[channel] for table in rig.tables.values()]), 85))
     return _made(changed(rig, channel, lambda v: np.minimum(v, level)), "clipped saturated", joint)
 
 
-@_mistake("a sensor freezes")
-def _(rig: Rig, rng: Rng) -> Made | None:
-    joint = _joint(rig, rng)
-    options = [c.name for c in rig.machine.channels if c.joint == joint]
-    channel = options[int(rng.integers(len(options)))]
-
-    def freeze(values: FloatArray) -> FloatArray:
-        values = values.copy()
-        values[600:900] = values[600]
-        return values
-
-    return _made(changed(rig, channel, freeze, ("train-1",)), "frozen", joint)
+def _freeze(rig: Rig, joint: str, channel: str, values: FloatArray, rng: Rng) -> FloatArray:
+    values[600:900] = values[600]
+    return values
 
 
-@_mistake("a sensor repeats its values")
-def _(rig: Rig, rng: Rng) -> Made | None:
-    joint = _joint(rig, rng)
-    channel = _channel(rig, PRESSURES[int(rng.integers(2))], joint)
-    assert channel is not None
-    return _made(changed(rig, channel, lambda v: v[(np.arange(len(v)) // 10) * 10]), "held", joint)
+def _repeat(rig: Rig, joint: str, channel: str, values: FloatArray, rng: Rng) -> FloatArray:
+    return values[(np.arange(len(values)) // 10) * 10]
 
 
-@_mistake("an encoder wraps")
-def _(rig: Rig, rng: Rng) -> Made | None:
-    joint = _joint(rig, rng)
-    channel = _position(rig, joint, rng)
+def _wrap(rig: Rig, joint: str, channel: str, values: FloatArray, rng: Rng) -> FloatArray:
     turn = 2 * np.pi if channel.endswith("angle") else 0.131072
-
-    def wrap(values: FloatArray) -> FloatArray:
-        middle = float(np.median(values))
-        return np.where(values > middle, values - turn, values)
-
-    return _made(changed(rig, channel, wrap), "wrap", joint)
+    return np.where(values > float(np.median(values)), values - turn, values)
 
 
-@_mistake("outliers")
-def _(rig: Rig, rng: Rng) -> Made | None:
-    joint = _joint(rig, rng)
-    options = [c.name for c in rig.machine.channels if c.joint == joint]
-    channel = options[int(rng.integers(len(options)))]
-
-    def spoil(values: FloatArray) -> FloatArray:
-        values = values.copy()
-        places = rng.choice(len(values), 12, replace=False)
-        values[places] += rng.choice([-1, 1], 12) * 0.5 * np.ptp(values)
-        return values
-
-    return _made(changed(rig, channel, spoil), "outliers", joint)
+def _outliers(rig: Rig, joint: str, channel: str, values: FloatArray, rng: Rng) -> FloatArray:
+    span, places = np.ptp(values), rng.choice(len(values), 12, replace=False)
+    values[places] += rng.choice([-1, 1], 12) * 0.5 * span
+    return values
 
 
-@_mistake("a step in a sensor's zero")
-def _(rig: Rig, rng: Rng) -> Made | None:
-    joint = _joint(rig, rng)
-    channel = _position(rig, joint, rng)
+def _step(rig: Rig, joint: str, channel: str, values: FloatArray, rng: Rng) -> FloatArray:
+    return values + np.where(np.arange(len(values)) > 1100, 0.3 * np.ptp(values), 0.0)
 
-    def step(values: FloatArray) -> FloatArray:
-        return values + np.where(np.arange(len(values)) > 1100, 0.3 * np.ptp(values), 0.0)
 
-    return _made(changed(rig, channel, step, ("train-1",)), "jump", joint)
+def _drop(rig: Rig, joint: str, channel: str, values: FloatArray, rng: Rng) -> FloatArray:
+    for start in rng.integers(100, len(values) - 100, 6):
+        values[start : start + int(rng.integers(5, 40))] = 0.0
+    return values
+
+
+def _rounded(rig: Rig, joint: str, channel: str, values: FloatArray, rng: Rng) -> FloatArray:
+    step = np.deg2rad(1.0) if channel.endswith("angle") else 0.01
+    return np.asarray(step * np.round(values / step))
+
+
+_spoilt("a sensor freezes", _any, "frozen", _freeze, ("train-1",))
+_spoilt("a sensor repeats its values", _chamber, "held", _repeat)
+_spoilt("an encoder wraps", _position, "wrap", _wrap)
+_spoilt("outliers", _any, "outliers", _outliers)
+_spoilt("a step in a sensor's zero", _position, "jump", _step, ("train-1",))
 
 
 @_mistake("unloaded given as train")
@@ -512,35 +514,10 @@ _mistake("rod with a decimal slip")(_edit_joint("rod", lambda v: v / 10, "rod bo
 _mistake("sign of a pin offset")(
     _edit_joint("offset", lambda v: -v, "linkage effort_scale", True, last=False, words=("linkage offset", "offset"))
 )
-
-
-def _edit_dh(key: str, of: Callable[[float], float], codes: str) -> Callable[[Rig, Rng], Made | None]:
-    def make(rig: Rig, rng: Rng) -> Made | None:
-        # The last two carry too little to tell.
-        inner = [k for k, joint in enumerate(rig.machine.joints[:-2]) if abs(getattr(joint.dh, key)) > 0.3]
-        if not inner:
-            return None
-        number = inner[int(rng.integers(len(inner)))]
-
-        def change(content: dict[str, Any]) -> None:
-            content["joints"][number]["dh"][key] = of(float(content["joints"][number]["dh"][key]))
-
-        machine = edited(rig.machine, change)
-        words = (f"{rig.names[number]}: dh.{key} ",)
-        return None if machine is None else _made(rig, codes, machine=machine, words=words)
-
-    return make
-
-
 _mistake("sign of a twist")(_edit_dh("alpha", lambda v: -v, "axis gravity sign"))
 _mistake("twist in degrees")(_edit_dh("alpha", lambda v: float(np.rad2deg(v)), "axis unit dh_angle"))
 _mistake("length in mm")(_edit_dh("a", lambda v: 1e3 * v, "length"))
-
-
-@_mistake("gravity in g")
-def _(rig: Rig, rng: Rng) -> Made | None:
-    machine = edited(rig.machine, lambda c: c.update(gravity=[g / 9.81 for g in rig.machine.gravity]))
-    return None if machine is None else _made(rig, "gravity", machine=machine)
+_mistake("gravity in g")(_gravity(lambda g: [v / 9.81 for v in g], alone=True))
 
 
 @_mistake("all pressures in bar in one recording")
@@ -553,35 +530,14 @@ def _(rig: Rig, rng: Rng) -> Made | None:
 
 @_mistake("chambers swapped in one recording")
 def _(rig: Rig, rng: Rng) -> Made | None:
-    joint = _joint(rig, rng)
-    head, rod = (_channel(rig, q, joint) for q in PRESSURES)
-    assert head is not None and rod is not None
+    head, rod = _chambers(rig, _joint(rig, rng))
     table = rig.tables["train-2"]
     swapped = rig.with_column("train-2", head, table[rod]).with_column("train-2", rod, table[head])
     return _made(swapped, "swapped_chambers other_machine")
 
 
-@_mistake("a loose cable")
-def _(rig: Rig, rng: Rng) -> Made | None:
-    joint = _joint(rig, rng)
-    options = [c.name for c in rig.machine.channels if c.joint == joint]
-    channel = options[int(rng.integers(len(options)))]
-
-    def drop(values: FloatArray) -> FloatArray:
-        values = values.copy()
-        for start in rng.integers(100, len(values) - 100, 6):
-            values[start : start + int(rng.integers(5, 40))] = 0.0
-        return values
-
-    return _made(changed(rig, channel, drop), "dropouts outliers jump", joint)
-
-
-@_mistake("rounded to whole units")
-def _(rig: Rig, rng: Rng) -> Made | None:
-    joint = _joint(rig, rng)
-    channel = _position(rig, joint, rng)
-    step = np.deg2rad(1.0) if channel.endswith("angle") else 0.01
-    return _made(changed(rig, channel, lambda v: step * np.round(v / step)), "coarse held", joint)
+_spoilt("a loose cable", _any, "dropouts outliers jump", _drop)
+_spoilt("rounded to whole units", _position, "coarse held", _rounded)
 
 
 @_mistake("zero of a piston a third of its stroke off")
@@ -589,14 +545,11 @@ def _(rig: Rig, rng: Rng) -> Made | None:
     if rig.kind == "one":
         return None
     joint = _joint(rig, rng)
-    channel, cylinder = _channel(rig, "piston_position", joint), rig.machine.joint(joint).cylinder
-    if channel is None or cylinder is None:
+    channel = _channel(rig, "piston_position", joint)
+    if channel is None:
         return None
-    return _made(
-        changed(rig, channel, lambda v: v + cylinder.stroke / 3),
-        "offset linkage out_of_range positions_disagree",
-        joint,
-    )
+    off = changed(rig, channel, lambda v: v + _stroke(rig, joint) / 3)
+    return _made(off, "offset linkage out_of_range positions_disagree", joint)
 
 
 @_mistake("two recordings in one file")
@@ -615,22 +568,8 @@ def _(rig: Rig, rng: Rng) -> Made | None:
     return _made(replace(rig, tables={**rig.tables, "train-1": table}), "time_jump")
 
 
-# Later ones at the end: what is drawn for a mistake depends on its place.
-
-
-@_mistake("link a tenth as long")
-def _(rig: Rig, rng: Rng) -> Made | None:
-    # What the last three links are long bends little but their own wrists' efforts.
-    inner = [k for k, joint in enumerate(rig.machine.joints[:-3]) if abs(joint.dh.a) > 0.3]
-    if not inner:
-        return None
-    number = inner[int(rng.integers(len(inner)))]
-
-    def change(content: dict[str, Any]) -> None:
-        content["joints"][number]["dh"]["a"] /= 10
-
-    machine = edited(rig.machine, change)
-    return None if machine is None else _made(rig, "length", rig.names[number], machine=machine)
+# What the last three links are long bends little but their own wrists' efforts.
+_mistake("link a tenth as long")(_edit_dh("a", lambda v: v / 10, "length", 3, True))
 
 
 def _slow(rig: Rig, factor: float) -> Rig:

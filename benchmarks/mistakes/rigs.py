@@ -8,18 +8,17 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
-import numpy.typing as npt
 from scipy.interpolate import CubicSpline
 
 from benchmarks.attribution.recipe import draw_quality, largest
 from daq.machine.machine_file import Machine, machine_to_yaml
 from daq.recordings.recording import write_recording
+from fitting.arrays import FloatArray
 from sim_backends.machines import folding_arm, slewing_arm
 from sim_backends.plant.cases import CasePlan, plan_case
 from sim_backends.plant.truth import Truth
 from sim_backends.undeclared import UNDECLARED, EffectSpec
 
-FloatArray = npt.NDArray[np.float64]
 #: Both position sensors at every joint; one of them; an arm of one joint.
 Kind = Literal["both", "single", "one"]
 #: Effects that a sound machine may have, without those that came later: the rigs of a seed stay the same.

@@ -10,10 +10,10 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
+from benchmarks.measured import sets
 from benchmarks.mistakes.making import MISTAKES, Made
-from benchmarks.mistakes.measured_machines import measured_machines
 from benchmarks.mistakes.rigs import KINDS, Rig, make_rig, with_lost_rows
-from benchmarks.targets import Check, Outcome, rate
+from benchmarks.targets import Check, Outcome, figure, rate
 from daq.errors import InputError
 from daq.machine.machine_file import Machine, load_machine
 from daq.recordings.recording import read_recording
@@ -73,7 +73,7 @@ def judge(rig: Rig, number: int, name: str | None, seed: int, folder: Path, blem
         file, files = rig.write(folder)
         made = None
     else:
-        made = MISTAKES[name].make(rig, np.random.default_rng([seed, number, list(MISTAKES).index(name)]))
+        made = MISTAKES[name](rig, np.random.default_rng([seed, number, list(MISTAKES).index(name)]))
         if made is None:
             return None
         file, files = made.rig.write(folder, made.machine)
@@ -104,7 +104,11 @@ def _of_sound(
 
 def measured(data: Path, folder: Path) -> Iterator[Line]:
     """Checks on every measured machine that is there, at each rate: nothing is wrong with any."""
-    for name, machine, files in measured_machines(data, folder):
+    for name in sets.FOLDERS:
+        found_files = sets.files(name, data, folder)
+        if found_files is None:
+            continue
+        machine, files = load_machine(found_files[0]), found_files[1]
         for hz in (machine.rate_hz, *(r for r in _RATES if r < machine.rate_hz)):
             own = machine.model_copy(update={"rate_hz": hz})
             began = time.perf_counter()
@@ -121,7 +125,7 @@ def run(
     only: str | None = None,
     show: Callable[[str], None] = lambda line: None,
     data: Path | None = None,
-) -> tuple[Outcome, list[Line]]:
+) -> Outcome:
     """Make every mistake on every machine.
 
     Parameters
@@ -155,7 +159,7 @@ def run(
         for line in measured(data, Path(scratch)) if data is not None and data.is_dir() and sound else ():
             lines.append(line)
             _show(line, show)
-    return Outcome(checks_of(lines)), lines
+    return Outcome(checks_of(lines), content={"seed": seed, "cases": [asdict(line) for line in lines]})
 
 
 def _show(line: Line, show: Callable[[str], None]) -> None:
@@ -173,27 +177,14 @@ def checks_of(lines: Sequence[Line]) -> tuple[Check, ...]:
 
     kinds = len({line.mistake for line in made})
     seconds = sorted(line.seconds for line in sound if not line.rig.startswith("one"))
+    middle = seconds[len(seconds) // 2] if seconds else 0.0
+    timed = [figure("median time of the checks, six joints", middle, "{:.2f} s")] if seconds else []
     return (
-        Check("kinds of mistakes", kinds, str(kinds), "at least", 30.0, "30"),
+        figure("kinds of mistakes", kinds, least=30.0, shown=str(kinds)),
         rate("mistakes: silent", count(made, "silent"), len(made), "at most", 0.0),
         rate("mistakes: named rightly", count(made, "right", "note"), len(made), "at least", 0.97),
         rate("mistakes: of these in a note", count(made, "note"), len(made)),
         rate("sound ones: accused", count(sound, "accused"), len(sound), "at most", 0.0),
         rate("sound ones: refused", count(sound, "refused"), len(sound), "at most", 0.0),
-        *(
-            (
-                Check(
-                    "median time of the checks, six joints",
-                    seconds[len(seconds) // 2],
-                    f"{seconds[len(seconds) // 2]:.2f} s",
-                ),
-            )
-            if seconds
-            else ()
-        ),
+        *timed,
     )
-
-
-def as_json(lines: Sequence[Line]) -> list[dict[str, object]]:
-    """All cases, for programs."""
-    return [asdict(line) for line in lines]

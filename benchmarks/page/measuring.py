@@ -12,7 +12,7 @@ from typing import Any
 
 from benchmarks.page.browser import Tablet, chromium, tab
 from benchmarks.page.site import START_S, Site, simulated
-from benchmarks.targets import Check, Outcome
+from benchmarks.targets import Check, Outcome, figure
 from daq.errors import InputError
 
 #: Seconds that a first view may take, and share of frames that may be dropped.
@@ -81,8 +81,8 @@ def run(tablet: Tablet, times: int, seconds: float, say: Callable[[str], None]) 
     words = f"{100 * share:.1f} % ({dropped:.0f} of {shown + dropped:.0f}), longest pause {smooth['longest']:.0f} ms"
     return Outcome(
         (
-            Check("first view painted", painted, f"{painted:.2f} s", "at most", FIRST_VIEW_S, f"{FIRST_VIEW_S:g} s"),
-            Check("plots and numbers live", live, f"{live:.2f} s"),
+            figure("first view painted", painted, "{:.2f} s", most=FIRST_VIEW_S),
+            figure("plots and numbers live", live, "{:.2f} s"),
             Check(
                 "frames dropped at 50 Hz",
                 share,
@@ -91,7 +91,7 @@ def run(tablet: Tablet, times: int, seconds: float, say: Callable[[str], None]) 
                 DROPPED,
                 f"{100 * DROPPED:g} %",
             ),
-            Check("plots drawn", smooth["rate"], f"{smooth['rate']:.1f} times a second"),
+            figure("plots drawn", smooth["rate"], "{:.1f} times a second"),
         ),
         notes=(
             f"a tablet of {tablet.width} x {tablet.height}, {device}",

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import subprocess
-import sys
 import tempfile
 import time
 import urllib.request
@@ -17,6 +16,7 @@ from typing import Any
 
 import sqlalchemy as sa
 
+from benchmarks.service.hosts import API, running
 from daq.errors import InputError
 from server.alarms.alarm_desk import Alarms
 from server.audit.audit_log import Audit
@@ -29,7 +29,6 @@ from server.platform.authorization.principals import LOCAL
 from server.platform.database.engine import Database
 from server.platform.files import DataDirectory
 
-API = "/api/v1"
 #: What a real identification of the demonstration's arm found; tests of the page read it, too.
 REPORT = Path(__file__).parents[2] / "server" / "web" / "src" / "views" / "results" / "report.fixture.json"
 START_S = 180.0
@@ -68,23 +67,16 @@ def simulated() -> Iterator[Site]:
     """``hilfit serve --simulate`` on a free port, once it measures."""
     with tempfile.TemporaryDirectory(prefix="hilfit-bench-") as directory:
         data = Path(directory) / "data"
+        words = ["serve", "--simulate", "--port", "0", "--json", "--data-dir", str(data)]
         # A tablet does not take the service's processor: here it would, with brakes that wait busily.
-        command = ["nice", "-n", "-10", sys.executable, "-m", "server.commands.command_line"]
-        command += ["serve", "--simulate", "--port", "0", "--json"]
-        with subprocess.Popen(
-            [*command, "--data-dir", str(data)], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
-        ) as server:
-            try:
-                assert server.stdout is not None
-                site = Site(str(json.loads(server.stdout.readline())["url"]), data)
-                until = time.monotonic() + START_S
-                while not site.ask("GET", "/live"):
-                    if time.monotonic() > until:
-                        raise InputError(f"no live frame within {START_S:g} s; try again on a less busy computer")
-                    time.sleep(0.2)
-                yield site
-            finally:
-                server.terminate()
+        with running(words, subprocess.DEVNULL, before=("nice", "-n", "-10")) as (_, said):
+            site = Site(str(said["url"]), data)
+            until = time.monotonic() + START_S
+            while not site.ask("GET", "/live"):
+                if time.monotonic() > until:
+                    raise InputError(f"no live frame within {START_S:g} s; try again on a less busy computer")
+                time.sleep(0.2)
+            yield site
 
 
 def furnish(site: Site) -> dict[str, str]:

@@ -5,15 +5,14 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import numpy.typing as npt
 
 from benchmarks.measured.figures import svg
+from fitting.arrays import FloatArray
 
 if TYPE_CHECKING:
     from benchmarks.paper.runs import ArmRun, CylinderRun
     from benchmarks.paper.stribeck import StribeckRun
 
-FloatArray = npt.NDArray[np.float64]
 
 _TRUTH, _BASE, _CORRECTED = "#333333", "#b3541e", "#1f6f8b"
 #: Two-sided 95 % quantile of the normal distribution.

@@ -12,24 +12,21 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from benchmarks.attribution.judging import recordings_of
-from benchmarks.measured import emps, staubli
-from benchmarks.measured.ways import cut
+from benchmarks.measured import sets
 from benchmarks.paper.stribeck import StribeckRun, stribeck_run
 from benchmarks.stages import ARMS, Arm, truth_vector
-from benchmarks.targets import Check, Outcome, fact
-from daq.machine.machine_file import Machine, load_machine
-from daq.recordings.recording import read_recording
+from benchmarks.targets import Check, Outcome, fact, figure
+from daq.machine.machine_file import Machine
 from fitting.arm.dynamics import rigid_body_regressor
+from fitting.arrays import FloatArray
 from fitting.loop.session import Options, Session
 from fitting.pipeline.results.stage_results import Cylinders, Residual, RigidBody, StageResults
 from fitting.pipeline.stage_two import comparison
 from fitting.pipeline.stages import STEPS
 from sim_backends.plant.cases import Case, simulate_case
 
-FloatArray = npt.NDArray[np.float64]
 Show = Callable[[str], None]
 
 #: Standard deviation of measured minus computed joint torque in N m, on the motion that was fitted, as published.
@@ -211,32 +208,16 @@ def _measured(data: Path, show: Show) -> tuple[dict[str, Mapping[str, Any]], tup
     found: dict[str, Mapping[str, Any]] = {}
     skipped = []
     with TemporaryDirectory(prefix="hilfit-paper-") as scratch:
-        directory = Path(scratch)
-        ways: dict[str, tuple[str, Callable[[Path], Session]]] = {
-            "EMPS": ("emps", lambda place: emps.session_of(place, directory)),
-            "TX40, last 30 %": ("staubli_tx40", lambda place: _tx40(place, directory)),
-            "KUKA LWR": ("kuka_lwr4", _kuka),
-        }
-        for name, (folder, session_of) in ways.items():
-            if not (data / folder).is_dir():
-                skipped.append(f"{name}: no data in {data.name}/{folder}, left out")
+        for name, folder in sets.FOLDERS.items():
+            shown = f"{name}, last 30 %" if name == "TX40" else name
+            session = sets.session(name, data, Path(scratch))
+            if session is None:
+                skipped.append(f"{shown}: no data in {data.name}/{folder}, left out")
                 show(skipped[-1])
                 continue
-            show(f"{name}: both stages, one-shot")
-            found[name] = compare_ways(session_of(data / folder))[0]
+            show(f"{shown}: both stages, one-shot")
+            found[shown] = compare_ways(session)[0]
     return found, tuple(skipped)
-
-
-def _tx40(place: Path, directory: Path) -> Session:
-    whole = staubli.session_of(staubli.recording(place, directory))
-    return Session(whole.machine, cut(whole.recordings[0], 0.7), Options(loop=False))
-
-
-def _kuka(place: Path) -> Session:
-    machine = load_machine(place / "machine.yaml")
-    roles = ("train", "repeat", "validate")
-    recordings = [read_recording(place / f"{role}.parquet", machine, role) for role in roles]
-    return Session(machine, recordings, Options(loop=False))
 
 
 def checks(claims: Claims) -> tuple[Check, ...]:
@@ -252,12 +233,11 @@ def checks(claims: Claims) -> tuple[Check, ...]:
         fact("rank of its regressor by singular values", ranks == {PUBLISHED_COUNTS[1]}, str(own.rank)),
         Check("stage 1: f_c apart from the truth, worst cylinder", worst["f_c"], f"{100 * worst['f_c']:.1f} %"),
         Check("stage 1: K apart from the truth, worst cylinder", worst["K"], f"{100 * worst['K']:.1f} %"),
-        Check(
+        figure(
             "error on the unseen motion over the noise floor, all joints of the arm shown",
             over_floor(own),
-            f"{over_floor(own):.2f}",
-            "at most",
-            1.2,
+            "{:.2f}",
+            most=1.2,
         ),
         fact("Stribeck friction is named at its joint", bump.named, bump.said),
         Check(

@@ -8,15 +8,13 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 import hilfit
 from fitting.arm.linkage import lever_arm
+from fitting.arrays import FloatArray
 from sim_backends.plant.cases import Case, make_case
 from sim_backends.plant.plant import Plant
 from sim_backends.undeclared import EffectSpec
-
-FloatArray = npt.NDArray[np.float64]
 
 #: The joint, and its extra friction at breakaway over its Coulomb friction.
 JOINT, SHARE = "joint2", 0.6

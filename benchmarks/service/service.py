@@ -8,34 +8,32 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import json
 import subprocess
-import sys
 import tempfile
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
 
+import httpx2
 import numpy as np
 import orjson
 from websockets.asyncio.client import connect
 from websockets.exceptions import WebSocketException
 
+from benchmarks.service.hosts import API, ordered, running, uploaded, wait_until
 from benchmarks.service.start import before_the_first_frame
-from benchmarks.targets import Check, Outcome, fact
+from benchmarks.targets import Check, Outcome, fact, figure
 from sim_backends import default_machine
 from sim_backends.plant.cases import make_case
 
-API = "/api/v1"
 #: What readers ask for, in turn; a tablet's pages do the same.
 PATHS = ("/status", "/machines", "/recordings", "/jobs", "/alarms", "/live", "/effects")
 #: Seconds that the server has to come up.
 START_S = 60.0
-#: Recordings that are fitted (role, name), their length in s of machine time, and s of load per identification that is
-#: ordered: each takes longer than that.
-FITTED, FITTED_S, PER_FIT_S = (("train", "train-1"), ("validate", "validate")), 60.0, 4.0
+#: Length of the recordings that are fitted, s of machine time, and s of load per identification that is ordered: each
+#: takes longer than that.
+FITTED_S, PER_FIT_S = 60.0, 4.0
 #: What a service that has enough to do answers an upload, and s until it is sent again.
 BUSY, BUSY_S = (429, 503), 1.0
 
@@ -66,16 +64,6 @@ def _request(method: str, path: str, content: bytes = b"") -> bytes:
     kind = "octet-stream" if "/upload?" in path else "json"
     more = f"Content-Type: application/{kind}\r\nContent-Length: {len(content)}\r\n" if content else ""
     return f"{method} {API}{path} HTTP/1.1\r\nHost: 127.0.0.1\r\n{more}\r\n".encode() + content
-
-
-async def ask(port: int, method: str, path: str, content: Any = None) -> Any:
-    """One request; its JSON."""
-    reader, writer = await asyncio.open_connection("127.0.0.1", port)
-    try:
-        body = content if isinstance(content, bytes) else b"" if content is None else json.dumps(content).encode()
-        return json.loads((await _read(reader, writer, _request(method, path, body)))[1])
-    finally:
-        writer.close()
 
 
 async def _reads(port: int, rate: float, until: float, first: int, seen: Seen) -> None:
@@ -133,39 +121,29 @@ async def _tablet(port: int, machine: str, until: float, seen: Seen) -> None:
                 seen.dropped += 1
 
 
-async def _first_frame(port: int) -> None:
-    """Wait for it, a minute at most."""
-    async with asyncio.timeout(60):
-        while not await ask(port, "GET", "/live"):
-            await asyncio.sleep(0.1)
-
-
-async def _order_fits(port: int, machine: str, case: Path, count: int) -> None:
-    """Upload what is fitted, and order so many identifications of it; they run one after another."""
-    recordings = []
-    for role, name in FITTED:
-        place = f"/recordings/upload?machine={machine}&role={role}&name={name}.parquet"
-        uploaded = await ask(port, "POST", place, (case / f"{name}.parquet").read_bytes())
-        recordings.append({"id": uploaded["id"], "role": role})
-    for number in range(count):
-        order = {"machine": machine, "recordings": recordings, "label": f"fit {number + 1}"}
-        await ask(port, "POST", "/identifications", order)
-
-
 async def _run(
-    port: int, case: Path, tablets: int, rate: float, uploads: int, seconds: float, say: Callable[[str], None]
+    port: int,
+    client: httpx2.Client,
+    case: Path,
+    tablets: int,
+    rate: float,
+    uploads: int,
+    seconds: float,
+    say: Callable[[str], None],
 ) -> Outcome:
-    machine = (await ask(port, "GET", "/machines"))["items"][0]["name"]
+    machine = client.get("/machines").json()["items"][0]["name"]
     for _ in range(int(START_S)):
-        if (await ask(port, "GET", "/status"))["acquisition"].get(machine, {}).get("counts", {}).get("cycles"):
+        if client.get("/status").json()["acquisition"].get(machine, {}).get("counts", {}).get("cycles"):
             break
         await asyncio.sleep(1.0)
     for path in PATHS:  # what a service loads when it is asked for the first time is not what is measured
-        await ask(port, "GET", path)
+        client.get(path)
     fits = 1 + int(seconds / PER_FIT_S)
-    await _order_fits(port, machine, case, fits)
+    order = {"machine": machine, "recordings": uploaded(client, machine, case)}
+    for _ in range(fits):  # they run one after another
+        ordered(client, order)
     say(f"{tablets} tablets, {rate:g} requests/s, {uploads} uploads, {seconds:g} s, identifications one after another")
-    before = (await ask(port, "GET", "/status"))["acquisition"][machine]["counts"]
+    before = client.get("/status").json()["acquisition"][machine]["counts"]
     seen, until = Seen(), time.monotonic() + seconds
     readers = [_reads(port, rate / 10, until, number, seen) for number in range(10)]
     streams = [_tablet(port, machine, until, seen) for _ in range(tablets)]
@@ -175,7 +153,7 @@ async def _run(
         asyncio.create_task(_uploads(port, f"{place}-{number}", content, until, seen)) for number in range(uploads)
     ]
     await asyncio.gather(*readers, *streams, _own_delay(until, seen))
-    status = await ask(port, "GET", "/status")
+    status = client.get("/status").json()
     await asyncio.gather(*senders)  # the last ones are answered when the load is over
     after = status["acquisition"][machine]["counts"]
     done, running = (status["jobs"].get(state, 0) for state in ("done", "running"))
@@ -188,19 +166,18 @@ async def _run(
     strange = sum(number for code, number in seen.uploads.items() if code not in (201, *BUSY))
     return Outcome(
         (
-            Check("p50 of reading", p50, f"{p50:.1f} ms"),
-            Check("p99 of reading", p99, f"{p99:.1f} ms of {len(seen.seconds)}", "at most", 100.0, "100 ms"),
-            Check("p99 of the clients' own delay", late, f"{late:.1f} ms, contained in the above"),
-            Check("answers other than 200", failed, f"{failed}", "at most", 0, "0"),
+            figure("p50 of reading", p50, "{:.1f} ms"),
+            figure("p99 of reading", p99, "{:g} ms", most=100.0, shown=f"{p99:.1f} ms of {len(seen.seconds)}"),
+            figure("p99 of the clients' own delay", late, "{:.1f} ms, contained in the above"),
+            figure("answers other than 200", failed, most=0),
             Check("uploads accepted", taken, f"{taken}; told to come again later: {later}"),
-            Check("uploads answered otherwise", strange, f"{strange}", "at most", 0, "0"),
-            Check("cycles lost", lost, f"{lost} of {cycles}", "at most", 0, "0"),
+            figure("uploads answered otherwise", strange, most=0),
+            figure("cycles lost", lost, most=0, shown=f"{lost} of {cycles}"),
             Check("cycles late or slipped", after["late"] + after["slipped"] - before["late"] - before["slipped"],
                   f"{after['late'] + after['slipped'] - before['late'] - before['slipped']} of {cycles}"),
-            Check("tablets dropped", seen.dropped, f"{seen.dropped} of {tablets}", "at most", 0, "0"),
-            Check("holes in streams", seen.holes, f"{seen.holes}", "at most", 0, "0"),
-            Check("samples per tablet and cycle", seen.samples / tablets / max(cycles, 1),
-                  f"{seen.samples / tablets / max(cycles, 1):.3f}"),
+            figure("tablets dropped", seen.dropped, most=0, shown=f"{seen.dropped} of {tablets}"),
+            figure("holes in streams", seen.holes, most=0),
+            figure("samples per tablet and cycle", seen.samples / tablets / max(cycles, 1), "{:.3f}"),
             fact("a fit ran all the time", running == 1 and done < fits, f"{done} done, {running} running at the end"),
         )
     )  # fmt: skip
@@ -217,18 +194,15 @@ def run(tablets: int, rate: float, uploads: int, seconds: float, say: Callable[[
     seconds : of load
     """
     with tempfile.TemporaryDirectory(prefix="hilfit-bench-") as directory:
-        command = [sys.executable, "-m", "server.commands.command_line", "serve", "--simulate", "--port", "0", "--json"]
         case = Path(directory) / "case"
         make_case(case, default_machine(), 0, seconds=FITTED_S)
-        with subprocess.Popen(
-            [*command, "--data-dir", f"{directory}/data"], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
-        ) as server:
-            try:
-                assert server.stdout is not None
-                port = int(json.loads(server.stdout.readline())["url"].rpartition(":")[2])
-                asyncio.run(_first_frame(port))
-                start = before_the_first_frame(server.pid)
-                outcome = asyncio.run(_run(port, case, tablets, rate, uploads, seconds, say))
-                return replace(outcome, checks=(start, *outcome.checks))
-            finally:
-                server.terminate()
+        words = ["serve", "--simulate", "--port", "0", "--json", "--data-dir", f"{directory}/data"]
+        with (
+            running(words, subprocess.DEVNULL) as (server, said),
+            httpx2.Client(base_url=said["url"] + API, timeout=60) as client,
+        ):
+            wait_until(lambda: bool(client.get("/live").json()), START_S, "the first live frame")
+            start = before_the_first_frame(server.pid)
+            port = int(said["url"].rpartition(":")[2])
+            outcome = asyncio.run(_run(port, client, case, tablets, rate, uploads, seconds, say))
+            return replace(outcome, checks=(start, *outcome.checks))

@@ -9,7 +9,7 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
-from benchmarks.targets import Check
+from benchmarks.targets import Check, figure
 
 #: Seconds that may lie there.
 MOST_CPU_S = 10.0
@@ -41,6 +41,4 @@ def before_the_first_frame(service: int) -> Check:
     acquisition = next(pid for name, pid in started.items() if "acquisition_child" in name)
     devices = max((cpu_s(pid) for pid in children(simulation)), default=0.0)
     seconds = max(cpu_s(service), cpu_s(simulation) + devices) + cpu_s(acquisition)
-    return Check(
-        "processor time before the first frame", seconds, f"{seconds:.1f} s", "at most", MOST_CPU_S, f"{MOST_CPU_S:g} s"
-    )
+    return figure("processor time before the first frame", seconds, "{:.1f} s", most=MOST_CPU_S)

@@ -10,35 +10,32 @@ cores, caches and memory. So is the processor time of everything that is no iden
 
 from __future__ import annotations
 
-import json
 import os
 import subprocess
-import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
+from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
-from typing import IO, Any
+from typing import IO
 
 import httpx2
 
+from benchmarks.service.hosts import API, COMMAND, ONE_CORE, order_of, ordered, running, wait_for_jobs
 from benchmarks.service.postgresql import postgresql_server
-from benchmarks.service.start import children, cpu_s
-from benchmarks.targets import Check, Outcome
+from benchmarks.service.start import cpu_s
+from benchmarks.targets import Check, Outcome, figure
 from sim_backends import default_machine
 from sim_backends.plant.cases import make_case
 
-#: Machine time of each recording, s; what is uploaded (role, file); the order of magnitude of a recalibration.
-CASE_S, FILES = 60.0, (("train", "train-1"), ("validate", "validate"))
-#: Seconds that a process has to come up, and that one identification may take.
-START_S, ONE_S = 60.0, 180.0
+#: Machine time of each recording, s; the order of magnitude of a recalibration.
+CASE_S = 60.0
+#: Seconds that one identification may take.
+ONE_S = 180.0
 #: Share of what one worker does, times the workers, that is asked while there is a core for each.
 EFFICIENT = 0.9
-API = "/api/v1"
-_COMMAND = (sys.executable, "-P", "-m", "server.commands.command_line")
 Say = Callable[[str], None]
 
 
@@ -78,10 +75,10 @@ def run(workers: Sequence[int], jobs: int, say: Say) -> Outcome:
 def _checks(rates: dict[int, float]) -> Iterator[Check]:
     first = min(rates)
     for count, rate in rates.items():
-        yield Check(f"identifications per hour, {count} workers", rate, f"{rate:.0f}")
+        yield figure(f"identifications per hour, {count} workers", rate, "{:.0f}")
         if count > first:
             share = rate / count / (rates[first] / first)
-            plain = Check(f"efficiency of {count} workers", share, f"{share:.0%}")
+            plain = figure(f"efficiency of {count} workers", share, "{:.0%}")
             asked = replace(plain, bound="at least", target=EFFICIENT, target_shown=f"{EFFICIENT:.0%}")
             yield asked if count <= (os.cpu_count() or 1) else plain
 
@@ -98,13 +95,13 @@ def _ceiling(rates: dict[int, float]) -> Iterator[Check]:
 
 def _beside(own: dict[int, float]) -> Iterator[Check]:
     for count, seconds in own.items():
-        yield Check(f"processor time of service and workers per job, {count} workers", seconds, f"{seconds:.2f} s")
+        yield figure(f"processor time of service and workers per job, {count} workers", seconds, "{:.2f} s")
 
 
 def _plain(directory: Path, count: int, jobs: int) -> float:
     """Identifications per hour of so many processes at a time, each one after another."""
     case = directory / "case"
-    command = [*_COMMAND, "identify", str(case / "machine.yaml"), "--train", str(case / "train-1.parquet")]
+    command = [*COMMAND, "identify", str(case / "machine.yaml"), "--train", str(case / "train-1.parquet")]
     command += ["--validate", str(case / "validate.parquet"), "--output"]
 
     def series(number: int) -> None:
@@ -120,7 +117,7 @@ def _plain(directory: Path, count: int, jobs: int) -> float:
 
 def _environment(url: str | None) -> dict[str, str]:
     database = {} if url is None else {"HILFIT_DATABASE_URL": url}
-    return os.environ | database | {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+    return os.environ | database | ONE_CORE
 
 
 def _measured(directory: Path, url: str, workers: int, jobs: int, log: IO[str]) -> tuple[float, float]:
@@ -128,86 +125,15 @@ def _measured(directory: Path, url: str, workers: int, jobs: int, log: IO[str]) 
 
     One job before them has warmed everything up. The stages are processes of their own and not in the second number.
     """
-    data = directory / f"data-{workers}"
+    data = ["--data-dir", str(directory / f"data-{workers}"), "--json"]
     environment = _environment(url)
-    server = ["serve", "--port", "0", "--data-dir", str(data), "--json"]
-    names = [f"worker-{number}" for number in range(1, workers)]
-    commands = [["worker", "--data-dir", str(data), "--name", name, "--json"] for name in names]
-    with (
-        _process(server, environment, log) as said,
-        httpx2.Client(base_url=json.loads(said)["url"] + API, timeout=60) as client,
-        _all(commands, environment, log),
-    ):
-        order = _order(client, directory / "case")
-        _wait(client, [_ordered(client, order, f"first {number}") for number in range(workers)])
-        hosts = [pid for pid in children(os.getpid()) if "command_line" in _command_of(pid)]
-        began, before = time.monotonic(), sum(map(cpu_s, hosts))
-        _wait(client, [_ordered(client, order, f"job {number}") for number in range(jobs)])
-        return time.monotonic() - began, (sum(map(cpu_s, hosts)) - before) / jobs
-
-
-def _command_of(pid: int) -> str:
-    return Path(f"/proc/{pid}/cmdline").read_text().replace("\0", " ")
-
-
-def _order(client: httpx2.Client, case: Path) -> dict[str, Any]:
-    """Upload machine and recordings; the body of an identification of them."""
-    made = client.post("/machines", content=(case / "machine.yaml").read_bytes(), headers=_YAML)
-    made.raise_for_status()
-    chosen = []
-    for role, stem in FILES:
-        query = {"machine": made.json()["name"], "role": role, "name": f"{stem}.parquet"}
-        sent = client.post("/recordings/upload", params=query, content=(case / f"{stem}.parquet").read_bytes())
-        sent.raise_for_status()
-        chosen.append({"id": sent.json()["id"], "role": role})
-    return {"machine": made.json()["name"], "recordings": chosen}
-
-
-_YAML = {"content-type": "application/yaml"}
-
-
-def _ordered(client: httpx2.Client, order: dict[str, Any], label: str) -> str:
-    """Path of the job of one more identification."""
-    answer = client.post("/identifications", json=order | {"label": label})
-    answer.raise_for_status()
-    return f"/jobs/{answer.json()['job']}"
-
-
-def _wait(client: httpx2.Client, places: Sequence[str]) -> None:
-    deadline, left = time.monotonic() + ONE_S * len(places), list(places)
-    while left:
-        job = client.get(left[0]).json()
-        if job["state"] in ("failed", "cancelled"):
-            raise RuntimeError(f"an identification of the benchmark {job['state']}: {job['error']}")
-        if job["state"] == "done":
-            left.pop(0)
-            continue
-        if time.monotonic() > deadline:
-            raise RuntimeError(f"{len(left)} of {len(places)} identifications were not done in time")
-        time.sleep(0.1)
-
-
-@contextmanager
-def _process(arguments: Sequence[str], environment: dict[str, str], log: IO[str]) -> Iterator[str]:
-    """A command of hilfit; its first line of output, once it is up. Ended by SIGTERM."""
-    command = [*_COMMAND, *arguments]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=log, env=environment, text=True) as process:
-        try:
-            assert process.stdout is not None
-            line = process.stdout.readline()
-            if not line:
-                raise RuntimeError(f"hilfit {arguments[0]} did not come up")
-            yield line
-        finally:
-            process.terminate()
-            process.wait(START_S)
-
-
-@contextmanager
-def _all(commands: Sequence[Sequence[str]], environment: dict[str, str], log: IO[str]) -> Iterator[None]:
-    """Several commands side by side."""
-    if not commands:
-        yield
-        return
-    with _process(commands[0], environment, log), _all(commands[1:], environment, log):
-        yield
+    with ExitStack() as stack:
+        server, said = stack.enter_context(running(["serve", "--port", "0", *data], log, environment))
+        client = stack.enter_context(httpx2.Client(base_url=said["url"] + API, timeout=60))
+        names = [["worker", "--name", f"worker-{number}"] for number in range(1, workers)]
+        hosts = [server, *(stack.enter_context(running([*name, *data], log, environment))[0] for name in names)]
+        order = order_of(client, directory / "case")
+        wait_for_jobs(client, [ordered(client, order)["job"] for _ in range(workers)], ONE_S)
+        began, before = time.monotonic(), sum(cpu_s(host.pid) for host in hosts)
+        wait_for_jobs(client, [ordered(client, order)["job"] for _ in range(jobs)], ONE_S)
+        return time.monotonic() - began, (sum(cpu_s(host.pid) for host in hosts) - before) / jobs

@@ -37,7 +37,7 @@ from benchmarks.storm.killing import REAL_KILLS, Killing, Say
 from benchmarks.storm.processes import Herd
 from benchmarks.storm.stages import STAGES
 from benchmarks.storm.traffic import Client, Told, Traffic
-from benchmarks.targets import Check, Outcome, fact
+from benchmarks.targets import Check, Outcome, fact, figure
 from server.composition.declarations import TABLES
 from server.platform.database.engine import Database
 from server.platform.files import DataDirectory
@@ -284,15 +284,15 @@ def _weather(weather: Weather, herd: Herd, told: Told, revived: bool) -> Iterato
     missing = [fault.name for fault in weather.faults if not weather.seen[fault.name]]
     yield fact("faults", not missing, seen if not missing else f"{seen}; not {', '.join(missing)}")
     shown = f"{len(herd.died)}" if not herd.died else f"{len(herd.died)}: {'; '.join(herd.died[:5])}"
-    yield Check("hosts that ended by themselves", len(herd.died), shown, "at most", 0, "0")
+    yield figure("hosts that ended by themselves", len(herd.died), most=0, shown=shown)
     refused = ", ".join(f"{count} with exit code {code}" for code, count in sorted(herd.refused.items()))
     yield Check("starts refused meanwhile", herd.refused.total(), refused or "none")
     if revived:
         yield Check("PostgreSQL", None, "ended by itself on the full disk, and was started again")
     broke = told.answers.get(500, 0)
-    yield Check("answers 500", broke, f"{broke}", "at most", 0, "0")
+    yield figure("answers 500", broke, most=0)
     poor = f"{len(told.poor)}" if not told.poor else f"{len(told.poor)}: {'; '.join(told.poor[:3])}"
-    yield Check("refusals that do not say what to do", len(told.poor), poor, "at most", 0, "0")
+    yield figure("refusals that do not say what to do", len(told.poor), most=0, shown=poor)
 
 
 @contextmanager
@@ -312,4 +312,4 @@ def _killed_real(herd: Herd, real: int, after: int, seconds: float) -> Iterator[
     if real:
         hits, most = sum(herd.hits.values()), real * REAL_KILLS
         shown = f"{hits} of {most}, and {after - hits} other kills meanwhile, in {seconds:.0f} s"
-        yield Check("stages of real identifications killed", hits, shown, "at least", 1.0, "1")
+        yield figure("stages of real identifications killed", hits, least=1.0, shown=shown)

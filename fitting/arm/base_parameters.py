@@ -40,8 +40,7 @@ from fitting.arm.dynamics import (
     standard_regressor,
 )
 from fitting.arm.geometry import Geometry, geometry_of
-
-FloatArray = npt.NDArray[np.float64]
+from fitting.arrays import BoolArray, FloatArray, IntArray
 
 RANK_TOLERANCE = 1e-8
 _SYMBOLS = ("m", "MX", "MY", "MZ", "XX", "XY", "XZ", "YY", "YZ", "ZZ", "f_c", "f_v", "J")
@@ -79,7 +78,7 @@ class BaseParameters:
         Largest remainder that was taken for round-off, and smallest that was taken for independence.
     """
 
-    independent: npt.NDArray[np.intp]
+    independent: IntArray
     regrouping: FloatArray
     names: tuple[str, ...]
     expressions: tuple[str, ...]
@@ -172,7 +171,7 @@ def base_gravity_regressor(
 
 
 def reduce_parameters(
-    machine: Machine | Geometry, *, friction_by_stage_1: bool = True, seed: int = 0, states: int | None = None
+    machine: Machine | Geometry, *, friction_by_stage_1: bool = True, seed: int = 0
 ) -> BaseParameters:
     """Find the base parameters of a machine.
 
@@ -185,8 +184,6 @@ def reduce_parameters(
         are reduced. False: all ``p = 13 n``. Three more for every motor that turns with several joints, in both.
     seed
         Of the random states.
-    states
-        How many random states (default: enough for five rows per column).
     """
     geometry = geometry_of(machine).squared_up()
     n = geometry.joints
@@ -195,7 +192,7 @@ def reduce_parameters(
         *(f"{symbol}{i + 1}" for i in range(n) for symbol in _SYMBOLS[:kinds]),
         *(f"{symbol}{i + 1}" for i in geometry.coupled for symbol in COUPLED_PARAMETERS),
     )
-    W = _random_observation(geometry, kinds, np.random.default_rng(seed), states or max(60, 5 * kinds))
+    W = _random_observation(geometry, kinds, np.random.default_rng(seed), max(60, 5 * kinds))
     norms = np.linalg.norm(W, axis=0)
     alive = norms > RANK_TOLERANCE * norms.max()
     order = [column for column in _offered(geometry, kinds) if alive[column]]
@@ -270,9 +267,7 @@ def _independent(W: FloatArray) -> tuple[list[int], tuple[float, float]]:
     return kept, (largest_dependent, smallest_independent)
 
 
-def _regrouping(
-    W: FloatArray, norms: FloatArray, alive: npt.NDArray[np.bool_], independent: npt.NDArray[np.intp]
-) -> FloatArray:
+def _regrouping(W: FloatArray, norms: FloatArray, alive: BoolArray, independent: IntArray) -> FloatArray:
     dependent = np.array([k for k in np.flatnonzero(alive) if k not in set(independent.tolist())], dtype=np.intp)
     P = np.zeros((len(independent), W.shape[1]))
     P[np.arange(len(independent)), independent] = 1.0

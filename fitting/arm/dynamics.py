@@ -42,8 +42,8 @@ import numpy.typing as npt
 from daq.machine.machine_file import Machine
 from fitting.arm.expected import expected_sign
 from fitting.arm.geometry import Geometry, geometry_of, link_frames
+from fitting.arrays import FloatArray, IntArray
 
-FloatArray = npt.NDArray[np.float64]
 Component = float | FloatArray  # one component of a vector, over the samples; exactly 0.0 where it vanishes
 Vector = tuple[Component, Component, Component]
 
@@ -52,6 +52,7 @@ JOINT_PARAMETERS = (*LINK_PARAMETERS, "f_c", "f_v", "J")
 
 # Samples per pass: long enough that the arithmetic outweighs the calls, short enough for the caches.
 _CHUNK = 16384
+_CHECKED = 20  # states of the self-check
 COUPLED_PARAMETERS = ("f_cm", "f_vm", "Jm")
 _ZERO: Vector = (0.0, 0.0, 0.0)
 _Units = list[tuple[Vector, Vector]]  # per joint: angular velocity of the link and velocity of its frame's origin
@@ -63,7 +64,7 @@ def rigid_body_regressor(
     qd: npt.ArrayLike,
     qdd: npt.ArrayLike,
     *,
-    columns: Sequence[int] | npt.NDArray[np.intp] | None = None,
+    columns: Sequence[int] | IntArray | None = None,
     gravity: npt.ArrayLike | None = None,
 ) -> FloatArray:
     """Regressor of the rigid-body dynamics, for all samples at once.
@@ -119,7 +120,7 @@ def gravity_regressor(
     q: npt.ArrayLike,
     direction: npt.ArrayLike,
     *,
-    columns: Sequence[int] | npt.NDArray[np.intp] | None = None,
+    columns: Sequence[int] | IntArray | None = None,
 ) -> FloatArray:
     """What a unit change of gravity along ``direction`` (base frame) adds to the regressor.
 
@@ -191,80 +192,23 @@ def stacked(Y: FloatArray) -> FloatArray:
     return Y.transpose(2, 1, 0).reshape(p, n * samples).T
 
 
-def standard_names(machine: Machine | Geometry) -> tuple[str, ...]:
-    """Names of the ``13 n + 3 c`` standard parameters, per joint ten inertial, ``f_c f_v J``; then motors."""
-    geometry = geometry_of(machine)
-    own = tuple(f"{name}{i + 1}" for i in range(geometry.joints) for name in JOINT_PARAMETERS)
-    return (*own, *(f"{name}{i + 1}" for i in geometry.coupled for name in COUPLED_PARAMETERS))
+def standard_of_link(mass: float, centre: npt.ArrayLike, central: FloatArray) -> FloatArray:
+    """The ten parameters of a link from its mass (kg), centre of mass (3,) and inertia (3, 3) about that, its frame."""
+    c = np.asarray(centre, dtype=float)
+    inertia = central + mass * (c @ c * np.eye(3) - np.outer(c, c))
+    return np.array([mass, *(mass * c), *inertia[np.triu_indices(3)]])
 
 
-def inverse_dynamics(
-    machine: Machine | Geometry,
-    pi: npt.ArrayLike,
-    q: npt.ArrayLike,
-    qd: npt.ArrayLike,
-    qdd: npt.ArrayLike,
-    *,
-    gravity: npt.ArrayLike | None = None,
-) -> FloatArray:
-    """Joint efforts that a motion takes, shape (N, n), in N m (N).
+def self_check(machine: Machine | Geometry) -> float:
+    """Largest difference of ``Y pi`` from a Newton-Euler recursion, relative to the largest effort of that joint.
 
-    Parameters
-    ----------
-    machine, q, qd, qdd, gravity
-        As in :func:`rigid_body_regressor`.
-    pi
-        Inertial parameters, (10 n,) or (n, 10), or standard parameters, (13 n,) or (n, 13).
-
-    Raises
-    ------
-    ValueError
-        If a shape does not fit the machine.
-    """
-    n = geometry_of(machine).joints
-    parameters = np.asarray(pi, dtype=float).ravel()
-    if parameters.size not in (10 * n, 13 * n):
-        raise ValueError(f"pi has {parameters.size} numbers; {n} joints take {10 * n} or {13 * n}")
-    table = parameters.reshape(n, -1)
-    used = np.flatnonzero(table[:, :10].ravel())
-    Y = rigid_body_regressor(machine, q, qd, qdd, columns=used, gravity=gravity)
-    tau = np.asarray(Y @ table[:, :10].ravel()[used])
-    if table.shape[1] == 13:
-        speed = np.asarray(qd, dtype=float)
-        tau += table[:, 10] * np.sign(speed) + table[:, 11] * speed + table[:, 12] * np.asarray(qdd, dtype=float)
-    return tau
-
-
-@dataclass(frozen=True)
-class SelfCheck:
-    """Outcome of :func:`self_check`.
-
-    Attributes
-    ----------
-    error
-        Largest difference of the two computations, relative to the largest effort of that joint.
-    samples
-        Number of random states that were compared.
-    """
-
-    error: float
-    samples: int
-
-    def __str__(self) -> str:
-        found = f"relative difference {self.error:.1e} over {self.samples} random states"
-        return f"inverse dynamics against Y pi: {found}"
-
-
-def self_check(machine: Machine | Geometry, *, samples: int = 20, seed: int = 0) -> SelfCheck:
-    """Compare ``Y pi`` with a Newton-Euler recursion that shares no code with it.
-
-    The recursion works in the base frame with the transforms of :func:`fitting.arm.geometry.link_frames`, centres
-    of mass and central inertias, one sample and one link at a time. Random links, states within the machine's
-    limits.
+    The recursion shares no code with the regressor. It works in the base frame with the transforms of
+    :func:`fitting.arm.geometry.link_frames`, centres of mass and central inertias, one sample and one link at a time.
+    Random links, states within the machine's limits.
     """
     geometry = geometry_of(machine)
-    rng = np.random.default_rng(seed)
-    n = geometry.joints
+    rng = np.random.default_rng(0)
+    n, samples = geometry.joints, _CHECKED
     q = rng.uniform(geometry.position_limits[:, 0], geometry.position_limits[:, 1], (samples, n))
     qd = rng.uniform(-1, 1, (samples, n)) * geometry.velocity_limits
     qdd = rng.uniform(-1, 1, (samples, n)) * geometry.acceleration_limits
@@ -272,19 +216,13 @@ def self_check(machine: Machine | Geometry, *, samples: int = 20, seed: int = 0)
     centre = rng.uniform(-0.5, 0.5, (n, 3))
     half = rng.normal(size=(n, 3, 3))
     central = half @ half.transpose(0, 2, 1)
-    pi = np.array([_about_origin(mass[i], centre[i], central[i]) for i in range(n)])
+    pi = np.array([standard_of_link(mass[i], centre[i], central[i]) for i in range(n)])
     expected = np.array(
         [_newton_euler(geometry, mass, centre, central, *state) for state in zip(q, qd, qdd, strict=True)]
     )
     found = rigid_body_regressor(geometry, q, qd, qdd) @ pi.ravel()
     scale = np.maximum(np.abs(expected).max(axis=0), np.finfo(float).tiny)
-    return SelfCheck(error=float((np.abs(found - expected) / scale).max()), samples=samples)
-
-
-def _about_origin(mass: float, centre: FloatArray, central: FloatArray) -> FloatArray:
-    """The ten parameters of a link from its mass, centre of mass and central inertia (parallel axes)."""
-    inertia = central + mass * (centre @ centre * np.eye(3) - np.outer(centre, centre))
-    return np.array([mass, *(mass * centre), *inertia[np.triu_indices(3)]])
+    return float((np.abs(found - expected) / scale).max())
 
 
 def _newton_euler(

@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.special import erf, gamma, hyp1f1
 
-FloatArray = npt.NDArray[np.float64]
+from fitting.arrays import FloatArray
 
 #: Noise widths from zero beyond which two terms of a series say what a speed's noise does to a power of it.
 _FAR = 6.0

@@ -18,8 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from daq.machine.machine_file import Machine
-
-FloatArray = npt.NDArray[np.float64]
+from fitting.arrays import BoolArray, FloatArray
 
 # cos(pi/2) is 6e-17 in floating point. A zero there is what lets the regressor skip work.
 _ROUND_OFF = 1e-15
@@ -50,7 +49,7 @@ class Geometry:
         own joint.
     """
 
-    revolute: npt.NDArray[np.bool_]
+    revolute: BoolArray
     a: FloatArray
     alpha: FloatArray
     d: FloatArray

@@ -13,14 +13,12 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-import numpy.typing as npt
 
 from daq.machine.machine_file import Channel, Joint, Machine, Quantity
 from daq.machine.quantities import MOTOR_QUANTITIES
 from daq.recordings.recording import Recording
 from fitting.arm.linkage import joint_position
-
-FloatArray = npt.NDArray[np.float64]
+from fitting.arrays import FloatArray
 
 
 def at_joints(machine: Machine, recordings: Sequence[Recording]) -> tuple[Machine, tuple[Recording, ...]]:
@@ -42,7 +40,7 @@ def at_joints(machine: Machine, recordings: Sequence[Recording]) -> tuple[Machin
     vented = [j for j in machine.joints if j.cylinder is not None and j.cylinder.vented is not None]
     if not vented and not any(channel.quantity in MOTOR_QUANTITIES for channel in machine.channels):
         return machine, tuple(recordings)
-    derived = [*_positions(machine), *_velocities(machine), *_efforts(machine), *_chambers(machine)]
+    derived = [*_derived(machine), *_chambers(machine)]
     kept = [channel for channel in machine.channels if channel.quantity not in MOTOR_QUANTITIES]
     joints = tuple(
         j.model_copy(update={"cylinder": j.cylinder.model_copy(update={"vented": None})})
@@ -54,37 +52,29 @@ def at_joints(machine: Machine, recordings: Sequence[Recording]) -> tuple[Machin
     return changed, tuple(_converted(machine, recording, kept, derived) for recording in recordings)
 
 
-def _positions(machine: Machine) -> list[Channel]:
+def _derived(machine: Machine) -> list[Channel]:
+    """Joint channels that motors tell of."""
+    joints = machine.joints
+    unmeasured = [j for j in joints if machine.channel("joint_effort", j.name) is None]
+    said: tuple[tuple[str, Quantity, list[Joint]], ...] = (
+        ("from_motors", "joint_position", [joints[n] for n in machine.at_motors]),
+        ("velocity_from_motors", "joint_velocity", [joints[n] for n in machine.turning_at_motors]),
+        (
+            "effort_of_motors",
+            "joint_effort",
+            [j for j in unmeasured if j.drive is not None],
+        ),
+    )
     return [
-        Channel(name=f"{joint.name}.from_motors", quantity="joint_position", joint=joint.name, unit=_unit(joint))
-        for n, joint in ((n, machine.joints[n]) for n in machine.at_motors)
+        Channel(name=f"{joint.name}.{name}", quantity=quantity, joint=joint.name, unit=_unit(joint, quantity))
+        for name, quantity, of in said
+        for joint in of
     ]
 
 
-def _velocities(machine: Machine) -> list[Channel]:
-    return [
-        Channel(
-            name=f"{joint.name}.velocity_from_motors",
-            quantity="joint_velocity",
-            joint=joint.name,
-            unit=f"{_unit(joint)}/s",
-        )
-        for joint in (machine.joints[n] for n in machine.turning_at_motors)
-    ]
-
-
-def _efforts(machine: Machine) -> list[Channel]:
-    return [
-        Channel(
-            name=f"{joint.name}.effort_of_motors", quantity="joint_effort", joint=joint.name, unit=joint.effort_unit
-        )
-        for joint in machine.joints
-        if joint.drive is not None and machine.channel("joint_effort", joint.name) is None
-    ]
-
-
-def _unit(joint: Joint) -> str:
-    return "rad" if joint.type == "revolute" else "m"
+def _unit(joint: Joint, quantity: str) -> str:
+    way = "rad" if joint.type == "revolute" else "m"
+    return {"joint_position": way, "joint_velocity": f"{way}/s"}.get(quantity, joint.effort_unit)
 
 
 def _chambers(machine: Machine) -> list[Channel]:
@@ -101,8 +91,9 @@ def _converted(
 ) -> Recording:
     values = {channel.name: recording.values[channel.name] for channel in kept}
     q = _joint_positions(machine, recording)
-    speeds = _joint_velocities(machine, recording)
-    efforts = _motor_efforts(machine, recording)
+    turning = _measured(machine, recording, "joint_velocity")
+    speeds = _solved(machine, recording, turning, machine.turning_at_motors, "motor_velocity")
+    efforts = _measured(machine, recording, "motor_effort")
     places = {joint.name: number for number, joint in enumerate(machine.joints)}
     for channel in derived:
         number = places[str(channel.joint)]
@@ -120,28 +111,26 @@ def _converted(
     return replace(recording, values=values)
 
 
+def _measured(machine: Machine, recording: Recording, quantity: str) -> FloatArray:
+    """What all joints' channels of a quantity say, (N, n), NaN where there is none."""
+    values = np.full((len(recording), len(machine.joints)), np.nan)
+    for number, joint in enumerate(machine.joints):
+        channel = machine.channel(quantity, joint.name)
+        if channel is not None:
+            values[:, number] = recording.values[channel.name]
+    return values
+
+
 def _joint_positions(machine: Machine, recording: Recording) -> FloatArray:
     """Positions of all joints (N, n), NaN for one that no motor and no joint sensor tells."""
-    q = np.full((len(recording), len(machine.joints)), np.nan)
+    q = _measured(machine, recording, "joint_position")
     for number, joint in enumerate(machine.joints):
-        channel = machine.channel("joint_position", joint.name)
-        if channel is not None:
-            q[:, number] = recording.values[channel.name]
-        elif joint.cylinder is not None:
-            piston = machine.channel("piston_position", joint.name)
-            if piston is not None and any(machine.ratios[list(machine.at_motors), number]):
-                q[:, number] = joint_position(joint, recording.values[piston.name])
+        piston = machine.channel("piston_position", joint.name)
+        if joint.cylinder is None or piston is None or machine.channel("joint_position", joint.name) is not None:
+            continue
+        if any(machine.ratios[list(machine.at_motors), number]):
+            q[:, number] = joint_position(joint, recording.values[piston.name])
     return _solved(machine, recording, q, machine.at_motors, "motor_position")
-
-
-def _joint_velocities(machine: Machine, recording: Recording) -> FloatArray:
-    """Velocities of all joints (N, n), NaN for one that no motor and no joint sensor tells."""
-    qd = np.full((len(recording), len(machine.joints)), np.nan)
-    for number, joint in enumerate(machine.joints):
-        channel = machine.channel("joint_velocity", joint.name)
-        if channel is not None:
-            qd[:, number] = recording.values[channel.name]
-    return _solved(machine, recording, qd, machine.turning_at_motors, "motor_velocity")
 
 
 def _solved(
@@ -155,16 +144,6 @@ def _solved(
         others = [n for n in range(len(machine.joints)) if n not in places and R[:, n].any()]
         known[:, places] = np.linalg.solve(R[:, places], (motors - known[:, others] @ R[:, others].T).T).T
     return known
-
-
-def _motor_efforts(machine: Machine, recording: Recording) -> FloatArray:
-    """Efforts of all motors (N, n), NaN where not measured."""
-    efforts = np.full((len(recording), len(machine.joints)), np.nan)
-    for number, joint in enumerate(machine.joints):
-        channel = machine.channel("motor_effort", joint.name)
-        if channel is not None:
-            efforts[:, number] = recording.values[channel.name]
-    return efforts
 
 
 def _channel(machine: Machine, quantity: str, number: int) -> str:

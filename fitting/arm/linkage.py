@@ -17,10 +17,9 @@ import numpy.typing as npt
 
 from daq.errors import InputError
 from daq.machine.linkages import Direct, FourBar, Linkage, Polynomial, Rack, ThreePin, reduced
-from daq.machine.machine_file import Joint
+from daq.machine.machine_file import Joint, Machine
 from fitting.arm.rocker import rocker_motion
-
-FloatArray = npt.NDArray[np.float64]
+from fitting.arrays import FloatArray
 
 _polynomial = np.polynomial.polynomial
 #: Parameters of a four-bar linkage that a wrong length shows in, m; its points only move what these do.
@@ -55,6 +54,15 @@ def lever_arm(linkage: Linkage, q: npt.ArrayLike) -> FloatArray:
     if isinstance(linkage, Direct):
         return np.ones(q.shape)
     return np.asarray(_polynomial.polyval(q, _polynomial.polyder(np.asarray(linkage.coefficients))))
+
+
+def lever_arms(machine: Machine, q: FloatArray) -> FloatArray:
+    """Lever arms (N, n) of all joints at positions (N, n); 1 of a joint without a cylinder."""
+    columns = [
+        np.ones(len(q)) if joint.cylinder is None else lever_arm(joint.cylinder.linkage, q[:, j])
+        for j, joint in enumerate(machine.joints)
+    ]
+    return np.stack(columns, axis=1)
 
 
 def lever_arm_slope(linkage: Linkage, q: npt.ArrayLike) -> FloatArray:

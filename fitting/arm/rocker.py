@@ -12,8 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from daq.machine.linkages import FourBar
-
-FloatArray = npt.NDArray[np.float64]
+from fitting.arrays import FloatArray
 
 #: Sine of the opening angle that a stretched chain counts with: machine files keep away from it, noise may not.
 _LEAST_SINE = 1e-6

@@ -8,13 +8,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-import numpy.typing as npt
 
 from daq.machine.machine_file import Machine
 from daq.recordings.recording import Recording
+from fitting.arrays import FloatArray
 from fitting.checks.findings import Finding
-
-FloatArray = npt.NDArray[np.float64]
 
 #: A cylinder has no pressure where both chambers together have less than this share of what they have later (all but a
 #: twentieth of the time), which has to be so much at least, Pa; and that for so many seconds, up to this share of the

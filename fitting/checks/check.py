@@ -222,8 +222,10 @@ def _usable(
 
 def _of_positions(machine: Machine, own: Disagreement, places: Places) -> Finding:
     """Two position sensors of a joint that contradict each other, with what explains it if anything does."""
-    names = tuple(machine.joints[k].name for k in (own.joint, *(() if own.other is None else (own.other,))))
-    if own.code is None:
+    option = own.option
+    other = () if option is None or option.other is None else (option.other,)
+    names = tuple(machine.joints[k].name for k in (own.joint, *other))
+    if option is None:
         return Finding(
             "positions_disagree",
             f"{names[0]}: joint and piston position contradict each other ({own.before:.0%} of the motion), and "
@@ -234,22 +236,22 @@ def _of_positions(machine: Machine, own: Disagreement, places: Places) -> Findin
             unit="of the motion",
             strength=4.0,
         )
-    channel = machine.channel(own.quantity, names[0]) if own.quantity else None
-    channels = [c.name for n in names if own.quantity and (c := machine.channel(own.quantity, n))]
-    where = places.channels(machine, channels) if channels else places.key(own.key)
-    text = own.text.format(channel=channel.name if channel else "", joint=names[0])
+    channel = machine.channel(option.quantity, names[0]) if option.quantity else None
+    channels = [c.name for n in names if option.quantity and (c := machine.channel(option.quantity, n))]
+    where = places.channels(machine, channels) if channels else places.key(option.key)
+    text = option.text.format(channel=channel.name if channel else "", joint=names[0])
     lead = "" if channel is not None and text.startswith((channel.name, "the values", "the clock")) else f"{names[0]}: "
     return Finding(
-        own.code,
+        option.code,
         f"{lead}{text} (the two sensors disagree by {own.before:.0%} of the motion as it is, by {own.after:.1%} then)",
-        own.cure + where,
-        alternatives=tuple(_named(machine, names[0], own.quantity, other) for other in own.alternatives),
+        option.cure + where,
+        alternatives=tuple(_named(machine, names[0], option.quantity, text) for text in own.alternatives),
         joint=names[0],
         channel=channel.name if channel else None,
         before=own.before,
         after=own.after,
         unit="of the motion",
-        factor=own.factor,
+        factor=option.factor,
         strength=8.0 + float(np.log(max(own.before, 1e-3) / max(own.after, 1e-3))),
     )
 
@@ -266,11 +268,12 @@ def _together(machine: Machine, recordings: Sequence[Recording], places: Places)
     changed = machine
     for own in disagreements(machine, samples):
         found.append(_of_positions(machine, own, places))
-        if own.machine is not None:
-            changed = _merged(changed, own.machine, own.joint)
-        if own.samples is not None:
-            samples = samples.replaced({k: v for k, v in own.samples.signals.items() if v is not samples.signals[k]
-                                        and k[1] in (own.joint, own.other)})  # fmt: skip
+        if own.option is not None and own.option.machine is not None:
+            changed = _merged(changed, own.option.machine, own.joint)
+        if own.option is not None and own.option.samples is not None:
+            mine, theirs = samples.signals, own.option.samples.signals
+            joints = (own.joint, own.option.other)
+            samples = samples.replaced({k: v for k, v in theirs.items() if v is not mine[k] and k[1] in joints})
     if any(f.code == "positions_disagree" for f in found):
         return found
     trial = Trial(samples, changed, positions_of(changed, samples))

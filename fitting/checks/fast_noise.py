@@ -11,17 +11,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-import numpy.typing as npt
 
 from daq.machine.machine_file import Channel, Machine
 from daq.recordings.recording import Recording
 from daq.recordings.recording_checks import runs
+from fitting.arrays import FloatArray
 from fitting.checks.findings import Finding
 from fitting.checks.motions import POSITIONS
 from fitting.signals.position_sensors import held
 from fitting.signals.preparation import reach
-
-FloatArray = npt.NDArray[np.float64]
 
 #: Noise over what it is compared with, and over the joint's reach, from which a sensor is accused.
 _TIMES, _OF_REACH = 10.0, 2e-4

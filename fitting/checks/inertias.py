@@ -10,14 +10,12 @@ tens at a wrist; no arm has that at every joint.
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
 from fitting.arm.dynamics import rigid_body_regressor
 from fitting.arm.geometry import Geometry, geometry_of
+from fitting.arrays import FloatArray
 from fitting.checks.findings import Finding
 from fitting.checks.mistakes.physical import Trial, friction, measured_effort
-
-FloatArray = npt.NDArray[np.float64]
 
 #: Inertia over the plausible one from which on (or below its inverse) a joint's is impossible, with others and where it
 #: is the only one that tells; joints agree within.

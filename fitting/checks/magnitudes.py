@@ -10,15 +10,13 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-import numpy.typing as npt
 
 from daq.machine.machine_file import Channel, Machine
 from daq.recordings.recording import Recording
+from fitting.arrays import FloatArray
 from fitting.checks.findings import Finding
 from fitting.checks.mistakes.factors import RARE, gains
 from fitting.signals.filters import white_noise_of
-
-FloatArray = npt.NDArray[np.float64]
 
 #: Pa: the largest pressure of a cylinder that works lies between these (0.2 bar; 1000 bar), and a vacuum ends at minus
 #: one bar.
@@ -32,8 +30,6 @@ _ALIKE = 8.0
 _BEYOND = 0.5
 #: Smallest share of the limits that a motion covers, in position and in speed, for its unit to be believed.
 _TINY = 0.025
-#: rad or m; a speed so many times the declared limit is another unit.
-_FAST = 8.0
 
 
 def magnitude_findings(machine: Machine, recordings: Sequence[Recording]) -> list[Finding]:

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-import numpy.typing as npt
 
 from daq.machine.machine_file import Joint, Machine
 from daq.recordings.recording import Recording
+from fitting.arrays import FloatArray
 from fitting.checks.findings import Finding
 from fitting.signals.filters import lag_between
 from fitting.signals.position_sensors import position_channel
@@ -16,7 +16,6 @@ from fitting.signals.preparation import STILL, reach
 
 POSITIONS = ("joint_position", "piston_position")
 
-FloatArray = npt.NDArray[np.float64]
 
 _MOST_LAG_S = 4.0
 #: Rows that are compared.

@@ -12,7 +12,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
 from daq.errors import RecordingError
 from daq.machine.machine_file import Channel, Machine
@@ -25,10 +24,9 @@ from daq.recordings.recording import MINIMUM_SECONDS, ROLES, Recording
 from daq.recordings.recording_files import read_table
 from daq.recordings.recording_source import load_table
 from daq.units import conversion
+from fitting.arrays import FloatArray
 from fitting.checks.findings import Finding
 from fitting.checks.time_axis import repaired_time, time_findings
-
-FloatArray = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)

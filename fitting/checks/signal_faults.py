@@ -10,17 +10,14 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
-import numpy.typing as npt
 
 from daq.machine.machine_file import Channel, Joint, Machine
 from daq.recordings.recording import Recording
-from daq.recordings.recording_checks import cut_off, piled_up, regular_steps
+from daq.recordings.recording_checks import cut_off, piled_up, regular_steps, runs
+from fitting.arrays import BoolArray, FloatArray
 from fitting.checks.findings import Finding
 from fitting.signals.position_sensors import position_channel
 from fitting.signals.preparation import parked, reach
-
-FloatArray = npt.NDArray[np.float64]
-BoolArray = npt.NDArray[np.bool_]
 
 POSITIONS = ("joint_position", "piston_position", "motor_position")
 PRESSURES = ("head_pressure", "rod_pressure")
@@ -170,14 +167,12 @@ def _dropouts(
     least = _least_jump(channel, steps, span)
     entered = np.flatnonzero(np.abs(steps) > least) + 1
     for value in np.unique(values[entered]) if len(entered) < 0.05 * len(values) else ():
-        here = np.concatenate([[0], (values == value).astype(np.int8), [0]])
-        edges = np.flatnonzero(np.diff(here))
-        starts, stops = edges[::2], edges[1::2]
+        there = [(run.start, run.stop) for run in runs(values == value) if run.stop - run.start > 1]
         jumps = [
-            int(a) for a, b in zip(starts, stops, strict=True)
-            if b - a > 1 and a > 0 and b < len(values) and abs(steps[a - 1]) > least and abs(steps[b - 1]) > least
+            a for a, b in there
+            if a > 0 and b < len(values) and abs(steps[a - 1]) > least and abs(steps[b - 1]) > least
         ]  # fmt: skip
-        if len(jumps) < 2 or len(jumps) < 0.5 * np.count_nonzero(stops - starts > 1):
+        if len(jumps) < 2 or len(jumps) < 0.5 * len(there):
             continue
         yield Finding(
             "dropouts",
@@ -253,13 +248,10 @@ def _frozen(
 ) -> Iterator[Finding]:
     """The same value for longer than chance allows, while the signal comes back with a jump or is noisy elsewhere."""
     equal = joined & (steps == 0) & np.isfinite(values[1:]) & np.isfinite(values[:-1])
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], equal.astype(np.int8), [0]])))
-    starts, stops = edges[::2], edges[1::2]
-    if len(starts) == 0:
-        return
-    lengths = stops - starts
+    stretches = runs(equal)
+    lengths = np.array([run.stop - run.start for run in stretches], dtype=np.intp)
     for k in np.argsort(-lengths)[:5]:
-        start, stop, length = int(starts[k]), int(stops[k]), int(lengths[k])
+        start, stop, length = stretches[k].start, stretches[k].stop, int(lengths[k])
         if length < max(8, _FROZEN_S * rate):
             return
         elsewhere = (np.count_nonzero(equal) - length) / max(len(equal) - length, 1)

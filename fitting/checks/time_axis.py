@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
 from daq.machine.machine_file import Machine
 from daq.recordings.recording_checks import RATE_TOLERANCE, regular_steps, uneven_steps
+from fitting.arrays import FloatArray
 from fitting.checks.findings import Finding
-
-FloatArray = npt.NDArray[np.float64]
 
 #: What a time in another unit is too large by.
 _UNITS = {1e3: "milliseconds", 1e6: "microseconds", 1e9: "nanoseconds", 1 / 60: "minutes", 1 / 3600: "hours"}

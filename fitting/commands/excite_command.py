@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, TypeVar
 
 import numpy as np
-import numpy.typing as npt
 import typer
 
 from daq.console import print_json, progress_bar, reported
@@ -16,11 +16,11 @@ from daq.errors import InputError
 from daq.machine.machine_file import Machine, load_machine
 from daq.recordings.recording import Recording, read_recording
 from daq.recordings.recording_files import read_table
-from fitting.arm.base_parameters import BaseParameters, base_regressor, reduce_parameters
+from fitting.arm.base_parameters import BaseParameters, reduce_parameters
 from fitting.arm.geometry import geometry_of
-from fitting.arm.linkage import lever_arm
 from fitting.excitation import (
     KINDS,
+    Arm,
     CylinderOptions,
     ExcitationOptions,
     HydraulicLimits,
@@ -33,12 +33,13 @@ from fitting.excitation import (
     limits_of_machine,
     limits_used,
 )
+from fitting.excitation.limits import holding_efforts, joint_numbers
 from fitting.excitation.motion import SCHEMA, Motion, read_motion, write_motion
 from fitting.planning.excite_text import show
 from fitting.planning.guess import USUAL_SUPPLY, Guess, default_guess, guess_from_file, worst_friction
 
-FloatArray = npt.NDArray[np.float64]
 Criterion = Literal["condition", "determinant"]
+_Options = TypeVar("_Options", ExcitationOptions, CylinderOptions)
 
 _LITRES_PER_MINUTE = 1e-3 / 60  # m^3/s
 _BAR = 1e5  # Pa
@@ -239,12 +240,7 @@ def _unpinned(item: Motion | Recording) -> bool:
 def _whole_arm(
     plan: _Plan, options: ExcitationOptions, count: int, there: Sequence[Motion | Recording], forecast: bool
 ) -> list[tuple[Motion, dict[str, Any]]]:
-    options = replace(
-        options,
-        seconds=options.seconds if plan.seconds is None else plan.seconds,
-        use=options.use if plan.use is None else plan.use,
-        starts=options.starts if plan.starts is None else plan.starts,
-    )
+    options = _asked(options, plan)
     gathered = np.zeros((len(plan.base), len(plan.base)))
     for item in there:
         if forecast and _unpinned(item):  # tells nothing of the links, but shows effects of the cylinders
@@ -280,18 +276,17 @@ def _whole_arm(
     ]
 
 
+def _asked(options: _Options, plan: _Plan) -> _Options:
+    """The usual options with what was asked for."""
+    asked: dict[str, Any] = {"seconds": plan.seconds, "use": plan.use, "starts": plan.starts}
+    return replace(options, **{name: value for name, value in asked.items() if value is not None})
+
+
 def _free_cylinders(plan: _Plan) -> tuple[Motion, dict[str, Any]]:
-    usual = CylinderOptions()
-    options = replace(
-        usual,
-        seconds=usual.seconds if plan.seconds is None else plan.seconds,
-        use=usual.use if plan.use is None else plan.use,
-        starts=usual.starts if plan.starts is None else plan.starts,
-    )
     found = design_cylinder_motion(
         plan.machine,
         seed=plan.seed,
-        options=options,
+        options=_asked(CylinderOptions(), plan),
         joints=plan.joints or None,
         flow=plan.limits.flow,
         progress=plan.progress,
@@ -305,25 +300,16 @@ def _free_cylinders(plan: _Plan) -> tuple[Motion, dict[str, Any]]:
 
 
 def _experiment(plan: _Plan, kind: str, guess: Guess) -> tuple[Motion, dict[str, Any]]:
-    def holding(q: FloatArray) -> FloatArray:
-        tau = base_regressor(plan.machine, plan.base, q, np.zeros_like(q), np.zeros_like(q)) @ guess.base
-        return np.column_stack(
-            [
-                tau[:, j] if each.cylinder is None else tau[:, j] / lever_arm(each.cylinder.linkage, q[:, j])
-                for j, each in enumerate(plan.machine.joints)
-            ]
-        )
-
-    made = experiment(
+    arm = Arm(
         plan.machine,
-        plan.joints[0],
-        kind,
+        joint_numbers(plan.machine, plan.joints)[0],
         seconds=plan.seconds or 60.0,
         use=plan.use or 0.92,
-        holding=holding,
+        holding=partial(holding_efforts, plan.machine, plan.base, guess.base),
         hydraulic=plan.limits,
         base=plan.base,
     )
+    made = experiment(arm, kind)
     plan.progress(1.0, 0.0)
     limits: tuple[LimitUse, ...] = ()
     if made.motion.rods == "pinned":

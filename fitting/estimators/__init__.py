@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from fitting.estimators.base import Estimate, Estimator
 from fitting.estimators.context import StageTwo, TakesStage, within
-from fitting.estimators.covariance import Colour, automatic_lags, hac_covariance, residual_draws
+from fitting.estimators.covariance import Colour, residual_draws
 from fitting.estimators.ordinary import OrdinaryLeastSquares
 from fitting.estimators.possible import PossibleFit
 from fitting.estimators.recursive import RecursiveLeastSquares
@@ -27,10 +27,8 @@ __all__ = [
     "StageTwo",
     "TakesStage",
     "WeightedLeastSquares",
-    "automatic_lags",
     "estimator",
     "estimator_ids",
-    "hac_covariance",
     "residual_draws",
     "within",
 ]

@@ -14,9 +14,7 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 import numpy.typing as npt
 
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.intp]
-BoolArray = npt.NDArray[np.bool_]
+from fitting.arrays import BoolArray, FloatArray, IntArray
 
 
 @dataclass(frozen=True)

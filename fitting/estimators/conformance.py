@@ -11,7 +11,8 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from fitting.estimators.base import Estimate, Estimator, FloatArray
+from fitting.arrays import FloatArray
+from fitting.estimators.base import Estimate, Estimator
 
 _TRUTH = np.array([3.0, -0.02, 4.0e5, 1.5])
 # Columns of a cylinder: acceleration, sign of speed, position, constant; sizes as far apart as on a machine.

@@ -6,12 +6,15 @@ an estimator that carries what it took from there. One that has none is used as 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Protocol, runtime_checkable
+from abc import ABC, abstractmethod
+from dataclasses import dataclass, replace
+from typing import ClassVar, Protocol, Self, runtime_checkable
+
+import numpy.typing as npt
 
 from fitting.arm.base_parameters import BaseParameters
 from fitting.arm.geometry import Geometry
-from fitting.estimators.base import Estimator
+from fitting.estimators.base import Estimate, Estimator, Rows, check_rows
 from fitting.estimators.covariance import Colour
 from fitting.regression.body_prior import BodyPrior
 
@@ -47,6 +50,39 @@ class TakesStage(Protocol):
             If the stage lacks what it cannot do without; one line says what to give.
         """
         ...
+
+
+@dataclass(frozen=True)
+class RowsEstimator(ABC):
+    """Base of the estimators here: checks the rows, and takes from stage 2 which covariance is asked for.
+
+    Attributes
+    ----------
+    name : as in the report
+    colour : how the covariance treats coloured residuals (:mod:`fitting.estimators.covariance`)
+    """
+
+    name: ClassVar[str]
+    colour: Colour = "white"
+
+    def within(self, stage: StageTwo) -> Self:
+        """The same with what it needs of the stage; see :class:`TakesStage`."""
+        return replace(self, colour=stage.colour)
+
+    def fit(
+        self,
+        A: npt.ArrayLike,
+        b: npt.ArrayLike,
+        *,
+        groups: npt.ArrayLike | None = None,
+        weights: npt.ArrayLike | None = None,
+    ) -> Estimate:
+        """Fit rows; see :class:`fitting.estimators.base.Estimator`."""
+        return self.solved(check_rows(A, b, groups, weights))
+
+    @abstractmethod
+    def solved(self, rows: Rows) -> Estimate:
+        """The estimate of checked rows."""
 
 
 def within(estimator: Estimator, stage: StageTwo) -> Estimator:

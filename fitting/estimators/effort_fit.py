@@ -18,19 +18,19 @@ from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
-import numpy.typing as npt
 from scipy import signal, stats
 
 from daq.recordings.recording_checks import runs
-from fitting.estimators.covariance import autoregression, series_scores
+from fitting.arrays import BoolArray, FloatArray, IntArray
+from fitting.estimators.base import Estimate
+from fitting.estimators.covariance import Colour, autoregression, check_colour, series_scores
+from fitting.estimators.least_squares import solve
+from fitting.estimators.ordinary import OrdinaryLeastSquares
 from fitting.regression.design import Design, Extra
 from fitting.regression.plausible_arm import ALONE
 from fitting.regression.prior import Prior, data_share, with_prior
 from fitting.regression.solving import Factor, Fit, WhiteRows, factor
 from fitting.regression.streamed import triangle
-
-FloatArray = npt.NDArray[np.float64]
-BoolArray = npt.NDArray[np.bool_]
 
 #: Standard errors by which least squares has to be better on positions left out, and the rise of the training error up
 #: to which a plausible arm costs nothing that a motion could refuse.
@@ -41,27 +41,43 @@ _SHORT = 20  # rows below which a series says nothing of its own colour
 
 
 class EffortRows:
-    """Joint-effort rows of some segments, as one triangle per joint.
+    """Joint-effort rows of some segments, all of them or as one triangle per joint.
 
-    Attributes
+    Parameters
     ----------
-    triangles : per joint ``R`` (at most p + 1, p + 1) with ``R'R = [A b]'[A b]`` over its rows
-    rows : (n,) how many rows each joint has
+    design, indices, extra : whose segments, and columns beside those of the design
+    posed : take an ``unloaded`` row at the lever arm where the joint stood, and not at its mean one
     """
 
-    def __init__(self, design: Design, indices: Sequence[int], extra: Extra | None = None) -> None:
+    def __init__(
+        self, design: Design, indices: Sequence[int], extra: Extra | None = None, *, posed: bool = False
+    ) -> None:
         self._design, self._indices, self._extra = design, tuple(indices), extra
-        self._levers = mean_levers(design)
+        self._levers = None if posed else mean_levers(design)
         self._made: dict[tuple[int, int], tuple[FloatArray, FloatArray]] = {}
-        joints = range(len(design.machine.joints))
-        self.rows = np.zeros(len(joints), dtype=int)
-        self.triangles = []
-        for joint in joints:
-            parts = []
-            for A, b in self.parts(joint):
-                self.rows[joint] += len(b)
-                parts.append(np.column_stack([A, b]))
-            self.triangles.append(triangle(parts))
+
+    @property
+    def _joints(self) -> range:
+        return range(len(self._design.machine.joints))
+
+    @cached_property
+    def triangles(self) -> list[FloatArray]:
+        """Per joint ``R`` (at most p + 1, p + 1) with ``R'R = [A b]'[A b]`` over its rows."""
+        return [triangle(np.column_stack(part) for part in self.parts(joint)) for joint in self._joints]
+
+    @cached_property
+    def rows(self) -> IntArray:
+        """How many rows each joint has, (n,)."""
+        kept = [[self._design.blocks[joint][i].keep for i in self._indices] for joint in self._joints]
+        return np.array([sum(int(np.count_nonzero(keep)) for keep in own) for own in kept])
+
+    def stacked(self, folded: bool = False) -> tuple[FloatArray, FloatArray, IntArray]:
+        """Columns (R, p), target (R,) and joint (R,) of all rows; of the triangles where they are ``folded``."""
+        tables = self.triangles
+        if not folded:
+            tables = [np.vstack([np.column_stack(part) for part in self.parts(joint)]) for joint in self._joints]
+        whole = np.vstack(tables)
+        return whole[:, :-1], whole[:, -1], np.repeat(np.arange(len(tables)), [len(own) for own in tables])
 
     @property
     def columns(self) -> int:
@@ -81,12 +97,12 @@ class EffortRows:
             return self._made[joint, index]
         design, extra = self._design, self._extra
         segment, block = design.segments[index], design.blocks[joint][index]
-        r = segment.r[:, joint] if segment.loaded else np.full(len(segment), self._levers[joint])
+        r = segment.r[:, joint]
+        if self._levers is not None and not segment.loaded:
+            r = np.full(len(segment), self._levers[joint])
         target, columns = block.effort(design.bank, r)
-        if extra is not None and extra.names:
-            own = extra.columns[joint][index]
-            more = np.zeros((len(target), len(extra.names)))
-            columns = np.hstack([columns, more if own is None else design.bank.reduce(own * r[:, None])])
+        if extra is not None:
+            columns = extra.beside(columns, design.bank, joint, index, r)
         if not design.stored:
             self._made[joint, index] = columns, target
         return columns, target
@@ -130,7 +146,7 @@ class EffortRows:
         return 0 if self._extra is None else len(self._extra.names)
 
     def _residual(self, theta: FloatArray) -> list[FloatArray]:
-        parts = [[b - A @ theta for A, b in self.parts(joint)] for joint in range(len(self.triangles))]
+        parts = [[b - A @ theta for A, b in self.parts(joint)] for joint in self._joints]
         return [np.concatenate(own) if own else np.zeros(0) for own in parts]
 
     def _solved(self, stacked: FloatArray, prior: Prior, spread: float) -> tuple[FloatArray, Factor]:
@@ -140,7 +156,7 @@ class EffortRows:
 
     def _prior_rows(self, prior: Prior) -> FloatArray:
         """Rows ``[A b]`` (R, p + 1) of unit noise of what is known beforehand."""
-        nothing = [WhiteRows(np.zeros((0, self.columns)), np.zeros(0), ()) for _ in self.triangles]
+        nothing = [WhiteRows(np.zeros((0, self.columns)), np.zeros(0), ()) for _ in self._joints]
         closing = with_prior(nothing, self._design.parameters, prior.without_delays())
         return np.vstack([np.column_stack([own.A, own.b]) for own in closing])
 
@@ -190,7 +206,7 @@ class EffortRows:
 
     def _left_out(self, prior: Prior, out: Mapping[int, BoolArray]) -> list[float]:
         """Squared error with the arm less that without on the rows ``out``, of each stretch of time."""
-        joints, blocks = range(len(self.triangles)), self._design.blocks
+        joints, blocks = self._joints, self._design.blocks
         rest = triangle(
             np.column_stack(self._part(joint, i))[blocks[joint][i].keep & ~out.get(i, np.zeros(1, dtype=bool))]
             for joint in joints
@@ -207,6 +223,46 @@ class EffortRows:
                 change += np.where(blocks[joint][i].keep, first**2 - second**2, 0.0)
             changes += [float(np.sum(change[run])) for run in runs(where)]
         return changes
+
+    def ordinary(self, wanted: IntArray, frozen: FloatArray, colour: Colour) -> Estimate:
+        """Ordinary least squares of the columns ``wanted``, all others frozen at the values (p,) in ``frozen``.
+
+        Of long recordings the triangles are solved. A second walk through the rows gives residuals, and with
+        ``Q = A root`` the scores that the covariance is made of: each segment of each joint is a series of its own
+        there, and what neighbouring segments have in common at their seam, one correlation time of some minutes, is
+        left out.
+        """
+        known = frozen.copy()
+        known[wanted] = 0.0
+        long = self._design.stored
+        columns, target, groups = self.stacked(folded=long)
+        A, b = columns[:, wanted], target - columns @ known
+        if not long:
+            return OrdinaryLeastSquares(colour=colour).fit(A, b, groups=groups)
+        check_colour(colour)
+        solution = solve(A, b)
+        known[wanted] = solution.theta
+        rng = np.random.default_rng(20)  # the same residual gives the same deviation
+        squares, freedom = np.zeros((2, len(self._joints)))
+        S = np.zeros((solution.rank, solution.rank))
+        for joint in self._joints:
+            for own, measured in self.parts(joint):
+                Q, e = own[:, wanted] @ solution.root, measured - own @ known
+                squares[joint] += float(e @ e)
+                freedom[joint] += len(e) - float(np.sum(Q**2))
+                if colour != "white" and len(e):
+                    S += series_scores(Q, e, colour, rng)
+        # Freedom of all joints: rows less rank; a leverage sums to the rank.
+        free = float(freedom.sum())
+        middle = float(squares.sum()) / free if colour == "white" else S * ((free + solution.rank) / free)
+        return Estimate(
+            theta=solution.theta,
+            covariance=solution.covariance(middle),
+            residual_std=np.sqrt(squares / np.where(freedom > 1e-6, freedom, np.nan)),
+            groups=np.arange(len(squares)),
+            condition_number=solution.condition_number,
+            told=solution.told,
+        )
 
     def fit(self, prior: Prior) -> Fit:
         """Most probable parameters with equal weights beside a settled prior, with deviations of a sandwich."""

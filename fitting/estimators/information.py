@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import linalg
 
-from fitting.estimators.base import FloatArray, Rows
+from fitting.arrays import FloatArray
+from fitting.estimators.base import Rows
 from fitting.estimators.covariance import Colour, scores_covariance
 from fitting.estimators.least_squares import Solution, solve
 

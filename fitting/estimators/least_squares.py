@@ -14,7 +14,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import linalg
 
-from fitting.estimators.base import BoolArray, FloatArray, IntArray, Rows
+from fitting.arrays import BoolArray, FloatArray, IntArray
+from fitting.estimators.base import Rows
 
 #: Pivots of unit columns below this share of the largest are no information, only rounding.
 RANK_TOLERANCE = 1e-11

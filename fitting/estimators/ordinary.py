@@ -2,47 +2,26 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
-import numpy.typing as npt
 
-from fitting.estimators.base import Estimate, Rows, check_rows
-from fitting.estimators.context import StageTwo
+from fitting.estimators.base import Estimate, Rows
+from fitting.estimators.context import RowsEstimator
 from fitting.estimators.covariance import Colour, scores_covariance
 from fitting.estimators.least_squares import residual_std, solve
 
 
 @dataclass(frozen=True)
-class OrdinaryLeastSquares:
-    """Minimises ``sum w (b - A theta)^2`` by pivoted QR.
+class OrdinaryLeastSquares(RowsEstimator):
+    """Minimises ``sum w (b - A theta)^2`` by pivoted QR."""
 
-    Attributes
-    ----------
-    colour : how the covariance treats coloured residuals (:mod:`fitting.estimators.covariance`)
-    """
+    name: ClassVar[str] = "ols"
 
-    colour: Colour = "white"
-
-    @property
-    def name(self) -> str:
-        """``ols``."""
-        return "ols"
-
-    def within(self, stage: StageTwo) -> OrdinaryLeastSquares:
-        """The same with the covariance that stage 2 asks for."""
-        return replace(self, colour=stage.colour)
-
-    def fit(
-        self,
-        A: npt.ArrayLike,
-        b: npt.ArrayLike,
-        *,
-        groups: npt.ArrayLike | None = None,
-        weights: npt.ArrayLike | None = None,
-    ) -> Estimate:
-        """Fit rows; see :class:`fitting.estimators.base.Estimator`."""
-        return weighted_fit(check_rows(A, b, groups, weights), self.colour)
+    def solved(self, rows: Rows) -> Estimate:
+        """Least squares with the weights that were given."""
+        return weighted_fit(rows, self.colour)
 
 
 def weighted_fit(rows: Rows, colour: Colour) -> Estimate:

@@ -18,16 +18,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any
+from typing import Any, ClassVar, Self
 
 import numpy as np
-import numpy.typing as npt
 
 from fitting.arm.base_parameters import BaseParameters
 from fitting.arm.geometry import Geometry
-from fitting.estimators.base import Estimate, check_rows
-from fitting.estimators.context import StageTwo
-from fitting.estimators.covariance import Colour
+from fitting.estimators.base import Estimate, Rows
+from fitting.estimators.context import RowsEstimator, StageTwo
 from fitting.estimators.information import Information, information
 from fitting.estimators.least_squares import residual_std
 from fitting.estimators.weighted import weighted_by_group
@@ -36,7 +34,7 @@ from fitting.regression.plausible_arm import ALONE, Optimum, plausible_arm
 
 
 @dataclass(frozen=True)
-class PossibleFit:
+class PossibleFit(RowsEstimator):
     """Weighted least squares under the inequalities of all links.
 
     Attributes
@@ -44,37 +42,24 @@ class PossibleFit:
     base : base parameters that the columns belong to; None for no inequalities, which is weighted least squares
     geometry : the arm; its link lengths give the inequalities their scale
     prior : a drawing to choose the standard parameters by, or None
-    colour : as in :class:`fitting.estimators.ordinary.OrdinaryLeastSquares`
     """
 
+    name: ClassVar[str] = "possible"
     base: BaseParameters | None = None
     geometry: Geometry | None = None
     prior: BodyPrior | None = None
-    colour: Colour = "white"
 
-    @property
-    def name(self) -> str:
-        """``possible``."""
-        return "possible"
-
-    def within(self, stage: StageTwo) -> PossibleFit:
+    def within(self, stage: StageTwo) -> Self:
         """The same for the links of the stage's arm."""
         return replace(self, base=stage.base, geometry=stage.geometry, prior=stage.prior, colour=stage.colour)
 
-    def fit(
-        self,
-        A: npt.ArrayLike,
-        b: npt.ArrayLike,
-        *,
-        groups: npt.ArrayLike | None = None,
-        weights: npt.ArrayLike | None = None,
-    ) -> Estimate:
-        """Fit rows; see :class:`fitting.estimators.base.Estimator`.
+    def solved(self, rows: Rows) -> Estimate:
+        """The nearest parameters that bodies can have.
 
         ``details`` hold the price (``chi_square_price`` and the rise of each group's error in percent), the parameters
         that a constraint moved in standard deviations, and ``standard_parameters`` by name.
         """
-        rows = weighted_by_group(check_rows(A, b, groups, weights))
+        rows = weighted_by_group(rows)
         data = information(rows, self.colour)
         spread = partial(residual_std, rows, data.solution.leverage)
         free = data.solution.theta

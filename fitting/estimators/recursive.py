@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.linalg import lapack
 
-from fitting.estimators.base import FloatArray
+from fitting.arrays import BoolArray, FloatArray
 from fitting.estimators.least_squares import Solution, solve
 
 # Reciprocal condition above which no column can be near the rank tolerance.
@@ -127,7 +127,7 @@ class RecursiveLeastSquares:
         return solve(R, z).theta
 
     @property
-    def told(self) -> npt.NDArray[np.bool_]:
+    def told(self) -> BoolArray:
         """Which parameters the rows can tell, (p,)."""
         return self._solved()[0].told
 

@@ -8,14 +8,13 @@ of a normal prior (Tarantola, *Inverse Problem Theory*, 2005, 3.2); its covarian
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import ClassVar, Self
 
 import numpy as np
-import numpy.typing as npt
 
 from daq.errors import InputError
-from fitting.estimators.base import Estimate, check_rows
-from fitting.estimators.context import StageTwo
-from fitting.estimators.covariance import Colour
+from fitting.estimators.base import Estimate, Rows
+from fitting.estimators.context import RowsEstimator, StageTwo
 from fitting.estimators.information import information
 from fitting.estimators.least_squares import residual_std, solve
 from fitting.estimators.weighted import weighted_by_group
@@ -23,26 +22,20 @@ from fitting.regression.body_prior import BodyPrior
 
 
 @dataclass(frozen=True)
-class RidgeTowardPrior:
+class RidgeTowardPrior(RowsEstimator):
     """Weighted least squares drawn toward a prior.
 
     Attributes
     ----------
     prior : mean and standard deviation of each parameter; None for none, which is weighted least squares
     names : (p,) of the parameters, for what is said of them
-    colour : as in :class:`fitting.estimators.ordinary.OrdinaryLeastSquares`
     """
 
+    name: ClassVar[str] = "ridge"
     prior: BodyPrior | None = None
     names: tuple[str, ...] = ()
-    colour: Colour = "white"
 
-    @property
-    def name(self) -> str:
-        """``ridge``."""
-        return "ridge"
-
-    def within(self, stage: StageTwo) -> RidgeTowardPrior:
+    def within(self, stage: StageTwo) -> Self:
         """The same with the stage's prior.
 
         Raises
@@ -57,22 +50,15 @@ class RidgeTowardPrior:
             )
         return replace(self, prior=stage.prior, names=stage.base.names, colour=stage.colour)
 
-    def fit(
-        self,
-        A: npt.ArrayLike,
-        b: npt.ArrayLike,
-        *,
-        groups: npt.ArrayLike | None = None,
-        weights: npt.ArrayLike | None = None,
-    ) -> Estimate:
-        """Fit rows; see :class:`fitting.estimators.base.Estimator`.
+    def solved(self, rows: Rows) -> Estimate:
+        """Weighted least squares beside the prior.
 
         Raises
         ------
         ValueError
-            Also if the prior has another number of parameters than ``A`` has columns.
+            If the prior has another number of parameters than the rows have columns.
         """
-        rows = weighted_by_group(check_rows(A, b, groups, weights))
+        rows = weighted_by_group(rows)
         data = information(rows, self.colour)
         theta, covariance, told = data.solution.theta, data.covariance, data.solution.told
         details: dict[str, object] = {}

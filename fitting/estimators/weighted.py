@@ -3,53 +3,32 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import ClassVar
 
 import numpy as np
-import numpy.typing as npt
 
-from fitting.estimators.base import Estimate, FloatArray, Rows, check_rows
-from fitting.estimators.context import StageTwo
-from fitting.estimators.covariance import Colour
+from fitting.arrays import FloatArray
+from fitting.estimators.base import Estimate, Rows
+from fitting.estimators.context import RowsEstimator
 from fitting.estimators.ordinary import weighted_fit
 
 
 @dataclass(frozen=True)
-class WeightedLeastSquares:
+class WeightedLeastSquares(RowsEstimator):
     """Ordinary least squares first; then again with each group's rows divided by its residual's standard deviation.
 
     The base joint of an arm carries tens of times the effort of its tip, and its noise: unweighted, the tip's own
     parameters would be told by the base's noise.
-
-    Attributes
-    ----------
-    colour : as in :class:`fitting.estimators.ordinary.OrdinaryLeastSquares`
 
     Source
     ------
     Gautier, "Dynamic identification of robots with power model", ICRA 1997.
     """
 
-    colour: Colour = "white"
+    name: ClassVar[str] = "wls"
 
-    @property
-    def name(self) -> str:
-        """``wls``."""
-        return "wls"
-
-    def within(self, stage: StageTwo) -> WeightedLeastSquares:
-        """The same with the covariance that stage 2 asks for."""
-        return replace(self, colour=stage.colour)
-
-    def fit(
-        self,
-        A: npt.ArrayLike,
-        b: npt.ArrayLike,
-        *,
-        groups: npt.ArrayLike | None = None,
-        weights: npt.ArrayLike | None = None,
-    ) -> Estimate:
-        """Fit rows; see :class:`fitting.estimators.base.Estimator`."""
-        rows = check_rows(A, b, groups, weights)
+    def solved(self, rows: Rows) -> Estimate:
+        """Least squares with the weights that the first step gives."""
         return weighted_fit(weighted_by_group(rows), self.colour)
 
 

@@ -18,7 +18,7 @@
 
 from fitting.excitation.cylinders import CylinderExcitation, CylinderOptions, design_cylinder_motion
 from fitting.excitation.design import Excitation, design_motion, design_sequence
-from fitting.excitation.experiments import KINDS, Experiment, experiment, menu
+from fitting.excitation.experiments import KINDS, Arm, Experiment, experiment, menu
 from fitting.excitation.gathered import information_of, information_of_recording
 from fitting.excitation.limits import HydraulicLimits, LimitUse, limits_of_machine, limits_used
 from fitting.excitation.objective import condition_of_information, information
@@ -26,6 +26,7 @@ from fitting.excitation.problem import ExcitationOptions
 
 __all__ = [
     "KINDS",
+    "Arm",
     "CylinderExcitation",
     "CylinderOptions",
     "Excitation",

@@ -18,19 +18,17 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
 from daq.errors import InputError
 from daq.machine.machine_file import Joint, Machine
 from fitting.arm.linkage import lever_arm
+from fitting.arrays import FloatArray
 from fitting.excitation.fourier import fourier_basis
-from fitting.excitation.limits import LimitUse
+from fitting.excitation.limits import LimitUse, joint_numbers
 from fitting.excitation.motion import Motion
 from fitting.excitation.objective import condition_of_information, spectral_objective
 from fitting.excitation.search import lbfgs
 from fitting.excitation.staircase import LEVEL_SECONDS, staircase
-
-FloatArray = npt.NDArray[np.float64]
 
 _NORM_POWER = 24  # of the p-norm that keeps the limits, as for whole motions
 _FLOW_TRIALS = 4  # speeds come down in proportion to the flow that is asked for: two are enough as a rule
@@ -221,15 +219,11 @@ def _all_cylinders(
 
 
 def _chosen(machine: Machine, names: Sequence[str] | None) -> list[Joint]:
-    known = {joint.name: joint for joint in machine.joints}
-    for name in names or ():
-        if name not in known:
-            raise InputError(f"joint '{name}': {machine.name} has {', '.join(known)}")
-        if known[name].cylinder is None:
-            raise InputError(f"joint '{name}': has no cylinder, so nothing to unpin; leave it out")
-    chosen = [
-        joint for joint in machine.joints if joint.cylinder is not None and (names is None or joint.name in names)
-    ]
+    asked = [machine.joints[number] for number in joint_numbers(machine, names)]
+    chosen = [joint for joint in asked if joint.cylinder is not None]
+    if names is not None and len(chosen) < len(asked):
+        bare = next(joint.name for joint in asked if joint.cylinder is None)
+        raise InputError(f"joint '{bare}': has no cylinder, so nothing to unpin; leave it out")
     if not chosen:
         raise InputError(f"{machine.name}: no joint has a cylinder, so nothing to unpin; excite it with rods pinned")
     return chosen

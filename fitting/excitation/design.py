@@ -13,12 +13,12 @@ from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
-import numpy.typing as npt
 
 from daq.errors import InputError
 from daq.machine.machine_file import Machine
 from fitting.arm.base_parameters import BaseParameters, base_regressor, unidentifiable
 from fitting.arm.dynamics import stacked
+from fitting.arrays import FloatArray
 from fitting.excitation.fourier import fourier_basis
 from fitting.excitation.limits import HydraulicLimits, LimitUse, hydraulic_limits_used, joint_limits_used
 from fitting.excitation.motion import Motion
@@ -26,7 +26,6 @@ from fitting.excitation.objective import condition_of_information, information
 from fitting.excitation.problem import ExcitationOptions, Problem, pose_problem
 from fitting.excitation.search import search
 
-FloatArray = npt.NDArray[np.float64]
 Progress = Callable[[float, float], None]
 
 _FINER = 5  # than the machine's rate: the grid that extremes are looked for on

@@ -15,24 +15,24 @@ starts and ends at rest; parts are joined by fifth-order steps, so acceleration 
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
-import numpy.typing as npt
 from scipy.interpolate import make_interp_spline
 
 from daq.errors import InputError
 from daq.machine.machine_file import Joint, Machine
 from fitting.arm.base_parameters import BaseParameters
 from fitting.arm.linkage import joint_position, lever_arm, stroke_limits
+from fitting.arrays import FloatArray
 from fitting.excitation.cylinders import CylinderOptions, design_cylinder_motion
 from fitting.excitation.limits import HydraulicLimits, limits_used
 from fitting.excitation.motion import Motion
 from fitting.excitation.shapes import ACCELERATION_OF_STEP, SPEED_OF_STEP, burst, step, wave
 from fitting.excitation.staircase import staircase
 
-FloatArray = npt.NDArray[np.float64]
 #: Static drive efforts (N, n) at joint positions (N, n).
 Holding = Callable[[FloatArray], FloatArray]
 
@@ -72,24 +72,20 @@ class _Way:
     acceleration: float
 
 
-def menu(
-    machine: Machine,
-    joint: str,
-    *,
-    seconds: float = 60.0,
-    use: float = 0.92,
-    holding: Holding | None = None,
-    hydraulic: HydraulicLimits | None = None,
-    base: BaseParameters | None = None,
-) -> tuple[Experiment, ...]:
-    """All experiments of one joint that the limits allow.
+class NotPossibleError(InputError):
+    """The machine or its limits do not allow an experiment."""
 
-    Parameters
+
+@dataclass(frozen=True)
+class Arm:
+    """The joint under suspicion, and what its experiments have to keep to.
+
+    Attributes
     ----------
     machine
         The arm.
     joint
-        Name of the joint under suspicion.
+        Number of the joint.
     seconds
         Length of each motion.
     use
@@ -98,80 +94,18 @@ def menu(
         Drive efforts that hold the arm, for the choice of two poses; without it they are the ends of the ranges.
     hydraulic
         Supply flow and chamber pressure. A motion that asks for too much flow is run slower; one that asks for too
-        much pressure is left out.
+        much pressure is not possible.
     base
         The base parameters that ``hydraulic`` has values of; those of the machine if None.
-
-    Raises
-    ------
-    InputError
-        If there is no such joint.
     """
-    found = []
-    for kind in KINDS:
-        try:
-            found.append(
-                experiment(
-                    machine, joint, kind, seconds=seconds, use=use, holding=holding, hydraulic=hydraulic, base=base
-                )
-            )
-        except NotPossibleError:
-            continue
-    return tuple(found)
-
-
-class NotPossibleError(InputError):
-    """The machine or its limits do not allow an experiment."""
-
-
-def experiment(
-    machine: Machine,
-    joint: str,
-    kind: str,
-    *,
-    seconds: float = 60.0,
-    use: float = 0.92,
-    holding: Holding | None = None,
-    hydraulic: HydraulicLimits | None = None,
-    base: BaseParameters | None = None,
-) -> Experiment:
-    """One experiment; arguments as in :func:`menu`.
-
-    Raises
-    ------
-    NotPossibleError
-        If it needs what the machine does not have, or does not fit into its limits.
-    InputError
-        If there is no such joint or experiment.
-    """
-    names = [each.name for each in machine.joints]
-    if joint not in names:
-        raise InputError(f"joint '{joint}': {machine.name} has {', '.join(names)}")
-    if kind not in KINDS:
-        raise InputError(f"experiment '{kind}': there are {', '.join(KINDS)}")
-    number = names.index(joint)
-    if kind == "free_cylinder":
-        return _free_cylinder(machine, number, seconds, use, hydraulic)
-    build = {
-        "staircase": _staircase,
-        "slow_reversals": _slow_reversals,
-        "frequencies": _frequencies,
-        "two_poses": _two_poses,
-        "neighbour": _neighbour,
-    }[kind]
-    text, q = build(_Arm(machine, number, seconds, use, holding))
-    return Experiment(kind, text, _kept(machine, q, use, hydraulic, base, kind))
-
-
-@dataclass(frozen=True)
-class _Arm:
-    """What the builders need: the machine, the joint's number, how long, what share of the limits, and its loads."""
 
     machine: Machine
     joint: int
-    seconds: float
-    use: float
-    holding: Holding | None
+    seconds: float = 60.0
+    use: float = 0.92
+    holding: Holding | None = None
+    hydraulic: HydraulicLimits = field(default_factory=HydraulicLimits)
+    base: BaseParameters | None = None
 
     @property
     def name(self) -> str:
@@ -211,6 +145,40 @@ class _Arm:
             raise NotPossibleError(str(error)) from None
 
 
+def menu(arm: Arm) -> tuple[Experiment, ...]:
+    """All experiments of one joint that the limits allow."""
+    found = []
+    for kind in KINDS:
+        with contextlib.suppress(NotPossibleError):
+            found.append(experiment(arm, kind))
+    return tuple(found)
+
+
+def experiment(arm: Arm, kind: str) -> Experiment:
+    """One experiment.
+
+    Raises
+    ------
+    NotPossibleError
+        If it needs what the machine does not have, or does not fit into its limits.
+    InputError
+        If there is no such experiment.
+    """
+    if kind not in KINDS:
+        raise InputError(f"experiment '{kind}': there are {', '.join(KINDS)}")
+    if kind == "free_cylinder":
+        return _free_cylinder(arm)
+    build = {
+        "staircase": _staircase,
+        "slow_reversals": _slow_reversals,
+        "frequencies": _frequencies,
+        "two_poses": _two_poses,
+        "neighbour": _neighbour,
+    }[kind]
+    text, q = build(arm)
+    return Experiment(kind, text, _kept(arm, q, kind))
+
+
 def _piston_way(joint: Joint, way: _Way) -> tuple[float, float, float, float]:
     """Middle, half way, speed and acceleration that the piston may have wherever the joint is."""
     assert joint.cylinder is not None
@@ -221,7 +189,7 @@ def _piston_way(joint: Joint, way: _Way) -> tuple[float, float, float, float]:
     return float(x.mean()), float(x[1] - x[0]) / 2, r * way.speed, 0.8 * r * way.acceleration
 
 
-def _seconds_of_step(arm: _Arm, start: FloatArray, end: FloatArray) -> float:
+def _seconds_of_step(arm: Arm, start: FloatArray, end: FloatArray) -> float:
     seconds = 0.5
     for joint in range(len(start)):
         way, distance = arm.way(joint), abs(end[joint] - start[joint])
@@ -238,7 +206,7 @@ def _largest_burst(way: _Way, frequency: float) -> float:
     return min(way.half, way.speed / (10.1 * frequency), way.acceleration / (110.0 * frequency**2))
 
 
-def _bursts(arm: _Arm, highest: float, ratio: float, amplitude: float) -> tuple[str, FloatArray]:
+def _bursts(arm: Arm, highest: float, ratio: float, amplitude: float) -> tuple[str, FloatArray]:
     """The joint alone at three rates, the slowest ``ratio**2`` times slower than the highest, as often at each.
 
     The rates move together where the time does not hold two periods of each. Returns what is done and the motion.
@@ -254,27 +222,27 @@ def _bursts(arm: _Arm, highest: float, ratio: float, amplitude: float) -> tuple[
     return f"{', '.join(f'{f:.2g}' for f in frequencies)} Hz", q
 
 
-def _staircase(arm: _Arm) -> tuple[str, FloatArray]:
+def _staircase(arm: Arm) -> tuple[str, FloatArray]:
     course = arm.stairs(arm.seconds, 8, _SLOWEST)
     q = arm.held(len(course), arm.middle)
     q[:, arm.joint] = course
     return f"a staircase of constant speeds of {arm.name}, out and back at each; the other joints hold", q
 
 
-def _slow_reversals(arm: _Arm) -> tuple[str, FloatArray]:
+def _slow_reversals(arm: Arm) -> tuple[str, FloatArray]:
     way = arm.way(arm.joint)
     amplitude = min(_REVERSAL_SHARE * way.half, _largest_burst(way, _HIGHEST))
     rates, q = _bursts(arm, _HIGHEST, 3.0, amplitude)
     return f"reversals of {arm.name} over {2 * amplitude:.2g} {_unit(arm)} at three rates: {rates}", q
 
 
-def _frequencies(arm: _Arm) -> tuple[str, FloatArray]:
+def _frequencies(arm: Arm) -> tuple[str, FloatArray]:
     amplitude = _largest_burst(arm.way(arm.joint), _HIGHEST)
     rates, q = _bursts(arm, _HIGHEST, 2.0, amplitude)
     return f"{arm.name} alone, one amplitude of {amplitude:.2g} {_unit(arm)} at {rates}", q
 
 
-def _two_poses(arm: _Arm) -> tuple[str, FloatArray]:
+def _two_poses(arm: Arm) -> tuple[str, FloatArray]:
     if len(arm.machine.joints) < 2:
         raise NotPossibleError(f"{arm.machine.name}: has one joint, so no other pose to hold")
     light, heavy = _poses(arm)
@@ -295,7 +263,7 @@ def _two_poses(arm: _Arm) -> tuple[str, FloatArray]:
     return text, np.concatenate(parts)
 
 
-def _poses(arm: _Arm) -> tuple[FloatArray, FloatArray]:
+def _poses(arm: Arm) -> tuple[FloatArray, FloatArray]:
     """Poses of the other joints at which the mean size of the joint's load is smallest and largest."""
     ends = np.array([(way.middle - way.half, way.middle + way.half) for way in map(arm.way, range(len(arm.middle)))])
     grid = np.array(np.meshgrid(*[(0.0, 0.5, 1.0)] * min(4, len(arm.middle)), indexing="ij"))
@@ -315,7 +283,7 @@ def _poses(arm: _Arm) -> tuple[FloatArray, FloatArray]:
     return poses[int(np.argmin(size))], poses[int(np.argmax(size))]
 
 
-def _neighbour(arm: _Arm) -> tuple[str, FloatArray]:
+def _neighbour(arm: Arm) -> tuple[str, FloatArray]:
     count = len(arm.machine.joints)
     others = [k for k in (arm.joint + 1, arm.joint - 1) if 0 <= k < count]
     if not others:
@@ -336,38 +304,25 @@ def _neighbour(arm: _Arm) -> tuple[str, FloatArray]:
     return f"{names} swing while {arm.name} creeps over its stroke; the others hold", q
 
 
-def _free_cylinder(
-    machine: Machine, joint: int, seconds: float, use: float, hydraulic: HydraulicLimits | None
-) -> Experiment:
-    each = machine.joints[joint]
-    if each.cylinder is None:
-        raise NotPossibleError(f"joint '{each.name}': has no cylinder, so nothing to unpin")
-    options = CylinderOptions(seconds=seconds, starts=1, use=use)
-    flow = None if hydraulic is None else hydraulic.flow
-    motion = design_cylinder_motion(machine, options=options, joints=[each.name], flow=flow).motion
-    return Experiment(
-        "free_cylinder",
-        f"the rod of {each.name} unpinned: free strokes and a staircase of speeds without any load",
-        motion,
-    )
+def _free_cylinder(arm: Arm) -> Experiment:
+    name = arm.name
+    if arm.machine.joints[arm.joint].cylinder is None:
+        raise NotPossibleError(f"joint '{name}': has no cylinder, so nothing to unpin")
+    options = CylinderOptions(seconds=arm.seconds, starts=1, use=arm.use)
+    motion = design_cylinder_motion(arm.machine, options=options, joints=[name], flow=arm.hydraulic.flow).motion
+    text = f"the rod of {name} unpinned: free strokes and a staircase of speeds without any load"
+    return Experiment("free_cylinder", text, motion)
 
 
-def _kept(
-    machine: Machine,
-    q: FloatArray,
-    use: float,
-    hydraulic: HydraulicLimits | None,
-    base: BaseParameters | None,
-    kind: str,
-) -> Motion:
+def _kept(arm: Arm, q: FloatArray, kind: str) -> Motion:
     """The motion, run as much slower as its limits ask for."""
-    limits = hydraulic or HydraulicLimits()
+    machine, use = arm.machine, arm.use
     time = np.arange(len(q)) / machine.rate_hz
     slower = 1.0
     for _ in range(4):
         qd = np.gradient(q, time * slower, axis=0)
         qdd = np.gradient(qd, time * slower, axis=0)
-        uses = limits_used(machine, limits, q, qd, qdd, base)
+        uses = limits_used(machine, arm.hydraulic, q, qd, qdd, arm.base)
         ratio = max(
             (
                 each.used / use if each.quantity in ("velocity", "flow") else np.sqrt(each.used / use)
@@ -394,5 +349,5 @@ def _kept(
     return Motion(machine.name, "pinned", time, columns)
 
 
-def _unit(arm: _Arm) -> str:
+def _unit(arm: Arm) -> str:
     return "rad" if arm.machine.joints[arm.joint].type == "revolute" else "m"

@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from scipy.interpolate import make_interp_spline
 
 from daq.errors import InputError
@@ -13,12 +12,11 @@ from daq.machine.machine_file import Machine
 from daq.recordings.recording import Recording
 from fitting.arm.base_parameters import BaseParameters, base_regressor
 from fitting.arm.joint_side import at_joints
+from fitting.arrays import FloatArray
 from fitting.excitation.motion import Motion
 from fitting.excitation.objective import information
 from fitting.signals.filters import filter_bank
-from fitting.signals.preparation import position_noise, prepare
-
-FloatArray = npt.NDArray[np.float64]
+from fitting.signals.preparation import position_noise, segments_of
 
 _BANDWIDTH = 3.0  # Hz, at most an eighth of the rate: smooth enough for accelerations of slow motions
 
@@ -60,7 +58,7 @@ def information_of_recording(machine: Machine, base: BaseParameters, recording: 
     bank = filter_bank(machine.rate_hz, min(_BANDWIDTH, machine.rate_hz / 8))
     noise = position_noise(machine, (recording,), bank)
     total = np.zeros((len(base), len(base)))
-    for segment in prepare(machine, (recording,), bank, noise=noise):
+    for segment in segments_of(machine, (recording,), bank, noise=noise):
         qd, qdd = (np.where(segment.rest, 0.0, values) for values in (segment.qd, segment.qdd))
         total += information(base_regressor(machine, base, segment.q, qd, qdd)) * len(segment)
     return total

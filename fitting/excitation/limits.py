@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from daq.errors import InputError
 from daq.machine.machine_file import Cylinder, Machine
 from fitting.arm.base_parameters import BaseParameters, base_regressor, reduce_parameters
-from fitting.arm.linkage import lever_arm, lever_arm_slope, piston_motion
-
-FloatArray = npt.NDArray[np.float64]
+from fitting.arm.linkage import lever_arm, lever_arm_slope, lever_arms, piston_motion
+from fitting.arrays import FloatArray
 
 
 @dataclass(frozen=True)
@@ -146,6 +146,27 @@ def chamber_pressure(
     pull = (-force + friction + back_pressure * cylinder.head_area) / cylinder.rod_area
     per_force = np.where(push >= pull, 1 / cylinder.head_area, -1 / cylinder.rod_area)
     return np.maximum(push, pull), -per_force * force * slope / r, per_force / r
+
+
+def joint_numbers(machine: Machine, names: Sequence[str] | None) -> list[int]:
+    """Numbers of the joints with these names, all of them for None.
+
+    Raises
+    ------
+    InputError
+        For a name that no joint has.
+    """
+    known = [joint.name for joint in machine.joints]
+    for name in names or ():
+        if name not in known:
+            raise InputError(f"joint '{name}': {machine.name} has {', '.join(known)}")
+    return [number for number, name in enumerate(known) if names is None or name in names]
+
+
+def holding_efforts(machine: Machine, base: BaseParameters, values: FloatArray, q: FloatArray) -> FloatArray:
+    """Drive efforts (N, n) that hold an arm with these base parameters (nb,) in poses (N, n)."""
+    still = np.zeros_like(q)
+    return np.asarray(base_regressor(machine, base, q, still, still) @ values / lever_arms(machine, q))
 
 
 def limits_used(

@@ -25,8 +25,8 @@ import numpy.typing as npt
 
 from daq.errors import InputError
 from daq.machine.machine_file import Machine
+from fitting.arrays import FloatArray
 
-FloatArray = npt.NDArray[np.float64]
 Rods = Literal["pinned", "unpinned"]
 
 SCHEMA = "hilfit/motion/1"

@@ -26,12 +26,11 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-import numpy.typing as npt
 
 from fitting.arm.dynamics import rigid_body_regressor, stacked
 from fitting.arm.geometry import Geometry
+from fitting.arrays import FloatArray, IntArray
 
-FloatArray = npt.NDArray[np.float64]
 Criterion = Literal["condition", "determinant"]
 
 _STEP = 1e-4  # rad or m; a central difference of sines and products of sines is good to 1e-8
@@ -132,11 +131,11 @@ class Probed:
 
 def probed_regressor(
     geometry: Geometry,
-    columns: npt.NDArray[np.intp],
+    columns: IntArray,
     q: FloatArray,
     qd: FloatArray,
     qdd: FloatArray,
-    moved: npt.NDArray[np.intp],
+    moved: IntArray,
 ) -> Probed:
     """The regressor with what its derivatives need, all in one pass.
 

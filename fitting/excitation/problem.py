@@ -15,17 +15,15 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
 from daq.errors import InputError
 from daq.machine.machine_file import Machine
 from fitting.arm.base_parameters import BaseParameters, base_regressor
 from fitting.arm.linkage import stroke_limits
+from fitting.arrays import FloatArray, IntArray
 from fitting.excitation.fourier import FourierBasis, fourier_basis, spread_harmonics
-from fitting.excitation.limits import HydraulicLimits
+from fitting.excitation.limits import HydraulicLimits, joint_numbers
 from fitting.excitation.objective import Criterion, condition_of_information, information
-
-FloatArray = npt.NDArray[np.float64]
 
 _HOME_SHARE = 0.7  # of the way from mid-range to an end: a home at the very end would leave no motion
 _START_AMPLITUDE = 2.0  # sigmoid(2) = 0.88
@@ -87,14 +85,14 @@ class Problem:
 
     machine: Machine
     base: BaseParameters
-    joints: npt.NDArray[np.intp]  # those that move
+    joints: IntArray  # those that move
     middle: FloatArray  # (n,)
     half: FloatArray  # (n,) way from the middle to either end, already times `use`
     top_speed: FloatArray
     top_acceleration: FloatArray
     harmonics: tuple[tuple[int, ...], ...]
     bases: tuple[FourierBasis, ...]  # sampled for the search
-    columns: npt.NDArray[np.intp]  # base columns that can be told
+    columns: IntArray  # base columns that can be told
     gathered: FloatArray  # per sample of the final motion
     hydraulic: HydraulicLimits
     options: ExcitationOptions
@@ -133,15 +131,11 @@ def pose_problem(
     """The problem of one motion; arguments as in :func:`fitting.excitation.design.design_motion`."""
     if not base.only_rigid_body:
         raise ValueError("excitation is designed for inertial base parameters (friction_by_stage_1=True)")
-    known = [joint.name for joint in machine.joints]
-    for name in names or ():
-        if name not in known:
-            raise InputError(f"joint '{name}': {machine.name} has {', '.join(known)}")
-    moved = np.array([i for i, name in enumerate(known) if names is None or name in names], dtype=np.intp)
+    moved = np.array(joint_numbers(machine, names), dtype=np.intp)
     allowed = np.array([stroke_limits(joint) for joint in machine.joints])
     half = (allowed[:, 1] - allowed[:, 0]) / 2
     if np.any(half <= 0):
-        raise InputError(f"joints.{known[int(np.argmin(half))]}: limits and stroke leave no motion")
+        raise InputError(f"joints.{machine.joints[int(np.argmin(half))].name}: limits and stroke leave no motion")
     seconds = options.seconds
     harmonics = tuple(
         spread_harmonics(options.harmonics, place, len(moved), seconds, options.max_frequency)
@@ -178,7 +172,7 @@ def resampled(problem: Problem, samples: int) -> Problem:
     return replace(problem, bases=_bases(problem.harmonics, problem.options.seconds, samples))
 
 
-def _tellable(problem: Problem, rng: np.random.Generator) -> npt.NDArray[np.intp]:
+def _tellable(problem: Problem, rng: np.random.Generator) -> IntArray:
     """A largest set of base columns that motions of these joints, with what was gathered, tell apart."""
     q, qd, qdd, _ = states(problem, random_start(problem, rng), 24)
     G = information(base_regressor(problem.machine, problem.base, q, qd, qdd)) + problem.gathered

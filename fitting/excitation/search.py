@@ -12,15 +12,13 @@ from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
-import numpy.typing as npt
 from scipy.optimize import minimize
 
 from fitting.arm.geometry import geometry_of
+from fitting.arrays import FloatArray
 from fitting.excitation.limits import chamber_pressure, supply_flow
 from fitting.excitation.objective import information, probed_regressor, spectral_objective
 from fitting.excitation.problem import ExcitationOptions, Problem, random_start, resampled, states
-
-FloatArray = npt.NDArray[np.float64]
 
 _RESERVE = 0.99  # of flow and pressure: what a penalty lets through, and peaks between the samples
 _RANDOM = 12  # series per start, of which the best one is optimised

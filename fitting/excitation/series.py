@@ -6,14 +6,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
 from daq.machine.machine_file import Machine
 from fitting.arm.linkage import stroke_limits
+from fitting.arrays import FloatArray
 from fitting.excitation.fourier import fourier_basis, spread_harmonics
 from fitting.excitation.motion import Motion
-
-FloatArray = npt.NDArray[np.float64]
 
 _HARMONICS = 5
 _HIGHEST = (0.2, 0.35, 0.6)  # Hz

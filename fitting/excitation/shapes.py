@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
-FloatArray = npt.NDArray[np.float64]
+from fitting.arrays import FloatArray
 
 #: Largest slopes of the fifth-order step ``10 s^3 - 15 s^4 + 6 s^5``: of itself and of its first derivative.
 SPEED_OF_STEP, ACCELERATION_OF_STEP = 1.875, 5.7735

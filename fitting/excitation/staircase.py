@@ -7,11 +7,9 @@ from __future__ import annotations
 from itertools import chain, pairwise
 
 import numpy as np
-import numpy.typing as npt
 
 from daq.errors import InputError
-
-FloatArray = npt.NDArray[np.float64]
+from fitting.arrays import FloatArray
 
 LEVEL_SECONDS = 2.5  # what a level gets at least
 SLOWEST = 0.03  # of the top speed

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from itertools import zip_longest
 
 import numpy as np
@@ -18,7 +17,6 @@ from fitting.pipeline.results.loop_results import (
     AcceptedTerm,
     Attributed,
     Bias,
-    Change,
     Cutoff,
     Designed,
     Limit,
@@ -27,21 +25,18 @@ from fitting.pipeline.results.loop_results import (
     Rival,
     Searched,
     SpectralLine,
-    Tried,
     UnconfirmedLaw,
 )
 from fitting.pipeline.results.stage_results import Residual, StageResults
-from fitting.pipeline.stage_names import NEXT_MOTION
+from fitting.pipeline.stage_names import NEXT_MOTION, Progress
 from fitting.planning.detection import visible_size
 from fitting.report.drawing_data import spline_curve
-from fitting.residual.change_points import ChangePoint
 from fitting.residual.findings import Accepted, Attribution, Family, Unconfirmed
 from fitting.residual.laws import Law
 from fitting.residual.surfaces import second_variable
 from fitting.selection.evidence import least_gain
 from fitting.signals.corrections import Corrections
 
-Progress = Callable[[float, str], None]
 #: Chance with which an effect of the size of its detection limit is found.
 LIMIT_POWER = 0.95
 
@@ -63,7 +58,7 @@ def attribution(session: Session, results: StageResults, progress: Progress) -> 
     result = Attributed(
         verdict=found.verdict,
         accepted=tuple(_accepted(a) for a in found.accepted),
-        candidates=tuple(Tried(c.id, c.joint, c.score, c.status, c.reason) for c in found.candidates if c.id != "law"),
+        candidates=tuple(c for c in found.candidates if c.id != "law"),
         limits=_limits(found),
         hypotheses=found.hypotheses,
         nothing=found.nothing,
@@ -79,7 +74,7 @@ def attribution(session: Session, results: StageResults, progress: Progress) -> 
             )
             for line in found.lines
         ),
-        changes=tuple(_change(c, names) for c in found.changes),
+        changes=found.changes,
         other_bands=tuple(OtherBand(hz, tuple(_called(f, names) for f in families)) for hz, families in others),
         searched=Searched(search.pieces, search.seconds, search.of_seconds),
         next_experiment=_next_experiment(search.session, found),
@@ -108,20 +103,6 @@ def _unconfirmed(item: Unconfirmed, names: tuple[str, ...]) -> UnconfirmedLaw:
             "held_out_z": item.held_out.z,
             "validate_gain": item.validate_gain,
         },
-    )
-
-
-def _change(found: ChangePoint, names: tuple[str, ...]) -> Change:
-    return Change(
-        joint=names[found.joint],
-        of=found.column,
-        kind=found.kind,
-        recording=found.recording,
-        time=found.time,
-        interval=found.interval,
-        change=found.change,
-        std=found.std,
-        p=found.p,
     )
 
 

@@ -17,11 +17,10 @@ import numpy as np
 import numpy.typing as npt
 
 from fitting.arm.base_parameters import condition_number
+from fitting.arrays import BoolArray, FloatArray
 from fitting.regression.design import Design, effort_errors
 from fitting.regression.flags import FLAG_PERCENT
 from fitting.residual.confirmation.confirmation import overall_change
-
-FloatArray = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -36,7 +35,7 @@ class Contender:
 
     theta: FloatArray
     std: FloatArray
-    told: npt.NDArray[np.bool_]
+    told: BoolArray
     condition_number: float | None
 
 
@@ -124,7 +123,7 @@ def compare(
     return result | {"said": said(result)}
 
 
-def hardly_told(theta: FloatArray, std: FloatArray) -> npt.NDArray[np.bool_]:
+def hardly_told(theta: FloatArray, std: FloatArray) -> BoolArray:
     """Where the standard deviation is above :data:`FLAG_PERCENT` of the value."""
     return np.asarray(std > FLAG_PERCENT / 100.0 * np.abs(theta))
 

@@ -10,20 +10,18 @@ tells the two apart, and the joint gets the joint fit's values.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from fitting.arrays import FloatArray
 from fitting.estimators.covariance import series_scores
 from fitting.estimators.recursive import RecursiveLeastSquares
 from fitting.pipeline.results.stored_types import Numbers, stored
-from fitting.regression.design import Design, NoiseModel, reduced_residual
+from fitting.regression.design import Design, NoiseModel, reduced_residual, whitened_joint
 from fitting.regression.prior import Prior, prior_row
 from fitting.regression.solving import Fit, factor
-
-FloatArray = npt.NDArray[np.float64]
 
 #: Whitened rows that a cylinder needs in `unloaded` recordings; fewer, and it is identified in situ.
 LEAST_ROWS = 40
@@ -108,14 +106,15 @@ def _identify(
     drive = design.parameters.drive_slice(joint)
     names = design.parameters.drive[joint]
     unloaded = design.indices("unloaded")
-    A, b = _rows(design, noise, joint, unloaded)
-    in_situ = len(b) < LEAST_ROWS
+    rows = whitened_joint(design, noise, joint, unloaded)
+    in_situ = len(rows.b) < LEAST_ROWS
     used, loaded = unloaded, None
     if in_situ:
         used = design.indices("train", "operation")
         loaded = needed() if needed is not None else None
         noise, prior = (noise, prior) if loaded is None else (loaded.noise, loaded.prior)
-        A, b = _rows(design, noise, joint, used)
+        rows = whitened_joint(design, noise, joint, used)
+    A, b = rows.A, rows.b
     if len(b) == 0:  # it never moved: nothing is known, and nothing is made up
         nothing = np.zeros(len(names))
         return CylinderEstimate(
@@ -137,8 +136,7 @@ def _identify(
     if in_situ:
         residual = float(np.std(b - own @ theta)) * noise.std[joint]
     else:
-        parts = [reduced_residual(design, full, joint, i)[design.blocks[joint][i].keep] for i in used]
-        residual = float(np.std(np.concatenate(parts)))
+        residual = _left(design, full, joint, used)
     own_covariance = covariance[: len(names), : len(names)]
     return CylinderEstimate(
         design.machine.joints[joint].name,
@@ -195,13 +193,12 @@ def _from_joint_fit(design: Design, joint: int, fit: Fit, used: tuple[int, ...],
     """The joint fit's values in the place of an estimate that was refused."""
     drive = design.parameters.drive_slice(joint)
     theta = fit.theta[: len(design.parameters)]
-    parts = [reduced_residual(design, theta, joint, i)[design.blocks[joint][i].keep] for i in used]
     return CylinderEstimate(
         design.machine.joints[joint].name,
         design.parameters.drive[joint],
         theta[drive].copy(),
         fit.std[drive].copy(),
-        float(np.std(np.concatenate(parts))),
+        _left(design, theta, joint, used),
         True,
         rows,
         fit.covariance[drive, drive].copy(),
@@ -209,11 +206,7 @@ def _from_joint_fit(design: Design, joint: int, fit: Fit, used: tuple[int, ...],
     )
 
 
-def _rows(design: Design, noise: NoiseModel, joint: int, indices: tuple[int, ...]) -> tuple[FloatArray, FloatArray]:
-    A, b = [np.zeros((0, len(design.parameters)))], [np.zeros(0)]
-    for index in indices:
-        block = design.blocks[joint][index]
-        kept = noise.kept(joint, block.keep)
-        A.append(noise.whiten(joint, block.reduced)[kept])
-        b.append(noise.whiten(joint, block.reduced_target)[kept])
-    return np.vstack(A), np.concatenate(b)
+def _left(design: Design, theta: FloatArray, joint: int, used: Sequence[int]) -> float:
+    """Standard deviation of the reduced drive effort that some parameters (p,) leave of a joint."""
+    parts = [reduced_residual(design, theta, joint, i)[design.blocks[joint][i].keep] for i in used]
+    return float(np.std(np.concatenate(parts)))

@@ -4,15 +4,11 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
-import numpy.typing as npt
-
+from fitting.arrays import FloatArray
 from fitting.loop.session import Session
 from fitting.loop.weighting import MOST_LOST, Weighed
 from fitting.pipeline.results.stage_results import RigidBody
 from fitting.regression.error_sizes import errors_of
-
-FloatArray = npt.NDArray[np.float64]
 
 #: Names of the ways, in the order of the report's table, and what each is.
 WAYS = {

@@ -27,19 +27,17 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 from scipy import linalg, stats
 
 from fitting.arm.geometry import geometry_of
+from fitting.arrays import FloatArray
 from fitting.pipeline.results.stage_results import Constrained, Physics
 from fitting.regression.design import Design
 from fitting.regression.drive import UNITS, direct_units
-from fitting.regression.error_sizes import errors_of
+from fitting.regression.error_sizes import errors_of, in_floors
 from fitting.regression.plausible_arm import ALONE, plausible_arm
 from fitting.residual.friction_power import FrictionPower, driving, friction_power
 from fitting.residual.terms import Model
-
-FloatArray = npt.NDArray[np.float64]
 
 #: Chance that a possible machine is called impossible, over all that is asked of it.
 ALARM = 1e-4
@@ -273,8 +271,6 @@ def physics(design: Design, model: Model) -> Physics:
     if found.theta is None:
         return Physics(violations)
     free, bound = (errors_of(design, theta, model.extra)[0] for theta in (model.fit.theta, found.theta))
-    price: dict[str, float | None] = {}
-    for role in ("train", "validate"):
-        pairs = [(a, b) for a, b in zip(free[f"{role}_rms"], bound[f"{role}_rms"], strict=True) if a and b is not None]
-        price[role] = 100.0 * (float(np.sqrt(np.mean([(b / a) ** 2 for a, b in pairs]))) - 1.0) if pairs else None
+    shares = {role: in_floors(bound[f"{role}_rms"], free[f"{role}_rms"]) for role in ("train", "validate")}
+    price = {role: None if share is None else 100.0 * (share - 1.0) for role, share in shares.items()}
     return Physics(violations, Constrained(found.theta, bound, price))

@@ -15,7 +15,8 @@ from fitting.loop.closing import Asked, Recorder, Step, close
 from fitting.loop.session import Request, Session
 from fitting.pipeline.results.loop_results import Attributed, ClosingStep, Resolution
 from fitting.pipeline.results.stage_results import StageResults
-from fitting.pipeline.stages import STEPS, Progress, computed, motion_of, opened, reported
+from fitting.pipeline.stage_names import Progress, quiet
+from fitting.pipeline.stages import STEPS, computed, motion_of, opened, reported
 from fitting.residual.findings import Hypothesis
 
 #: The stages that are run again.
@@ -24,11 +25,7 @@ _SEARCH = (*takewhile(lambda stage: stage != "attribution", STEPS), "attribution
 _FIRST, _MORE = 0.5, 0.2
 
 
-def _quiet(fraction: float, text: str) -> None:
-    return None
-
-
-def identify_and_resolve(request: Request, record: Recorder, progress: Progress = _quiet) -> dict[str, Any]:
+def identify_and_resolve(request: Request, record: Recorder, progress: Progress = quiet) -> dict[str, Any]:
     """As :func:`fitting.pipeline.stages.identify`; what stays ambiguous is recorded, and identified again.
 
     Parameters
@@ -71,7 +68,7 @@ class _Run:
     results: StageResults
 
     @classmethod
-    def of(cls, request: Request, session: Session, progress: Progress = _quiet) -> Self:
+    def of(cls, request: Request, session: Session, progress: Progress = quiet) -> Self:
         return cls(request, session, computed(_SEARCH, request, session, StageResults(), progress))
 
     @property

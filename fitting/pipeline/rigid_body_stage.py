@@ -7,17 +7,15 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from fitting.arm.geometry import geometry_of
+from fitting.arrays import BoolArray, FloatArray, IntArray
 from fitting.estimators import Colour, Estimate, Estimator, OrdinaryLeastSquares, StageTwo, within
+from fitting.estimators.effort_fit import EffortRows
 from fitting.estimators.least_squares import solve
-from fitting.estimators.long_rows import LongRows
 from fitting.pipeline.cylinder_stage import CylinderEstimate
 from fitting.regression.body_prior import BodyPrior
 from fitting.regression.design import Design, Extra
-
-FloatArray = npt.NDArray[np.float64]
 
 #: Recordings that stage 2 and the one-shot regression are made on.
 ROLES = ("train", "operation")
@@ -41,43 +39,10 @@ class StackedEstimate:
     theta: FloatArray
     std: FloatArray
     condition_number: float
-    told: npt.NDArray[np.bool_]
+    told: BoolArray
     estimator: str = "ols"
     details: Mapping[str, Any] = field(default_factory=dict)
     covariance: FloatArray | None = field(default=None, repr=False)
-
-
-@dataclass(frozen=True)
-class EffortRows:
-    """Filtered rows in joint effort, all joints stacked, ``R`` rows.
-
-    Attributes
-    ----------
-    columns : (R, p) drive and base parameters, then effects
-    target : (R,) measured joint effort less what the machine file knows
-    groups : (R,) joint of each row
-    """
-
-    columns: FloatArray
-    target: FloatArray
-    groups: npt.NDArray[np.intp]
-
-
-def effort_rows(design: Design, roles: Sequence[str] = ROLES, extra: Extra | None = None) -> EffortRows:
-    """Rows of the recordings with these roles; columns of ``extra`` come last."""
-    rows, targets, groups = [], [], []
-    for joint in range(len(design.machine.joints)):
-        for index in design.indices(*roles):
-            r, block = design.segments[index].r[:, joint], design.blocks[joint][index]
-            target, columns = block.effort(design.bank, r)
-            if extra is not None and extra.names:
-                own = extra.columns[joint][index]
-                more = np.zeros((len(target), len(extra.names)))
-                columns = np.hstack([columns, more if own is None else design.bank.reduce(own * r[:, None])])
-            rows.append(columns[block.keep])
-            targets.append(target[block.keep])
-            groups.append(np.full(len(targets[-1]), joint))
-    return EffortRows(np.vstack(rows), np.concatenate(targets), np.concatenate(groups))
 
 
 def identify_rigid_body(
@@ -104,17 +69,15 @@ def identify_rigid_body(
         If the estimator lacks something that it cannot do without.
     """
     parameters = design.parameters
-    count = parameters.drive_count
-    frozen, covariance = np.zeros(count), np.zeros((count, count))
+    frozen, covariance = np.zeros(len(parameters)), np.zeros((len(parameters),) * 2)
     for joint, cylinder in enumerate(cylinders):
         part = parameters.drive_slice(joint)
         frozen[part], covariance[part, part] = cylinder.theta, _known(cylinder)
-    if design.stored and (estimator is None or isinstance(estimator, OrdinaryLeastSquares)):
-        found = _long_with_frozen(design, frozen, covariance, colour)
-    else:
-        found = _with_frozen(design, effort_rows(design), frozen, covariance, estimator, colour, prior)
+    found = refit_rigid_body(
+        design, frozen, covariance, estimator or OrdinaryLeastSquares(), colour=colour, prior=prior
+    )
     std = found.std.copy()
-    std[:count] = np.concatenate([cylinder.std for cylinder in cylinders])
+    std[: parameters.drive_count] = np.concatenate([cylinder.std for cylinder in cylinders])
     return replace(found, std=std)
 
 
@@ -142,17 +105,22 @@ def refit_rigid_body(
     StackedEstimate
         With all ``p`` parameters; those that were frozen keep the joint fit's deviations.
     """
-    base = design.parameters.base_slice
-    frozen = np.delete(np.arange(len(theta)), np.arange(base.start, base.stop))
-    return _with_frozen(
-        design,
-        effort_rows(design, ROLES, extra),
-        theta[frozen],
-        covariance[np.ix_(frozen, frozen)],
-        estimator,
-        colour,
-        prior,
-    )
+    base = np.arange(len(theta))[design.parameters.base_slice]
+    others = np.delete(np.arange(len(theta)), base)
+    rows = EffortRows(design, design.indices(*ROLES), extra, posed=True)
+    folded = design.stored and isinstance(estimator, OrdinaryLeastSquares)
+    columns, target, groups = rows.stacked(folded)
+    A, D = columns[:, base], columns[:, others]
+    if folded:
+        estimate = rows.ordinary(base, theta, colour)
+    else:
+        stage = StageTwo(geometry_of(design.machine), design.parameters.base, colour, prior)
+        estimate = within(estimator, stage).fit(A, target - D @ theta[others], groups=groups)
+    found, told = theta.copy(), np.ones(len(theta), dtype=bool)
+    found[base], told[base] = estimate.theta, estimate.told
+    whole = _covariance(A, D, covariance[np.ix_(others, others)], estimate, groups, (base, others))
+    std, condition = np.sqrt(np.diag(whole)), float(estimate.condition_number)
+    return StackedEstimate(found, std, condition, told, estimator.name, estimate.details, whole)
 
 
 def _known(cylinder: CylinderEstimate) -> FloatArray:
@@ -161,57 +129,13 @@ def _known(cylinder: CylinderEstimate) -> FloatArray:
     return np.where(np.isfinite(covariance), covariance, 0.0)
 
 
-def _with_frozen(
-    design: Design,
-    rows: EffortRows,
-    frozen: FloatArray,
-    covariance: FloatArray,
-    estimator: Estimator | None,
-    colour: Colour,
-    prior: BodyPrior | None,
-) -> StackedEstimate:
-    base = design.parameters.base_slice
-    others = np.delete(np.arange(rows.columns.shape[1]), np.arange(base.start, base.stop))
-    A, D = rows.columns[:, base], rows.columns[:, others]
-    chosen = OrdinaryLeastSquares() if estimator is None else estimator
-    stage = StageTwo(
-        geometry=geometry_of(design.machine),
-        base=design.parameters.base,
-        colour=colour,
-        prior=prior,
-    )
-    estimate = within(chosen, stage).fit(A, rows.target - D @ frozen, groups=rows.groups)
-    theta = np.zeros(rows.columns.shape[1])
-    theta[base], theta[others] = estimate.theta, frozen
-    places = np.arange(base.start, base.stop), others
-    whole = _covariance(A, D, covariance, estimate, rows.groups, places)
-    told = np.ones(len(theta), dtype=bool)
-    told[base] = estimate.told
-    std, condition = np.sqrt(np.diag(whole)), float(estimate.condition_number)
-    return StackedEstimate(theta, std, condition, told, chosen.name, estimate.details, whole)
-
-
-def _long_with_frozen(design: Design, frozen: FloatArray, covariance: FloatArray, colour: Colour) -> StackedEstimate:
-    """As :func:`_with_frozen` by ordinary least squares, over more rows than fit in memory."""
-    rows = LongRows(design, ROLES)
-    base = design.parameters.base_slice
-    count, wanted = design.parameters.drive_count, np.arange(base.start, base.stop)
-    theta = np.concatenate([frozen, np.zeros(len(wanted))])
-    estimate = rows.fit(wanted, theta, colour)
-    theta[wanted] = estimate.theta
-    A, D = rows.columns[:, wanted], rows.columns[:, :count]
-    whole = _covariance(A, D, covariance, estimate, rows.groups, (wanted, np.arange(count)))
-    told = np.concatenate([np.ones(count, dtype=bool), estimate.told])
-    return StackedEstimate(theta, np.sqrt(np.diag(whole)), estimate.condition_number, told, covariance=whole)
-
-
 def _covariance(
     A: FloatArray,
     D: FloatArray,
     frozen: FloatArray,
     estimate: Estimate,
-    groups: npt.NDArray[np.intp],
-    places: tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]],
+    groups: IntArray,
+    places: tuple[IntArray, IntArray],
 ) -> FloatArray:
     """Covariance (p, p) of all parameters: base ones have their own and what they inherit of those that were frozen.
 
@@ -243,11 +167,7 @@ def identify_one_shot(design: Design, *, unloaded: bool = False, colour: Colour 
     ``unloaded`` takes the recordings with the rods unpinned too, which stage 1 has: what then still differs from the
     two stages is the order of work and not the data.
     """
-    roles = (*ROLES, "unloaded") if unloaded else ROLES
-    if design.stored:
-        everything = np.arange(len(design.parameters))
-        estimate = LongRows(design, roles).fit(everything, np.zeros(len(everything)), colour)
-        return StackedEstimate(estimate.theta, estimate.std, estimate.condition_number, estimate.told)
-    rows = effort_rows(design, roles)
-    estimate = OrdinaryLeastSquares(colour=colour).fit(rows.columns, rows.target, groups=rows.groups)
+    rows = EffortRows(design, design.indices(*ROLES, *(("unloaded",) if unloaded else ())), posed=True)
+    everything = np.arange(len(design.parameters))
+    estimate = rows.ordinary(everything, np.zeros(len(everything)), colour)
     return StackedEstimate(estimate.theta, estimate.std, float(estimate.condition_number), estimate.told)

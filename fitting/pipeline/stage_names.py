@@ -1,5 +1,6 @@
 """Names of an identification's stages, apart from the code that runs them: importing this loads no numerics."""
 
+from collections.abc import Callable
 from typing import Literal
 
 #: Stage to what is said while it runs.
@@ -13,7 +14,13 @@ WORDS = {
     "report": "writing the report",
 }
 STAGES: tuple[str, ...] = tuple(WORDS)
+#: Told the share that is done, and what is being done.
+Progress = Callable[[float, str], None]
 #: File that the last stage leaves beside the report if it designed a motion.
 NEXT_MOTION = "next-experiment.csv"
 #: Languages that the last stage can write its page in (:mod:`fitting.report.languages`).
 ReportLanguage = Literal["en", "de"]
+
+
+def quiet(fraction: float, text: str) -> None:
+    """Nobody asks how far it is."""

@@ -2,25 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from fitting.arm.geometry import geometry_of
+from fitting.arrays import FloatArray
 from fitting.loop.session import Session
 from fitting.pipeline.comparison import Contender, compare, cylinder_conditions, stage_condition
 from fitting.pipeline.estimator_choice import Choice, chosen
 from fitting.pipeline.results.stage_results import Cylinders, RigidBody, Stacked, StageResults
 from fitting.pipeline.rigid_body_stage import StackedEstimate, identify_one_shot, identify_rigid_body, refit_rigid_body
+from fitting.pipeline.stage_names import Progress
 from fitting.regression.design import Design, Extra
 from fitting.regression.error_sizes import errors_of
 from fitting.residual.terms import Model
-
-FloatArray = npt.NDArray[np.float64]
-Progress = Callable[[float, str], None]
 
 
 def choice(session: Session) -> Choice:
@@ -35,24 +32,19 @@ def rigid_body_stage(session: Session, results: StageResults, progress: Progress
     two_stage = identify_rigid_body(design, cylinders, asked.estimator, colour=asked.colour, prior=asked.prior)
     progress(0.5, "one-shot regression for comparison")
     result = RigidBody(
-        two_stage=stacked(session, two_stage),
-        one_shot=stacked(session, identify_one_shot(design, colour=asked.colour)),
+        two_stage=stacked(design, two_stage),
+        one_shot=stacked(design, identify_one_shot(design, colour=asked.colour)),
     )
     if two_stage.estimator != "ols":  # order of work is compared with the same least squares on both sides
         by_ols = identify_rigid_body(design, cylinders, colour=asked.colour)
-        result = replace(result, two_stage_ols=stacked(session, by_ols))
+        result = replace(result, two_stage_ols=stacked(design, by_ols))
     if design.indices("unloaded"):
         with_unloaded = identify_one_shot(design, unloaded=True, colour=asked.colour)
-        result = replace(result, one_shot_with_unloaded=stacked(session, with_unloaded))
+        result = replace(result, one_shot_with_unloaded=stacked(design, with_unloaded))
     return result
 
 
-def stacked(session: Session, estimate: StackedEstimate) -> Stacked:
-    """An estimate on the uncorrected recordings (:func:`stacked_on`)."""
-    return stacked_on(session.plain.design, estimate)
-
-
-def stacked_on(design: Design, estimate: StackedEstimate, extra: Extra | None = None) -> Stacked:
+def stacked(design: Design, estimate: StackedEstimate, extra: Extra | None = None) -> Stacked:
     """An estimate with its errors per role and joint in the joint's effort unit."""
     errors, _, relative = errors_of(design, estimate.theta, extra)
     deviations = np.where(np.isfinite(estimate.std), estimate.std, 0.0)
@@ -87,7 +79,7 @@ def handed(session: Session, model: Model) -> tuple[Model, Stacked | None]:
     )
     assert estimate.covariance is not None
     fit = replace(model.fit, theta=estimate.theta, covariance=estimate.covariance, told=estimate.told, share=None)
-    return replace(model, fit=fit), stacked_on(model.design, estimate, model.extra)
+    return replace(model, fit=fit), stacked(model.design, estimate, model.extra)
 
 
 def comparison(session: Session, found: RigidBody, floor: FloatArray) -> dict[str, Any]:

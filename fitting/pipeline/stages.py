@@ -16,16 +16,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from daq.errors import HilfitError, InputError
 from fitting.arm.dynamics import self_check
+from fitting.arrays import FloatArray
 from fitting.estimators.effort_fit import EffortRows, mean_levers, parameter_error, predicted_std
 from fitting.excitation.motion import Motion, write_motion
-from fitting.loop.kinematic_check import kinematic_findings, step_to_json
-from fitting.loop.residual_loop import (
-    final_model,
-)
+from fitting.loop.kinematic_check import kinematic_findings
+from fitting.loop.residual_loop import final_model
 from fitting.loop.session import Request, Session
 from fitting.model.codec import MODEL_FILE, save_model
 from fitting.model.handover import hand_over
@@ -50,7 +48,7 @@ from fitting.pipeline.results.stage_results import (
     from_json,
     to_json,
 )
-from fitting.pipeline.stage_names import NEXT_MOTION, STAGES, WORDS
+from fitting.pipeline.stage_names import NEXT_MOTION, STAGES, WORDS, Progress, quiet
 from fitting.pipeline.stage_two import choice, comparison, handed, rigid_body_stage, std
 from fitting.pipeline.verdict import MOST_NOISE
 from fitting.regression.design import Design, reduced_residual
@@ -62,13 +60,6 @@ from fitting.report.languages import language
 from fitting.residual.confirmation.confirmation import overall_change
 from fitting.residual.terms import Model
 
-FloatArray = npt.NDArray[np.float64]
-Progress = Callable[[float, str], None]
-
-
-def _quiet(fraction: float, text: str) -> None:
-    return None
-
 
 def check(session: Session, results: StageResults, progress: Progress) -> Checked:
     """Recordings fit the machine and excite it; the machine's own equations agree with each other."""
@@ -78,7 +69,7 @@ def check(session: Session, results: StageResults, progress: Progress) -> Checke
     progress(0.5, "checking the equations of motion against themselves")
     return Checked(
         bandwidth_hz=session.bank.bandwidth_hz,
-        self_check=self_check(session.machine).error,
+        self_check=self_check(session.machine),
         standard_parameters=session.base.standard_count,
         base_parameters=len(session.base),
         repeated=bool(session.plain.pairs),
@@ -118,21 +109,7 @@ def residual(session: Session, results: StageResults, progress: Progress) -> Res
         noise_floor=tuple(np.where(valid, floor, left).tolist()),
         floor_valid=tuple(valid.tolist()),
         measured=bool(prepared.pairs),
-        kinematics=tuple(
-            Kinematic(
-                steps=tuple(step_to_json(s) for s in f.steps),
-                values=f.values,
-                stds=f.stds,
-                gain=f.gain,
-                score=f.score,
-                gap_before=f.gap_before,
-                gap_after=f.gap_after,
-                rivals=f.rivals,
-                probability=f.probability,
-                rival_probabilities=f.rival_probabilities,
-            )
-            for f in findings
-        ),
+        kinematics=tuple(Kinematic.of(f) for f in findings),
     )
 
 
@@ -215,7 +192,7 @@ STEPS: dict[str, Callable[[Session, StageResults, Progress], Any]] = {
 }
 
 
-def identify(request: Request, progress: Progress = _quiet) -> dict[str, Any]:
+def identify(request: Request, progress: Progress = quiet) -> dict[str, Any]:
     """Run all stages in this process and return the report (also written to ``request.output``).
 
     Raises
@@ -321,7 +298,7 @@ def _part(progress: Progress, number: int) -> Progress:
 def run_stage(
     stage: str,
     request: Request,
-    progress: Progress = _quiet,
+    progress: Progress = quiet,
     load: Callable[[Request], Session] = Session.load,
 ) -> dict[str, Any]:
     """Run one stage, or give back its stored result if it is done, as JSON.

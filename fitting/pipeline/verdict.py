@@ -28,6 +28,7 @@ from scipy import stats
 
 from fitting.pipeline.results.loop_results import Attributed
 from fitting.pipeline.results.stage_results import Checked, Refitted, Residual, StageResults
+from fitting.regression.error_sizes import in_floors
 from fitting.selection.evidence import least_gain
 
 #: Error on the validation motion, in noise floors, up to which nothing is missing.
@@ -119,9 +120,3 @@ def _noise_ratio(rows: Mapping[str, float]) -> float:
     """Ratio of two noises that are one, at most: :data:`MOST_NOISE`, or what chance makes of short recordings."""
     chance = float(stats.f.isf(CHANCE, max(rows["validate"], 1.0), max(rows["train"], 1.0)))
     return max(MOST_NOISE, math.sqrt(chance))
-
-
-def in_floors(errors: Sequence[float | None], floor: Sequence[float]) -> float | None:
-    """Root mean square over the joints of error over noise floor; None where no joint has both."""
-    pairs = [(e, f) for e, f in zip(errors, floor, strict=True) if e is not None and f > 0]
-    return math.sqrt(sum((e / f) ** 2 for e, f in pairs) / len(pairs)) if pairs else None

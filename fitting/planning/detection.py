@@ -16,22 +16,18 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
-from scipy import linalg
 from scipy.optimize import brentq
 from scipy.stats import chi2, ncx2
 
 from daq.machine.machine_file import Machine
+from fitting.arrays import FloatArray
 from fitting.effects.base import DriveView, Effect
 from fitting.regression.design import Design, NoiseModel
-from fitting.regression.solving import WhiteRows
+from fitting.regression.solving import WhiteRows, inverse_root
 from fitting.residual.laws import Law
 from fitting.residual.terms import Term
 from fitting.residual.views import Views
 
-FloatArray = npt.NDArray[np.float64]
-
-_RANK = 1e-10  # of unit columns' products: directions below are not told
 _DEAD = 1e-8  # of a column's own square: what is left of it is rounding
 _NOTHING = 1e-20  # square of a lambda per SI unit: a column of rounding errors, as of a neighbour that holds mid-range
 
@@ -121,7 +117,7 @@ def visibilities(
     indices : the segments that the rows come from
     terms : what to look for
     """
-    root = _inverse_root(np.sum([own.A.T @ own.A for own in rows], axis=0))
+    root = inverse_root(np.sum([own.A.T @ own.A for own in rows], axis=0))
     projectors = [own.A @ root for own in rows]
     local: dict[int, list[int]] = {}
     result: dict[int, Visibility] = {}
@@ -145,17 +141,6 @@ def visibilities(
         for view in row:
             view.cache.clear()  # what shapes shared is of no use any more
     return tuple(result[number] for number in range(len(terms)))
-
-
-def _inverse_root(G: FloatArray) -> FloatArray:
-    """``U`` with ``U U' = G^+``, so that ``A U`` is an orthonormal basis of the columns of ``A``."""
-    used = np.flatnonzero(np.diag(G) > 0)
-    scale = np.sqrt(np.diag(G)[used])
-    values, vectors = linalg.eigh(G[np.ix_(used, used)] / np.outer(scale, scale), check_finite=False)
-    told = values > _RANK * values[-1]
-    root = np.zeros((len(G), int(told.sum())))
-    root[used] = vectors[:, told] / np.sqrt(values[told]) / scale[:, None]
-    return root
 
 
 def _white(

@@ -13,12 +13,12 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from daq.machine.machine_file import Machine
 from daq.recordings.recording import Recording
 from fitting.arm.base_parameters import BaseParameters
 from fitting.arm.joint_side import at_joints
+from fitting.arrays import FloatArray
 from fitting.effects.base import Effect
 from fitting.excitation.motion import Motion
 from fitting.planning.detection import Visibility, typical_terms, visibilities
@@ -30,15 +30,14 @@ from fitting.regression.identifiability import Telling, statement, tellings
 from fitting.regression.prior import mass_prior, with_prior
 from fitting.selection.evidence import least_gain
 from fitting.signals.filters import FilterBank, filter_bank
-from fitting.signals.preparation import PositionNoise, Segment, position_noise, prepare
+from fitting.signals.preparation import PositionNoise, Segment, position_noise, segments_of
 from fitting.signals.spectrum import whitening
-
-FloatArray = npt.NDArray[np.float64]
 
 #: Bandwidth of an identification of slow motions, Hz (at most an eighth of the rate).
 BANDWIDTH = 3.0
 #: Noise of a smoothed speed that is assumed where no recording tells, as a share of the joint's top speed.
 _SPEED_NOISE = 2e-4
+_POWER = 0.95  # with which the smallest effects are found
 _BACK_PRESSURE = 5.0e5  # Pa: what a valve usually keeps in the chamber that is emptied
 
 
@@ -90,7 +89,7 @@ def forecast(
     machine, recordings = at_joints(machine, recordings)
     bank = filter_bank(machine.rate_hz, min(BANDWIDTH, machine.rate_hz / 8))
     noise = _position_noise(machine, recordings, bank)
-    segments: list[Segment] = list(prepare(machine, recordings, bank, noise=noise)) if recordings else []
+    segments: list[Segment] = list(segments_of(machine, recordings, bank, noise=noise)) if recordings else []
     first = 1 + max((segment.recording for segment in segments), default=-1)
     segments += [planned_segment(machine, bank, noise, m, first + k) for k, m in enumerate(motions)]
     segments = [replace(segment, temperature=None) for segment in segments]  # of a plan nothing is known of it
@@ -130,13 +129,12 @@ def _position_noise(machine: Machine, recordings: Sequence[Recording], bank: Fil
     return tuple(result)
 
 
-def forecast_to_json(found: Forecast, guess: Guess, power: float = 0.95) -> dict[str, Any]:
+def forecast_to_json(found: Forecast, guess: Guess) -> dict[str, Any]:
     """The forecast as plain JSON; ``smallest`` is None where nothing of an effect survives."""
-    names = [t.name for t in found.tellings]
     effects = []
     for visibility, choices in zip(found.visibilities, found.choices, strict=True):
         needed = least_gain(max(visibility.parameters, 1), choices)
-        smallest = visibility.smallest(needed, power)
+        smallest = visibility.smallest(needed, _POWER)
         joint = visibility.term.joint
         effects.append(
             {
@@ -151,16 +149,8 @@ def forecast_to_json(found: Forecast, guess: Guess, power: float = 0.95) -> dict
     return {
         "basis": guess.statement,
         "measured": guess.measured,
-        "power": power,
+        "power": _POWER,
         "effects": effects,
-        "parameters": [
-            {
-                "name": name,
-                "verdict": t.verdict,
-                "std": t.std if np.isfinite(t.std) else None,
-                "relative": t.relative if np.isfinite(t.relative) else None,
-            }
-            for name, t in zip(names, found.tellings, strict=True)
-        ],
+        "parameters": [telling.to_json() for telling in found.tellings],
         "parameters_statement": statement(found.tellings),
     }

@@ -12,17 +12,16 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
 from daq.machine.machine_file import Joint, Machine
 from fitting.arm.base_parameters import BaseParameters, base_regressor
+from fitting.arm.dynamics import standard_of_link
 from fitting.arm.geometry import geometry_of
 from fitting.arm.linkage import lever_arm, stroke_limits
-from fitting.regression.body_prior import read_body_prior, standard_of_link
+from fitting.arrays import FloatArray
+from fitting.regression.body_prior import read_body_prior
 from fitting.regression.drive import drive_names
 from fitting.regression.prior import moving_mass
-
-FloatArray = npt.NDArray[np.float64]
 
 #: Supply pressure of mobile hydraulics where the machine file gives none, Pa.
 USUAL_SUPPLY = 21.0e6
@@ -119,7 +118,7 @@ def default_guess(machine: Machine, base: BaseParameters, supply: float = USUAL_
         direction = arm / length
         across = np.eye(3) - np.outer(direction, direction)
         central = length**2 / 12 * across + (0.1 * length) ** 2 * np.eye(3)
-        links.append(standard_of_link(length, (near + far) / 2, length * central[np.triu_indices(3)]))
+        links.append(standard_of_link(length, (near + far) / 2, length * central))
     per_density = base.from_standard(np.concatenate(links))
     pressure, effort = _holding(machine, base, per_density)
     most = float(pressure.max(initial=0.0))

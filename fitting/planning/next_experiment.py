@@ -19,7 +19,7 @@ import numpy.typing as npt
 
 from daq.machine.machine_file import Machine
 from fitting.effects.base import Effect
-from fitting.excitation.experiments import menu
+from fitting.excitation.experiments import Arm, menu
 from fitting.excitation.limits import HydraulicLimits, limits_of_machine, limits_used
 from fitting.excitation.motion import Motion
 from fitting.excitation.series import Series, random_series, varied
@@ -212,20 +212,12 @@ def design_next(
     if len(rivals) < 2:
         raise ValueError("an experiment tells two rivals or more apart")
     question = Question(model, tuple(rivals), prior, hydraulic or supply_of(model), _normed(chances))
-    machine, base = model.design.machine, model.design.parameters.base
-    experiments = [
-        each
+    design = model.design
+    arms = [
+        Arm(design.machine, joint, seconds, use, question.holding, question.hydraulic, design.parameters.base)
         for joint in question.suspects
-        for each in menu(
-            machine,
-            machine.joints[joint].name,
-            seconds=seconds,
-            use=use,
-            holding=question.holding,
-            hydraulic=question.hydraulic,
-            base=base,
-        )
     ]
+    experiments = [each for arm in arms for each in menu(arm)]
     options = [
         Option(each.kind, each.text, each.motion, apart)
         for each, apart in zip(

@@ -9,18 +9,16 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-import numpy.typing as npt
 from scipy.interpolate import make_interp_spline
 
 from daq.errors import InputError
 from daq.machine.machine_file import Machine
-from fitting.arm.linkage import lever_arm, piston_motion
+from fitting.arm.linkage import lever_arms, piston_motion
+from fitting.arrays import BoolArray, FloatArray
 from fitting.excitation.motion import Motion
 from fitting.signals.filters import FilterBank
 from fitting.signals.preparation import REST_SPEED, PositionNoise, Segment, long_rests
 
-FloatArray = npt.NDArray[np.float64]
-BoolArray = npt.NDArray[np.bool_]
 #: Position, speed and acceleration, each (N, n).
 States = tuple[FloatArray, FloatArray, FloatArray]
 
@@ -92,10 +90,6 @@ def _segment(
 ) -> Segment:
     q, qd, qdd = turning
     x, v, a = driving
-    levers = [
-        np.ones(len(q)) if joint.cylinder is None else lever_arm(joint.cylinder.linkage, q[:, j])
-        for j, joint in enumerate(machine.joints)
-    ]
     nothing = np.full_like(q, np.nan)
     return Segment(
         recording=recording,
@@ -108,7 +102,7 @@ def _segment(
         x=x,
         v=v,
         a=a,
-        r=np.stack(levers, axis=1),
+        r=lever_arms(machine, q),
         effort=np.zeros_like(q),
         p1=nothing,
         p2=nothing,

@@ -8,19 +8,18 @@ that any of the machine was seen at; the other one then carries the force.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
-import numpy.typing as npt
 
 from daq.machine.machine_file import Machine
+from fitting.arrays import FloatArray
 from fitting.effects.base import DriveView
 from fitting.regression.design import Design, Extra
 from fitting.residual.terms import Model, Term, extra_columns
 from fitting.residual.views import Views, build_views
-
-FloatArray = npt.NDArray[np.float64]
 
 _LOWEST = 0.005  # quantile that counts as the lowest pressure seen
 
@@ -101,24 +100,14 @@ def chamber_models(model: Model) -> tuple[ChamberModel | None, ...]:
 
 def usual_chambers(machine: Machine, back_pressure: float) -> tuple[ChamberModel | None, ...]:
     """Chamber models before anything was measured: the chamber that is emptied keeps ``back_pressure`` (Pa)."""
-    found: list[ChamberModel | None] = []
-    for joint in machine.joints:
-        if joint.cylinder is None:
-            found.append(None)
-            continue
-        nothing = np.zeros(ChamberModel._features(np.zeros(1), np.zeros(1)).shape[1])
-        everywhere = (-np.inf, np.inf)
-        found.append(
-            ChamberModel(
-                joint.cylinder.head_area,
-                joint.cylinder.rod_area,
-                nothing,
-                everywhere,
-                everywhere,
-                back_pressure,
-            )
-        )
-    return tuple(found)
+    nothing = np.zeros(ChamberModel._features(np.zeros(1), np.zeros(1)).shape[1])
+    everywhere = (-np.inf, np.inf)
+    return tuple(
+        None
+        if own is None
+        else ChamberModel(own.head_area, own.rod_area, nothing, everywhere, everywhere, back_pressure)
+        for own in (joint.cylinder for joint in machine.joints)
+    )
 
 
 def planned_views(
@@ -150,7 +139,7 @@ def planned_views(
 def _with_pressures(views: Views, chambers: tuple[ChamberModel | None, ...], like: DriveView | None) -> Views:
     result = []
     for row in views:
-        pressures = _Pressures(row[0].segment.v, row[0].forces, chambers)
+        pressures = _pressures(row[0].segment.v, row[0].forces, chambers)
         result.append(
             tuple(
                 replace(
@@ -166,18 +155,17 @@ def _with_pressures(views: Views, chambers: tuple[ChamberModel | None, ...], lik
     return tuple(result)
 
 
-class _Pressures:
+def _pressures(
+    v: FloatArray, forces: FloatArray, chambers: tuple[ChamberModel | None, ...]
+) -> Callable[[], FloatArray]:
     """Rod pressures of one segment, computed when they are first asked for."""
 
-    def __init__(self, v: FloatArray, forces: FloatArray, chambers: tuple[ChamberModel | None, ...]) -> None:
-        self._v, self._forces, self._chambers = v, forces, chambers
-        self._values: FloatArray | None = None
+    @cache
+    def values() -> FloatArray:
+        columns = [
+            np.full(len(v), np.nan) if each is None else each.rod_pressure(v[:, j], forces[:, j])
+            for j, each in enumerate(chambers)
+        ]
+        return np.column_stack(columns)
 
-    def __call__(self) -> FloatArray:
-        if self._values is None:
-            columns = [
-                np.full(len(self._v), np.nan) if each is None else each.rod_pressure(self._v[:, j], self._forces[:, j])
-                for j, each in enumerate(self._chambers)
-            ]
-            self._values = np.column_stack(columns)
-        return self._values
+    return values

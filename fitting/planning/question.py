@@ -6,12 +6,10 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-import numpy.typing as npt
 
-from fitting.arm.base_parameters import base_regressor
-from fitting.arm.linkage import lever_arm
+from fitting.arrays import FloatArray
 from fitting.effects.base import Effect
-from fitting.excitation.limits import HydraulicLimits
+from fitting.excitation.limits import HydraulicLimits, holding_efforts
 from fitting.excitation.motion import Motion
 from fitting.planning.planned import States, planned_segment, segment_of_states
 from fitting.planning.planned_views import chamber_models, planned_views
@@ -20,8 +18,6 @@ from fitting.regression.design import build_design, whitened
 from fitting.regression.prior import Prior, with_prior
 from fitting.residual.terms import Model, Term, extra_columns
 from fitting.signals.preparation import Segment
-
-FloatArray = npt.NDArray[np.float64]
 
 #: Shapes of a rival's grid that are looked at.
 _MOST_SHAPES = 16
@@ -107,14 +103,8 @@ class Question:
     def holding(self, q: FloatArray) -> FloatArray:
         """Load forces (N, n) of the fitted arm at rest."""
         design = self.model.design
-        still = np.zeros_like(q)
         values = self.model.fit.theta[design.parameters.base_slice]
-        tau = base_regressor(design.machine, design.parameters.base, q, still, still) @ values
-        levers = [
-            np.ones(len(q)) if joint.cylinder is None else lever_arm(joint.cylinder.linkage, q[:, j])
-            for j, joint in enumerate(design.machine.joints)
-        ]
-        return np.asarray(tau / np.column_stack(levers))
+        return holding_efforts(design.machine, design.parameters.base, values, q)
 
     def segment(self, motion: Motion) -> Segment:
         """A motion as it would be recorded."""

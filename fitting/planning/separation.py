@@ -24,13 +24,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
-from scipy import linalg
 from scipy.special import ndtr
 
+from fitting.arrays import FloatArray
 from fitting.effects.base import Effect
 from fitting.effects.bounds import inside
-from fitting.regression.solving import WhiteRows
+from fitting.regression.solving import WhiteRows, inverse_root
 from fitting.residual.laws import Law
 from fitting.residual.scoring import Score
 from fitting.residual.terms import Term
@@ -39,13 +38,10 @@ from fitting.selection.evidence import log_mean, whitened_parts
 from fitting.selection.gains import averaged, orders, plausible
 from fitting.selection.priors import SAID_ODDS, USUAL_EFFORT
 
-FloatArray = npt.NDArray[np.float64]
-
 #: Least standard deviation of log odds: noise moves what no motion tells apart as well.
 _LEAST_SPREAD = 0.5
 #: Standard deviations of margin beyond which more of it is worth nothing.
 _ENOUGH = 4.0
-_RANK = 1e-10  # of unit columns' products: directions below are not told
 
 
 def products(rows: Sequence[WhiteRows]) -> FloatArray:
@@ -62,11 +58,7 @@ def projected(values: FloatArray, count: int) -> FloatArray:
 
     Directions that vanish to 1e-10 of the products of unit columns count as not told, and are not projected out.
     """
-    out = np.flatnonzero(np.diag(values)[:count] > 0)
-    scale = np.sqrt(values[out, out])
-    eigenvalues, vectors = linalg.eigh(values[np.ix_(out, out)] / np.outer(scale, scale), check_finite=False)
-    told = eigenvalues > _RANK * max(float(eigenvalues[-1]), 1e-300) if len(out) else np.zeros(0, dtype=bool)
-    cross = vectors[:, told].T @ (values[out, count:] / scale[:, None]) / np.sqrt(eigenvalues[told])[:, None]
+    cross = inverse_root(values[:count, :count]).T @ values[:count, count:]
     return np.asarray(values[count:, count:] - cross.T @ cross)
 
 

@@ -28,8 +28,8 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from daq.errors import InputError
 from daq.validation_words import in_words
 from fitting.arm.base_parameters import BaseParameters
-
-FloatArray = npt.NDArray[np.float64]
+from fitting.arm.dynamics import standard_of_link
+from fitting.arrays import FloatArray
 
 #: How far an arm may have moved from its last calibration, as a share of each parameter's size.
 REPORT_DRIFT = 0.1
@@ -109,7 +109,9 @@ def _from_drawing(path: Path, content: Mapping[str, Any], base: BaseParameters) 
         raise InputError(f"{path}: links: {len(drawing.links)} are given, the machine has {links}")
     rows, spreads = [], []
     for number, link in enumerate(drawing.links):
-        row = standard_of_link(link.mass, link.centre, link.inertia)
+        central = np.zeros((3, 3))
+        central[np.triu_indices(3)] = link.inertia
+        row = standard_of_link(link.mass, link.centre, central)
         if np.linalg.eigvalsh(pseudo_inertia(row)).min() < -1e-9 * np.trace(pseudo_inertia(row)):
             raise InputError(f"{path}: links.{number}.inertia: no body has these moments of inertia about its centre")
         rows.append(row)
@@ -148,18 +150,6 @@ def _sizes(mean: FloatArray, base: BaseParameters) -> FloatArray:
         same = [k for k in range(len(mean)) if link[k] == link[i] and base.units[k] == unit]
         sizes[i] = np.sqrt(np.mean(mean[same] ** 2))
     return np.asarray(np.maximum(sizes, 1e-12))
-
-
-def standard_of_link(mass: float, centre: npt.ArrayLike, inertia: npt.ArrayLike) -> FloatArray:
-    """``[m, mx, my, mz, Ixx, Ixy, Ixz, Iyy, Iyz, Izz]`` about the frame's origin, from what drawings give.
-
-    ``centre`` (3,) of mass in the link's frame, ``inertia`` (6,) about it: ``XX XY XZ YY YZ ZZ``, matrix entries.
-    """
-    c = np.asarray(centre, dtype=float)
-    central = np.zeros((3, 3))
-    central[np.triu_indices(3)] = inertia
-    about = central + np.triu(mass * ((c @ c) * np.eye(3) - np.outer(c, c)))
-    return np.concatenate([[mass], mass * c, about[np.triu_indices(3)]])
 
 
 def pseudo_inertia(link: npt.ArrayLike) -> FloatArray:

@@ -18,19 +18,16 @@ from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
 from daq.machine.machine_file import Machine
 from fitting.arm.base_parameters import BaseParameters, base_regressor
+from fitting.arrays import BoolArray, FloatArray
 from fitting.regression.drive import drive_columns, drive_names, known_effort
 from fitting.regression.solving import WhiteRows
 from fitting.signals.filters import FilterBank
 from fitting.signals.lost_rows import hidden
 from fitting.signals.preparation import PositionNoise, Segment
 from fitting.signals.spectrum import Whitening, unit_whitening
-
-FloatArray = npt.NDArray[np.float64]
-BoolArray = npt.NDArray[np.bool_]
 
 #: A reduced row is dropped when the element rests during more than this share of its filter window. At rest friction is
 #: anything between plus and minus the Coulomb friction, which is tens of standard deviations of a row.
@@ -286,27 +283,39 @@ class Extra:
     names: tuple[str, ...]
     columns: Sequence[Sequence[FloatArray | None]]
 
+    def beside(
+        self, columns: FloatArray, bank: FilterBank, joint: int, index: int, r: FloatArray | None = None
+    ) -> FloatArray:
+        """Reduced ``columns`` (M, p) of a joint in a segment with the effects' own beside them, times ``r`` (N,)."""
+        if not self.names:
+            return columns
+        own = self.columns[joint][index]
+        if own is None:
+            return np.hstack([columns, np.zeros((len(columns), len(self.names)))])
+        return np.hstack([columns, bank.reduce(own if r is None else own * r[:, None])])
+
 
 def whitened(
     design: Design, noise: NoiseModel, fitted: Sequence[int], extra: Extra | None = None
 ) -> tuple[WhiteRows, ...]:
     """Whitened rows of every joint over the fitted segments."""
-    result = []
-    for joint in range(len(design.machine.joints)):
-        parts_A, parts_b, sections = [], [], []
-        for index in fitted:
-            block = design.blocks[joint][index]
-            columns = block.reduced
-            if extra is not None and extra.names:
-                own = extra.columns[joint][index]
-                more = np.zeros((len(columns), len(extra.names))) if own is None else design.bank.reduce(own)
-                columns = np.hstack([columns, more])
-            kept = noise.kept(joint, block.keep)
-            parts_A.append(noise.whiten(joint, columns)[kept])
-            parts_b.append(noise.whiten(joint, block.reduced_target)[kept])
-            sections.append((index, kept))
-        result.append(WhiteRows(np.vstack(parts_A), np.concatenate(parts_b), tuple(sections)))
-    return tuple(result)
+    return tuple(whitened_joint(design, noise, joint, fitted, extra) for joint in range(len(design.machine.joints)))
+
+
+def whitened_joint(
+    design: Design, noise: NoiseModel, joint: int, fitted: Sequence[int], extra: Extra | None = None
+) -> WhiteRows:
+    """Whitened rows of one joint over the fitted segments."""
+    width = len(design.parameters) + (0 if extra is None else len(extra.names))
+    parts_A, parts_b, sections = [np.zeros((0, width))], [np.zeros(0)], []
+    for index in fitted:
+        block = design.blocks[joint][index]
+        columns = block.reduced if extra is None else extra.beside(block.reduced, design.bank, joint, index)
+        kept = noise.kept(joint, block.keep)
+        parts_A.append(noise.whiten(joint, columns)[kept])
+        parts_b.append(noise.whiten(joint, block.reduced_target)[kept])
+        sections.append((index, kept))
+    return WhiteRows(np.vstack(parts_A), np.concatenate(parts_b), tuple(sections))
 
 
 def full_residual(design: Design, theta: FloatArray, joint: int, index: int, extra: Extra | None = None) -> FloatArray:

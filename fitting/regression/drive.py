@@ -13,11 +13,11 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-import numpy.typing as npt
 
 from daq.machine.machine_file import Joint, Machine
 from fitting.arm.base_parameters import reduce_parameters
 from fitting.arm.expected import expected_power, expected_sign
+from fitting.arrays import FloatArray
 from fitting.signals.filters import advanced
 
 __all__ = [
@@ -31,7 +31,6 @@ __all__ = [
     "known_effort",
 ]
 
-FloatArray = npt.NDArray[np.float64]
 
 UNITS = {"m": "kg", "K": "N/m", "f_c": "N", "f_v": "N s/m", "f_s": "N (s/m)^(1/3)", "J": "kg m^2"}
 

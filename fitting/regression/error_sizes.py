@@ -13,9 +13,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from fitting.arrays import FloatArray
 from fitting.regression.design import Design, Extra, effort_errors
-
-FloatArray = npt.NDArray[np.float64]
 
 #: Which recordings each column of a report's errors is of.
 ROLES = {"train": ("train", "operation"), "validate": ("validate",)}
@@ -123,7 +122,7 @@ def overall_errors(
         for state, (of_joints, _, relative) in found.items():
             result["relative"][f"{prefix}{state}"] = relative[role]
             for size in ("rms", "mean"):
-                result[size][f"{prefix}{state}"] = _in_floors(of_joints[f"{role}_{size}"], floor)
+                result[size][f"{prefix}{state}"] = in_floors(of_joints[f"{role}_{size}"], floor)
     return result | {"relative": result["relative"] | {"of": found["after"][2]["of"]}}
 
 
@@ -143,7 +142,8 @@ def independent_rows(errors: Sequence[FloatArray]) -> float:
     return total
 
 
-def _in_floors(values: Sequence[float | None], floor: npt.ArrayLike) -> float | None:
+def in_floors(values: Sequence[float | None], floor: npt.ArrayLike | Sequence[float | None]) -> float | None:
+    """Root mean square over the joints of error over noise floor; None where no joint has both."""
     pairs = zip(values, np.asarray(floor, dtype=float), strict=True)
     scaled = [value / own for value, own in pairs if value is not None and own > 0]
     return float(np.sqrt(np.mean(np.square(scaled)))) if scaled else None

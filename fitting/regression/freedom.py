@@ -15,13 +15,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-import numpy.typing as npt
 from scipy import stats
 
+from fitting.arrays import FloatArray
 from fitting.regression.design import NoiseModel
 from fitting.regression.solving import WhiteRows
-
-FloatArray = npt.NDArray[np.float64]
 
 _MOST_FREEDOM = 1e6
 _LEAST_FREEDOM = 3.0

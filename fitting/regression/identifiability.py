@@ -17,17 +17,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
-import numpy.typing as npt
 from scipy import linalg
 
+from fitting.arrays import FloatArray
 from fitting.regression.design import Design, NoiseModel, whitened
 from fitting.regression.prior import Prior, with_prior
 from fitting.regression.solving import WhiteRows
 
-FloatArray = npt.NDArray[np.float64]
 Verdict = Literal["told", "poorly told", "not told", "assumed"]
 
 #: Relative standard deviation above which a parameter is flagged, and above which it is not told at all.
@@ -46,14 +45,16 @@ class Telling:
     verdict : see the module's text
     std : standard deviation in the parameter's unit; infinite where rows do not tell it
     relative : ``std`` over the parameter's size
-    effort_share : change of the effort by one standard deviation, over the effort of the joint where it shows most
     """
 
     name: str
     verdict: Verdict
     std: float
     relative: float
-    effort_share: float
+
+    def to_json(self) -> dict[str, Any]:
+        """As reports and forecasts have it; None for what is infinite."""
+        return {key: None if value == np.inf else value for key, value in vars(self).items()}
 
 
 def tellings(
@@ -62,7 +63,6 @@ def tellings(
     indices: Sequence[int],
     theta: FloatArray,
     prior: Prior | None = None,
-    inflation: float = 1.0,
 ) -> tuple[Telling, ...]:
     """What a motion tells of each drive and base parameter.
 
@@ -73,7 +73,6 @@ def tellings(
     indices : the segments to go by
     theta : (p,) values of the parameters, as fitted or guessed: what their deviations are measured by
     prior : what the fit also knows
-    inflation : factor on all standard deviations, the root of the residual's chi-square per row where that is above 1
 
     Notes
     -----
@@ -88,9 +87,8 @@ def tellings(
     if prior is not None:
         nothing = [WhiteRows(np.zeros((0, size)), np.zeros(0), ())] * len(design.blocks)
         both = measured + sum(own.A.T @ own.A for own in with_prior(nothing, design.parameters, prior))
-    alone, together = inflation * np.sqrt(_variances(measured)), inflation * np.sqrt(_variances(both))
+    alone, together = np.sqrt(_variances(measured)), np.sqrt(_variances(both))
     sizes = parameter_sizes(design, indices, theta)
-    shares = _effort_shares(design, indices, together, theta)
     result = []
     for k, name in enumerate(design.parameters.names):
         relative = float(together[k] / sizes[k])
@@ -100,7 +98,7 @@ def tellings(
             verdict = "assumed"
         else:
             verdict = "told" if relative <= FLAGGED else "poorly told" if relative <= HOPELESS else "not told"
-        result.append(Telling(name, verdict, float(together[k]), relative, float(shares[k])))
+        result.append(Telling(name, verdict, float(together[k]), relative))
     return tuple(result)
 
 
@@ -140,25 +138,6 @@ def _variances(G: FloatArray) -> FloatArray:
     concerned = np.sum(vectors[:, ~told] ** 2, axis=1) > _CONCERNED**2
     result[used] = np.where(concerned, np.inf, inside)
     return result
-
-
-def _effort_shares(design: Design, indices: Sequence[int], std: FloatArray, theta: FloatArray) -> FloatArray:
-    """Effort that one standard deviation makes, over the effort that is there, at the joint where that is most."""
-    shares = np.zeros(len(std))
-    for row in design.blocks:
-        count, squares, efforts = 0, np.zeros(len(std)), 0.0
-        for i in indices:
-            table = row[i].reduced[row[i].keep]
-            count += len(table)
-            squares += np.sum(table**2, axis=0)
-            efforts += float(np.sum((table @ theta[: len(std)]) ** 2))
-        if not count:
-            continue
-        effort = max(float(np.sqrt(efforts / count)), 1e-12)
-        size = np.sqrt(squares / count)
-        with np.errstate(invalid="ignore"):  # an infinite deviation of a column that is zero here
-            shares = np.maximum(shares, np.where(size > 0, std * size / effort, 0.0))
-    return shares
 
 
 def statement(found: Sequence[Telling]) -> str:

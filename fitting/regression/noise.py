@@ -13,9 +13,9 @@ from operator import itemgetter
 from typing import TypeVar
 
 import numpy as np
-import numpy.typing as npt
 
 from daq.recordings.recording_checks import runs
+from fitting.arrays import BoolArray, FloatArray
 from fitting.regression.design import Design, Extra, NoiseModel, full_residual, moving_rows, white_noise_model
 from fitting.regression.streamed import fit_rows
 from fitting.signals.filters import FilterBank, lag_between
@@ -23,7 +23,6 @@ from fitting.signals.preparation import STILL, reach
 from fitting.signals.spectrum import unit_whitening, whitening
 from fitting.signals.splines import spline_basis
 
-FloatArray = npt.NDArray[np.float64]
 _T = TypeVar("_T")
 
 #: Reduced rows that a repeated stretch needs to say something of the noise.
@@ -32,6 +31,7 @@ _MAX_LAG_SECONDS = 4.0
 #: Two runs of one motion differ by less than this share of its spread; nowhere by more than the second, before they are
 #: aligned to the sample.
 _ALIKE, _NEAR = 0.02, 0.15
+_PASSES = 2  # of a fit and the noise that it leaves
 _COARSE = 4  # samples: steps of the first search for a lag
 #: Training segments that a repeated one is laid upon at most, and segments that a noise is heard on at most, of hours
 #: cut into pieces of minutes: its spectrum has six coefficients, which an hour tells. Fitted are all samples.
@@ -47,6 +47,12 @@ class Pairing:
     train_start: int
     repeat_start: int
     length: int
+
+    @property
+    def rows(self) -> tuple[slice, slice]:
+        """The stretch in the `train` segment, and in the `repeat` segment."""
+        begins = self.train_start, self.repeat_start
+        return slice(begins[0], begins[0] + self.length), slice(begins[1], begins[1] + self.length)
 
 
 def pair_repeats(design: Design) -> tuple[Pairing, ...]:
@@ -94,7 +100,7 @@ def _laid(design: Design, train: int, repeat: int) -> tuple[float, Pairing]:
     return _apart(inner, a, b, spread), inner
 
 
-def _near(a: FloatArray, b: FloatArray, spread: FloatArray) -> npt.NDArray[np.bool_]:
+def _near(a: FloatArray, b: FloatArray, spread: FloatArray) -> BoolArray:
     """Where (N,) all joints of two motions are at about the same place."""
     return np.asarray(np.all(np.abs(a - b) < _NEAR * spread, axis=1))
 
@@ -121,7 +127,8 @@ def _aligned(pair: Pairing, a: FloatArray, b: FloatArray, most: int) -> Pairing:
 
 def _apart(pair: Pairing, a: FloatArray, b: FloatArray, spread: FloatArray) -> float:
     """Standard deviation of the difference of a pair, the worst joint, over ``spread`` (n,)."""
-    difference = a[pair.train_start :][: pair.length] - b[pair.repeat_start :][: pair.length]
+    left, right = pair.rows
+    difference = a[left] - b[right]
     return float(np.max(difference.std(axis=0) / spread))
 
 
@@ -133,37 +140,31 @@ def difference_noise(
     for pair in pairs:
         first = full_residual(design, theta, joint, pair.train, extra)
         second = full_residual(design, theta, joint, pair.repeat, extra)
-        difference = (
-            first[pair.train_start : pair.train_start + pair.length]
-            - second[pair.repeat_start : pair.repeat_start + pair.length]
-        )
-        result.append(difference / np.sqrt(2.0))
+        left, right = pair.rows
+        result.append((first[left] - second[right]) / np.sqrt(2.0))
     return result
 
 
-def _difference_stretches(
-    design: Design, theta: FloatArray, pairs: Sequence[Pairing], joint: int, extra: Extra | None
-) -> list[FloatArray]:
+def _difference_stretches(design: Design, theta: FloatArray, pairs: Sequence[Pairing], joint: int) -> list[FloatArray]:
     """:func:`difference_noise` with what both runs spend at rest for long cut out."""
     stretches = []
-    for pair, series in zip(pairs, difference_noise(design, theta, pairs, joint, extra), strict=True):
-        first = design.segments[pair.train].rest[pair.train_start : pair.train_start + pair.length, joint]
-        second = design.segments[pair.repeat].rest[pair.repeat_start : pair.repeat_start + pair.length, joint]
+    for pair, series in zip(pairs, difference_noise(design, theta, pairs, joint), strict=True):
+        left, right = pair.rows
+        first, second = design.segments[pair.train].rest[left, joint], design.segments[pair.repeat].rest[right, joint]
         stretches += moving_stretches(series, first | second, design.bank)
     return stretches
 
 
-def effort_floor(design: Design, theta: FloatArray, pairs: Sequence[Pairing], extra: Extra | None = None) -> FloatArray:
+def effort_floor(design: Design, theta: FloatArray, pairs: Sequence[Pairing]) -> FloatArray:
     """Noise floor per joint in the joint's effort unit, (n,): std of (train less repeat) residual over root two."""
     floors = []
     for joint in range(len(design.machine.joints)):
         values = []
         for pair in pairs:
             a, b = design.segments[pair.train], design.segments[pair.repeat]
-            left = slice(pair.train_start, pair.train_start + pair.length)
-            right = slice(pair.repeat_start, pair.repeat_start + pair.length)
-            first = (a.r[:, joint] * full_residual(design, theta, joint, pair.train, extra))[left]
-            second = (b.r[:, joint] * full_residual(design, theta, joint, pair.repeat, extra))[right]
+            left, right = pair.rows
+            first = (a.r[:, joint] * full_residual(design, theta, joint, pair.train))[left]
+            second = (b.r[:, joint] * full_residual(design, theta, joint, pair.repeat))[right]
             kept = moving_rows(design.bank, a.rest[left, joint] | b.rest[right, joint])
             reduced = design.bank.reduce(first - second)
             values.append(reduced[kept] if kept.any() else reduced)
@@ -175,8 +176,6 @@ def noise_model(
     design: Design,
     fitted: Sequence[int],
     pairs: Sequence[Pairing],
-    extra: Extra | None = None,
-    passes: int = 2,
     start: NoiseModel | None = None,
     anew: Collection[int] | None = None,
 ) -> NoiseModel:
@@ -189,17 +188,17 @@ def noise_model(
     heard = fitted
     if design.stored:
         pairs, heard = _spread(pairs), _spread(fitted)
-    for _ in range(passes):
-        theta = fit_rows(design, model, fitted, extra)[0].theta
+    for _ in range(_PASSES):
+        theta = fit_rows(design, model, fitted)[0].theta
         found = []
         for joint in range(joints):
             if anew is not None and joint not in anew:
                 found.append(model.whitenings[joint])
                 continue
             if pairs:
-                series = _difference_stretches(design, theta, pairs, joint, extra)
+                series = _difference_stretches(design, theta, pairs, joint)
             else:
-                series = _flexible_residual(design, theta, heard, joint, extra)
+                series = _flexible_residual(design, theta, heard, joint)
             # A joint that stood still all the time has no rows to weigh.
             found.append(whitening(series, design.bank) if series else unit_whitening())
         model = NoiseModel(tuple(found), bool(pairs))
@@ -213,9 +212,7 @@ def _spread(items: Sequence[_T]) -> Sequence[_T]:
     return [items[round(k)] for k in np.linspace(0, len(items) - 1, _MOST_SEGMENTS)]
 
 
-def _flexible_residual(
-    design: Design, theta: FloatArray, fitted: Sequence[int], joint: int, extra: Extra | None
-) -> list[FloatArray]:
+def _flexible_residual(design: Design, theta: FloatArray, fitted: Sequence[int], joint: int) -> list[FloatArray]:
     """Full-rate residual of a joint after splines in its own position and speed, with and without the speed's sign.
 
     Splines are fitted to filtered rows that move, and taken off rows at the full rate: directions that the former
@@ -232,7 +229,7 @@ def _flexible_residual(
     columns = np.hstack(rows)
     ends = np.cumsum([len(s) for s in segments])
     parts = np.split(columns, ends[:-1])
-    residuals = [full_residual(design, theta, joint, index, extra) for index in fitted]
+    residuals = [full_residual(design, theta, joint, index) for index in fitted]
     keeps = [design.blocks[joint][index].keep for index in fitted]
     A = np.vstack([design.bank.reduce(part)[keep] for part, keep in zip(parts, keeps, strict=True)])
     b = np.concatenate([design.bank.reduce(r)[keep] for r, keep in zip(residuals, keeps, strict=True)])
@@ -250,7 +247,7 @@ def _flexible_residual(
     ]
 
 
-def moving_stretches(series: FloatArray, rest: npt.NDArray[np.bool_], bank: FilterBank) -> list[FloatArray]:
+def moving_stretches(series: FloatArray, rest: BoolArray, bank: FilterBank) -> list[FloatArray]:
     """Stretches of a series (N,) or (N, k) between long rests, those that fill the identification filter's window.
 
     A drive at rest holds any effort up to its static friction; that is neither noise nor model.

@@ -28,15 +28,14 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-import numpy.typing as npt
 from scipy import linalg
 
 from fitting.arm.base_parameters import BaseParameters
+from fitting.arm.dynamics import standard_of_link
 from fitting.arm.geometry import Geometry
-from fitting.regression.body_prior import pseudo_inertia, standard_of_link
+from fitting.arrays import BoolArray, FloatArray
+from fitting.regression.body_prior import pseudo_inertia
 from fitting.regression.solving import factor
-
-FloatArray = npt.NDArray[np.float64]
 
 #: Weight of the divergence against a chi-square.
 WEIGHT = 0.1
@@ -87,7 +86,7 @@ def rods(geometry: Geometry) -> FloatArray:
     for start, end, length, mass in zip(starts, ends, lengths, lengths / lengths.sum(), strict=True):
         arm, thick = end - start, (_THICK * length) ** 2
         central = mass * ((arm @ arm / 12 + 2 * thick) * np.eye(3) - np.outer(arm, arm) / 12)
-        bodies.append(pseudo_inertia(standard_of_link(mass, (start + end) / 2, central[np.triu_indices(3)])))
+        bodies.append(pseudo_inertia(standard_of_link(mass, (start + end) / 2, central)))
     return np.array(bodies)
 
 
@@ -112,7 +111,7 @@ class PlausibleArm:
 
     bodies: FloatArray
     own: FloatArray
-    signed: npt.NDArray[np.bool_]
+    signed: BoolArray
     drives: int
     regrouping: FloatArray
     below: float = BELOW_ZERO

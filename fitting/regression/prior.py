@@ -20,15 +20,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-import numpy.typing as npt
 
 from daq.machine.machine_file import Cylinder, Machine
+from fitting.arrays import FloatArray
 from fitting.regression.design import Parameters
 from fitting.regression.drive import drive_names
 from fitting.regression.plausible_arm import Optimum, PlausibleArm
 from fitting.regression.solving import WhiteRows
-
-FloatArray = npt.NDArray[np.float64]
 
 #: Where a model holds a joint's delay: its column, and the seconds by which its efforts were moved already.
 Late = tuple[int, float]

@@ -9,11 +9,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-import numpy.typing as npt
 from scipy import linalg
 
-FloatArray = npt.NDArray[np.float64]
-BoolArray = npt.NDArray[np.bool_]
+from fitting.arrays import BoolArray, FloatArray, IntArray
 
 
 @dataclass(frozen=True)
@@ -85,7 +83,7 @@ class Factor:
 
     Q: FloatArray
     R: FloatArray
-    told: npt.NDArray[np.intp]
+    told: IntArray
     root: FloatArray
 
     @property
@@ -114,6 +112,20 @@ def factor(A: FloatArray, extra: int = 0) -> Factor:
     root = np.zeros((p, rank))
     root[told] = linalg.solve_triangular(R, np.eye(rank)) / scale[told][:, None]
     return Factor(Q, R, told, root)
+
+
+def inverse_root(G: FloatArray, tolerance: float = 1e-10) -> FloatArray:
+    """``U`` (p, rank) with ``U U' = G^+`` of products of columns, so that ``A U`` is an orthonormal basis of ``A``.
+
+    Directions below ``tolerance`` of the largest, for columns of unit size, are not told.
+    """
+    used = np.flatnonzero(np.diag(G) > 0)
+    scale = np.sqrt(np.diag(G)[used])
+    values, vectors = linalg.eigh(G[np.ix_(used, used)] / np.outer(scale, scale), check_finite=False)
+    told = values > tolerance * values[-1] if len(used) else np.zeros(0, dtype=bool)
+    root = np.zeros((len(G), int(told.sum())))
+    root[used] = vectors[:, told] / np.sqrt(values[told]) / scale[:, None]
+    return root
 
 
 def solve(rows: Sequence[WhiteRows], extra_names: tuple[str, ...] = ()) -> Fit:

@@ -13,12 +13,23 @@ from typing import Any
 import numpy as np
 
 from daq.scratch import Place, Scratch
+from fitting.arrays import FloatArray
 from fitting.regression.design import JointBlock, Store
 from fitting.signals.filters import FilterBank
-from fitting.signals.preparation import FloatArray, Segment
+from fitting.signals.preparation import Segment
 
 
-class StoredSegment(Segment):
+class _Stored:
+    """What reads arrays of some names from a scratch file when they are asked for."""
+
+    def __getattr__(self, name: str) -> Any:
+        own = self.__dict__
+        if name.startswith("_") or name not in own["_places"]:
+            raise AttributeError(name)
+        return own["_scratch"].read(own["_places"][name])
+
+
+class StoredSegment(_Stored, Segment):
     """A segment whose arrays are in a scratch file."""
 
     def __init__(self, segment: Segment, scratch: Scratch) -> None:
@@ -35,12 +46,6 @@ class StoredSegment(Segment):
     def __len__(self) -> int:
         return int(self.__dict__["_length"])
 
-    def __getattr__(self, name: str) -> Any:
-        own = self.__dict__
-        if name.startswith("_") or name not in own["_places"]:
-            raise AttributeError(name)
-        return own["_scratch"].read(own["_places"][name])
-
 
 def in_memory(segment: Segment) -> Segment:
     """The same segment with its arrays read from the file; nothing is derived from it yet."""
@@ -48,7 +53,7 @@ def in_memory(segment: Segment) -> Segment:
     return Segment(**{name: getattr(segment, name) for name in names})
 
 
-class StoredBlock(JointBlock):
+class StoredBlock(_Stored, JointBlock):
     """A block whose arrays are in a scratch file, but for the rows that are kept.
 
     Columns that are zero in a whole block (another joint's drive parameters) are not stored.
@@ -70,10 +75,7 @@ class StoredBlock(JointBlock):
         self.__dict__.update(own)  # the class is frozen
 
     def __getattr__(self, name: str) -> Any:
-        own = self.__dict__
-        if name.startswith("_") or name not in own["_places"]:
-            raise AttributeError(name)
-        values = own["_scratch"].read(own["_places"][name])
+        own, values = self.__dict__, super().__getattr__(name)
         if "columns" not in name and name != "reduced":
             return values
         wide = np.zeros((len(values), own["_width"]))

@@ -16,13 +16,12 @@ from functools import cached_property
 from typing import overload
 
 import numpy as np
-import numpy.typing as npt
 
+from fitting.arrays import FloatArray
 from fitting.regression.design import Design, Extra, NoiseModel, whitened
 from fitting.regression.prior import Late, Prior, data_share, with_prior
 from fitting.regression.solving import Fit, WhiteRows, solve
 
-FloatArray = npt.NDArray[np.float64]
 #: What is put under the whitened rows of all joints: a prior's.
 Closing = Callable[[Sequence[WhiteRows]], Sequence[WhiteRows]]
 

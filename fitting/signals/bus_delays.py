@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
 from daq.machine.machine_file import Machine
-
-FloatArray = npt.NDArray[np.float64]
+from fitting.arrays import FloatArray
 
 POSITIONS = ("joint_position", "piston_position", "motor_position")
 #: s, standard deviation of what a transmitter's own filter adds, of which buses know nothing: response times of

@@ -8,7 +8,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from daq.machine.machine_file import Machine
-from fitting.signals.preparation import FloatArray, Play, PositionError
+from fitting.arrays import FloatArray
+from fitting.signals.preparation import Play, PositionError
 
 
 @dataclass(frozen=True)

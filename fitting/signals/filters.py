@@ -21,7 +21,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy import signal
 
-FloatArray = npt.NDArray[np.float64]
+from fitting.arrays import FloatArray
 
 _BLOCK_ROWS = 16
 _KAISER_BETA = 8.0  # side lobes 80 dB down

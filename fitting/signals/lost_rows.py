@@ -17,15 +17,12 @@ from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
-import numpy.typing as npt
 
 from daq.recordings.recording import Recording
 from daq.recordings.recording_checks import lost_between, runs
 from daq.scratch import ScratchColumns
+from fitting.arrays import BoolArray, FloatArray
 from fitting.signals.filters import FilterBank
-
-FloatArray = npt.NDArray[np.float64]
-BoolArray = npt.NDArray[np.bool_]
 
 #: s; a clock that goes on after a longer time was paused: nothing was lost.
 _PAUSE_S = 1.0

@@ -5,17 +5,15 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 
 import numpy as np
-import numpy.typing as npt
 
 from daq.machine.machine_file import Machine
 from daq.recordings.recording import Recording
 from daq.recordings.recording_checks import runs
+from fitting.arrays import FloatArray
 from fitting.signals.filters import edge_frequency, filter_bank
 from fitting.signals.lost_rows import filled, short_gaps
 from fitting.signals.position_sensors import channel_noise, position_channel
 from fitting.signals.preparation import PIECE_SAMPLES, pieces, reach
-
-FloatArray = npt.NDArray[np.float64]
 
 #: Share of a motion's power that counts; what is beyond it is no motion.
 SHARE = 0.99

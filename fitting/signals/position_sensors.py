@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
 from daq.machine.machine_file import Channel, Joint, Machine
 from daq.recordings.recording import Recording
 from daq.recordings.recording_checks import runs
 from fitting.arm.linkage import joint_position, lever_arm
+from fitting.arrays import BoolArray, FloatArray
 from fitting.signals.filters import FilterBank, white_noise_of
 from fitting.signals.velocities import VelocityShare, velocity_share
-
-FloatArray = npt.NDArray[np.float64]
-BoolArray = npt.NDArray[np.bool_]
 
 #: Rest shorter than this, s, is a reversal; the expected sign (:mod:`fitting.arm.expected`) handles it.
 REST_SECONDS = 0.3

@@ -14,7 +14,6 @@ from functools import cache
 from typing import Literal
 
 import numpy as np
-import numpy.typing as npt
 from scipy import ndimage
 
 from daq.errors import RecordingError
@@ -22,6 +21,7 @@ from daq.machine.machine_file import Joint, Machine
 from daq.recordings.recording import Recording
 from daq.recordings.recording_checks import runs
 from fitting.arm.linkage import joint_motion, joint_position, lever_arm, piston_motion
+from fitting.arrays import BoolArray, FloatArray
 from fitting.signals.filters import FilterBank, advanced
 from fitting.signals.position_sensors import (
     REST_SECONDS,
@@ -32,8 +32,6 @@ from fitting.signals.position_sensors import (
 )
 from fitting.signals.velocities import Motion, VelocityShare
 
-FloatArray = npt.NDArray[np.float64]
-BoolArray = npt.NDArray[np.bool_]
 PositionError = Callable[[FloatArray], FloatArray]
 #: Play between a joint's two position sensors. In the pin: piston and joint move apart, and each sensor is right for
 #: its own. In the piston's sensor: both move as the joint's sensor says.
@@ -152,49 +150,6 @@ def position_channel_noise(machine: Machine, recordings: Sequence[Recording]) ->
     return result
 
 
-def prepare(
-    machine: Machine,
-    recordings: Sequence[Recording],
-    bank: FilterBank,
-    *,
-    noise: Sequence[PositionNoise] | None = None,
-    latency: Mapping[str, float] | None = None,
-    resampled: Collection[str] = (),
-    position_error: Mapping[str, PositionError] | None = None,
-    play: Mapping[str, Play] | None = None,
-) -> tuple[Segment, ...]:
-    """Smooth all recordings, segment by segment.
-
-    Parameters
-    ----------
-    machine : the machine (with corrected linkages, if the loop found them wrong)
-    recordings : in any order
-    bank : filters
-    noise : per joint; estimated from the recordings if not given
-    latency : joint name to seconds by which its effort channels are late
-    resampled : joints whose effort was not sampled late, but handed on late and interpolated
-    position_error : joint name to a callable ``q -> error`` that is subtracted from the measured joint position
-    play : joints between whose two position sensors there is play, and where: they are not fused
-
-    Raises
-    ------
-    RecordingError
-        If no segment of a recording is longer than the filters.
-    """
-    return tuple(
-        segments_of(
-            machine,
-            recordings,
-            bank,
-            noise=noise,
-            latency=latency,
-            resampled=resampled,
-            position_error=position_error,
-            play=play,
-        )
-    )
-
-
 def segments_of(
     machine: Machine,
     recordings: Sequence[Recording],
@@ -208,9 +163,25 @@ def segments_of(
     long: bool = False,
     synthetic: bool = False,
 ) -> Iterator[Segment]:
-    """The segments of :func:`prepare` one after another; those of ``long`` recordings in pieces (:func:`pieces`).
+    """Smooth all recordings, segment by segment.
 
-    ``synthetic`` recordings are none that anybody could record again: what is too short for the filters is left out.
+    Parameters
+    ----------
+    machine : the machine (with corrected linkages, if the loop found them wrong)
+    recordings : in any order
+    bank : filters
+    noise : per joint; estimated from the recordings if not given
+    latency : joint name to seconds by which its effort channels are late
+    resampled : joints whose effort was not sampled late, but handed on late and interpolated
+    position_error : joint name to a callable ``q -> error`` that is subtracted from the measured joint position
+    play : joints between whose two position sensors there is play, and where: they are not fused
+    long : cut stretches into pieces (:func:`pieces`)
+    synthetic : nobody could record these again: what is too short for the filters is left out
+
+    Raises
+    ------
+    RecordingError
+        If no segment of a recording is longer than the filters.
     """
     noise = position_noise(machine, recordings, bank) if noise is None else noise
     used = [c.name for c in machine.channels if c.joint is not None]
@@ -332,7 +303,7 @@ def with_delays(
 ) -> Segment:
     """A segment of ``recording`` that was prepared without any delay, with some joints' efforts moved in time.
 
-    ``latency`` and ``resampled`` as :func:`prepare` takes them; the motion stays, and what was derived from it.
+    ``latency`` and ``resampled`` as :func:`segments_of` takes them; the motion stays, and what was derived from it.
     """
     moved = _with_efforts(machine, recording, segment, bank, latency)
     sampled_late = (0.0 if j.name in resampled else latency.get(j.name, 0.0) * bank.rate_hz for j in machine.joints)

@@ -17,13 +17,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-import numpy.typing as npt
 from scipy import signal
 
+from fitting.arrays import FloatArray
 from fitting.signals.filters import FilterBank, white_noise_density
 from fitting.signals.preparation import PositionNoise, Segment
-
-FloatArray = npt.NDArray[np.float64]
 
 #: Signal and noise over noise from which a line of the spectrum counts for the motion.
 _STANDS_OUT = 10.0

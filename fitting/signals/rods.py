@@ -14,16 +14,13 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
 from daq.errors import RecordingError
 from daq.machine.machine_file import Joint, Machine
 from daq.recordings.recording import Recording
 from daq.recordings.recording_checks import runs
+from fitting.arrays import BoolArray, FloatArray
 from fitting.signals.preparation import drive_effort
-
-FloatArray = npt.NDArray[np.float64]
-BoolArray = npt.NDArray[np.bool_]
 
 #: A rod is off where its piston is farther from its usual place than this share of the stroke (linkage and encoder
 #: errors, play and latency stay below it) and than so many robust deviations of that distance (they are part of those).

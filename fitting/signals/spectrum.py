@@ -21,12 +21,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 from scipy import linalg, signal
 
+from fitting.arrays import BoolArray, FloatArray
 from fitting.signals.filters import FilterBank
-
-FloatArray = npt.NDArray[np.float64]
 
 _COEFFICIENTS = 6
 _ORDER = 10
@@ -90,7 +88,7 @@ class Whitening:
         out /= self.innovation
         return out
 
-    def kept(self, keep: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
+    def kept(self, keep: BoolArray) -> BoolArray:
         """Which whitened rows use only rows that are kept."""
         padded = np.concatenate([np.ones(len(self.taps) - 1, dtype=bool), keep])
         return np.asarray(np.lib.stride_tricks.sliding_window_view(padded, len(self.taps)).all(axis=1))

@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.interpolate import BSpline
 
-FloatArray = npt.NDArray[np.float64]
+from fitting.arrays import FloatArray
 
 
 def spline_knots(values: npt.ArrayLike, functions: int) -> FloatArray:

@@ -17,11 +17,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from fitting.arrays import FloatArray
 from fitting.signals.filters import FilterBank
 
-FloatArray = npt.NDArray[np.float64]
 Motion = tuple[FloatArray, FloatArray, FloatArray]
 
 _TINY = 1e-300

@@ -24,7 +24,7 @@ from fitting.model.evaluation import Evaluated, evaluate, without
 from fitting.model.uses.payload import tip_columns
 from fitting.regression.design import full_residual, predicted_effort
 from fitting.residual.laws import Law
-from fitting.signals.preparation import prepare
+from fitting.signals.preparation import segments_of
 
 FloatArray = npt.NDArray[np.float64]
 #: Signal of which a block does not hold enough.
@@ -148,15 +148,17 @@ class LiveModel:
         corrections = self.model.corrections
         latency, resampled = self.model.delays
         try:
-            segments = prepare(
-                corrections.machine,
-                [recording],
-                self.bank,
-                noise=self.model.noise,
-                latency=latency,
-                resampled=resampled,
-                position_error=corrections.position_error,
-                play=corrections.play,
+            segments = tuple(
+                segments_of(
+                    corrections.machine,
+                    [recording],
+                    self.bank,
+                    noise=self.model.noise,
+                    latency=latency,
+                    resampled=resampled,
+                    position_error=corrections.position_error,
+                    play=corrections.play,
+                )
             )
         except RecordingError:
             return None

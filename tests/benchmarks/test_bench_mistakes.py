@@ -35,8 +35,8 @@ def test_only_the_first_mistake_counts_and_notes_do_not() -> None:
 def test_there_are_thirty_mistakes_and_each_changes_what_is_on_disk() -> None:
     assert len(MISTAKES) >= 30
     rig = make_rig("both", 3)
-    for number, mistake in enumerate(MISTAKES.values()):
-        own = mistake.make(rig, np.random.default_rng(number))
+    for number, (name, mistake) in enumerate(MISTAKES.items()):
+        own = mistake(rig, np.random.default_rng(number))
         if own is None:
             continue
         same = own.rig.tables.keys() == rig.tables.keys() and all(
@@ -45,7 +45,7 @@ def test_there_are_thirty_mistakes_and_each_changes_what_is_on_disk() -> None:
             for s in rig.tables
             for c in rig.tables[s]
         )
-        assert not same or own.machine != rig.machine or own.roles, mistake.name
+        assert not same or own.machine != rig.machine or own.roles, name
 
 
 def test_a_rig_of_one_sensor_has_one(tmp_path: Path) -> None:

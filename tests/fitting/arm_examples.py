@@ -7,11 +7,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 import pytest
 import yaml
 
 from daq.machine.machine_file import Machine, load_machine, parse_machine
-from fitting.arm.geometry import Geometry
+from fitting.arm.dynamics import COUPLED_PARAMETERS, JOINT_PARAMETERS, rigid_body_regressor
+from fitting.arm.geometry import Geometry, geometry_of
 
 RIGHT = np.pi / 2
 SHARED = Path(__file__).parents[2].parent / "shared"
@@ -126,3 +128,47 @@ def driven_arm(n: int, *, twisted: bool = False) -> Machine:
         "channels": channels,
     }
     return parse_machine(yaml.safe_dump(content))
+
+
+def standard_names(machine: Machine | Geometry) -> tuple[str, ...]:
+    """Names of the ``13 n + 3 c`` standard parameters, per joint ten inertial, ``f_c f_v J``; then motors."""
+    geometry = geometry_of(machine)
+    own = tuple(f"{name}{i + 1}" for i in range(geometry.joints) for name in JOINT_PARAMETERS)
+    return (*own, *(f"{name}{i + 1}" for i in geometry.coupled for name in COUPLED_PARAMETERS))
+
+
+def inverse_dynamics(
+    machine: Machine | Geometry,
+    pi: npt.ArrayLike,
+    q: npt.ArrayLike,
+    qd: npt.ArrayLike,
+    qdd: npt.ArrayLike,
+    *,
+    gravity: npt.ArrayLike | None = None,
+) -> npt.NDArray[np.float64]:
+    """Joint efforts that a motion takes, shape (N, n), in N m (N).
+
+    Parameters
+    ----------
+    machine, q, qd, qdd, gravity
+        As in :func:`rigid_body_regressor`.
+    pi
+        Inertial parameters, (10 n,) or (n, 10), or standard parameters, (13 n,) or (n, 13).
+
+    Raises
+    ------
+    ValueError
+        If a shape does not fit the machine.
+    """
+    n = geometry_of(machine).joints
+    parameters = np.asarray(pi, dtype=float).ravel()
+    if parameters.size not in (10 * n, 13 * n):
+        raise ValueError(f"pi has {parameters.size} numbers; {n} joints take {10 * n} or {13 * n}")
+    table = parameters.reshape(n, -1)
+    used = np.flatnonzero(table[:, :10].ravel())
+    Y = rigid_body_regressor(machine, q, qd, qdd, columns=used, gravity=gravity)
+    tau = np.asarray(Y @ table[:, :10].ravel()[used])
+    if table.shape[1] == 13:
+        speed = np.asarray(qd, dtype=float)
+        tau += table[:, 10] * np.sign(speed) + table[:, 11] * speed + table[:, 12] * np.asarray(qdd, dtype=float)
+    return tau

@@ -1,6 +1,6 @@
 """Small arms, motions and recordings with known parameters, for the tests of the identification.
 
-The forces are put together here: rigid body from :func:`fitting.arm.dynamics.inverse_dynamics` (itself tested against
+The forces are put together here: rigid body from :func:`arm_examples.inverse_dynamics` (itself tested against
 another library), friction and stiffness written out as in the issue of the model. Nothing here filters or
 differentiates: positions, speeds and accelerations come from the same sums of sines.
 """
@@ -14,11 +14,11 @@ from typing import Any
 
 import numpy as np
 import yaml
+from arm_examples import inverse_dynamics
 
 from daq.machine.machine_file import Machine, parse_machine
 from daq.recordings.recording import Recording
 from fitting.arm.base_parameters import reduce_parameters
-from fitting.arm.dynamics import inverse_dynamics
 from fitting.arm.linkage import lever_arm, piston_motion
 from fitting.effects.base import Effect
 from fitting.loop.session import Options, Session
@@ -26,7 +26,7 @@ from fitting.regression.design import Design, build_design
 from fitting.residual.terms import Term, extra_columns
 from fitting.residual.views import Views, build_views
 from fitting.signals.filters import filter_bank
-from fitting.signals.preparation import PositionNoise, Segment
+from fitting.signals.preparation import PositionNoise, Segment, segments_of
 
 RATE = 50.0
 DRIVE = ("m", "K", "f_c", "f_v", "f_s")
@@ -393,3 +393,8 @@ def shifted(recording: Recording, samples: int) -> Recording:
     """The recording without its first ``samples`` rows: the same motion, started later."""
     cut = {name: value[samples:] for name, value in recording.values.items()}
     return replace(recording, time=recording.time[samples:] - recording.time[samples], values=cut)
+
+
+def prepare(*given: Any, **options: Any) -> tuple[Segment, ...]:
+    """All segments of :func:`fitting.signals.preparation.segments_of`."""
+    return tuple(segments_of(*given, **options))

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from arm_examples import RIGHT, chain, driven_arm, planar_arm, puma_560, random_chain, sample_machine
+from arm_examples import RIGHT, chain, driven_arm, inverse_dynamics, planar_arm, puma_560, random_chain, sample_machine
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -17,7 +17,7 @@ from fitting.arm.base_parameters import (
     reduce_parameters,
     unidentifiable,
 )
-from fitting.arm.dynamics import inverse_dynamics, rigid_body_regressor, stacked, standard_regressor
+from fitting.arm.dynamics import rigid_body_regressor, stacked, standard_regressor
 from fitting.arm.geometry import Geometry
 
 

@@ -138,7 +138,7 @@ def test_one_parameter_is_the_mean_weighted_by_certainty() -> None:
     rng = np.random.default_rng(2)
     b = 3.0 + rng.standard_normal(100)
     free = WeightedLeastSquares().fit(np.ones((100, 1)), b)
-    found = RidgeTowardPrior(prior_of([0.0], [0.1]), ("a",)).fit(np.ones((100, 1)), b)
+    found = RidgeTowardPrior(prior=prior_of([0.0], [0.1]), names=("a",)).fit(np.ones((100, 1)), b)
     # Normal prior, normal mean: Bayes' theorem in one line.
     w, v = 1 / free.std[0] ** 2, 1 / 0.1**2
     assert found.theta[0] == pytest.approx(w * free.theta[0] / (w + v), rel=1e-9)
@@ -153,7 +153,7 @@ def test_the_posterior_is_that_of_the_textbook(seed: int) -> None:
     A, mean, std = rng.standard_normal((40, 3)), rng.standard_normal(3), rng.uniform(0.05, 2.0, 3)
     b = A @ rng.standard_normal(3) + 0.3 * rng.standard_normal(40)
     free = WeightedLeastSquares().fit(A, b)
-    found = RidgeTowardPrior(prior_of(mean.tolist(), std.tolist()), ("a", "b", "c")).fit(A, b)
+    found = RidgeTowardPrior(prior=prior_of(mean.tolist(), std.tolist()), names=("a", "b", "c")).fit(A, b)
     information = np.linalg.inv(free.covariance)
     posterior = np.linalg.inv(information + np.diag(std**-2.0))
     assert found.covariance == pytest.approx(posterior, rel=1e-6, abs=1e-12)
@@ -165,7 +165,7 @@ def test_what_the_rows_cannot_tell_is_the_priors() -> None:
     a = rng.standard_normal(200)
     A = np.column_stack([a, a, np.zeros(200)])  # only the sum of the first two, and nothing of the third
     b = 5.0 * a + 0.01 * rng.standard_normal(200)
-    found = RidgeTowardPrior(prior_of([1.0, 2.0, 7.0], [1.0, 1.0, 0.5]), ("a", "b", "c")).fit(A, b)
+    found = RidgeTowardPrior(prior=prior_of([1.0, 2.0, 7.0], [1.0, 1.0, 0.5]), names=("a", "b", "c")).fit(A, b)
     # The missing 2 are shared alike, because both are believed alike.
     assert found.theta == pytest.approx([2.0, 3.0, 7.0], abs=0.01)
     assert found.std[2] == pytest.approx(0.5) and found.told.all()
@@ -176,8 +176,8 @@ def test_coloured_rows_weigh_less_than_white_ones() -> None:
     rng = np.random.default_rng(4)
     e = np.repeat(rng.standard_normal(60), 20)  # each value twenty times: sixty rows' worth, not 1200
     A, prior = np.ones((1200, 1)), prior_of([0.0], [0.1])
-    as_white = RidgeTowardPrior(prior, ("a",), "white").fit(A, 1.0 + e).theta[0]
-    known = RidgeTowardPrior(prior, ("a",), "hac").fit(A, 1.0 + e).theta[0]
+    as_white = RidgeTowardPrior("white", prior, ("a",)).fit(A, 1.0 + e).theta[0]
+    known = RidgeTowardPrior("hac", prior, ("a",)).fit(A, 1.0 + e).theta[0]
     assert known < 0.7 * as_white
 
 
@@ -189,4 +189,4 @@ def test_without_a_prior_it_says_what_to_give() -> None:
 
 def test_a_prior_of_another_length_is_refused() -> None:
     with pytest.raises(ValueError, match="the prior has 1 parameters, the regressor 2"):
-        RidgeTowardPrior(prior_of([0.0], [1.0]), ("a",)).fit(np.eye(3)[:, :2], np.ones(3))
+        RidgeTowardPrior(prior=prior_of([0.0], [1.0]), names=("a",)).fit(np.eye(3)[:, :2], np.ones(3))

@@ -5,11 +5,12 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 import pytest
+from coloured import hac_covariance
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import signal
 
-from fitting.estimators import OrdinaryLeastSquares, hac_covariance, residual_draws
+from fitting.estimators import OrdinaryLeastSquares, residual_draws
 from fitting.estimators.covariance import Colour, autoregression, block_length
 
 Array = npt.NDArray[np.float64]

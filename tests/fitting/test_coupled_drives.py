@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 import pytest
+from arm_examples import inverse_dynamics, standard_names
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -14,7 +15,7 @@ from benchmarks.measured import staubli
 from daq.machine.machine_file import Machine, parse_machine
 from daq.recordings.recording import Recording
 from fitting.arm.base_parameters import base_gravity_regressor, base_regressor, reduce_parameters
-from fitting.arm.dynamics import coupled_regressor, inverse_dynamics, standard_names, standard_regressor
+from fitting.arm.dynamics import coupled_regressor, standard_regressor
 from fitting.arm.geometry import geometry_of
 from fitting.arm.joint_side import at_joints
 from fitting.loop.session import Options, Session

@@ -235,9 +235,6 @@ def test_without_a_prior_nothing_is_assumed():
     model = session.base_model
     found = tellings(model.design, model.noise, model.fitted, model.fit.theta)
     assert "assumed" not in {t.verdict for t in found}
-    louder = tellings(model.design, model.noise, model.fitted, model.fit.theta, inflation=3.0)
-    np.testing.assert_allclose([t.std for t in louder], [3 * t.std for t in found])
-    np.testing.assert_allclose([t.relative for t in louder], [3 * t.relative for t in found])
 
 
 def test_a_parameter_near_zero_is_measured_by_its_kind():

@@ -8,6 +8,7 @@ from fractions import Fraction
 import numpy as np
 import numpy.typing as npt
 import pytest
+from coloured import automatic_lags, hac_covariance
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -19,8 +20,6 @@ from fitting.estimators import (
     RecursiveLeastSquares,
     RidgeTowardPrior,
     WeightedLeastSquares,
-    automatic_lags,
-    hac_covariance,
 )
 from fitting.estimators.conformance import check_estimator
 from fitting.estimators.least_squares import solve

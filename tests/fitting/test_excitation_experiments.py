@@ -11,9 +11,9 @@ from synthetic_arm import planar_machine
 from daq.errors import InputError
 from fitting.arm.base_parameters import base_regressor, reduce_parameters
 from fitting.arm.linkage import lever_arm, piston_motion
-from fitting.excitation import HydraulicLimits, experiment, menu
+from fitting.excitation import Arm, HydraulicLimits, experiment, menu
 from fitting.excitation.experiments import KINDS, NotPossibleError
-from fitting.excitation.limits import supply_flow
+from fitting.excitation.limits import joint_numbers, supply_flow
 from fitting.excitation.series import random_series, varied
 
 USE = 0.92
@@ -36,7 +36,7 @@ def moving(qd, joint):
 @pytest.mark.parametrize("number", [0, 1, 2])
 def test_experiments_keep_the_limits_and_start_and_end_at_rest(kind, number):
     machine = driven_arm(3)
-    made = experiment(machine, f"joint{number + 1}", kind, seconds=30.0, use=USE)
+    made = experiment(Arm(machine, number, 30.0, USE), kind)
     assert machine.joints[number].name in made.text
     _, q, qd, qdd = states(machine, made.motion)
     assert made.motion.seconds <= 33.0
@@ -57,7 +57,7 @@ def test_experiments_keep_the_limits_and_start_and_end_at_rest(kind, number):
 
 def test_a_staircase_holds_constant_piston_speeds_down_to_a_few_millimetres_per_second():
     machine = driven_arm(3)
-    made = experiment(machine, "joint2", "staircase", seconds=60.0)
+    made = experiment(Arm(machine, 1, seconds=60.0), "staircase")
     _, q, qd, qdd = states(machine, made.motion, finer=1)
     _, v, a = piston_motion(machine.joints[1].cylinder.linkage, q[:, 1], qd[:, 1], qdd[:, 1])
     held = (np.abs(a) < 1e-4) & (np.abs(v) > 1e-5)
@@ -73,7 +73,7 @@ def test_a_staircase_holds_constant_piston_speeds_down_to_a_few_millimetres_per_
 
 def test_slow_reversals_turn_often_over_one_short_way_at_three_rates():
     machine = driven_arm(2)
-    made = experiment(machine, "joint1", "slow_reversals", seconds=60.0)
+    made = experiment(Arm(machine, 0, seconds=60.0), "slow_reversals")
     time, q, qd, _ = states(machine, made.motion)
     turns = time[1:][np.diff(np.sign(np.where(np.abs(qd[:, 0]) < 1e-7, 0, qd[:, 0]))) != 0]
     assert len(turns) >= 12
@@ -84,7 +84,7 @@ def test_slow_reversals_turn_often_over_one_short_way_at_three_rates():
 
 def test_one_amplitude_at_three_frequencies():
     machine = driven_arm(2)
-    made = experiment(machine, "joint1", "frequencies", seconds=60.0)
+    made = experiment(Arm(machine, 0, seconds=60.0), "frequencies")
     time, q, _, _ = states(machine, made.motion, finer=1)
     course = q[:, 0] - q[0, 0]
     peaks = course[1:-1][(course[1:-1] > course[:-2]) & (course[1:-1] > course[2:])]
@@ -106,7 +106,7 @@ def test_two_poses_take_the_load_to_its_extremes():
         tau = base_regressor(machine, base, q, np.zeros_like(q), np.zeros_like(q)) @ values
         return tau / np.column_stack([lever_arm(j.cylinder.linkage, q[:, i]) for i, j in enumerate(machine.joints)])
 
-    made = experiment(machine, "joint1", "two_poses", seconds=60.0, holding=holding)
+    made = experiment(Arm(machine, 0, seconds=60.0, holding=holding), "two_poses")
     _, q, qd, _ = states(machine, made.motion, finer=1)
     strokes = moving(qd, 0) & ~moving(qd, 1) & ~moving(qd, 2)
     poses = np.unique(np.round(q[strokes][:, 1:], 6), axis=0)
@@ -126,7 +126,7 @@ def test_two_poses_take_the_load_to_its_extremes():
 
 def test_the_neighbour_swings_while_the_joint_creeps():
     machine = driven_arm(3)
-    made = experiment(machine, "joint2", "neighbour", seconds=60.0)
+    made = experiment(Arm(machine, 1, seconds=60.0), "neighbour")
     _, _, qd, _ = states(machine, made.motion)
     speeds = np.sqrt(np.mean(qd**2, axis=0))
     assert speeds[0] > 2 * speeds[1]
@@ -135,24 +135,24 @@ def test_the_neighbour_swings_while_the_joint_creeps():
 
 
 def test_the_menu_leaves_out_what_a_machine_cannot_do():
-    assert [made.kind for made in menu(driven_arm(2), "joint1", seconds=30.0)] == list(KINDS)
-    alone = [made.kind for made in menu(driven_arm(1), "joint1", seconds=30.0)]
+    assert [made.kind for made in menu(Arm(driven_arm(2), 0, seconds=30.0))] == list(KINDS)
+    alone = [made.kind for made in menu(Arm(driven_arm(1), 0, seconds=30.0))]
     assert alone == ["staircase", "slow_reversals", "frequencies", "free_cylinder"]
-    direct = menu(planar_machine(kinds="rr", effort="cylinder_force"), "joint1", seconds=30.0)
+    direct = menu(Arm(planar_machine(kinds="rr", effort="cylinder_force"), 0, seconds=30.0))
     assert [made.kind for made in direct] == list(PINNED)
     with pytest.raises(NotPossibleError, match="no cylinder"):
-        experiment(planar_machine(kinds="rr"), "joint1", "free_cylinder")
+        experiment(Arm(planar_machine(kinds="rr"), 0), "free_cylinder")
     with pytest.raises(InputError, match="joint 'joint9': test-arm has joint1"):
-        menu(driven_arm(1), "joint9")
+        joint_numbers(driven_arm(1), ["joint9"])
 
 
 def test_a_small_supply_makes_experiments_slower_and_a_low_pressure_leaves_them_out():
     machine = driven_arm(2)
     base = reduce_parameters(machine)
-    free = experiment(machine, "joint1", "frequencies", seconds=30.0)
+    free = experiment(Arm(machine, 0, seconds=30.0), "frequencies")
     _, q, qd, _ = states(machine, free.motion)
     flow = 0.5 * float(supply_flow(machine, q, qd)[0].max())
-    slow = experiment(machine, "joint1", "frequencies", seconds=30.0, hydraulic=HydraulicLimits(flow=flow))
+    slow = experiment(Arm(machine, 0, seconds=30.0, hydraulic=HydraulicLimits(flow=flow)), "frequencies")
     _, q, qd, _ = states(machine, slow.motion)
     assert supply_flow(machine, q, qd)[0].max() <= flow
     assert 1.8 < slow.motion.seconds / free.motion.seconds < 2.6
@@ -160,8 +160,8 @@ def test_a_small_supply_makes_experiments_slower_and_a_low_pressure_leaves_them_
     heavy = base.from_standard(np.tile([200.0, -70, 0, 0, 1, 0, 0, 30.0, 0, 30.0], 2))
     limits = HydraulicLimits(pressure=1e5, base_parameters=heavy)
     with pytest.raises(NotPossibleError, match=r"joint\d pressure would reach"):
-        experiment(machine, "joint1", "staircase", hydraulic=limits)
-    assert [made.kind for made in menu(machine, "joint1", seconds=30.0, hydraulic=limits)] == ["free_cylinder"]
+        experiment(Arm(machine, 0, hydraulic=limits), "staircase")
+    assert [made.kind for made in menu(Arm(machine, 0, seconds=30.0, hydraulic=limits))] == ["free_cylinder"]
 
 
 def test_random_series_and_their_neighbours_keep_the_limits():

@@ -6,13 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from arm_examples import driven_arm, planar_arm
+from arm_examples import driven_arm, inverse_dynamics, planar_arm
 from scipy.interpolate import make_interp_spline
 from synthetic_arm import force, make_motion, planar_machine, sample, truth
 
 from daq.errors import InputError
 from fitting.arm.base_parameters import base_regressor, condition_number, reduce_parameters
-from fitting.arm.dynamics import inverse_dynamics, stacked
+from fitting.arm.dynamics import stacked
 from fitting.arm.linkage import piston_motion
 from fitting.excitation import (
     ExcitationOptions,

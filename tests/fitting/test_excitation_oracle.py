@@ -16,6 +16,7 @@ from scipy.interpolate import make_interp_spline
 
 from fitting.arm.base_parameters import reduce_parameters
 from fitting.excitation import (
+    Arm,
     CylinderOptions,
     ExcitationOptions,
     HydraulicLimits,
@@ -153,9 +154,9 @@ def test_a_motion_with_all_limits_keeps_them_and_reports_what_it_reaches(tmp_pat
 @pytest.mark.parametrize("kind", ["staircase", "slow_reversals", "frequencies", "two_poses", "neighbour"])
 def test_an_experiment_keeps_flow_and_pressure(kind, tmp_path):
     machine, base, values = arm()
-    free = reached(machine, experiment(machine, "joint2", kind, seconds=30.0).motion)
+    free = reached(machine, experiment(Arm(machine, 1, seconds=30.0), kind).motion)
     limits = HydraulicLimits(0.6 * free.flow, 1.1 * free.pressure.max(), BACK, values, np.full(JOINTS, FRICTION))
-    made = experiment(machine, "joint2", kind, seconds=30.0, hydraulic=limits, base=base)
+    made = experiment(Arm(machine, 1, seconds=30.0, hydraulic=limits, base=base), kind)
     found = reached(machine, written(made.motion, machine, tmp_path))
     check(machine, found, 0.92, limits, 0.01)
     assert made.motion.seconds > 1.2 * 30.0

@@ -17,9 +17,8 @@ from daq.scratch import Scratch
 from fitting.arm.geometry import geometry_of
 from fitting.estimators import OrdinaryLeastSquares
 from fitting.estimators.effort_fit import EffortRows
-from fitting.estimators.long_rows import LongRows
 from fitting.loop.session import Options, Session
-from fitting.pipeline.rigid_body_stage import effort_rows, identify_one_shot
+from fitting.pipeline.rigid_body_stage import identify_one_shot
 from fitting.regression.design import (
     Design,
     JointBlock,
@@ -123,15 +122,19 @@ def test_the_joint_fit_is_that_of_all_rows_at_once(dense: Design, stored: Design
 
 @pytest.mark.parametrize("colour", ["white", 3, "hac"])
 def test_stage_two_is_ordinary_least_squares_of_all_rows(dense: Design, stored: Design, colour: str | int) -> None:
-    rows = effort_rows(dense, ("train", "repeat"))
+    columns, target, groups = EffortRows(dense, dense.indices("train", "repeat"), posed=True).stacked()
     # Segments are series of their own, in both.
-    series = 10 * rows.groups + np.concatenate(
+    series = 10 * groups + np.concatenate(
         [np.full(int(dense.blocks[j][i].keep.sum()), i) for j in range(2) for i in (1, 2)]
     )
-    expected = OrdinaryLeastSquares(colour=colour).fit(rows.columns, rows.target, groups=series)  # type: ignore[arg-type]
-    spread = OrdinaryLeastSquares().fit(rows.columns, rows.target, groups=rows.groups)
-    everything = np.arange(rows.columns.shape[1])
-    found = LongRows(stored, ("train", "repeat")).fit(everything, np.zeros(len(everything)), colour)  # type: ignore[arg-type]
+    expected = OrdinaryLeastSquares(colour=colour).fit(columns, target, groups=series)  # type: ignore[arg-type]
+    spread = OrdinaryLeastSquares().fit(columns, target, groups=groups)
+    everything = np.arange(columns.shape[1])
+    found = EffortRows(stored, stored.indices("train", "repeat"), posed=True).ordinary(
+        everything,
+        np.zeros(len(everything)),
+        colour,  # type: ignore[arg-type]
+    )
     assert np.allclose(found.theta, expected.theta, rtol=1e-9)
     assert np.array_equal(found.told, expected.told)
     assert found.condition_number == pytest.approx(expected.condition_number, rel=1e-9)
@@ -141,13 +144,11 @@ def test_stage_two_is_ordinary_least_squares_of_all_rows(dense: Design, stored: 
 
 
 def test_frozen_columns_stay_where_they_are(dense: Design, stored: Design) -> None:
-    rows = effort_rows(dense, ("train",))
+    columns, target, groups = EffortRows(dense, dense.indices("train"), posed=True).stacked()
     frozen = 0.9 * ARM.theta(MACHINE)
-    wanted = np.arange(10, rows.columns.shape[1])
-    expected = OrdinaryLeastSquares().fit(
-        rows.columns[:, wanted], rows.target - rows.columns[:, :10] @ frozen[:10], groups=rows.groups
-    )
-    found = LongRows(stored, ("train",)).fit(wanted, frozen, "white")
+    wanted = np.arange(10, columns.shape[1])
+    expected = OrdinaryLeastSquares().fit(columns[:, wanted], target - columns[:, :10] @ frozen[:10], groups=groups)
+    found = EffortRows(stored, stored.indices("train"), posed=True).ordinary(wanted, frozen, "white")
     assert np.allclose(found.theta, expected.theta, rtol=1e-9)
     assert np.allclose(found.covariance, expected.covariance, rtol=1e-8)
 

@@ -8,7 +8,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from synthetic_arm import clean_session, injected, make_session, planar_machine, truth
+from synthetic_arm import clean_session, injected, make_session, planar_machine, prepare, truth
 
 from daq.machine.machine_file import Hydraulics, Machine
 from daq.recordings.recording import Recording
@@ -26,7 +26,6 @@ from fitting.regression.solving import solve
 from fitting.residual.terms import Model, Term, extra_columns, fit_model
 from fitting.residual.views import build_views
 from fitting.selection import priors
-from fitting.signals.preparation import prepare
 
 # --- arithmetic ---------------------------------------------------------------------------------------------------
 

@@ -14,6 +14,7 @@ from synthetic_arm import (
     force,
     make_motion,
     planar_machine,
+    prepare,
     sample,
     truth,
 )
@@ -27,7 +28,6 @@ from fitting.planning.planned import planned_segment, segment_of_states
 from fitting.planning.planned_views import chamber_models, planned_views, usual_chambers
 from fitting.regression.design import build_design
 from fitting.signals.filters import filter_bank
-from fitting.signals.preparation import prepare
 
 SIGNALS = ("t", "q", "qd", "qdd", "x", "v", "a", "r")
 

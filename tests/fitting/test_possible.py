@@ -7,9 +7,10 @@ import pytest
 from arm_examples import chain, physical_links, planar_arm, puma_560, standard_parameters
 
 from fitting.arm.base_parameters import base_regressor, reduce_parameters
+from fitting.arm.dynamics import standard_of_link
 from fitting.arm.geometry import Geometry
 from fitting.estimators import PossibleFit, StageTwo, WeightedLeastSquares, within
-from fitting.regression.body_prior import pseudo_inertia, standard_of_link
+from fitting.regression.body_prior import pseudo_inertia
 
 
 def rows(arm: Geometry, beta: np.ndarray, noise: float, seed: int, samples: int = 150) -> tuple[np.ndarray, ...]:
@@ -37,7 +38,7 @@ def test_the_pseudo_inertia_is_the_second_moment_of_mass() -> None:
     centre = m @ points / m.sum()
     r = points - centre
     central = np.einsum("k,kab->ab", m, np.einsum("ka,ka->k", r, r)[:, None, None] * np.eye(3)) - (m * r.T) @ r
-    link = standard_of_link(m.sum(), centre, central[np.triu_indices(3)])
+    link = standard_of_link(m.sum(), centre, central)
     assert pseudo_inertia(link) == pytest.approx((m * homogeneous.T) @ homogeneous, abs=1e-12)
 
 
@@ -45,7 +46,7 @@ def test_links_from_drawings_are_those_of_the_dynamics() -> None:
     masses, centres, inertias = physical_links(3, np.random.default_rng(2))
     expected = standard_parameters(masses, centres, inertias)
     for i in range(3):
-        link = standard_of_link(masses[i], centres[i], inertias[i][np.triu_indices(3)])
+        link = standard_of_link(masses[i], centres[i], inertias[i])
         assert link == pytest.approx(expected[i], rel=1e-12)
 
 

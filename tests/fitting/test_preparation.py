@@ -6,11 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from synthetic_arm import QUIET, Noise, force, make_motion, make_recordings, planar_machine, sample, truth
+from synthetic_arm import QUIET, Noise, force, make_motion, make_recordings, planar_machine, prepare, sample, truth
 
 from daq.errors import RecordingError
 from fitting.signals.filters import filter_bank
-from fitting.signals.preparation import Segment, position_noise, prepare
+from fitting.signals.preparation import Segment, position_noise
 
 BANK = filter_bank(50.0, 3.0)
 ARM = truth(2)

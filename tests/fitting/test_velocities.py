@@ -9,7 +9,7 @@ import pytest
 import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from synthetic_arm import RATE, Noise, make_motion, make_recordings, planar_machine, truth
+from synthetic_arm import RATE, Noise, make_motion, make_recordings, planar_machine, prepare, truth
 from test_coupled_drives import WRIST, measured, motion
 
 from daq.machine.machine_file import Machine, MachineFileError, parse_machine
@@ -17,7 +17,7 @@ from daq.recordings.recording import Recording
 from fitting.arm.joint_side import at_joints
 from fitting.loop.session import Options, Session
 from fitting.signals.filters import advanced, filter_bank
-from fitting.signals.preparation import position_noise, prepare
+from fitting.signals.preparation import position_noise
 from fitting.signals.velocities import velocity_share
 
 BANK = filter_bank(RATE, 3.0)

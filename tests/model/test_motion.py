@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from arm_examples import inverse_dynamics
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from model_examples import model_with, session_of, term_of, true_model
 from synthetic_arm import force, make_motion, truth
 
 from daq.errors import InputError
-from fitting.arm.dynamics import inverse_dynamics
 from fitting.arm.linkage import lever_arm
 from fitting.model import motion
 from fitting.model.arm_model import ArmModel

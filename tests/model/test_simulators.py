@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+from arm_examples import inverse_dynamics
 from model_examples import model_with, session_of, term_of, true_model
 from synthetic_arm import truth
 
 from fitting.arm.base_parameters import base_regressor
-from fitting.arm.dynamics import inverse_dynamics
 from fitting.model.arm_model import ArmModel
 from fitting.model.export import export_model
 from fitting.model.export.bodies import bodies_of

@@ -15,12 +15,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from fitting.arrays import FloatArray
 from fitting.checks.mistakes.hypothesis import CLEAR
 from fitting.checks.mistakes.physical import RIVALS, Trial, without
-
-FloatArray = npt.NDArray[np.float64]
 
 #: A ratio this far from the declared one (its logarithm) is no gain of a transducer.
 _FAR = 0.17

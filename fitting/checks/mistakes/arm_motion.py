@@ -6,14 +6,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from daq.machine.machine_file import Machine
 from fitting.arm.linkage import joint_motion, lever_arm, piston_motion
+from fitting.arrays import BoolArray, FloatArray
 from fitting.checks.mistakes.samples import Samples, Signal, moving
-
-FloatArray = npt.NDArray[np.float64]
-BoolArray = npt.NDArray[np.bool_]
 
 
 @dataclass(frozen=True)

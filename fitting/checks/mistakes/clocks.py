@@ -12,14 +12,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
-from fitting.arm.dynamics import rigid_body_regressor
+from fitting.arrays import FloatArray
 from fitting.checks.mistakes.hypothesis import CLEAR
 from fitting.checks.mistakes.physical import Trial, declared, friction, measured_effort, without
 from fitting.checks.mistakes.samples import EFFORTS, Samples
-
-FloatArray = npt.NDArray[np.float64]
 
 _ITERATIONS = 4
 #: s from which the estimate begins as well, where efforts are left unexplained by more than this (geometric mean).
@@ -50,10 +47,7 @@ def clock_of(trial: Trial) -> Clock | None:
     """What all joints' efforts are late by; None if that is nothing that they share, or nothing much."""
     samples = trial.samples
     keys = [key for key in samples.dense if key[0] in EFFORTS]
-    begins = np.array(
-        [samples.time[samples.recording == k].min(initial=np.inf) for k in range(samples.recording.max() + 1)]
-    )
-    since = samples.time - begins[samples.recording]
+    since = samples.since
     length = float(since.max(initial=0.0))
     bodies = _Bodies(trial)
     first = bodies.estimates(samples, since)
@@ -123,11 +117,10 @@ class _Bodies:
     def __init__(self, trial: Trial) -> None:
         self._trial = trial
         motion, samples = trial.motion, trial.samples
-        body = rigid_body_regressor(trial.machine, motion.q, motion.qd, motion.qdd)
         self._rows, self._columns = [], []
-        for number, joint in enumerate(trial.machine.joints):
-            rows = motion.active[:, number] & samples.used & (samples.loaded | (joint.cylinder is not None))
-            own = np.where(samples.loaded[:, None], body[:, number] / motion.r[:, [number]], 0.0)
+        for number in range(len(trial.machine.joints)):
+            rows = trial.rows(number)
+            own = np.where(samples.loaded[:, None], trial.body[:, number] / motion.r[:, [number]], 0.0)
             v, a, x = motion.v[:, number], motion.a[:, number], motion.x[:, number]
             columns = np.column_stack([own, a, friction(v, motion.speed_noise[number]), np.ones(len(v)), x])
             self._rows.append(rows)

@@ -9,7 +9,6 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from fitting.arm.dynamics import rigid_body_regressor
 from fitting.checks.mistakes.physical import Trial, declared, friction, measured_effort, without
 
 FloatArray = npt.NDArray[np.float64]
@@ -26,7 +25,7 @@ def with_couplings(trial: Trial, number: int) -> float:
     if not declared(machine, samples, number) or np.count_nonzero(rows) < 60 or not others:
         return np.nan
     y = measured_effort(trial, number)[0]
-    body = rigid_body_regressor(machine, motion.q, motion.qd, motion.qdd)[:, number] / motion.r[:, [number]]
+    body = trial.body[:, number] / motion.r[:, [number]]
     columns = [body, motion.a[:, number], friction(motion.v[:, number], motion.speed_noise[number])]
     columns += [np.ones(len(y)), motion.x[:, number]]
     for other in others:

@@ -2,28 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
-import numpy.typing as npt
 
+from fitting.arrays import BoolArray
 from fitting.checks.mistakes.factors import gains
-from fitting.checks.mistakes.hypothesis import CLEAR, Build, Hypothesis, Targets
+from fitting.checks.mistakes.hypothesis import CLEAR, Build, Hypothesis
 from fitting.checks.mistakes.physical import Trial
-from fitting.checks.mistakes.samples import EFFORTS, Signal
+from fitting.checks.mistakes.samples import EFFORTS, Samples, Signal
 
-BoolArray = npt.NDArray[np.bool_]
+
+def on_samples(change: Callable[[Samples], Samples]) -> Build:
+    """Builds a trial with other samples."""
+    return lambda trial, targets: (trial.with_samples(change(trial.samples)), targets)
 
 
 def mapped(key: tuple[str, int], gain: float, offset: float = 0.0) -> Build:
-    def build(trial: Trial, targets: Targets) -> tuple[Trial, Targets]:
-        signal = trial.samples.get(*key)
-        if signal is None:
-            raise ValueError("no such channel")
-        return trial.with_samples(trial.samples.replaced({key: signal.mapped(gain, offset)})), targets
-
-    return build
+    """Builds a trial with a channel's values times ``gain``, and ``offset`` more."""
+    return on_samples(lambda own: own.replaced({key: own.signals[key].mapped(gain, offset)}))
 
 
 #: Factors by which an encoder's counts are mistaken: edges of both tracks, one of two, diameters for radii.
@@ -106,12 +104,8 @@ def _fits(trial: Trial, number: int, signal: Signal) -> bool:
 
 
 def _exchanged(quantity: str, j: int, other: int) -> Build:
-    def build(trial: Trial, targets: Targets) -> tuple[Trial, Targets]:
-        a, b = trial.samples.get(quantity, j), trial.samples.get(quantity, other)
-        assert a is not None and b is not None
-        return trial.with_samples(trial.samples.replaced({(quantity, j): b, (quantity, other): a})), targets
-
-    return build
+    a, b = (quantity, j), (quantity, other)
+    return on_samples(lambda own: own.replaced({a: own.signals[b], b: own.signals[a]}))
 
 
 #: Delays that are tried, s: beyond the tens of milliseconds of a late sensor.
@@ -152,7 +146,7 @@ def times(trial: Trial) -> Iterator[Hypothesis]:
 
 def delayed(keys: Sequence[tuple[str, int]], delay: float) -> Build:
     """Builds a trial with some channels taken ``delay`` s later."""
-    return lambda trial, targets: (trial.with_samples(trial.samples.moved(keys, delay)), targets)
+    return on_samples(lambda own: own.moved(keys, delay))
 
 
 #: Rates that a recorder may have run at instead, over the one that its time column says.
@@ -160,26 +154,15 @@ TRUE_RATES = (0.1, 0.2, 0.5, 2.0, 5.0, 10.0)
 
 
 def _faster(factor: float) -> Build:
-    def build(trial: Trial, targets: Targets) -> tuple[Trial, Targets]:
-        changes = {
-            key: replace(
-                own, first=factor * own.first, second=factor**2 * own.second, speed_noise=factor * own.speed_noise
-            )
-            for key, own in trial.samples.signals.items()
-            if key[0] not in EFFORTS
-        }
-        return trial.with_samples(trial.samples.replaced(changes)), targets
+    def change(samples: Samples) -> Samples:
+        positions = {key: own for key, own in samples.signals.items() if key[0] not in EFFORTS}
+        return samples.replaced({key: own.faster(factor) for key, own in positions.items()})
 
-    return build
+    return on_samples(change)
 
 
 def _stretched(keys: Sequence[tuple[str, int]], rate: float) -> Build:
-    def build(trial: Trial, targets: Targets) -> tuple[Trial, Targets]:
-        samples = trial.samples
-        begins = np.array([samples.time[samples.recording == k].min() for k in range(samples.recording.max() + 1)])
-        return trial.with_samples(samples.moved(keys, rate * (samples.time - begins[samples.recording]))), targets
-
-    return build
+    return on_samples(lambda own: own.moved(keys, rate * own.since))
 
 
 def in_one_recording(trial: Trial, number: int) -> Iterator[Hypothesis]:
@@ -218,7 +201,7 @@ def _where(rows: BoolArray, there: Signal, elsewhere: Signal) -> Signal:
 
 
 def _changed(changes: Mapping[tuple[str, int], Signal]) -> Build:
-    return lambda trial, targets: (trial.with_samples(trial.samples.replaced(changes)), targets)
+    return on_samples(lambda own: own.replaced(changes))
 
 
 #: An arm on the rods never explains less where there is one; noise of a small arm leaves this much of the difference.
@@ -250,17 +233,8 @@ def recordings(trial: Trial) -> Iterator[Hypothesis]:
 
 
 def _changed_role(number: int, loaded: bool) -> Build:
-    def build(trial: Trial, targets: Targets) -> tuple[Trial, Targets]:
-        samples = trial.samples
-        changed = np.where(samples.recording == number, loaded, samples.loaded)
-        return trial.with_samples(replace(samples, loaded=changed)), targets
-
-    return build
+    return on_samples(lambda own: replace(own, loaded=np.where(own.recording == number, loaded, own.loaded)))
 
 
 def _left_out(number: int) -> Build:
-    def build(trial: Trial, targets: Targets) -> tuple[Trial, Targets]:
-        samples = trial.samples
-        return trial.with_samples(replace(samples, used=samples.used & (samples.recording != number))), targets
-
-    return build
+    return on_samples(lambda own: replace(own, used=own.used & (own.recording != number)))

@@ -18,11 +18,7 @@ _MOMENTS = 15
 
 def with_payload(trial: Trial) -> Physical:
     """The best arm that picks something up (or puts it down) in the course of each recording."""
-    samples = trial.samples
-    begins = np.array(
-        [samples.time[samples.recording == k].min(initial=np.inf) for k in range(samples.recording.max() + 1)]
-    )
-    since = samples.time - begins[samples.recording]
+    since = trial.samples.since
     best: tuple[float, Physical] | None = None
     for moment in np.linspace(0.0, float(since.max()), _MOMENTS + 2)[1:-1]:
         for carried in (since > moment, since < moment):

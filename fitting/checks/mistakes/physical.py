@@ -24,7 +24,6 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-import numpy.typing as npt
 from scipy import linalg
 from scipy.optimize import lsq_linear, nnls
 
@@ -32,12 +31,10 @@ from daq.machine.machine_file import Machine
 from fitting.arm.dynamics import coupled_regressor, rigid_body_regressor
 from fitting.arm.expected import expected_sign
 from fitting.arm.geometry import Geometry, geometry_of
+from fitting.arrays import BoolArray, FloatArray
 from fitting.checks.mistakes.arm_motion import Motion, motion_of
 from fitting.checks.mistakes.samples import Samples
 from fitting.regression.prior import moving_mass
-
-FloatArray = npt.NDArray[np.float64]
-BoolArray = npt.NDArray[np.bool_]
 
 #: Points along each edge of a link's box. Three tell its mass, centre and spread.
 _GRID = 3
@@ -95,27 +92,12 @@ class Physical:
     free : the same for a least-squares fit without bounds
     own : the same for a least-squares fit of that joint alone
     shares : (n,) spread of the effort over the largest of all joints; per head area where there are cylinders
-    masses : (n,) kg of the links' point masses
-    rows : rows of each joint
     """
 
     misfits: FloatArray
     free: FloatArray
     own: FloatArray
     shares: FloatArray
-    masses: FloatArray
-    rows: tuple[int, ...]
-
-    @property
-    def total(self) -> float:
-        """Root mean square of the joints' misfits."""
-        known = self.misfits[np.isfinite(self.misfits)]
-        return float(np.sqrt(np.mean(known**2))) if len(known) else np.nan
-
-    @property
-    def worst(self) -> int:
-        """Number of the joint with the largest misfit."""
-        return int(np.nanargmax(self.misfits))
 
 
 @dataclass(frozen=True)
@@ -128,8 +110,6 @@ class Trial:
     machine : with the geometry and linkages to try
     positions : quantity that tells each joint's position
     exchange : also offer other joints' signals as targets
-    gravity : in place of the machine's, or None
-    joints : which joints' rows count; None: all
     carried : (T,) 1 where the last link carries more than otherwise, or None
     """
 
@@ -137,14 +117,22 @@ class Trial:
     machine: Machine
     positions: tuple[str, ...]
     exchange: bool = False
-    gravity: tuple[float, float, float] | None = None
-    joints: tuple[int, ...] | None = None
     carried: FloatArray | None = None
 
     @cached_property
     def motion(self) -> Motion:
         """Joints and pistons."""
         return motion_of(self.machine, self.samples, self.positions)
+
+    @cached_property
+    def body(self) -> FloatArray:
+        """Columns (T, n, 10 n) of the links' standard parameters in the joints' efforts."""
+        return rigid_body_regressor(self.machine, self.motion.q, self.motion.qd, self.motion.qdd)
+
+    def rows(self, number: int) -> BoolArray:
+        """Samples (T,) in which a joint moves and its effort tells something."""
+        tells = self.samples.loaded | (self.machine.joints[number].cylinder is not None)
+        return np.asarray(self.motion.active[:, number] & tells & self.samples.used)
 
     @cached_property
     def clouds(self) -> FloatArray:
@@ -229,8 +217,7 @@ def make_blocks(trial: Trial) -> tuple[Block | None, ...]:
     """Rows of every joint in which it moves, compressed by QR."""
     samples, machine, motion = trial.samples, trial.machine, trial.motion
     n = len(machine.joints)
-    gravity = trial.gravity
-    body = rigid_body_regressor(machine, motion.q, motion.qd, motion.qdd, gravity=gravity)
+    body = trial.body
     if any(j.drive is not None and j.drive.coupled for j in machine.joints):
         more = coupled_regressor(machine, motion.qd, motion.qdd, speed_noise=motion.speed_noise)
         body = np.concatenate([body, more], axis=2)
@@ -239,9 +226,7 @@ def make_blocks(trial: Trial) -> tuple[Block | None, ...]:
     blocks: list[Block | None] = []
     for number in range(n):
         named = _signals(trial, number)
-        rows = (
-            motion.active[:, number] & (samples.loaded | (machine.joints[number].cylinder is not None)) & samples.used
-        )
+        rows = trial.rows(number)
         if not named or np.count_nonzero(rows) < 60:
             blocks.append(None)
             continue
@@ -368,10 +353,10 @@ def fit(trial: Trial, targets: Mapping[int, Mapping[str, float]] | None = None, 
     """
     blocks, machine = trial.blocks, trial.machine
     n = len(machine.joints)
-    chosen = [j for j in range(n) if blocks[j] is not None and (trial.joints is None or j in trial.joints)]
+    chosen = [j for j in range(n) if blocks[j] is not None]
     misfits, free, own, shares = (np.full(n, np.nan) for _ in range(4))
     if not chosen:
-        return Physical(misfits, free, own, shares, np.full(n, np.nan), (0,) * n)
+        return Physical(misfits, free, own, shares)
     parts_body, parts_drive, parts_target, counts, measured, weights_of = [], [], [], [], [], []
     for j in chosen:
         block = blocks[j]
@@ -401,19 +386,13 @@ def fit(trial: Trial, targets: Mapping[int, Mapping[str, float]] | None = None, 
         drive[ends[k] : ends[k + 1], at : at + part.shape[1]] = part
         at += part.shape[1]
     left_free = without(np.hstack([body, drive]), target)
-    left, masses = left_free, np.full(n, np.nan)
-    if bounded:
-        clouds = trial.clouds
-        left, mu = _bounded(np.hstack([body @ clouds, drive]), target)
-        k = _GRID**3
-        masses = mu[: k * n].reshape(n, k).sum(axis=1)
+    left = _bounded(np.hstack([body @ trial.clouds, drive]), target) if bounded else left_free
     for k, j in enumerate(chosen):
         mine = slice(int(ends[k]), int(ends[k]) + measured[k])
         misfits[j] = weights_of[k] * float(np.linalg.norm(left[mine]))
         free[j] = weights_of[k] * float(np.linalg.norm(left_free[mine]))
         own[j] = weights_of[k]
-    rows = tuple(0 if b is None else b.rows for b in blocks)
-    return Physical(misfits, free, own, shares / np.nanmax(shares), masses, rows)
+    return Physical(misfits, free, own, shares / np.nanmax(shares))
 
 
 def without(A: FloatArray, b: FloatArray) -> FloatArray:
@@ -427,7 +406,8 @@ def without(A: FloatArray, b: FloatArray) -> FloatArray:
     return np.asarray(b - unit @ theta)
 
 
-def _bounded(A: FloatArray, b: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _bounded(A: FloatArray, b: FloatArray) -> FloatArray:
+    """What least squares with coefficients that are not negative leave of ``b``."""
     scale = np.linalg.norm(A, axis=0)
     scale = np.where(scale > 0, scale, 1.0)
     # Compressed once more: as many rows as columns at most.
@@ -436,4 +416,4 @@ def _bounded(A: FloatArray, b: FloatArray) -> tuple[FloatArray, FloatArray]:
         mu = nnls(R[:, :-1], R[:, -1], maxiter=20 * A.shape[1])[0]
     except RuntimeError:
         mu = lsq_linear(R[:, :-1], R[:, -1], (0, np.inf), max_iter=200).x
-    return np.asarray(b - (A / scale) @ mu), mu / scale
+    return np.asarray(b - (A / scale) @ mu)

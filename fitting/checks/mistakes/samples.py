@@ -9,17 +9,17 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
 
 from daq.machine.machine_file import Machine
 from daq.recordings.recording import Recording
+from fitting.arrays import BoolArray, FloatArray
 from fitting.signals.filters import FilterBank, edge_frequency, filter_bank, white_noise_of
 
-FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
-BoolArray = npt.NDArray[np.bool_]
 
 #: Samples that a trial uses at most: rows of six joints are some thirty times the parameters of their arm.
 MOST_SAMPLES = 420
@@ -53,6 +53,11 @@ class Signal:
             size * self.noise,
             size * self.speed_noise,
         )
+
+    def faster(self, factor: float) -> Signal:
+        """As the same values would be in a time that runs ``factor`` times as fast."""
+        speeds = factor * self.first, factor**2 * self.second
+        return replace(self, first=speeds[0], second=speeds[1], speed_noise=factor * self.speed_noise)
 
 
 @dataclass(frozen=True)
@@ -88,6 +93,13 @@ class Samples:
 
     def __len__(self) -> int:
         return len(self.time)
+
+    @cached_property
+    def since(self) -> FloatArray:
+        """(T,) s since the beginning of each one's recording."""
+        numbers = range(self.recording.max() + 1)
+        begins = np.array([self.time[self.recording == k].min(initial=np.inf) for k in numbers])
+        return np.asarray(self.time - begins[self.recording])
 
     def get(self, quantity: str, joint: int) -> Signal | None:
         """A joint's signal of that quantity, or None."""

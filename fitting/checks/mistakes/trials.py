@@ -18,15 +18,13 @@ from dataclasses import dataclass, replace
 from typing import TypeAlias
 
 import numpy as np
-import numpy.typing as npt
 
+from fitting.arrays import BoolArray
 from fitting.checks.mistakes.effort_trials import efforts, scales, sizes
 from fitting.checks.mistakes.hypothesis import CLEAR, Build, Hypothesis, Targets
 from fitting.checks.mistakes.machine_trials import effects, gravity, lengths
 from fitting.checks.mistakes.motion_trials import in_one_recording, motions, recordings, times
 from fitting.checks.mistakes.physical import LEAST_MISFIT, Physical, Trial, fit
-
-FloatArray = npt.NDArray[np.float64]
 
 #: What is left of a joint's effort afterwards: measured machines have up to a quarter.
 SOUND = 0.30
@@ -84,12 +82,12 @@ def score(before: Physical, after: Physical, *, free: bool = False) -> float:
     return float(np.sum(np.log(a / b)))
 
 
-def _apart(current: Physical) -> npt.NDArray[np.bool_]:
+def _apart(current: Physical) -> BoolArray:
     """Joints that alone are explained well and among the others badly: their effort's scale is not the others'."""
     return np.asarray((current.misfits > _ALONE_WELL * current.own) & (current.misfits > _LEAST_APART))
 
 
-def suspicious(current: Physical) -> npt.NDArray[np.bool_]:
+def suspicious(current: Physical) -> BoolArray:
     """Joints whose misfit is worth trials."""
     return np.asarray(((current.misfits > SUSPECT) | _apart(current)) & ~(current.shares < CARRIES))
 
@@ -227,7 +225,7 @@ def _helped(trial: Trial, option: Hypothesis, before: Physical, after: Physical)
     return joint if asked[joint] and fall[joint] >= option.least else None
 
 
-def _moves_in(trial: Trial, recording: int) -> npt.NDArray[np.bool_]:
+def _moves_in(trial: Trial, recording: int) -> BoolArray:
     """Which joints move in enough samples of a recording to tell anything of it: one that is parked holds any load."""
     mine = (trial.samples.recording == recording) & trial.samples.used
     part = np.count_nonzero(trial.motion.active & mine[:, None], axis=0)

@@ -12,17 +12,15 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from daq.machine.linkages import ThreePin
 from daq.machine.machine_file import Machine
 from fitting.arm.linkage import parameter_names
+from fitting.arrays import FloatArray
 from fitting.checks.mistakes.factors import gains
 from fitting.checks.mistakes.machine_trials import changed_joint
 from fitting.checks.mistakes.motion_trials import COUNTS, DELAYS, RATES, times_too
 from fitting.checks.mistakes.samples import Samples, Signal
-
-FloatArray = npt.NDArray[np.float64]
 
 #: Misfit (of the piston's spread) and distance (of the stroke) up to which two sensors agree: what effects do.
 AGREE, NEAR = 0.08, 0.15
@@ -33,49 +31,48 @@ _THE_SAME, _LEAST, _MOST_ALTERNATIVES = 1.1, 0.002, 3
 
 
 @dataclass(frozen=True)
-class Disagreement:
-    """Two sensors that contradict each other, and what explains it (code None: nothing that was tried).
+class Option:
+    """A mistake that may explain why two sensors contradict each other.
 
     Attributes
     ----------
-    joint, other : numbers of the joints
-    quantity : sensor to blame, or None for the linkage or for both
     code, text, cure, key : of the finding
-    before, after : misfit over the piston's spread
-    machine, samples : with the mistake taken back
-    alternatives : what explains as much
+    machine, samples : with the mistake taken back, where it is in one of them
+    price : simplicity: of two that explain alike, the one with the lower price is said
+    quantity : sensor to blame, or None for the linkage or for both
+    other : number of the joint that the sensor is exchanged with
+    factor : number that it stands for
     """
 
-    joint: int
-    code: str | None
-    before: float
-    after: float
-    text: str = ""
-    cure: str = ""
-    quantity: str | None = None
-    other: int | None = None
-    key: tuple[str | int, ...] = ()
-    factor: float | None = None
-    machine: Machine | None = None
-    samples: Samples | None = None
-    alternatives: tuple[str, ...] = ()
-
-
-@dataclass(frozen=True)
-class _Option:
     code: str
     text: str
     cure: str
-    q: FloatArray
-    x: FloatArray
+    samples: Samples | None
     price: float = 1.0
     quantity: str | None = None
     other: int | None = None
     key: tuple[str | int, ...] = ()
     factor: float | None = None
     machine: Machine | None = None
-    changes: Mapping[tuple[str, int], Signal] | None = None
-    samples: Samples | None = None
+
+
+@dataclass(frozen=True)
+class Disagreement:
+    """Two sensors that contradict each other, and what explains it.
+
+    Attributes
+    ----------
+    joint : number of the joint
+    before, after : misfit over the piston's spread
+    option : what explains it; None: nothing that was tried
+    alternatives : what explains as much
+    """
+
+    joint: int
+    before: float
+    after: float
+    option: Option | None = None
+    alternatives: tuple[str, ...] = ()
 
 
 def gap(machine: Machine, number: int, q: FloatArray, x: FloatArray) -> tuple[float, float]:
@@ -105,7 +102,7 @@ def disagreements(machine: Machine, samples: Samples) -> list[Disagreement]:
     for number, joint in enumerate(machine.joints):
         if joint.cylinder is None or not all(samples.get(k, number) for k in ("joint_position", "piston_position")):
             continue
-        q, x = (samples.signals[k, number].value[loaded] for k in ("joint_position", "piston_position"))
+        q, x = (own[loaded] for own in _both(samples, number))
         misfit, off = gap(machine, number, q, x)
         if misfit > AGREE or abs(off) > NEAR:
             bad[number] = (misfit, off)
@@ -113,9 +110,9 @@ def disagreements(machine: Machine, samples: Samples) -> list[Disagreement]:
         if number in settled:
             continue
         best = _explained(machine, samples, number, misfit, off, bad)
-        found.append(best or Disagreement(number, None, misfit, misfit))
-        if best is not None and best.other is not None:
-            settled.add(best.other)
+        found.append(best or Disagreement(number, misfit, misfit))
+        if best is not None and best.option is not None and best.option.other is not None:
+            settled.add(best.option.other)
     return found
 
 
@@ -125,7 +122,8 @@ def _explained(
     loaded = samples.loaded
     results = []
     for option in _options(machine, samples, number, bad):
-        left, distance = gap(option.machine or machine, number, option.q[loaded], option.x[loaded])
+        q, x = (own[loaded] for own in _both(option.samples or samples, number))
+        left, distance = gap(option.machine or machine, number, q, x)
         if left < _LEFT and abs(distance) < NEAR and (left < misfit / _CLEAR or abs(off) > NEAR):
             results.append((option.price * max(left, 0.004) * (1 + 4 * abs(distance)), left, option))
     if not results:
@@ -133,14 +131,15 @@ def _explained(
     _, left, option = min(results, key=lambda item: item[0])
     others = [own for _, near, own in results if own is not option and near < max(_THE_SAME * left, _LEAST)]
     also = [own.text for own in others if own.code != option.code or own.quantity != option.quantity]
-    changed = option.samples or (samples.replaced(option.changes) if option.changes else None)
-    return Disagreement(
-        number, option.code, misfit, left, option.text, option.cure, option.quantity, option.other, option.key,
-        option.factor, option.machine, changed, tuple(dict.fromkeys(also))[:_MOST_ALTERNATIVES],
-    )  # fmt: skip
+    return Disagreement(number, misfit, left, option, tuple(dict.fromkeys(also))[:_MOST_ALTERNATIVES])
 
 
-def _options(machine: Machine, samples: Samples, number: int, bad: Mapping[int, object]) -> Iterator[_Option]:
+def _both(samples: Samples, number: int) -> tuple[FloatArray, FloatArray]:
+    """Joint and piston position of a joint, (T,) each."""
+    return samples.signals["joint_position", number].value, samples.signals["piston_position", number].value
+
+
+def _options(machine: Machine, samples: Samples, number: int, bad: Mapping[int, object]) -> Iterator[Option]:
     cylinder = machine.joints[number].cylinder
     assert cylinder is not None
     for quantity, about in (("joint_position", 0.0), ("piston_position", cylinder.stroke)):
@@ -151,22 +150,15 @@ def _options(machine: Machine, samples: Samples, number: int, bad: Mapping[int, 
     yield from _of_clocks(samples, number)
 
 
-def _both(samples: Samples, number: int, quantity: str, value: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Joint and piston position with one of them replaced."""
-    own = {name: samples.signals[name, number].value for name in ("joint_position", "piston_position")}
-    own[quantity] = value
-    return own["joint_position"], own["piston_position"]
-
-
-def _of_channel(machine: Machine, samples: Samples, number: int, quantity: str, about: float) -> Iterator[_Option]:
+def _of_channel(machine: Machine, samples: Samples, number: int, quantity: str, about: float) -> Iterator[Option]:
     """One sensor counts the other way (its zero is at ``about`` then), or has another unit, scale or offset."""
     channel = machine.channel(quantity, machine.joints[number].name)
     assert channel is not None
     signal, mine = samples.signals[quantity, number], quantity == "joint_position"
 
-    def option(code: str, text: str, cure: str, new: Signal, price: float, factor: float) -> _Option:
-        q, x = _both(samples, number, quantity, new.value)
-        return _Option(code, text, cure, q, x, price, quantity, factor=factor, changes={(quantity, number): new})
+    def option(code: str, text: str, cure: str, new: Signal, price: float, factor: float) -> Option:
+        changed = samples.replaced({(quantity, number): new})
+        return Option(code, text, cure, changed, price, quantity, factor=factor)
 
     yield option("sign", "{channel} looks as if it counted the other way",
                  "correct the sign of its scale" + ("" if mine else " (0 is fully retracted)"),
@@ -184,47 +176,42 @@ def _of_channel(machine: Machine, samples: Samples, number: int, quantity: str, 
                      signal.mapped(1.0, offset), 1.5, offset)  # fmt: skip
 
 
-def _exchanged(machine: Machine, samples: Samples, number: int, quantity: str, bad: Iterable[int]) -> Iterator[_Option]:
+def _exchanged(machine: Machine, samples: Samples, number: int, quantity: str, bad: Iterable[int]) -> Iterator[Option]:
     """It is exchanged with that of another joint whose sensors contradict each other as well."""
     joint, signal = machine.joints[number], samples.signals[quantity, number]
     for other in bad:
         theirs = samples.get(quantity, other)
         if other != number and theirs is not None:
-            yield _Option(
+            yield Option(
                 "exchanged_channels",
                 f"{quantity.replace('_', ' ')} of {joint.name} and {machine.joints[other].name} look exchanged",
-                "exchange the channels' names or sources", *_both(samples, number, quantity, theirs.value), 1.0,
-                quantity, other, changes={(quantity, number): theirs, (quantity, other): signal},
+                "exchange the channels' names or sources",
+                samples.replaced({(quantity, number): theirs, (quantity, other): signal}), 1.0, quantity, other,
             )  # fmt: skip
 
 
-def _of_clocks(samples: Samples, number: int) -> Iterator[_Option]:
+def _of_clocks(samples: Samples, number: int) -> Iterator[Option]:
     """The clock of the piston's sensor is off, or runs at another rate."""
-    q = samples.signals["joint_position", number].value
     for delay in (*DELAYS, -0.15, 0.15):
         moved = samples.moved([("piston_position", number)], delay)
         late = "late" if delay > 0 else "early"
-        yield _Option(
+        yield Option(
             "clock_offset", f"{{channel}} looks {abs(delay):.2g} s {late} against the joint's sensor",
-            "put both buses on one clock, or move the columns", q, moved.signals["piston_position", number].value, 1.3,
-            "piston_position", factor=delay, samples=moved,
+            "put both buses on one clock, or move the columns", moved, 1.3, "piston_position", factor=delay,
         )  # fmt: skip
-    begins = np.array([samples.time[samples.recording == k].min() for k in range(samples.recording.max() + 1)])
-    since = samples.time - begins[samples.recording]
     for rate in RATES:
-        moved = samples.moved([("piston_position", number)], rate * since)
-        yield _Option(
+        moved = samples.moved([("piston_position", number)], rate * samples.since)
+        yield Option(
             "clock_rate", f"the clock of {{channel}} runs {100 * abs(rate):.2g} % "
             f"{'fast' if rate > 0 else 'slow'} against "
-            "that of the joint's sensor", "put both buses on one clock", q,
-            moved.signals["piston_position", number].value, 1.3, "piston_position", factor=rate, samples=moved,
+            "that of the joint's sensor", "put both buses on one clock", moved, 1.3, "piston_position", factor=rate,
         )  # fmt: skip
 
 
-def _pins(machine: Machine, samples: Samples, number: int, linkage: ThreePin) -> Iterator[_Option]:
+def _pins(machine: Machine, samples: Samples, number: int, linkage: ThreePin) -> Iterator[Option]:
     """One length or the offset of the pins estimated from both sensors."""
     loaded = samples.loaded
-    q, x = samples.signals["joint_position", number].value, samples.signals["piston_position", number].value
+    q, x = _both(samples, number)
     for name in parameter_names(linkage):
         value = float(getattr(linkage, name))
         if name == "offset":
@@ -246,9 +233,9 @@ def _pins(machine: Machine, samples: Samples, number: int, linkage: ThreePin) ->
         if abs(best[1] - value) < (0.12 if name == "offset" else 0.1 * abs(value)):
             continue
         unit = "rad" if name == "offset" else "m"
-        yield _Option(
+        yield Option(
             "linkage", f"linkage.{name} looks like {best[1]:.4g} instead of {value:.4g} {unit}",
-            f"measure the pins and correct linkage.{name}", q, x, 1.8,
+            f"measure the pins and correct linkage.{name}", None, 1.8,
             key=("joints", number, "cylinder", "linkage", name), factor=best[1] / value if value else None,
             machine=changed_joint(machine, number, "linkage", {name: best[1]}),
         )  # fmt: skip

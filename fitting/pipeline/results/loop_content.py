@@ -25,6 +25,7 @@ from fitting.pipeline.verdict import label, verdict
 from fitting.regression.drive import effort_unit
 from fitting.report.drawing_data import law_curve
 from fitting.report.joint_words import in_own_units, own_unit
+from fitting.residual.change_points import ChangePoint
 from fitting.residual.findings import Hypothesis
 from fitting.residual.laws import Law
 from fitting.residual.surfaces import second_variable
@@ -76,7 +77,7 @@ def loop_content(session: Session, results: StageResults, model: Model, terms: l
             for limit in found.limits
         ],
         "hypotheses": _hypotheses(found.hypotheses, names),
-        "changes": [asdict(change) for change in found.changes],
+        "changes": [_change(change, names) for change in found.changes],
         "looked": found.looked,
         "next_experiment": _next_experiment(effects) if designed is None else designed.content,
         "resolution": [
@@ -84,6 +85,11 @@ def loop_content(session: Session, results: StageResults, model: Model, terms: l
             for step in resolved.steps
         ],
     }
+
+
+def _change(found: ChangePoint, names: Sequence[str]) -> dict[str, Any]:
+    content = asdict(found) | {"joint": names[found.joint], "of": found.column}
+    return {key: value for key, value in content.items() if key not in ("column", "gain")}
 
 
 def _added_law(
@@ -116,17 +122,19 @@ def _added_effect(
     """An effect of the catalogue that was added to the model, as number ``number`` of its terms."""
     names = [joint.name for joint in machine.joints]
     return {
-        "id": term.id,
-        "joint": None if term.joint is None else names[term.joint],
-        "title": content.title,
-        "equation": content.equation,
-        "look_at": content.look_at,
+        **_head(content, None if term.joint is None else names[term.joint]),
         "parameters": _term_parameters(term, model, model.term_slice(number), machine),
         "amplitude": _amplitude(model, number),
         "indistinguishable_from": _rivals(accepted, names),
         "probability": accepted.probability,
         "evidence": _evidence(accepted),
     }
+
+
+def _head(content: Effect, joint: str | None) -> dict[str, Any]:
+    """What is said of every effect that was found."""
+    said = {"title": content.title, "equation": content.equation, "look_at": content.look_at}
+    return {"id": content.id, "joint": joint, **said}
 
 
 def _kinematic_candidate(names: Sequence[str], finding: Kinematic) -> dict[str, Any]:
@@ -207,11 +215,7 @@ def _kinematic_effect(machine: Machine, finding: Kinematic) -> dict[str, Any]:
     }
     parameters.update(_shape_values(content, first["shape"], machine, first["joint"]))
     return {
-        "id": content.id,
-        "joint": joint,
-        "title": content.title,
-        "equation": content.equation,
-        "look_at": content.look_at,
+        **_head(content, joint),
         "parameters": parameters,
         "indistinguishable_from": [
             {"id": rival, "title": effect(rival).title, "joint": joint, "probability": share}
@@ -227,11 +231,7 @@ def _line_effect(names: list[str], line: SpectralLine) -> dict[str, Any]:
     content = line_effect()
     (frequency, frequency_std), (amplitude, amplitude_std) = line.frequency, line.amplitude
     return {
-        "id": content.id,
-        "joint": names[line.joint],
-        "title": content.title,
-        "equation": content.equation,
-        "look_at": content.look_at,
+        **_head(content, names[line.joint]),
         "parameters": {
             "amplitude": {"value": amplitude, "std": amplitude_std, "unit": "N"},
             "frequency": {"value": frequency, "std": frequency_std, "unit": "Hz"},

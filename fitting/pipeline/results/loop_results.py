@@ -5,7 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from fitting.excitation.motion import Rods
+from fitting.loop.kinematic_check import KinematicFinding, step_to_json
 from fitting.pipeline.results.stored_types import Json, Numbers, StoredHypothesis, StoredTerm, stored
+from fitting.residual.change_points import ChangePoint
+from fitting.residual.findings import Candidate
 from fitting.residual.terms import Term
 
 
@@ -34,6 +37,11 @@ class Kinematic:
     rivals: tuple[str, ...]
     probability: float
     rival_probabilities: tuple[float, ...]
+
+    @classmethod
+    def of(cls, found: KinematicFinding) -> Kinematic:
+        """A finding with its steps as JSON."""
+        return cls(**{**vars(found), "steps": tuple(step_to_json(step) for step in found.steps)})
 
 
 @stored
@@ -87,18 +95,6 @@ class AcceptedTerm:
 
 @stored
 @dataclass(frozen=True)
-class Tried:
-    """An effect that was tried; ``joint`` is its number."""
-
-    id: str
-    joint: int | None
-    score: float
-    status: str
-    reason: str
-
-
-@stored
-@dataclass(frozen=True)
 class Limit:
     """The smallest size of an effect's parameter that these recordings would have shown, with the chance ``power``."""
 
@@ -136,22 +132,6 @@ class SpectralLine:
     p: float
     in_band: bool
     ripple: bool
-
-
-@stored
-@dataclass(frozen=True)
-class Change:
-    """A moment from which on a joint behaves otherwise (:class:`fitting.residual.change_points.ChangePoint`)."""
-
-    joint: str
-    of: str
-    kind: str
-    recording: int | None
-    time: float
-    interval: tuple[float, float]
-    change: float
-    std: float
-    p: float
 
 
 @stored
@@ -216,13 +196,13 @@ class Attributed:
     verdict: str
     looked: bool = True
     accepted: tuple[AcceptedTerm, ...] = ()
-    candidates: tuple[Tried, ...] = ()
+    candidates: tuple[Candidate, ...] = ()
     limits: tuple[Limit, ...] = ()
     hypotheses: tuple[StoredHypothesis, ...] = ()
     nothing: float = 1.0
     unconfirmed: tuple[UnconfirmedLaw, ...] = ()
     lines: tuple[SpectralLine, ...] = ()
-    changes: tuple[Change, ...] = ()
+    changes: tuple[ChangePoint, ...] = ()
     other_bands: tuple[OtherBand, ...] = ()
     searched: Searched | None = None
     next_experiment: Designed | None = None

@@ -9,10 +9,8 @@ from datetime import UTC, datetime
 from importlib.metadata import version
 from typing import Any
 
-import numpy as np
-import numpy.typing as npt
-
 from daq.machine.machine_file import Machine
+from fitting.arrays import FloatArray
 from fitting.loop.kinematic_check import corrections_from_json
 from fitting.loop.residual_loop import final_model
 from fitting.loop.session import Prepared, Session
@@ -22,6 +20,7 @@ from fitting.pipeline.results.loop_results import Attributed, SpectralLine
 from fitting.pipeline.results.stage_results import (
     Checked,
     Cylinders,
+    Errors,
     Fitted,
     Refitted,
     Residual,
@@ -31,6 +30,7 @@ from fitting.pipeline.results.stage_results import (
 )
 from fitting.pipeline.stage_two import handed
 from fitting.regression.drive import UNITS, direct_units, effort_unit
+from fitting.regression.error_sizes import in_floors
 from fitting.regression.flags import mark
 from fitting.regression.identifiability import Telling, statement, tellings
 from fitting.report.drawing_data import friction_curves, scatters, worst_seconds
@@ -38,8 +38,6 @@ from fitting.report.joint_words import in_words_of
 from fitting.report.model import Figures
 from fitting.report.residual_diagnostics import diagnostics
 from fitting.residual.terms import Model, Term
-
-FloatArray = npt.NDArray[np.float64]
 
 #: What the joint refit's weights make it, and its deviations.
 _ESTIMATORS = {"whitened": "gls", "equal": "joint_ols"}
@@ -121,7 +119,7 @@ def build_report(session: Session, results: StageResults, final: Final | None = 
         "estimation": refitted.estimation,
         "plausibility": _plausibility(session, results),
         "parameter_shifts": _shifts(session, results),
-        "identifiability": _identifiability(session),
+        "identifiability": [telling.to_json() for telling in _tellings(session)],
         "checks": for_report(checked.findings),
         "warnings": _warnings(session, results),
     }
@@ -137,17 +135,17 @@ def _plausibility(session: Session, results: StageResults) -> dict[str, Any]:
     if found.constrained is None:
         return {"violations": []}
     constrained, names = found.constrained, session.plain.design.parameters.names
-    errors = {
-        joint.name: {key: values[number] for key, values in constrained.errors.items()}
-        for number, joint in enumerate(session.machine.joints)
-    }
     parameters = [
         {"name": name, "value": value, "free": free}
         for name, value, free in zip(names, constrained.theta, results[Refitted].after.theta, strict=False)
     ]
     return {
         "violations": list(found.violations),
-        "constrained": {"errors": errors, "price_percent": constrained.price_percent, "parameters": parameters},
+        "constrained": {
+            "errors": _by_joint(session, constrained.errors),
+            "price_percent": constrained.price_percent,
+            "parameters": parameters,
+        },
     }
 
 
@@ -234,22 +232,21 @@ def _values_of(fitted: Fitted, part: slice) -> list[dict[str, Any]]:
 
 def _price(session: Session, results: StageResults, chosen: Stacked) -> dict[str, Any]:
     """What the estimator asked for costs in error against the joint refit, and what it had to say."""
-    joint_refit = results[Refitted].errors["joint"]
-    errors = {
-        joint.name: {key: values[number] for key, values in chosen.errors.items()}
-        for number, joint in enumerate(session.machine.joints)
-    }
+    joint_refit, floor = results[Refitted].errors["joint"], results[Residual].noise_floor
     price = {}
     for role in ("train", "validate"):
-        pairs = [
-            (a, b, f)
-            for a, b, f in zip(chosen.errors[role], joint_refit[role], results[Residual].noise_floor, strict=True)
-            if a is not None and b is not None and f > 0
-        ]
-        if pairs:
-            own, other = (np.mean([(pair[k] / pair[2]) ** 2 for pair in pairs]) for k in (0, 1))
-            price[role] = float(100.0 * (np.sqrt(own / other) - 1.0))
-    return {"errors": errors, "price_percent": price, "details": chosen.details}
+        own, other = (in_floors(errors[role], floor) for errors in (chosen.errors, joint_refit))
+        if own is not None and other is not None:
+            price[role] = 100.0 * (own / other - 1.0)
+    return {"errors": _by_joint(session, chosen.errors), "price_percent": price, "details": chosen.details}
+
+
+def _by_joint(session: Session, errors: Errors) -> dict[str, dict[str, float | None]]:
+    """Sizes of errors of each joint."""
+    return {
+        joint.name: {key: values[number] for key, values in errors.items()}
+        for number, joint in enumerate(session.machine.joints)
+    }
 
 
 def _one_shot(session: Session, results: StageResults) -> dict[str, Any]:
@@ -257,25 +254,23 @@ def _one_shot(session: Session, results: StageResults) -> dict[str, Any]:
     return {
         "comparison": results[Refitted].comparison,
         "condition_number": one_shot.condition_number,
-        "errors": {
-            joint.name: {key: values[number] for key, values in one_shot.errors.items()}
-            for number, joint in enumerate(session.machine.joints)
-        },
+        "errors": _by_joint(session, one_shot.errors),
         "relative": one_shot.relative,
     }
 
 
 def _errors(session: Session, results: StageResults) -> dict[str, Any]:
     errors, residual = results[Refitted].errors, results[Residual]
-    two_stage = results[RigidBody].two_stage.errors
+    before, after = _by_joint(session, errors["before"]), _by_joint(session, errors["after"])
+    two_stage = _by_joint(session, results[RigidBody].two_stage.errors)
     return {
         joint.name: {
             "unit": joint.effort_unit,
             "noise_floor": residual.noise_floor[number],
             "noise_floor_valid": residual.floor_valid[number],
-            "before": {key: values[number] for key, values in errors["before"].items()},
-            "after": {key: values[number] for key, values in errors["after"].items()},
-            "two_stage": {key: values[number] for key, values in two_stage.items()},
+            "before": before[joint.name],
+            "after": after[joint.name],
+            "two_stage": two_stage[joint.name],
             "validate_predicted_std": results[Refitted].predicted_std[number],
         }
         for number, joint in enumerate(session.machine.joints)
@@ -324,7 +319,7 @@ def _warnings(session: Session, results: StageResults) -> list[str]:
     warnings += _beyond_told(session, results)
     for change in results[Attributed].changes:
         warnings.append(
-            f"{change.joint}: {_CHANGED.get(change.of, change.of)} changed "
+            f"{session.machine.joints[change.joint].name}: {_CHANGED.get(change.column, change.column)} changed "
             + ("at the beginning of" if change.time < 1.0 else f"{change.time:.1f} s into")
             + (" every recording" if change.recording is None else f" recording {change.recording + 1}")
         )
@@ -376,19 +371,6 @@ def _tellings(session: Session) -> tuple[Telling, ...]:
     plain = session.plain
     theta = session.handed_base.model.fit.theta
     return tellings(plain.design, plain.noise, plain.fitted, theta, session.base_model.prior)
-
-
-def _identifiability(session: Session) -> list[dict[str, Any]]:
-    """What these recordings tell of every parameter."""
-    return [
-        {
-            "name": t.name,
-            "verdict": t.verdict,
-            "std": t.std if np.isfinite(t.std) else None,
-            "relative": t.relative if np.isfinite(t.relative) else None,
-        }
-        for t in _tellings(session)
-    ]
 
 
 def _figures(session: Session, results: StageResults, prepared: Prepared, model: Model, terms: list[Term]) -> Figures:

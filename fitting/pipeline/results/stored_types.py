@@ -5,28 +5,28 @@ from __future__ import annotations
 from typing import Annotated, Any
 
 import numpy as np
-import numpy.typing as npt
 from pydantic import ConfigDict, PlainSerializer, PlainValidator, with_config
 
+from fitting.arrays import BoolArray, FloatArray
 from fitting.loop.residual_loop import term_from_json, term_to_json
 from fitting.residual.findings import Hypothesis
 from fitting.residual.terms import Term
 
 
-def _numbers(value: Any) -> npt.NDArray[np.float64]:
+def _numbers(value: Any) -> FloatArray:
     return np.asarray(value, dtype=float)
 
 
-def _flags(value: Any) -> npt.NDArray[np.bool_]:
+def _flags(value: Any) -> BoolArray:
     return np.asarray(value, dtype=bool)
 
 
 # Their types say that infinities are numbers here, which JSON itself does not have.
-def _numbers_to_json(value: npt.NDArray[np.float64]) -> list[float] | list[list[float]]:
+def _numbers_to_json(value: FloatArray) -> list[float] | list[list[float]]:
     return list(value.tolist())
 
 
-def _flags_to_json(value: npt.NDArray[np.bool_]) -> list[bool]:
+def _flags_to_json(value: BoolArray) -> list[bool]:
     return list(value.tolist())
 
 
@@ -44,8 +44,8 @@ def _hypothesis_to_json(value: Hypothesis) -> dict[str, Any]:
     return {"terms": [term_to_json(term) for term in value.terms], "probability": value.probability}
 
 
-Numbers = Annotated[npt.NDArray[np.float64], PlainValidator(_numbers), PlainSerializer(_numbers_to_json)]
-Flags = Annotated[npt.NDArray[np.bool_], PlainValidator(_flags), PlainSerializer(_flags_to_json)]
+Numbers = Annotated[FloatArray, PlainValidator(_numbers), PlainSerializer(_numbers_to_json)]
+Flags = Annotated[BoolArray, PlainValidator(_flags), PlainSerializer(_flags_to_json)]
 StoredTerm = Annotated[Term, PlainValidator(_term), PlainSerializer(term_to_json)]
 StoredHypothesis = Annotated[Hypothesis, PlainValidator(_hypothesis), PlainSerializer(_hypothesis_to_json)]
 Json = dict[str, Any]

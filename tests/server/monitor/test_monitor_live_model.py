@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from live_lever import COULOMB, RATE, TORQUE_STD, handed_over, recording, session, signals
+from synthetic_arm import prepare
 
 from daq import Recording
 from fitting.effects import effect
@@ -14,7 +15,6 @@ from fitting.loop.session import Session
 from fitting.regression.design import build_design, full_residual
 from fitting.residual.laws import Law
 from fitting.residual.terms import Model, Term, fit_model
-from fitting.signals.preparation import prepare
 from fitting.signals.splines import spline_knots
 from server.identifications.live_model import JointBlock, LiveModel, NotLiveError
 from server.monitor.residual_blocks import Windows

@@ -1,0 +1,110 @@
+"""Servers and workers as processes of their own, and identifications that are ordered of them."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import IO, Any
+
+import httpx2
+
+API = "/api/v1"
+COMMAND = (sys.executable, "-P", "-m", "server.commands.command_line")
+#: Environment of a process that computes on one core only.
+ONE_CORE = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+#: Recordings of a case that are uploaded and fitted (role, name).
+FITTED = (("train", "train-1"), ("validate", "validate"))
+#: Seconds that a process has to end by itself.
+STOP_S = 90.0
+
+
+@contextmanager
+def running(
+    words: Sequence[str], log: IO[str] | int, environment: Mapping[str, str] | None = None, before: Sequence[str] = ()
+) -> Iterator[tuple[subprocess.Popen[str], dict[str, Any]]]:
+    """A command of hilfit, once it is up, and what its first line says; ended by SIGTERM.
+
+    Parameters
+    ----------
+    words : of the command, with ``--json``
+    log : where it complains to
+    before : command that starts it
+    """
+    command = [*before, *COMMAND, *words]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=log, env=environment, text=True) as process:
+        try:
+            assert process.stdout is not None
+            line = process.stdout.readline()
+            if not line:
+                raise RuntimeError(f"hilfit {words[0]} did not come up")
+            yield process, json.loads(line)
+        finally:
+            process.terminate()
+            process.wait(STOP_S)
+
+
+def order_of(client: httpx2.Client, case: Path) -> dict[str, Any]:
+    """Upload a case's machine and recordings; the body of an identification of them."""
+    yaml = {"content-type": "application/yaml"}
+    made = client.post("/machines", content=(case / "machine.yaml").read_bytes(), headers=yaml)
+    machine = made.raise_for_status().json()["name"]
+    return {"machine": machine, "recordings": uploaded(client, machine, case)}
+
+
+def uploaded(client: httpx2.Client, machine: str, case: Path) -> list[dict[str, str]]:
+    """Upload what is fitted of a case; the recordings as an identification names them."""
+    chosen = []
+    for role, stem in FITTED:
+        query = {"machine": machine, "role": role, "name": f"{stem}.parquet"}
+        sent = client.post("/recordings/upload", params=query, content=(case / f"{stem}.parquet").read_bytes())
+        chosen.append({"id": sent.raise_for_status().json()["id"], "role": role})
+    return chosen
+
+
+def ordered(client: httpx2.Client, order: Mapping[str, Any], label: str = "") -> dict[str, str]:
+    """One more identification: its ``id`` and that of its ``job``."""
+    made: dict[str, str] = client.post("/identifications", json={**order, "label": label}).raise_for_status().json()
+    return made
+
+
+def wait_for_jobs(client: httpx2.Client, jobs: Sequence[str], seconds: float) -> None:
+    """Until all are done, each within so many seconds.
+
+    Raises
+    ------
+    RuntimeError
+        If one failed or was cancelled, or they were not done in time.
+    """
+    deadline = time.monotonic() + seconds * len(jobs)
+    for id in jobs:
+        while (job := client.get(f"/jobs/{id}").json())["state"] != "done":
+            if job["state"] in ("failed", "cancelled"):
+                raise RuntimeError(f"an identification of the benchmark {job['state']}: {job['error']}")
+            if time.monotonic() > deadline:
+                raise RuntimeError(f"not all of {len(jobs)} identifications were done in time")
+            time.sleep(0.05)
+
+
+def wait_until(good: Callable[[], bool], seconds: float, what: str) -> None:
+    """Wait until something holds; while the service does not answer it does not.
+
+    Raises
+    ------
+    RuntimeError
+        If it does not within so many seconds.
+    """
+    end = time.monotonic() + seconds
+    while True:
+        try:
+            if good():
+                return
+        except httpx2.HTTPError:
+            pass
+        if time.monotonic() > end:
+            raise RuntimeError(f"{what} was not there within {seconds:g} s")
+        time.sleep(0.05)
