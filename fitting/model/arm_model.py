@@ -30,8 +30,8 @@ FloatArray = npt.NDArray[np.float64]
 
 #: The number of a recording that the identification has not seen.
 FOREIGN = -2
-#: Signal of a law that remembers.
-_MEMORY = "time_since_reversal"
+#: Signals of a law that needs the motion before a moment.
+_MEMORY = frozenset({"time_since_reversal", "distance_since_reversal", "force_rate"})
 
 
 @dataclass(frozen=True)
@@ -207,8 +207,13 @@ class ArmModel:
 def over_time(term: Term) -> bool:
     """Whether a term at one moment depends on the motion before it (or on its sampling): a history, a derivative."""
     if isinstance(term.content, Law):
-        return any(signal == _MEMORY for signal, _ in term.content.signals)
+        return any(signal in _MEMORY for signal, _ in term.content.signals)
     return term.content.over_time
+
+
+def of_sensors(term: Term) -> bool:
+    """Whether a term is what sensors do to a reading, not a force of the machine."""
+    return isinstance(term.content, Effect) and term.content.level == "measurement"
 
 
 def phase_unknown(term: Term, number: int) -> bool:

@@ -160,8 +160,9 @@ def tracking(model: ArmModel, t: npt.ArrayLike, q: npt.ArrayLike, *, bandwidth_h
             f"tracking: t must rise and q have a row for each time and a column for each of {len(model.joints)} joints"
         )
     spline = CubicSpline(times, path, bc_type="clamped")
-    first = motion.on_motion(model, path, spline(times, 1), spline(times, 2)).joint_effort(0)
-    forward, inertia = CubicSpline(times, first), CubicSpline(times, motion.inertia_matrix(model, path))
+    grid = np.linspace(times[0], times[-1], max(round((times[-1] - times[0]) * model.machine.rate_hz), 1) + 1)
+    first = motion.on_motion(model, spline(grid), spline(grid, 1), spline(grid, 2), grid - grid[0]).joint_effort(0)
+    forward, inertia = CubicSpline(grid, first), CubicSpline(times, motion.inertia_matrix(model, path))
     w = 2 * np.pi * bandwidth_hz
 
     def effort(now: float, position: FloatArray, speed: FloatArray) -> FloatArray:

@@ -1,7 +1,7 @@
 """The model as functional mock-up units, FMI 3.0 and FMI 2.0: blocks of the exported C for simulators.
 
-Positions, speeds and accelerations go in; efforts, gravity, friction and pressures come out, of the same moment. Both
-units serve Model Exchange and Co-Simulation and hold their sources; the C compiler of this computer makes the binaries
+Positions, speeds and accelerations go in; efforts, gravity, friction and pressures come out, of the same moment. What a
+model remembers is kept from one communication point, or accepted step of the integrator, to the next. Both units serve Model Exchange and Co-Simulation and hold their sources; the C compiler of this computer makes the binaries
 of its platform.
 """
 
@@ -16,16 +16,14 @@ import xml.etree.ElementTree as ET
 import zipfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from importlib.resources import files
 from pathlib import Path
 from uuid import NAMESPACE_URL, uuid5
-
-import jinja2
 
 from daq.errors import InputError
 from daq.recordings.recording_files import replacing
 from fitting.model.arm_model import ArmModel
-from fitting.model.export.c import Function, c_files, functions_of, identifier
+from fitting.model.export.c import c_files
+from fitting.model.export.functions import Function, functions_of, identifier, rendered
 from fitting.model.export.tracing.tracing import Tracer
 from fitting.model.export.words import Written, require_folder, said_of
 
@@ -121,7 +119,7 @@ def variables_of(model: ArmModel, functions: Sequence[Function]) -> list[Variabl
             unit = ("rad" if turns else "m") + per
             result.append(Variable(f"{word}[{joint + 1}]", unit, f"{what} of {name}", False))
     for own in functions:
-        for output in own.outputs:
+        for output in own.outputs if own.name not in ("init", "step") else ():
             word, says = _OUTPUTS[own.name, output]
             for joint, (name, turns) in enumerate(zip(model.joints, turning, strict=True)):
                 cylinder = model.arm.joints[joint].cylinder is not None
@@ -133,27 +131,31 @@ def variables_of(model: ArmModel, functions: Sequence[Function]) -> list[Variabl
 
 def _sources(tracer: Tracer, name: str, functions: Sequence[Function], version: int) -> dict[str, str]:
     """Texts of the C by name."""
-    n, starts, calls, place = len(tracer.model.joints), {"q": 0, "v": 1, "a": 2}, list[str](), 0
+    n = len(tracer.model.joints)
+    given = {word: f"in + {k * n}" for k, word in enumerate(("q", "qd", "qdd"))}
+    given |= {"t": "arm->values[0]", "dt": "dt", "memory": "arm->memory"}
+    outputs = [(own.name, output) for own in functions for output in own.outputs if (own.name, output) in _OUTPUTS]
+    places = {own: f"out + {k * n}" for k, own in enumerate(outputs)}
+    same = {"tau": "inverse_dynamics", "force": "drive_efforts", "head": "pressures", "rod": "pressures"}
+    calls = {}
     for own in functions:
-        given = [f"in + {starts[letter] * n}" for letter in own.letters] + ["arm->values[0]"] * own.timed
-        taken = [f"out + {place + k * n}" for k in range(len(own.outputs))]
-        place += n * len(own.outputs)
-        calls.append(f"{name}_{own.name}({', '.join([*given, *taken])});")
-    model_c = c_files(tracer)
-    room = files("fitting.model.export")
-    template = jinja2.Template(
-        room.joinpath("fmi_instance.h.j2").read_text(encoding="utf-8"),
-        trim_blocks=True,
-        keep_trailing_newline=True,
-        undefined=jinja2.StrictUndefined,
-    )
-    words = {"name": name, "token": _token(tracer.model), "inputs": 3 * n, "outputs": place, "calls": calls}
+        taken = [
+            places.get((own.name, output)) or places.get((same.get(output, ""), output), given.get(output, ""))
+            for output in own.outputs
+            if output not in own.arguments
+        ]
+        calls[own.name] = f"{name}_{own.name}({', '.join([*(given[word] for word in own.arguments), *taken])});"
+    words = {"name": name, "token": _token(tracer.model), "inputs": 3 * n, "outputs": n * len(outputs)}
     return {
-        f"{name}.h": model_c[f"{name}.h"],
-        f"{name}.c": model_c[f"{name}.c"],
-        "fmi_instance.h": template.render(words),
-        "fmi.c": room.joinpath(f"fmi{version}.c").read_text(encoding="utf-8"),
+        **c_files(tracer, functions),
+        "fmi_instance.h": rendered("fmi_instance.h.j2", calls=calls, memory=len(tracer.memory), step=_step(tracer.model), **words),
+        "fmi.c": rendered(f"fmi{version}.c"),
     }
+
+
+def _step(model: ArmModel) -> str:
+    """Seconds between the samples of the recordings."""
+    return repr(1.0 / model.machine.rate_hz)
 
 
 def _token(model: ArmModel) -> str:
@@ -214,7 +216,7 @@ def _description(
     for unit in dict.fromkeys(own.unit for own in variables):
         element = ET.SubElement(units, "Unit", name=unit)
         ET.SubElement(element, "BaseUnit", {base: str(power) for base, power in _UNITS[unit].items()})
-    ET.SubElement(root, "DefaultExperiment", startTime="0", stepSize=repr(1.0 / model.machine.rate_hz))
+    ET.SubElement(root, "DefaultExperiment", startTime="0", stepSize=_step(model))
     (_variables_3 if new else _variables_2)(root, variables)
     return root
 
