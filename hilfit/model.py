@@ -40,9 +40,9 @@ def _with_sections_of(described: Callable[..., Any]) -> Callable[[Function], Fun
 class Model:
     """A corrected model: rigid body, drives, effects and laws, with the uncertainty of all parameters.
 
-    Motions are (N, n), rows being samples, or (n,) for one; rad or m, N m or N, s. Effects that remember (play, films,
-    a swinging liquid) are evaluated where times are given that rise in steps of the model's rate, and left out
-    otherwise; :attr:`over_time` names them. Delays belong to sensors and are never in an effort.
+    Motions are (N, n), rows being samples, or (n,) for one; rad or m, N m or N, s. A model with effects that need the
+    motion before a moment (presliding, films, a swinging liquid; :attr:`over_time` names them) asks for times that rise
+    in even steps, at any rate. What sensors do to a reading is never in an effort.
 
     Attributes
     ----------
@@ -146,7 +146,7 @@ class Model:
         return motion.pressures(self.content, q, qd, qdd, t, rod=rod, temperature=temperature)
 
     def gravity(self, q: npt.ArrayLike) -> FloatArray:
-        """Joint efforts (N, n) that hold the links still."""
+        """Joint efforts (N, n) that hold the arm still: the effort at rest."""
         return motion.gravity(self.content, q)
 
     def friction(self, q: npt.ArrayLike, qd: npt.ArrayLike) -> FloatArray:
@@ -175,9 +175,9 @@ class Model:
         own = recording.content if isinstance(recording, Recording) else load_recording(self.content, Path(recording))
         return predict(self.content, own)
 
-    def export(self, to: str, path: str | Path) -> tuple[str, ...]:
+    def export(self, to: str, path: str | Path, *, possible: bool = False) -> tuple[str, ...]:
         """Write the model for another program (``hilfit model export``); a line for each part that is not in it."""
-        return export_model(self.content, to, Path(path)).left_out
+        return export_model(self.content, to, Path(path), possible=possible).left_out
 
 
 @_with_sections_of(simulation.simulate)

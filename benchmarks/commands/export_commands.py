@@ -38,7 +38,9 @@ def model(
 
 def uses(
     seed: Annotated[int, typer.Option(help="Seed of the run.")] = 1,
-    minutes: Annotated[float, typer.Option(help="Minutes of motion that false alarms are counted in.", min=1)] = 60.0,
+    minutes: Annotated[
+        float, typer.Option(help="Minutes of motion and rest in turn that false alarms are counted in.", min=1)
+    ] = 60.0,
     json: Annotated[bool, typer.Option("--json", help="Print the checks as JSON.")] = False,
 ) -> None:
     """Feedforward, simulation, overload, payload and energy, with closed loops on the simulated machine."""

@@ -21,7 +21,7 @@ from fitting.model import motion
 from fitting.model.arm_model import ArmModel
 from fitting.model.export import export_model
 from fitting.model.export.functions import identifier, states, swing
-from fitting.model.export.tracing.tracing import Tracer
+from fitting.model.export.tracing.tracing import tracer_of
 
 FloatArray = npt.NDArray[np.float64]
 #: What was asked, to what was answered, (N, n) each.
@@ -59,18 +59,23 @@ class Conformance:
 
     def __init__(self, model: ArmModel, folder: Path) -> None:
         self.model, self.folder = model, folder
-        tracer = Tracer(model)
+        tracer = tracer_of(model)
         carried, self.remembers = tracer.carried, bool(tracer.memory)
         settled = motion.at_rest(carried)
         self.moments, self.moved = states(model, _MOMENTS), swing(model, _STEPS)
-        q, qd, _, t = self.moments
+        q, qd, _, _ = self.moments
         self.right: Answers = {
             "gravity": motion.gravity(settled, q),
             "friction": motion.friction(settled, q, qd),
             **_of(settled, self.moments),
         }
         if self.remembers:
-            names = {"tau": "inverse_dynamics", "force": "drive_efforts", "head": "head_pressures", "rod": "rod_pressures"}
+            names = {
+                "tau": "inverse_dynamics",
+                "force": "drive_efforts",
+                "head": "head_pressures",
+                "rod": "rod_pressures",
+            }
             self.right |= {f"walk.{what}": own for what, own in _of(carried, self.moved, names).items()}
         self.name, self.joints = identifier(model.machine.name), q.shape[1]
 
@@ -87,7 +92,9 @@ class Conformance:
         """Answers beside what is right; an answer to inputs of its own brings that along."""
         pairs = {what: (own, answers.get(f"right.{what}", self.right.get(what))) for what, own in answers.items()}
         found = {what: (own, right) for what, (own, right) in pairs.items() if right is not None}
-        missing = [what for what in self.right if what not in found and not any(w.startswith("right.") for w in answers)]
+        missing = [
+            what for what in self.right if what not in found and not any(w.startswith("right.") for w in answers)
+        ]
         if missing:
             raise AssertionError(f"the export does not answer {', '.join(missing)}")
         return found
@@ -104,9 +111,9 @@ class Conformance:
             found |= {what: own[what](q, qd, qdd, t)} if what in own else {}
         if not self.remembers:
             return found
-        rows, dt = [], 1.0 / self.model.machine.rate_hz
-        for k, row in enumerate(zip(*self.moved, strict=True)):
-            *said, kept = own["init"](*row, dt) if k == 0 else own["step"](*row, dt, kept)  # noqa: F821
+        rows, dt, kept = [], 1.0 / self.model.machine.rate_hz, None
+        for row in zip(*self.moved, strict=True):
+            *said, kept = own["init"](*row, dt) if kept is None else own["step"](*row, dt, kept)
             rows.append(said)
         return found | self._walked(rows)
 
@@ -135,7 +142,7 @@ class Conformance:
             found["head_pressures"], found["rod_pressures"] = asked("pressures", [q, qd, qdd, t], 2)
         if not self.remembers:
             return found
-        memory = (ctypes.c_double * len(Tracer(self.model).memory))()
+        memory = (ctypes.c_double * len(tracer_of(self.model).memory))()
         dt, rows = ctypes.c_double(1.0 / self.model.machine.rate_hz), []
         for k, row in enumerate(zip(*self.moved, strict=True)):
             out = [array() for _ in range(sum(what.startswith("walk.") for what in self.right))]
@@ -221,9 +228,14 @@ class Conformance:
         def columns(word: str) -> FloatArray:
             return np.column_stack([found[f"{word}[{joint + 1}]"] for joint in range(self.joints)])
 
-        carried = Tracer(self.model).carried
+        carried = tracer_of(self.model).carried
         given = (*(columns(word) for word in words), step * np.arange(len(found)))
-        named = {"effort": "inverse_dynamics", "drive": "drive_efforts", "head": "head_pressures", "rod": "rod_pressures"}
+        named = {
+            "effort": "inverse_dynamics",
+            "drive": "drive_efforts",
+            "head": "head_pressures",
+            "rod": "rod_pressures",
+        }
         right = _of(carried, given, named)
         right["gravity"] = motion.gravity(carried, given[0])
         answers = {word: columns(word) for word in outputs}

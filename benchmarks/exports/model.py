@@ -41,7 +41,7 @@ from fitting.model import motion
 from fitting.model.arm_model import ArmModel, Pass, Provenance
 from fitting.model.export import export_model
 from fitting.model.export.bodies import bodies_of
-from fitting.model.export.c import identifier, states
+from fitting.model.export.functions import identifier, states
 from fitting.model.handover import hand_over
 from fitting.model.prediction import predict
 from fitting.regression.drive import drive_names

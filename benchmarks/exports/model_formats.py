@@ -19,7 +19,7 @@ from benchmarks.targets import Check
 from fitting.model import motion
 from fitting.model.arm_model import ArmModel
 from fitting.model.export import export_model
-from fitting.model.export.c import identifier
+from fitting.model.export.functions import identifier
 
 FloatArray = npt.NDArray[np.float64]
 #: States of a motion, each (N, n), and times (N,).

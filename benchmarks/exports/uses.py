@@ -6,7 +6,7 @@ One identification of the simulated folding arm hands over the model. Then, on m
   without and with the pressures that ``hilfit feedforward`` writes;
 - *simulation*: the same controller on the model and on the plant;
 - *overload*: forces of known size on the tip, in that closed loop (larger ones throw the wrist beyond stops that the
-  plant does not have); and an hour of ordinary motion for false alarms;
+  plant does not have); and minutes of ordinary motion and of rest in turn for false alarms;
 - *payload*: a mass that the arm picks up in the course of a motion;
 - *energy*: the work that the model has beside what was measured.
 """
@@ -50,8 +50,8 @@ Show = Callable[[str], None]
 
 #: Forces on the tip, N, and how long each acts, s.
 HITS, HIT_SECONDS, BETWEEN, COUNT = (30.0, 60.0, 120.0), 0.3, 2.5, 6
-#: False alarms an hour that thresholds are made for.
-STATED = (1.0, 20.0)
+#: False alarms an hour that hits are looked for at, and those that are counted: one a day is what a service promises.
+STATED = (1.0, 1.0 / 24.0, 20.0)
 PAYLOADS = (5.0, 20.0)
 
 
@@ -69,6 +69,19 @@ class _Bench:
     ) -> Recording:
         """An ordinary recording; every number another motion."""
         return _recorded(self.machine, self.truth, (self.seed, number), seconds, role, undeclared)
+
+    def resting(self, number: int, seconds: float) -> Recording:
+        """The arm held in a pose; every number another one."""
+        rng = np.random.default_rng((self.seed, number))
+        low, high = np.array([joint.limits.position for joint in self.machine.joints]).T
+        pose = 0.5 * (low + high) + 0.4 * (high - low) * rng.uniform(-1.0, 1.0, len(low))
+        names = tuple(joint.name for joint in self.machine.joints)
+        held = Motion(self.machine.name, "pinned", names, np.array([0.0, seconds]), np.stack([pose, pose]))
+        values = record(self.machine, self.truth, held, rng=rng)
+        time = values.pop("time")
+        return Recording(
+            self.machine.name, "operation", f"rest-{number}", f"{number}", self.machine.rate_hz, time, values
+        )
 
 
 def _recorded(
@@ -244,7 +257,7 @@ def _false_alarms(bench: _Bench, minutes: float) -> list[Check]:
     assert bench.model.tails is not None
     counts, seconds = np.zeros(len(STATED)), 0.0
     for number in range(max(1, round(minutes))):
-        seen = bench.recording(1000 + number, 60.0, "operation")
+        seen = bench.resting(1000 + number, 60.0) if number % 2 else bench.recording(1000 + number, 60.0, "operation")
         seconds += seen.duration
         for k, stated in enumerate(STATED):
             counts[k] += len(overloads(bench.model, seen, thresholds(bench.model.tails, stated)))
@@ -252,10 +265,12 @@ def _false_alarms(bench: _Bench, minutes: float) -> list[Check]:
     for count, stated in zip(counts.tolist(), STATED, strict=True):
         low = float(chi2.ppf(0.025, 2 * count)) / 2 / hours if count else 0.0
         high = float(chi2.ppf(0.975, 2 * count + 2)) / 2 / hours
-        shown = f"{count / hours:.1f} an hour in {hours:.2g} h (95 % interval {low:.1f} to {high:.1f})"
+        shown = f"{count:.0f} in {hours:.2g} h (95 % interval {low:.2f} to {high:.2f} an hour)"
         # What chance makes of the stated rate is no miss.
         checks.append(
-            Check(f"overload: false alarms at {stated:g} an hour stated", low, shown, "at most", stated, f"{stated:g}")
+            Check(
+                f"overload: false alarms at {stated:.3g} an hour stated", low, shown, "at most", stated, f"{stated:.3g}"
+            )
         )
     return checks
 

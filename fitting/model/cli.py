@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from daq.console import print_json, reported, show_table, working
-from daq.errors import InputError
 
 if TYPE_CHECKING:
     from fitting.model.prediction import Predicted
@@ -30,6 +29,7 @@ def register(app: typer.Typer) -> None:
     group = typer.Typer(help="Look at a handed-over model, and export it.", no_args_is_help=True)
     group.command("show")(reported(show))
     group.command("export")(reported(export))
+    group.command("schema")(reported(schema))
     app.add_typer(group, name="model")
 
 
@@ -129,20 +129,28 @@ def show(model: ModelPath, json: Json = False) -> None:
     )
 
 
+def schema() -> None:
+    """Print the JSON schema of model.json."""
+    from fitting.model.codec import model_schema
+
+    print_json(model_schema())
+
+
 def export(
     model: ModelPath,
     to: Annotated[str, typer.Option("--to", help="Format: python, c, fmu, matlab, csv, urdf, mjcf.")],
     output: Annotated[Path, typer.Option("--output", "-o", help="File or folder to write.")],
+    possible: Annotated[
+        bool, typer.Option("--possible", help="Links nearest to the model's where no bodies can have its parameters.")
+    ] = False,
     json: Json = False,
 ) -> None:
     """Write a model for another program; what the format does not carry is said."""
     from fitting.model.codec import load_model
-    from fitting.model.export import FORMATS, export_model
+    from fitting.model.export import export_model
 
-    if to not in FORMATS:
-        raise InputError(f"export: there is no format '{to}'; use one of {', '.join(FORMATS)}")
     with working(f"writing {to}", show=not json):
-        done = export_model(load_model(model), to, output)
+        done = export_model(load_model(model), to, output, possible=possible)
     if json:
         print_json({"format": to, "files": [str(path) for path in done.files], "left_out": list(done.left_out)})
         return

@@ -123,6 +123,7 @@ def without(model: ArmModel, numbers: Collection[int]) -> ArmModel:
         passes=tuple(replace(own, theta=_of(own.theta, kept)) for own in model.passes),
         covariance=model.covariance[np.ix_(kept, kept)],
         told=model.told[kept],
+        hidden=None if model.hidden is None else model.hidden[kept],
     )
 
 

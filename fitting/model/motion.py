@@ -2,8 +2,8 @@
 
 Motions are (N, n), one row per sample. Terms over time (a history, a derivative:
 :func:`fitting.model.arm_model.over_time`) need times that rise in even steps, at whatever rate, and without them the
-motion is refused; what is asked of one moment (gravity, friction, inertia, accelerations) has their memory settled. What
-sensors do to a reading (an offset, a gain, a drift, a delay) is no force of the arm, and never in.
+motion is refused; what is asked of one moment (gravity, friction, inertia, accelerations) has their memory settled.
+What sensors do to a reading (an offset, a gain, a drift, a delay) is no force of the arm, and never in.
 """
 
 from __future__ import annotations
@@ -98,8 +98,12 @@ def on_motion(
 
 def at_rest(model: ArmModel) -> ArmModel:
     """The model of one moment: forces of the machine, with the memory of its terms settled."""
-    past = {number for number, term in enumerate(model.terms) if over_time(term)}
-    return without(model, left_out(model) | past)
+    return without(model, left_out(model) | histories(model))
+
+
+def histories(model: ArmModel) -> frozenset[int]:
+    """Numbers of the machine's terms that need the motion before a moment."""
+    return frozenset(n for n, term in enumerate(model.terms) if over_time(term) and not of_sensors(term))
 
 
 def in_steps(model: ArmModel, t: npt.ArrayLike) -> ArmModel:

@@ -11,12 +11,13 @@ import pytest
 from model_examples import model_with, session_of, term_of, true_model
 from synthetic_arm import truth
 
+from daq.errors import InputError
 from fitting.arm.base_parameters import base_regressor
 from fitting.arm.dynamics import inverse_dynamics
 from fitting.model.arm_model import ArmModel
 from fitting.model.export import export_model
 from fitting.model.export.bodies import bodies_of
-from fitting.model.export.c import states
+from fitting.model.export.functions import states
 from fitting.regression.body_prior import pseudo_inertia
 
 mujoco = pytest.importorskip("mujoco")
@@ -83,7 +84,7 @@ def test_engines_agree_with_the_links(possible: ArmModel, to: str, efforts: Any,
 
 def test_links_can_exist_and_have_the_base_parameters(possible: ArmModel) -> None:
     bodies = bodies_of(possible)
-    assert bodies.moved == 0.0
+    assert bodies.apart is None
     assert all(np.linalg.eigvalsh(pseudo_inertia(row)).min() > 0 for row in bodies.standard)
     q, qd, qdd, _ = states(possible, 10)
     expected = links_alone(possible, q, qd, qdd)
@@ -100,9 +101,17 @@ def test_impossible_links_are_replaced_and_it_is_said(tmp_path: Path) -> None:
     # With MX2 + 0.65 m2 = 5.73 kg m, ZZ2 - 0.4225 m2 of a body is above -1.3 times that: ZZ2 > (MX2^2) / m2.
     theta[place] = -20.0
     model = replace(model, passes=(replace(model.passes[-1], theta=theta),))
-    done = export_model(model, "urdf", tmp_path / "arm.urdf")
-    bodies = bodies_of(model)
-    assert bodies.moved > 0 and any("no bodies have them" in line for line in done.left_out)
+    with pytest.raises(InputError, match="--possible writes the nearest that can exist") as caught:
+        export_model(model, "urdf", tmp_path / "arm.urdf")
+    assert "\n" not in str(caught.value) and not list(tmp_path.iterdir())
+    done = export_model(model, "urdf", tmp_path / "arm.urdf", possible=True)
+    bodies = bodies_of(model, possible=True)
+    (line,) = (line for line in done.left_out if "representative of the base parameters" in line)
+    assert bodies.apart is not None and model.seen is not None
+    seen = model.seen.q, model.seen.qd, model.seen.qdd
+    apart = inverse_dynamics(model.arm, bodies.standard, *seen) - links_alone(model, *seen)
+    np.testing.assert_allclose(bodies.apart, np.sqrt(np.mean(apart**2, axis=0)), rtol=1e-6)
+    assert all(f"{name} {value:.3g} N m" in line for name, value in zip(model.joints, bodies.apart, strict=True))
     assert all(np.linalg.eigvalsh(pseudo_inertia(row)).min() > 0 for row in bodies.standard)
     q, qd, qdd, _ = states(model, 10)
     found = mujoco_efforts(tmp_path / "arm.urdf", model.arm.gravity, q, qd, qdd)
@@ -121,3 +130,19 @@ def test_drives_that_act_directly_bring_their_friction(tmp_path: Path) -> None:
     assert plant.dof_damping[1] == 0.0
     assert not any("drive of joint1" in line for line in done.left_out)
     assert any("Stribeck" in line or "joint1" in line for line in done.left_out)
+
+
+def test_a_tilted_base_tilts_the_gravity_of_every_engine(tmp_path: Path) -> None:
+    session = session_of(2)
+    model = model_with([term_of(session, "base_tilt", 0)], session)
+    theta = model.theta.copy()
+    theta[model.parameters.base_slice] = model.base.from_standard(truth(2).pi)
+    model = replace(model, passes=(*model.passes[:-1], replace(model.passes[-1], theta=theta)))
+    export_model(model, "mjcf", tmp_path / "arm.xml")
+    plant = mujoco.MjModel.from_xml_path(str(tmp_path / "arm.xml"))
+    tilt = theta[len(model.parameters) :]
+    assert np.linalg.norm(plant.opt.gravity - np.array(model.arm.gravity)) == pytest.approx(
+        9.81 * np.linalg.norm(tilt), rel=1e-9
+    )
+    (line,) = (own for own in export_model(model, "urdf", tmp_path / "arm.urdf").left_out if "no place for" in own)
+    assert f"{plant.opt.gravity[0]:.6g}" in line and "tilt" not in line

@@ -27,7 +27,7 @@ from fitting.model.export.functions import (
 )
 from fitting.model.export.printing import Dialect, curves_of, statements
 from fitting.model.export.tracing.graph import Node, needed
-from fitting.model.export.tracing.tracing import Tracer
+from fitting.model.export.tracing.tracing import Tracer, tracer_of
 from fitting.model.export.words import Written, heading, require_folder
 
 FloatArray = npt.NDArray[np.float64]
@@ -47,7 +47,7 @@ def write_c(model: ArmModel, path: Path) -> Written:
         If the folder is a file.
     """
     require_folder(path)
-    tracer = Tracer(model)
+    tracer = tracer_of(model)
     name = identifier(model.machine.name)
     functions = functions_of(tracer)
     files = c_files(tracer, functions) | {f"{name}_selftest.c": _selftest(tracer, functions)}

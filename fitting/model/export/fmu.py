@@ -1,8 +1,9 @@
 """The model as functional mock-up units, FMI 3.0 and FMI 2.0: blocks of the exported C for simulators.
 
-Positions, speeds and accelerations go in; efforts, gravity, friction and pressures come out, of the same moment. What a
-model remembers is kept from one communication point, or accepted step of the integrator, to the next. Both units serve Model Exchange and Co-Simulation and hold their sources; the C compiler of this computer makes the binaries
-of its platform.
+Positions, speeds and accelerations go in; efforts, gravity, friction and pressures come out, of the same moment. What
+a model remembers is kept from one communication point, or accepted step of the integrator, to the next. Both units
+serve Model Exchange and Co-Simulation and hold their sources; the C compiler of this computer makes the binaries of its
+platform.
 """
 
 from __future__ import annotations
@@ -12,7 +13,6 @@ import shutil
 import subprocess
 import sys
 import tempfile
-import xml.etree.ElementTree as ET
 import zipfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -24,7 +24,7 @@ from daq.recordings.recording_files import replacing
 from fitting.model.arm_model import ArmModel
 from fitting.model.export.c import c_files
 from fitting.model.export.functions import Function, functions_of, identifier, rendered
-from fitting.model.export.tracing.tracing import Tracer
+from fitting.model.export.tracing.tracing import Tracer, tracer_of
 from fitting.model.export.words import Written, require_folder, said_of
 
 #: Units by what SI makes of them: exponents of kg, m, s, rad.
@@ -73,7 +73,7 @@ def write_fmu(model: ArmModel, path: Path) -> Written:
         If the folder is a file, or the compiler refuses.
     """
     require_folder(path)
-    tracer = Tracer(model)
+    tracer = tracer_of(model)
     name, functions = identifier(model.machine.name), functions_of(tracer)
     left_out = list(tracer.left_out)
     compiler = shutil.which("cc")
@@ -83,9 +83,18 @@ def write_fmu(model: ArmModel, path: Path) -> Written:
     for version in (3, 2):
         sources = _sources(tracer, name, functions, version)
         content: dict[str, bytes] = {f"sources/{file}": text.encode() for file, text in sources.items()}
-        content["modelDescription.xml"] = _xml(_description(model, name, functions, version, left_out))
+        words = {
+            "name": name,
+            "title": model.machine.name,
+            "token": _token(model),
+            "step": _step(model),
+            "units": _UNITS,
+        }
+        words |= {"said": said_of(model, left_out), "variables": variables_of(model, functions)}
+        description = rendered("modelDescription.xml.j2", version=version, new=version == 3, **words)
+        content["modelDescription.xml"] = description.encode()
         if version == 3:
-            content["sources/buildDescription.xml"] = _xml(_build_description(name))
+            content["sources/buildDescription.xml"] = rendered("buildDescription.xml.j2", name=name).encode()
         if compiler is not None:
             folder, suffix = binary_place(version)
             content[f"binaries/{folder}/{name}{suffix}"] = _compiled(compiler, sources)
@@ -148,7 +157,9 @@ def _sources(tracer: Tracer, name: str, functions: Sequence[Function], version: 
     words = {"name": name, "token": _token(tracer.model), "inputs": 3 * n, "outputs": n * len(outputs)}
     return {
         **c_files(tracer, functions),
-        "fmi_instance.h": rendered("fmi_instance.h.j2", calls=calls, memory=len(tracer.memory), step=_step(tracer.model), **words),
+        "fmi_instance.h": rendered(
+            "fmi_instance.h.j2", calls=calls, memory=len(tracer.memory), step=_step(tracer.model), **words
+        ),
         "fmi.c": rendered(f"fmi{version}.c"),
     }
 
@@ -180,80 +191,3 @@ def _compiled(compiler: str, sources: Mapping[str, str]) -> bytes:
             line = next(iter(done.stderr.strip().splitlines()), "no reason given")
             raise InputError(f"export: the C compiler {compiler} refuses the unit: {line}")
         return (folder / "arm").read_bytes()
-
-
-def _xml(root: ET.Element) -> bytes:
-    ET.indent(root)
-    return b'<?xml version="1.0" encoding="UTF-8"?>\n' + ET.tostring(root, encoding="unicode").encode()
-
-
-def _description(
-    model: ArmModel, name: str, functions: Sequence[Function], version: int, left_out: Sequence[str]
-) -> ET.Element:
-    """``modelDescription.xml``."""
-    new = version == 3
-    root = ET.Element(
-        "fmiModelDescription",
-        {
-            "fmiVersion": "3.0" if new else "2.0",
-            "modelName": model.machine.name,
-            "instantiationToken" if new else "guid": _token(model),
-            "description": " ".join(said_of(model, left_out)),
-            "generationTool": "hilfit",
-            "variableNamingConvention": "structured",
-            **({} if new else {"numberOfEventIndicators": "0"}),
-        },
-    )
-    for kind in ("ModelExchange", "CoSimulation"):
-        more = {"canHandleVariableCommunicationStepSize": "true"} if kind == "CoSimulation" else {}
-        element = ET.SubElement(root, kind, {"modelIdentifier": name, **more})
-        if not new:
-            sources = ET.SubElement(element, "SourceFiles")
-            for file in (f"{name}.c", "fmi.c"):
-                ET.SubElement(sources, "File", name=file)
-    variables = variables_of(model, functions)
-    units = ET.SubElement(root, "UnitDefinitions")
-    for unit in dict.fromkeys(own.unit for own in variables):
-        element = ET.SubElement(units, "Unit", name=unit)
-        ET.SubElement(element, "BaseUnit", {base: str(power) for base, power in _UNITS[unit].items()})
-    ET.SubElement(root, "DefaultExperiment", startTime="0", stepSize=_step(model))
-    (_variables_3 if new else _variables_2)(root, variables)
-    return root
-
-
-def _variables_3(root: ET.Element, variables: Sequence[Variable]) -> None:
-    place = ET.SubElement(root, "ModelVariables")
-    ET.SubElement(place, "Float64", name="time", valueReference="0", causality="independent", variability="continuous")
-    structure = ET.SubElement(root, "ModelStructure")
-    for number, own in enumerate(variables, 1):
-        element = ET.SubElement(place, "Float64", {"name": own.name, "valueReference": str(number)})
-        element.attrib |= {"causality": "output" if own.output else "input", "description": own.says, "unit": own.unit}
-        element.attrib |= {} if own.output else {"start": "0"}
-        if own.output:
-            ET.SubElement(structure, "Output", valueReference=str(number))
-    for number, own in enumerate(variables, 1):
-        if own.output:
-            ET.SubElement(structure, "InitialUnknown", valueReference=str(number))
-
-
-def _variables_2(root: ET.Element, variables: Sequence[Variable]) -> None:
-    place = ET.SubElement(root, "ModelVariables")
-    structure = ET.SubElement(root, "ModelStructure")
-    outputs, unknowns = ET.SubElement(structure, "Outputs"), ET.SubElement(structure, "InitialUnknowns")
-    for number, own in enumerate(variables, 1):
-        element = ET.SubElement(place, "ScalarVariable", {"name": own.name, "valueReference": str(number)})
-        element.attrib |= {"causality": "output" if own.output else "input", "description": own.says}
-        ET.SubElement(element, "Real", {"unit": own.unit} | ({} if own.output else {"start": "0"}))
-        if own.output:
-            ET.SubElement(outputs, "Unknown", index=str(number))
-            ET.SubElement(unknowns, "Unknown", index=str(number))
-
-
-def _build_description(name: str) -> ET.Element:
-    root = ET.Element("fmiBuildDescription", fmiVersion="3.0")
-    configuration = ET.SubElement(root, "BuildConfiguration", modelIdentifier=name)
-    sources = ET.SubElement(configuration, "SourceFileSet", language="C99")
-    for file in (f"{name}.c", "fmi.c"):
-        ET.SubElement(sources, "SourceFile", name=file)
-    ET.SubElement(configuration, "Library", name="m")
-    return root

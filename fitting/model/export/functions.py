@@ -91,9 +91,15 @@ def identifier(name: str) -> str:
 def rendered(template: str, **words: Any) -> str:
     """A file of this folder with words in their places."""
     environment = jinja2.Environment(
-        trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True, undefined=jinja2.StrictUndefined
+        autoescape=template.endswith((".xml.j2", ".urdf.j2", ".mjcf.j2")),
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+        undefined=jinja2.StrictUndefined,
+        finalize=lambda value: float(value) if isinstance(value, np.floating) else value,
     )
     environment.filters["numbers"] = lambda row, suffix="": ", ".join(map(Dialect(suffix=suffix).number, row))
+    environment.filters["row"] = lambda row: " ".join(repr(float(value)) for value in row)
     text = files("fitting.model.export").joinpath("templates", template).read_text(encoding="utf-8")
     return environment.from_string(text).render(words)
 

@@ -11,7 +11,7 @@ from fitting.model.arm_model import ArmModel
 from fitting.model.export.functions import Function, functions_of, identifier, rendered
 from fitting.model.export.printing import Dialect, curves_of, statements
 from fitting.model.export.tracing.graph import needed
-from fitting.model.export.tracing.tracing import Tracer
+from fitting.model.export.tracing.tracing import Tracer, tracer_of
 from fitting.model.export.words import Written, heading
 
 DIALECT = Dialect(
@@ -26,6 +26,7 @@ DIALECT = Dialect(
     infix={"add": "+", "sub": "-", "mul": ".*", "div": "./"},
 )
 
+
 def write_matlab(model: ArmModel, path: Path) -> Written:
     """Write the model as ``NAME.m``, the file's name being the function's.
 
@@ -36,7 +37,7 @@ def write_matlab(model: ArmModel, path: Path) -> Written:
     """
     if path.suffix != ".m" or identifier(path.stem) != path.stem.lower():
         raise InputError(f"{path}: name the file after its function, as in {identifier(model.machine.name)}.m")
-    tracer = Tracer(model)
+    tracer = tracer_of(model)
     with replacing(path) as temporary:
         temporary.write_text(matlab_source(tracer, path.stem), encoding="utf-8")
     return Written((path,), tuple(tracer.left_out))
@@ -46,9 +47,7 @@ def matlab_source(tracer: Tracer, name: str) -> str:
     """Text of the file."""
     functions, joints = functions_of(tracer), len(tracer.model.joints)
     used = curves_of(needed([node for own in functions for node in own.nodes]))
-    calls = [
-        f"[{', '.join(own.outputs)}] = {name}('{own.name}', {', '.join(own.arguments)})" for own in functions
-    ]
+    calls = [f"[{', '.join(own.outputs)}] = {name}('{own.name}', {', '.join(own.arguments)})" for own in functions]
     rows = f"Motions are N x {joints}, a row per sample; t is N x 1 or one number, 0 if it is left out."
     remembers = (
         f"init is of a motion's first moment, step of each later one, dt seconds after the one before; memory is N x "
@@ -61,7 +60,8 @@ def matlab_source(tracer: Tracer, name: str) -> str:
         + ([remembers] if tracer.memory else []),
         functions=[_function(own) for own in functions],
         curves=[
-            {"number": k, "breaks": tracer.graph.curves[k].breaks, "pieces": tracer.graph.curves[k].pieces} for k in used
+            {"number": k, "breaks": tracer.graph.curves[k].breaks, "pieces": tracer.graph.curves[k].pieces}
+            for k in used
         ],
     )
 

@@ -18,7 +18,7 @@ from fitting.model.export.functions import ARRAYS, Function, functions_of, rende
 from fitting.model.export.printing import Dialect, curves_of, statements
 from fitting.model.export.tracing.graph import Curve, Node
 from fitting.model.export.tracing.moment import State
-from fitting.model.export.tracing.tracing import Tracer
+from fitting.model.export.tracing.tracing import Tracer, tracer_of
 from fitting.model.export.words import Written, heading
 
 FloatArray = npt.NDArray[np.float64]
@@ -40,9 +40,10 @@ DIALECT = Dialect(
     }
 )
 
+
 def write_python(model: ArmModel, path: Path) -> Written:
     """Write the model as a Python module."""
-    tracer = Tracer(model)
+    tracer = tracer_of(model)
     text = python_source(tracer)
     with replacing(path) as temporary:
         temporary.write_text(text, encoding="utf-8")
@@ -54,14 +55,20 @@ def python_source(tracer: Tracer) -> str:
     functions = list[Function]()
     for own in functions_of(tracer):  # a function has one value, but for what is kept beside it
         apart = own.name == "pressures"
-        functions += [Function(f"{k}_pressures", own.arguments, {k: v}) for k, v in own.outputs.items()] if apart else [own]
+        functions += (
+            [Function(f"{k}_pressures", own.arguments, {k: v}) for k, v in own.outputs.items()] if apart else [own]
+        )
     used = curves_of([node for own in functions for node in own.nodes])
     return rendered(
         "arm.py.j2",
         said=heading(tracer),
         joints=list(tracer.model.joints),
         curves=[
-            {"number": k, "breaks": tracer.graph.curves[k].breaks.tolist(), "pieces": tracer.graph.curves[k].pieces.tolist()}
+            {
+                "number": k,
+                "breaks": tracer.graph.curves[k].breaks.tolist(),
+                "pieces": tracer.graph.curves[k].pieces.tolist(),
+            }
             for k in used
         ],
         functions=[_function(own) for own in functions],

@@ -24,7 +24,7 @@ EXPORT int fmi2SetupExperiment(void *c, int has_tolerance, double tolerance, dou
     return arm_set_time(c, start);
 }
 
-EXPORT int fmi2ExitInitializationMode(void *c) { return arm_begin(c); }
+EXPORT int fmi2ExitInitializationMode(void *c) { return arm_accepted(c); }
 EXPORT int fmi2Reset(void *c) { return arm_reset(c); }
 EXPORT int fmi2SetTime(void *c, double time) { return arm_set_time(c, time); }
 

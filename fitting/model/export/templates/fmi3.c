@@ -37,7 +37,7 @@ EXPORT int fmi3EnterInitializationMode(void *c, bool has_tolerance, double toler
     return arm_set_time(c, start);
 }
 
-EXPORT int fmi3ExitInitializationMode(void *c) { return arm_begin(c); }
+EXPORT int fmi3ExitInitializationMode(void *c) { return arm_accepted(c); }
 EXPORT int fmi3Reset(void *c) { return arm_reset(c); }
 EXPORT int fmi3SetTime(void *c, double time) { return arm_set_time(c, time); }
 

@@ -67,10 +67,7 @@ def remembered(
     return Remembered(
         tuple(now(node, 0) for node in columns[0]),
         tuple(now(node, 1) for node in columns[1]),
-        tuple(
-            Memory(f"m{taken + k}", now(chain[0], 0), now(chain[1], 1))
-            for k, chain in enumerate(chains)
-        ),
+        tuple(Memory(f"m{taken + k}", now(chain[0], 0), now(chain[1], 1)) for k, chain in enumerate(chains)),
     )
 
 

@@ -29,6 +29,7 @@ from fitting.model.export.tracing.memory import MOMENTS, Memory, Remembered, rem
 from fitting.model.export.tracing.moment import Efforts, State, Value
 from fitting.model.export.tracing.recursion import newton_euler
 from fitting.model.export.tracing.traced_arrays import TracedView, traced
+from fitting.model.export.words import refitted
 from fitting.residual.laws import Law
 from fitting.residual.surfaces import Surface
 from fitting.residual.terms import Term
@@ -46,12 +47,14 @@ class Tracer:
     ----------
     graph : of all of them; ``dt`` is the time since the moment before
     left_out : a line for each term that is not in them
+    lost : numbers of the machine's terms that are not in them
     memory : what has to be kept from moment to moment
     """
 
     def __init__(self, model: ArmModel) -> None:
         self.model, self.graph = model, Graph()
         self.left_out: list[str] = []
+        self.lost = set[int]()
         self._machine, self._arm = MachineNodes(model, self.graph), model.arm
         self._remembered: dict[int, Remembered] = {}
         for joint in self._arm.joints:
@@ -98,6 +101,7 @@ class Tracer:
                 except (TypeError, ValueError, AttributeError, NotImplementedError, IndexError):
                     why = "its formula cannot be written for one moment and what it remembers"
             self.left_out.append(f"{name} at {place}: {why}")
+            self.lost |= set() if of_sensors(term) else {number}
         return kept
 
     def efforts(self, state: State, past: Past = "settled") -> Efforts:
@@ -280,3 +284,28 @@ class Tracer:
             )
             for joint in range(len(drives))
         )
+
+
+def tracer_of(model: ArmModel) -> Tracer:
+    """Expressions of a model; where a term is in none, of the fit without it.
+
+    Raises
+    ------
+    InputError
+        If the machine has something that no format has.
+    """
+    found = Tracer(model)
+    rest = model.rest(found.lost) if found.lost else None
+    if rest is None:
+        return found
+    own = Tracer(rest)
+    own.left_out = [*found.left_out, *refitted(model, rest)]
+    return own
+
+
+def untraced(model: ArmModel) -> frozenset[int]:
+    """Numbers of the machine's terms that no format holds; none of a machine that is refused anyway."""
+    try:
+        return frozenset(Tracer(model).lost)
+    except InputError:
+        return frozenset()
