@@ -166,9 +166,13 @@ class Model:
         effort: npt.ArrayLike | None = None,
         head: npt.ArrayLike | None = None,
         rod: npt.ArrayLike | None = None,
+        possible: bool = False,
     ) -> FloatArray:
-        """Joint accelerations (N, n) from joint efforts, or from chamber pressures ``head`` and ``rod`` in Pa."""
-        return motion.forward(self.content, q, qd, effort=effort, head=head, rod=rod)
+        """Joint accelerations (N, n) from joint efforts, or from chamber pressures ``head`` and ``rod`` in Pa.
+
+        ``possible`` takes the nearest model whose drives have no inertia below zero.
+        """
+        return motion.forward(self.content, q, qd, effort=effort, head=head, rod=rod, possible=possible)
 
     def predict(self, recording: Recording | str | Path) -> Predicted:
         """Efforts in a recording beside the measured ones, with their 95 % band."""
@@ -191,10 +195,21 @@ def simulate(
     rate_hz: float | None = None,
     friction_speed: float | None = None,
     method: simulation.Method = "LSODA",
+    possible: bool = False,
+    within_s: float = 60.0,
 ) -> simulation.Simulated:
     """Motion from a state under efforts or a controller."""
     return simulation.simulate(
-        model.content, effort, q, qd, seconds=seconds, rate_hz=rate_hz, friction_speed=friction_speed, method=method
+        model.content,
+        effort,
+        q,
+        qd,
+        seconds=seconds,
+        rate_hz=rate_hz,
+        friction_speed=friction_speed,
+        method=method,
+        possible=possible,
+        within_s=within_s,
     )
 
 

@@ -19,6 +19,7 @@ import numpy.typing as npt
 
 from fitting.model import motion
 from fitting.model.arm_model import ArmModel
+from fitting.model.evaluation import beyond
 from fitting.model.export import export_model
 from fitting.model.export.functions import identifier, states, swing
 from fitting.model.export.tracing.tracing import tracer_of
@@ -67,6 +68,7 @@ class Conformance:
         self.right: Answers = {
             "gravity": motion.gravity(settled, q),
             "friction": motion.friction(settled, q, qd),
+            "beyond": beyond(model, motion.on_motion(settled, *self.moments).design.segments[0]).astype(float),
             **_of(settled, self.moments),
         }
         if self.remembers:
@@ -83,7 +85,7 @@ class Conformance:
         """Of each answer in a format the largest difference, as a share of the model's largest."""
         answers: Mapping[str, Answers] = {to: getattr(self, to)()} if to != "fmu" else self.fmu()
         return {
-            f"{kind} {what}": float(np.max(np.abs(found - right)) / np.max(np.abs(right)))
+            f"{kind} {what}": float(np.max(np.abs(found - right)) / max(np.max(np.abs(right)), 1e-300))
             for kind, own in answers.items()
             for what, (found, right) in self._paired(own).items()
         }
@@ -107,6 +109,7 @@ class Conformance:
         q, qd, qdd, t = self.moments
         found = {what: own[what](q, qd, qdd, t) for what in ("inverse_dynamics", "drive_efforts")}
         found |= {"gravity": own["gravity"](q), "friction": own["friction"](q, qd, np.zeros(len(t)))}
+        found["beyond"] = own["beyond"](q, qd)
         for what in ("head_pressures", "rod_pressures"):
             found |= {what: own[what](q, qd, qdd, t)} if what in own else {}
         if not self.remembers:
@@ -138,6 +141,7 @@ class Conformance:
 
         found = {what: asked(what, [q, qd, qdd, t], 1)[0] for what in ("inverse_dynamics", "drive_efforts")}
         found |= {"gravity": asked("gravity", [q], 1)[0], "friction": asked("friction", [q, qd, 0.0 * t], 1)[0]}
+        found["beyond"] = asked("beyond", [q, qd], 1)[0]
         if "head_pressures" in self.right:
             found["head_pressures"], found["rod_pressures"] = asked("pressures", [q, qd, qdd, t], 2)
         if not self.remembers:
@@ -172,6 +176,7 @@ class Conformance:
             "drive_efforts": ("drive_efforts", "q, qd, qdd, t"),
             "gravity": ("gravity", "q"),
             "friction": ("friction", "q, qd"),
+            "beyond": ("beyond", "q, qd"),
         }
         lines = ["m = csvread('moments.csv');", f"q = {split[0]}; qd = {split[1]}; qdd = {split[2]};"]
         lines += [f"t = m(:, {3 * n + 1});"]

@@ -4,6 +4,7 @@ One identification of the simulated folding arm hands over the model. Then, on m
 
 - *feedforward*: the arm under its position controller (forward dynamics, :mod:`sim_backends.plant.closed_loop`),
   without and with the pressures that ``hilfit feedforward`` writes;
+- *memory*: the same with the exported C of a model that remembers, on an arm that does;
 - *simulation*: the same controller on the model and on the plant;
 - *overload*: forces of known size on the tip, in that closed loop (larger ones throw the wrist beyond stops that the
   plant does not have); and minutes of ordinary motion and of rest in turn for false alarms;
@@ -13,32 +14,39 @@ One identification of the simulated folding arm hands over the model. Then, on m
 
 from __future__ import annotations
 
+import ctypes
+import shutil
+import subprocess
 import tempfile
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 import pyarrow.csv as arrow_csv
+from scipy.interpolate import CubicSpline
 from scipy.stats import chi2
 
 import sim_backends
 from benchmarks.targets import Check, Outcome
 from daq.machine.machine_file import Machine, load_machine
 from daq.recordings.recording import Recording
-from fitting.excitation.motion import read_motion
+from fitting.effects import effect
 from fitting.loop.residual_loop import final_model
 from fitting.loop.session import Options, Session
 from fitting.model import motion
 from fitting.model.arm_model import ArmModel
+from fitting.model.export import export_model
+from fitting.model.export.functions import identifier
 from fitting.model.handover import hand_over
 from fitting.model.simulation import simulate
 from fitting.model.uses.energy import energy_of_recording
-from fitting.model.uses.feedforward import feedforward, path_of, write_feedforward
+from fitting.model.uses.feedforward import Trajectory, feedforward, read_path, write_feedforward
 from fitting.model.uses.overload import overloads, thresholds
 from fitting.model.uses.payload import payload_signal
+from fitting.residual.terms import Term
 from fitting.signals.corrections import Corrections
 from sim_backends.plant.closed_loop import FRICTION_SPEED, ClosedLoop, Run
 from sim_backends.plant.motion import Motion, Rods, random_motion, write_motion
@@ -53,6 +61,8 @@ HITS, HIT_SECONDS, BETWEEN, COUNT = (30.0, 60.0, 120.0), 0.3, 2.5, 6
 #: False alarms an hour that hits are looked for at, and those that are counted: one a day is what a service promises.
 STATED = (1.0, 1.0 / 24.0, 20.0)
 PAYLOADS = (5.0, 20.0)
+#: Friction that builds up over a distance, N.
+HYSTERESIS = 300.0
 
 
 @dataclass(frozen=True)
@@ -111,7 +121,12 @@ def run(seed: int = 1, minutes: float = 60.0, show: Show = lambda line: None) ->
     show("identification")
     bench = _identified(seed)
     checks: list[Check] = []
-    for name, part in (("feedforward", _feedforward), ("simulation", _simulation), ("hits", _hits)):
+    for name, part in (
+        ("feedforward", _feedforward),
+        ("memory", _memory),
+        ("simulation", _simulation),
+        ("hits", _hits),
+    ):
         show(name)
         checks += part(bench)
     show("false alarms")
@@ -152,7 +167,7 @@ def _error(run: Run) -> FloatArray:
 def _forces(bench: _Bench, program: Motion, folder: Path) -> Callable[[float], FloatArray]:
     """Forces of the chambers by the file that ``hilfit feedforward`` writes of a motion file."""
     write_motion(folder / "motion.csv", program)
-    found = feedforward(bench.model, path_of(bench.model, read_motion(folder / "motion.csv", bench.machine)))
+    found = feedforward(bench.model, read_path(bench.model, folder / "motion.csv"))
     write_feedforward(folder / "feedforward.csv", found)
     table = arrow_csv.read_csv(folder / "feedforward.csv").to_pydict()
     time, columns = np.array(table["time"]), []
@@ -174,6 +189,81 @@ def _feedforward(bench: _Bench) -> list[Check]:
     shown += f"from {1e3 * np.max(_error(alone)):.1f} to {1e3 * np.max(_error(helped)):.2f} mrad at the worst joint)"
     name = "feedforward: tracking error without over with, the least of all joints"
     return [Check(name, float(np.min(factors)), shown, "at least", 2.0, "2")]
+
+
+def _memory(bench: _Bench) -> list[Check]:
+    """An arm whose friction builds up over a distance after reversals, with the exported C beside its controller.
+
+    The plant's hysteresis is a force from outside, calculated from its positions. Tracking errors with the feedforward
+    of the C, step by step, of the model itself, and of the model without what it remembers.
+    """
+    if shutil.which("cc") is None:
+        return [Check("memory: closed loop with the exported C", None, "there is no C compiler (apt-get install gcc)")]
+    joint, size, distance = 1, HYSTERESIS, 1e-3
+    term = Term(effect("presliding_hysteresis"), joint, {"x_s": distance})
+    last, n = bench.model.passes[-1], len(bench.model.joints)
+    room = np.pad(bench.model.covariance, (0, 1))
+    model = replace(
+        bench.model,
+        terms=(term,),
+        passes=(replace(last, theta=np.append(last.theta, size)),),
+        covariance=room,
+        told=np.append(bench.model.told, True),
+        rests=(),
+    )
+    program, errors = _motion(bench, 104, 12.0), {}
+    with tempfile.TemporaryDirectory() as place:
+        write_motion(Path(place) / "motion.csv", program)
+        path = read_path(model, Path(place) / "motion.csv")
+        forces = {
+            "C": _c_forces(model, path, Path(place)),
+            "model": motion.on_motion(model, path.q, path.qd, path.qdd, path.t).drive_effort(0),
+            "forgetful": motion.on_motion(motion.at_rest(model), path.q, path.qd, path.qdd, path.t).drive_effort(0),
+        }
+    for name, rows in forces.items():
+        loop, state = _loop(bench, None, 105), {"x": np.nan, "z": 0.0, "sign": 0.0, "now": -1.0}
+
+        def outside(now: float, q: FloatArray) -> FloatArray:
+            x = float(loop.arm.piston(q[None], 0.0 * q[None], 0.0 * q[None])[0][0, joint])  # noqa: B023
+            own = state  # noqa: B023
+            if np.isnan(own["x"]):
+                own["x"] = x
+            if now > own["now"] and abs(x - own["x"]) > 1e-9:
+                own["sign"] = float(np.sign(x - own["x"]))
+                own["z"] = own["sign"] + (own["z"] - own["sign"]) * np.exp(-abs(x - own["x"]) / distance)
+                own["x"], own["now"] = x, now
+            force = np.zeros(n)
+            force[joint] = -size * (own["z"] - own["sign"])
+            return np.asarray(force * loop.lever(q))  # noqa: B023
+
+        known = CubicSpline(path.t, rows)
+        run = loop.follow(program, loop.gains(), lambda now: known(min(now, path.t[-1])), outside)  # noqa: B023
+        errors[name] = _error(run)[joint]
+    ratio = float(errors["C"] / errors["model"])
+    shown = (
+        f"{ratio:.3f} ({1e3 * errors['C']:.3f} mrad; without what it remembers {1e3 * errors['forgetful']:.3f} mrad)"
+    )
+    return [
+        Check(
+            "memory: tracking error with the exported C over that with the model", ratio, shown, "at most", 1.1, "1.1"
+        )
+    ]
+
+
+def _c_forces(model: ArmModel, path: Trajectory, folder: Path) -> FloatArray:
+    """Drive efforts of a motion by the compiled C, moment by moment."""
+    export_model(model, "c", folder)
+    name, n = identifier(model.machine.name), len(model.joints)
+    subprocess.run(["cc", "-O2", "-fPIC", "-shared", "-o", "arm.so", f"{name}.c", "-lm"], cwd=folder, check=True)
+    library, array = ctypes.CDLL(str(folder / "arm.so")), ctypes.c_double * n
+    memory, dt, rows = (ctypes.c_double * 8)(), ctypes.c_double(1.0 / model.machine.rate_hz), []
+    for k, row in enumerate(zip(path.q, path.qd, path.qdd, strict=True)):
+        out = [array() for _ in range(4)]  # efforts of joints and drives, pressures
+        given = [*(array(*own) for own in row), ctypes.c_double(path.t[k]), dt]
+        function = getattr(library, f"{name}_{'step' if k else 'init'}")
+        function(*given, memory, *out) if k else function(*given, *out, memory)
+        rows.append(list(out[1]))
+    return np.array(rows)
 
 
 def _simulation(bench: _Bench) -> list[Check]:

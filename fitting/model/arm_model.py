@@ -128,6 +128,7 @@ class ArmModel:
     tails : per joint what the scores of an unchanged machine do (:mod:`fitting.model.uses.overload`); None: not known
     hidden : (p,) variance of parameters that laws of unknown physics make up for in the efforts; None: nothing
     errors : (n,) root mean square error on the validation recordings, N m or N; not a number where nothing moved
+    coverage : (n,) share of the moving samples of those in the 95 % band; not a number where nothing moved
     rests : fits without terms that some formats cannot hold
     seen : moments of the validation recordings
     filters : other filters than those of the identification; None: those
@@ -147,6 +148,7 @@ class ArmModel:
     tails: tuple[Tail, ...] | None = None
     hidden: FloatArray | None = field(default=None, repr=False)
     errors: FloatArray | None = None
+    coverage: FloatArray | None = None
     rests: tuple[ArmModel, ...] = field(default=(), repr=False)
     seen: Seen | None = field(default=None, repr=False)
     filters: FilterBank | None = field(default=None, repr=False)
@@ -224,6 +226,10 @@ class ArmModel:
     def delays(self) -> tuple[dict[str, float], frozenset[str]]:
         """Joint name to s by which its effort is late, and whose samples were handed on late."""
         return delays(self, self.terms)
+
+    def place(self, term: Term) -> str:
+        """Where a term is: its joint, or the machine."""
+        return "the machine" if term.joint is None else self.joints[term.joint]
 
     def rest(self, lost: Collection[int]) -> ArmModel | None:
         """The fit without some of the terms; None where there is none."""

@@ -60,6 +60,9 @@ def predict(
             for name, own in _summary(found)["joints"].items()
         ],
     )
+    for name, share in zip(found.joints, found.beyond.mean(axis=0).tolist(), strict=True):
+        if share:
+            print(f"note: {name} is beyond what was recorded in {share:.1%} of the rows; the band says nothing there")
     for line in found.left_out:
         print(f"note: {line}")
 

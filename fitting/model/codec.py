@@ -94,6 +94,7 @@ class _Fit(_Part):
     residual_std: list[Size]
     hidden: list[Size] | None = None
     errors: list[Size | None] | None = None
+    coverage: list[Size | None] | None = None
 
 
 class _File(_Fit):
@@ -149,8 +150,12 @@ def _fit_to_json(model: ArmModel) -> dict[str, Any]:
         "told": model.told,
         "residual_std": model.residual_std,
         "hidden": model.hidden,
-        "errors": None if model.errors is None else [None if np.isnan(e) else e for e in model.errors.tolist()],
+        **{key: _known(getattr(model, key)) for key in ("errors", "coverage")},
     }
+
+
+def _known(values: FloatArray | None) -> list[float | None] | None:
+    return None if values is None else [None if np.isnan(own) else own for own in values.tolist()]
 
 
 def _plain(value: Any) -> Any:
@@ -189,6 +194,8 @@ def model_from_json(content: Any, name: str = "model") -> ArmModel:
     except ValidationError as error:
         first = error.errors()[0]
         raise _damaged(name, ".".join(map(str, first["loc"])) or "machine", in_words(first)) from None
+    except ArithmeticError as error:
+        raise _damaged(name, "machine", f"cannot be calculated with ({error.args[-1]})") from None
     base = file.base
     model = ArmModel(
         machine=machine,
@@ -238,6 +245,7 @@ def _fit_from_json(file: _Fit, name: str, place: str) -> dict[str, Any]:
     terms = []
     for number, term in enumerate(file.terms):
         try:
+            json.dumps(term, allow_nan=False)
             terms.append(term_from_json(term))
         except KeyError as error:
             what = f"{error} is not known here; install the package that has this effect"
@@ -264,6 +272,7 @@ def _fit_from_json(file: _Fit, name: str, place: str) -> dict[str, Any]:
         "residual_std": np.array(file.residual_std),
         "hidden": None if file.hidden is None else np.array(file.hidden),
         "errors": None if file.errors is None else np.array(file.errors, dtype=float),
+        "coverage": None if file.coverage is None else np.array(file.coverage, dtype=float),
     }
 
 
@@ -281,12 +290,14 @@ def _require_sound(model: ArmModel, name: str, place: str) -> None:
             raise _damaged(name, below, "is below zero")
         known = np.isfinite(np.diag(model.covariance))
         own = model.covariance[np.ix_(known, known)]
+        wrong = _damaged(name, f"{place}covariance", "is none: it has a negative variance or is not symmetric")
+        if not np.isfinite(own).all() or np.any(np.diag(own) < 0):
+            raise wrong
         size = np.sqrt(np.maximum(np.diag(own), 1e-300))
         scaled = own / size[:, None] / size
-        if not np.isfinite(own).all() or np.any(np.diag(own) < 0) or not np.allclose(scaled, scaled.T, atol=_ROUNDED):
-            raise _damaged(name, f"{place}covariance", "is none: it has a negative variance or is not symmetric")
-        if len(own) and np.linalg.eigvalsh(scaled).min() < -_ROUNDED * len(own):
-            raise _damaged(name, f"{place}covariance", "is none: it has a negative variance")
+        alike = np.allclose(scaled, scaled.T, atol=_ROUNDED)
+        if not alike or (len(own) and np.linalg.eigvalsh(scaled).min() < -_ROUNDED * len(own)):
+            raise wrong
         middle = [np.mean(joint.limits.position) for joint in model.machine.joints]
         if not np.isfinite(motion.gravity(model, [middle])).all():
             raise _damaged(name, f"{place}passes", "makes efforts that are not finite")
@@ -306,6 +317,11 @@ def _require_sound(model: ArmModel, name: str, place: str) -> None:
 
 
 def _require_shapes(model: ArmModel, name: str, place: str) -> None:
+    for number, term in enumerate(model.terms):
+        if term.joint is not None and not 0 <= term.joint < len(model.joints):
+            raise _damaged(
+                name, f"{place}terms.{number}.joint", f"is {term.joint}, the machine has {len(model.joints)} joints"
+            )
     joints, count, base, n = len(model.joints), len(model.parameter_names), model.base, len(model.base.independent)
     standard = len(base.standard_names)
     wanted: dict[str, tuple[tuple[int, ...], tuple[int, ...]]] = {
@@ -317,6 +333,7 @@ def _require_shapes(model: ArmModel, name: str, place: str) -> None:
         f"{place}residual_std": (model.residual_std.shape, (joints,)),
         f"{place}hidden": ((count if model.hidden is None else len(model.hidden),), (count,)),
         f"{place}errors": ((joints if model.errors is None else len(model.errors),), (joints,)),
+        f"{place}coverage": ((joints if model.coverage is None else len(model.coverage),), (joints,)),
         "tails": ((joints if model.tails is None else len(model.tails),), (joints,)),
     }
     for number, own in enumerate(model.passes):
@@ -331,9 +348,6 @@ def _require_shapes(model: ArmModel, name: str, place: str) -> None:
             raise _damaged(name, key, f"has shape {found}, it must be {right}")
     if n and max(base.independent) >= standard:
         raise _damaged(name, "base.independent", f"names column {max(base.independent)} of {standard}")
-    for number, term in enumerate(model.terms):
-        if term.joint is not None and not 0 <= term.joint < joints:
-            raise _damaged(name, f"{place}terms.{number}.joint", f"is {term.joint}, the machine has {joints} joints")
 
 
 def save_model(path: str | Path, model: ArmModel) -> Path:

@@ -22,6 +22,11 @@ from fitting.signals.preparation import Segment
 
 FloatArray = npt.NDArray[np.float64]
 
+#: Share of the recorded positions and speeds by which a motion may be outside them.
+_MARGIN = 0.02
+#: Shares in a 95 % band between which it holds what it says.
+_HOLDS = 0.92, 0.98
+
 
 @dataclass(frozen=True)
 class Evaluated:
@@ -104,6 +109,32 @@ def _views(design: Design, own: Pass, extra: Extra, index: int, starts: Mapping[
     clock = segment.t - starts[segment.recording]
     pressures = partial(rod_pressures, own.rods, segment, forces, clock)
     return views_of_segment(design, own.theta, segment, forces, loads, pressures, own.ranges, starts, ())
+
+
+def reach(model: ArmModel) -> list[tuple[float, float, float]]:
+    """Per joint the lowest and the highest position of its drive, and the largest speed, that count as recorded."""
+    found = []
+    for own in model.passes[-1].ranges:
+        margin = _MARGIN * own.span
+        found.append((own.x[0] - margin, own.x[1] + margin, (1.0 + _MARGIN) * own.v))
+    return found
+
+
+def beyond(model: ArmModel, segment: Segment) -> npt.NDArray[np.bool_]:
+    """Where (N, n) a motion is beyond the positions and speeds that were recorded, so that no error is known."""
+    low, high, fast = np.array(reach(model)).T
+    return np.asarray((segment.x < low) | (segment.x > high) | (np.abs(segment.v) > fast))
+
+
+def narrow(model: ArmModel) -> list[str]:
+    """A line for each joint whose 95 % band did not hold what it says on the validation recordings."""
+    shares = [] if model.coverage is None else zip(model.joints, model.coverage.tolist(), strict=True)
+    return [
+        f"of {name}, {share:.0%} of the samples of another motion were in the 95 % band: there the model leaves "
+        f"{'more' if share < _HOLDS[0] else 'less'} than on the motion of the fit"
+        for name, share in shares
+        if share < _HOLDS[0] or share > _HOLDS[1]
+    ]
 
 
 def without(model: ArmModel, numbers: Collection[int]) -> ArmModel:

@@ -229,8 +229,11 @@ def forward(
     effort: npt.ArrayLike | None = None,
     head: npt.ArrayLike | None = None,
     rod: npt.ArrayLike | None = None,
+    possible: bool = False,
 ) -> FloatArray:
     """Joint accelerations (N, n) from joint efforts, or from chamber pressures in Pa.
+
+    ``possible`` takes the nearest model whose drives have no inertia below zero.
 
     Raises
     ------
@@ -249,11 +252,14 @@ def forward(
         force = np.asarray(head, dtype=float) * areas[:, 0] - np.asarray(rod, dtype=float) * areas[:, 1]
         effort = levers(model, position) * force
     wanted = np.broadcast_to(np.asarray(effort, dtype=float), position.shape)
-    model = at_rest(model)
+    model = at_rest(nearest_possible(model) if possible else model)
     inertia, found = inertia_matrix(model, position), np.zeros_like(position)
     wrong = worst_pose(model, position, inertia)
     if wrong is not None:
-        raise InputError(f"forward: {wrong.text}; no acceleration follows from an effort there")
+        raise InputError(
+            f"forward: {wrong.text}; no acceleration follows from an effort there, possible=True takes the "
+            "nearest model that has none below zero"
+        )
     # What the whole effort would accelerate: an arm that is held has no acceleration but the rounding of its efforts.
     scale = float(np.max(np.abs(np.linalg.solve(inertia, wanted[:, :, None]))))
     for _ in range(_STEPS):  # one step where no effect holds a force; else each leaves a share of the one before
@@ -314,6 +320,39 @@ def worst_pose(model: ArmModel, q: FloatArray, inertia: FloatArray) -> Indefinit
     joint = model.joints[int(np.argmax(np.abs(vectors[worst, :, 0])))]
     values_of = dict(zip(model.parameters.names, model.theta.tolist(), strict=False))
     return Indefinite(q[worst], joint, tuple(name for name in model.joints if values_of.get(f"{name}.J", 0.0) < 0))
+
+
+def nearest_possible(model: ArmModel) -> ArmModel:
+    """The model with no inertia of a drive below zero: the most probable one by the parameters' covariance.
+
+    Efforts are better predicted by the model as it is; motions need a mass matrix.
+    """
+    names = model.parameter_names[: model.parameters.drive_count]
+    inertias = [k for k, name in enumerate(names) if name.rpartition(".")[2] in ("J", "m") and model.told[k]]
+    theta, held = model.theta, list[int]()
+    while any(theta[k] < 0 for k in inertias):
+        held += [k for k in inertias if theta[k] < 0]
+        own = model.covariance[:, held]
+        theta = model.theta - own @ np.linalg.lstsq(own[held], model.theta[held], rcond=None)[0]
+        theta[held] = 0.0
+    if not held:
+        return model
+    return replace(model, passes=(*model.passes[:-1], replace(model.passes[-1], theta=theta)))
+
+
+def price(model: ArmModel, other: ArmModel) -> float | None:
+    """By what share the error of all joints on the validation recordings is larger with other parameters.
+
+    Each joint's mean square in that of the model; None where no such recording was seen.
+    """
+    seen = model.seen
+    if seen is None:
+        return None
+    moved = at_rest(model), at_rest(other)
+    before, after = (_evaluated(own, seen.q, seen.qd, seen.qdd).joint_effort(0) for own in moved)
+    squares = [np.mean(own**2, axis=0) for own in (seen.error, seen.error + before - after)]
+    there = squares[0] > 0
+    return float(np.sqrt(np.mean(squares[1][there] / squares[0][there])) - 1.0)
 
 
 def levers(model: ArmModel, q: FloatArray) -> FloatArray:

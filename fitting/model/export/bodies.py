@@ -212,12 +212,12 @@ def not_in_bodies(model: ArmModel, bodies: Bodies, *, drives: bool) -> tuple[str
     if geometry_of(model.arm).coupled:
         lines.append("friction and inertia of motors that turn with several joints")
     for term in (own for number, own in enumerate(model.terms) if number not in _tilts(model)):
-        place = "the machine" if term.joint is None else model.joints[term.joint]
-        lines.append(f"{term.content.title if isinstance(term.content, Effect) else 'a law'} at {place}")
+        name = term.content.title if isinstance(term.content, Effect) else "a law"
+        lines.append(f"{name} at {model.place(term)}")
     if bodies.apart is not None:
         units = [joint.effort_unit for joint in model.machine.joints]
         lines.append(
-            "the model's very base parameters: no bodies have them. The links are representative of the base parameters; "
-            f"on another motion their efforts are apart by {per_joint(model, bodies.apart, units)}"
+            "the model's very base parameters: no bodies have them. The links are representative of the base "
+            f"parameters; on another motion their efforts are apart by {per_joint(model, bodies.apart, units)}"
         )
     return tuple(lines)

@@ -80,15 +80,16 @@ def c_files(tracer: Tracer, functions: Sequence[Function]) -> dict[str, str]:
 
 def _said(tracer: Tracer, name: str) -> list[str]:
     remembers = (
-        f"init sets memory[{len(tracer.memory)}] at a motion's first moment, step at each later one, dt seconds after the "
-        "one before; in the other functions what has a history is settled."
+        f"init sets memory[{len(tracer.memory)}] at a motion's first moment, step at each later one, dt seconds after "
+        "the one before; in the other functions what has a history is settled."
     )
     return [
         *heading(tracer),
         "",
         "Functions without suffix take doubles, those with suffix f floats. Arrays have a value per joint.",
         "inverse_dynamics: joint efforts; drive_efforts: N at a piston; gravity: joint efforts at rest; friction: what",
-        "turns with the speed's sign; pressures: those of the head, and of the rod as the recordings show it.",
+        "turns with the speed's sign; pressures: those of the head, and of the rod as the recordings show it;",
+        "beyond: 1 of a joint beyond the positions and speeds that were recorded, where no error is known.",
         *([remembers] if tracer.memory else []),
         f"Self-test: cc -std=c99 -O2 {name}.c {name}_selftest.c -lm && ./a.out",
     ]
@@ -130,7 +131,7 @@ def _dialect(name: str, kind: str, suffix: str) -> Dialect:
 def _used(nodes: Sequence[Node]) -> set[str]:
     """Helpers that some nodes ask for."""
     roots = {float(node.arguments[2]) == 1 / 3 for node in nodes if node.operation == "signed_power"}
-    return {node.operation for node in nodes} | {"root" if root else "power" for root in roots}
+    return {node.operation for node in nodes} | {"root" if root else "any_power" for root in roots}
 
 
 def _function(name: str, tracer: Tracer, own: Function, kind: str, suffix: str) -> dict[str, object]:

@@ -37,6 +37,7 @@ _UNITS = {
     "m/s2": {"m": 1, "s": -2},
     "N.m": {"kg": 1, "m": 2, "s": -2},
     "N": {"kg": 1, "m": 1, "s": -2},
+    "1": {},
     "Pa": {"kg": 1, "m": -1, "s": -2},
 }
 #: Output of a function of the C, its name in the unit, what it is.
@@ -45,6 +46,7 @@ _OUTPUTS = {
     ("gravity", "tau"): ("gravity", "effort that holds the links still"),
     ("friction", "tau"): ("friction", "effort that changes its sign with the speed's"),
     ("drive_efforts", "force"): ("drive", "effort of the drive"),
+    ("beyond", "flag"): ("beyond", "1 where the motion is beyond what was recorded"),
     ("pressures", "head"): ("head", "head pressure"),
     ("pressures", "rod"): ("rod", "rod pressure"),
 }
@@ -133,7 +135,7 @@ def variables_of(model: ArmModel, functions: Sequence[Function]) -> list[Variabl
             for joint, (name, turns) in enumerate(zip(model.joints, turning, strict=True)):
                 cylinder = model.arm.joints[joint].cylinder is not None
                 unit = "N.m" if turns and not (word == "drive" and cylinder) else "N"
-                unit = "Pa" if own.name == "pressures" else unit
+                unit = {"pressures": "Pa", "beyond": "1"}.get(own.name, unit)
                 result.append(Variable(f"{word}[{joint + 1}]", unit, f"{says}, {name}", True))
     return result
 

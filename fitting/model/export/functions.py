@@ -62,6 +62,7 @@ def functions_of(tracer: Tracer) -> list[Function]:
         Function("drive_efforts", moment, {"force": found["force"]}),
         Function("gravity", ("q",), {"tau": tracer.gravity(state.q)}),
         Function("friction", ("q", "qd", "t"), {"tau": tracer.friction(state)}),
+        Function("beyond", ("q", "qd"), {"flag": tracer.beyond(state)}),
     ]
     if "head" in found:
         result.append(Function("pressures", moment, {"head": found["head"], "rod": found["rod"]}))

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from daq.errors import InputError
 from daq.recordings.recording_files import replacing
 from fitting.model import motion
 from fitting.model.arm_model import ArmModel
@@ -16,6 +17,7 @@ from fitting.model.export.words import Written, said_of
 
 def write_urdf(model: ArmModel, path: Path, *, possible: bool = False) -> Written:
     """Write links, joints and their limits as URDF; friction and damping of drives that act on a joint directly."""
+    model, said = _moving(model, possible)
     bodies = bodies_of(model, possible=possible)
     drives = [_drive(model, number) for number in range(len(model.joints))]
     left = [
@@ -25,13 +27,27 @@ def write_urdf(model: ArmModel, path: Path, *, possible: bool = False) -> Writte
     ]
     gravity = ", ".join(f"{g:.6g}" for g in bodies.gravity)
     left.append(f"gravity, which the format has no place for: ({gravity}) m/s^2 in the base's frame")
-    return _written(model, path, "arm.urdf.j2", bodies, (*not_in_bodies(model, bodies, drives=True), *left))
+    return _written(model, path, "arm.urdf.j2", bodies, (*said, *not_in_bodies(model, bodies, drives=True), *left))
 
 
 def write_mjcf(model: ArmModel, path: Path, *, possible: bool = False) -> Written:
     """Write links, joints and gravity as MJCF; friction, damping and inertia of drives that act on a joint directly."""
+    model, said = _moving(model, possible)
     bodies = bodies_of(model, possible=possible)
-    return _written(model, path, "arm.mjcf.j2", bodies, not_in_bodies(model, bodies, drives=True))
+    return _written(model, path, "arm.mjcf.j2", bodies, (*said, *not_in_bodies(model, bodies, drives=True)))
+
+
+def _moving(model: ArmModel, possible: bool) -> tuple[ArmModel, tuple[str, ...]]:
+    """The model, or if asked for the nearest that can move, and what that costs; refused where it cannot."""
+    wrong = motion.indefinite(model)
+    if wrong is None:
+        return model, ()
+    if not possible:
+        raise InputError(f"export: {wrong.text}; --possible writes the nearest model that can move")
+    own = motion.nearest_possible(model)
+    price = motion.price(model, own)
+    cost = "" if price is None else f"; the error on another motion is {100 * price:+.1f} % of the model's own"
+    return own, (f"the drives' inertias as they were found: none is below zero here{cost}",)
 
 
 def _drive(model: ArmModel, number: int) -> dict[str, float]:

@@ -2,8 +2,8 @@
 
 Gravity along parallel axes needs no table of several positions: the part of each link is a function of its own angle to
 the first of these axes (the sum of the joint positions), and a joint bears the parts of its own link and of all behind
-it along these axes. Stiffness, offsets and whatever else acts at rest is a table beside it: both together are the effort
-at rest.
+it along these axes. What else acts at rest (stiffness, offsets) is a table beside it: both together are the effort at
+rest.
 """
 
 from __future__ import annotations

@@ -12,6 +12,7 @@ import numpy.typing as npt
 
 from daq.errors import InputError
 from fitting.model.arm_model import ArmModel
+from fitting.model.evaluation import narrow
 
 if TYPE_CHECKING:
     from fitting.model.export.tracing.tracing import Tracer
@@ -43,14 +44,14 @@ def said_of(model: ArmModel, left_out: Sequence[str]) -> list[str]:
     ]
     lines += [f"Data: {source.role} {source.sha256}" for source in made.data]
     lines += [
-        f"Range of {name}: drive from {own.x[0]:.4g} to {own.x[1]:.4g}, speed to {own.v:.3g}, effort to {own.force:.4g}."
+        f"Range of {name}: drive {own.x[0]:.4g} to {own.x[1]:.4g}, speed to {own.v:.3g}, effort to {own.force:.3g}."
         for name, own in zip(model.joints, model.passes[-1].ranges, strict=True)
     ]
-    lines += [f"Error on another motion: {per_joint(model, model.errors, units)}."] if model.errors is not None else []
-    effects = [
-        f"{term.id} at {'the machine' if term.joint is None else model.joints[term.joint]}" for term in model.terms
-    ]
-    lines += [f"Effects: {', '.join(effects) or 'none'}."]
+    errors = model.errors
+    lines += [] if errors is None else [f"Error on another motion: {per_joint(model, errors, units)}."]
+    lines += [f"{line[0].upper()}{line[1:]}." for line in narrow(model)]
+    effects = ", ".join(f"{term.id} at {model.place(term)}" for term in model.terms)
+    lines += [f"Effects: {effects or 'none'}."]
     lines += [f"Calibration: {made.calibration}"] if made.calibration else []
     return [*lines, *(f"Not in this file: {line}." for line in left_out)]
 

@@ -112,9 +112,9 @@ def _chains(graph: Graph, columns: list[list[Node]], moments: Sequence[Mapping[s
         if not before or len({len(own) for own in before}) > 1:
             raise TypeError("every moment takes more from before")
         for links in zip(*before, strict=True):
-            own = [links[0][0], *(after for _, after in links)]
-            if known.setdefault(own[0].number, own) is own:
-                todo.append(own)
+            found = [links[0][0], *(after for _, after in links)]
+            if known.setdefault(found[0].number, found) is found:
+                todo.append(found)
     return list(known.values())
 
 

@@ -22,7 +22,7 @@ from daq.errors import InputError
 from daq.machine.linkages import FourBar, reduced
 from fitting.effects.base import BodyColumn, Effect
 from fitting.model.arm_model import FOREIGN, ArmModel, Pass, of_sensors, over_time, phase_unknown
-from fitting.model.evaluation import without
+from fitting.model.evaluation import reach, without
 from fitting.model.export.tracing.graph import Graph, Node, spline_curve
 from fitting.model.export.tracing.machine_nodes import MachineNodes
 from fitting.model.export.tracing.memory import MOMENTS, Memory, Remembered, remembered
@@ -85,7 +85,6 @@ class Tracer:
         model, kept = self.model, list[int]()
         variables = self.variables()
         for number, term in enumerate(model.terms):
-            place = "the machine" if term.joint is None else model.joints[term.joint]
             name = "a law" if isinstance(term.content, Law) else term.content.title
             if of_sensors(term):
                 why = "it belongs to the sensors"
@@ -100,7 +99,7 @@ class Tracer:
                     continue
                 except (TypeError, ValueError, AttributeError, NotImplementedError, IndexError):
                     why = "its formula cannot be written for one moment and what it remembers"
-            self.left_out.append(f"{name} at {place}: {why}")
+            self.left_out.append(f"{name} at {model.place(term)}: {why}")
             self.lost |= set() if of_sensors(term) else {number}
         return kept
 
@@ -112,6 +111,15 @@ class Tracer:
         """Joint efforts that hold the arm still: see :func:`fitting.model.motion.gravity`."""
         still = [0.0] * len(q)
         return self.efforts(State(q, still, still, 0.0)).joint
+
+    def beyond(self, state: State) -> tuple[Node, ...]:
+        """1 of each joint that is beyond what was recorded: see :func:`fitting.model.evaluation.beyond`."""
+        x, v, _, _ = self._pistons(state)
+        flags = []
+        for joint, (low, high, fast) in enumerate(reach(self.model)):
+            out = [x[joint] > high, low > x[joint], abs(self.graph.of(v[joint])) > fast]
+            flags.append(self.graph.binary("max", out[0], self.graph.binary("max", out[1], out[2])))
+        return tuple(flags)
 
     def friction(self, state: State) -> tuple[Node, ...]:
         """Joint efforts that change their sign with the speed's: see :func:`fitting.model.motion.friction`."""
