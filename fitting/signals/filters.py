@@ -180,7 +180,7 @@ def filter_bank(rate_hz: float, bandwidth_hz: float) -> FilterBank:
     )
 
 
-def recursive(b: Sequence[Any], a: Sequence[Any], values: Any, start: Sequence[Any] | None = None) -> Any:
+def recursive(b: Any, a: Any, values: Any, start: Sequence[Any] | None = None) -> Any:
     """A rational filter ``b(z) / a(z)`` of a signal (N,): scipy's of numbers, and the same of anything that adds up.
 
     Parameters

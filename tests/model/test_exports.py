@@ -18,7 +18,7 @@ from fitting.model import motion
 from fitting.model.arm_model import ArmModel
 from fitting.model.export import FORMATS, export_model
 from fitting.model.export.functions import identifier
-from fitting.model.export.tracing.tracing import Tracer
+from fitting.model.export.tracing.tracing import tracer_of
 from fitting.residual.surfaces import Surface
 from fitting.residual.terms import Term
 
@@ -70,8 +70,8 @@ def test_every_effect_of_one_moment_is_carried(name: str, tmp_path: Path) -> Non
     assert bool(done.left_out) == bool(expected)
     q, qd, qdd, t = held_out(model)
     found = python_answers(tmp_path / "arm.py")["inverse_dynamics"](q, qd, qdd, t)
-    assert_same(found, motion.on_motion(Tracer(model).carried, q, qd, qdd, t).joint_effort(0))
-    without = motion.on_motion(Tracer(model_with((), session)).carried, q, qd, qdd, t).joint_effort(0)
+    assert_same(found, motion.on_motion(tracer_of(model).carried, q, qd, qdd, t).joint_effort(0))
+    without = motion.on_motion(tracer_of(model_with((), session)).carried, q, qd, qdd, t).joint_effort(0)
     # What was carried is in the numbers, a thousand times the tolerance or more.
     assert expected or np.max(np.abs(found - without)) > 1e-6 * np.max(np.abs(found))
 
