@@ -247,7 +247,9 @@ class Conformance:
         return answers | {f"right.{word}": right[word] for word in outputs}
 
 
-def _of(model: ArmModel, moved: tuple[FloatArray, ...], names: Mapping[str, str] | None = None) -> Answers:
+def _of(
+    model: ArmModel, moved: tuple[npt.NDArray[np.floating[Any]], ...], names: Mapping[str, str] | None = None
+) -> Answers:
     """Efforts and pressures of a motion by the model, under the names of the functions or of the outputs."""
     found = motion.on_motion(model, *moved)
     head, rod = motion.pressures(model, *moved)

@@ -28,6 +28,7 @@ import numpy.typing as npt
 
 import sim_backends
 from benchmarks.exports.conformance import NEEDS, STRICT, Conformance
+from benchmarks.exports.cortex import cortex
 from benchmarks.exports.model_formats import tables
 from benchmarks.measured import DATA, emps, staubli
 from benchmarks.samples import SAMPLES
@@ -115,7 +116,7 @@ def run(samples: Path = SAMPLES, data: Path = DATA, show: Callable[[str], None] 
     for name, (twists, effects) in MADE.items():
         show(name)
         model = made_up(twists, effects)
-        checks += [*conforms(name, model), *(_exports(name, model) if "six" in name else ())]
+        checks += [*conforms(name, model), *cortex(name, model), *(_exports(name, model) if "six" in name else ())]
     trials, missing = _trials(samples, data)
     notes += [f"{name}: no data in {folder}, skipped" for name, folder in missing]
     for name, trial in trials.items():

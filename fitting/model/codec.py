@@ -137,15 +137,14 @@ def model_to_json(model: ArmModel) -> dict[str, Any]:
         "rests": [_fit_to_json(own) for own in model.rests],
         "seen": None if model.seen is None else asdict(model.seen),
     }
-    content = _plain(content)
-    return content | {"sha256": checksum(content)}
+    plain: dict[str, Any] = _plain(content)
+    return plain | {"sha256": checksum(plain)}
 
 
 def _fit_to_json(model: ArmModel) -> dict[str, Any]:
-    passes = [{"theta": own.theta, "ranges": map(asdict, own.ranges), "rods": own.rods} for own in model.passes]
     return {
         "terms": [term_to_json(term) for term in model.terms],
-        "passes": [own | {"rods": [None if rod is None else asdict(rod) for rod in own["rods"]]} for own in passes],
+        "passes": [asdict(own) for own in model.passes],
         "covariance": [[v if np.isfinite(v) else None for v in row] for row in model.covariance.tolist()],
         "told": model.told,
         "residual_std": model.residual_std,
@@ -341,8 +340,9 @@ def _require_shapes(model: ArmModel, name: str, place: str) -> None:
         wanted[f"{place}passes.{number}.theta"] = (own.theta.shape, (len(model.parameters) if first else count,))
         wanted[f"{place}passes.{number}.ranges"] = ((len(own.ranges),), (joints,))
         wanted[f"{place}passes.{number}.rods"] = ((len(own.rods),), (joints,))
-    for key, rows in {} if model.seen is None else vars(model.seen).items():
-        wanted[f"seen.{key}"] = (rows.shape, (len(model.seen.q), joints))
+    seen: dict[str, FloatArray] = {} if model.seen is None else vars(model.seen)
+    for key, rows in seen.items():
+        wanted[f"seen.{key}"] = (rows.shape, (len(seen["q"]), joints))
     for key, (found, right) in wanted.items():
         if found != right:
             raise _damaged(name, key, f"has shape {found}, it must be {right}")

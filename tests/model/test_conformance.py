@@ -37,7 +37,8 @@ def model_of_terms(names: Sequence[str], kinds: str | None = None) -> ArmModel:
 
 def everything() -> ArmModel:
     session = session_of(2)
-    names = (*MEMORIES, "stribeck", "base_tilt", "load_dependent_friction", "pressure_offset", "position_dependent_friction")
+    names = (*MEMORIES, "stribeck", "base_tilt", "load_dependent_friction", "pressure_offset")
+    names += ("position_dependent_friction",)
     terms = [term_of(session, name, number % 2) for number, name in enumerate(names)]
     return model_with([*terms, law_of(session, "piston_position", 1, signed=True)], session)
 

@@ -17,6 +17,7 @@ import zipfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 from uuid import NAMESPACE_URL, uuid5
 
 from daq.errors import InputError
@@ -85,7 +86,7 @@ def write_fmu(model: ArmModel, path: Path) -> Written:
     for version in (3, 2):
         sources = _sources(tracer, name, functions, version)
         content: dict[str, bytes] = {f"sources/{file}": text.encode() for file, text in sources.items()}
-        words = {
+        words: dict[str, Any] = {
             "name": name,
             "title": model.machine.name,
             "token": _token(model),

@@ -65,8 +65,8 @@ def energy_of_recording(model: ArmModel, recording: Recording) -> Energy:
 
 def _energy(model: ArmModel, found: Evaluated, *, measured: bool) -> Energy:
     n, dt = len(model.joints), 1.0 / model.machine.rate_hz
-    own = without(found.model, motion.left_out(found.model))  # what sensors add does no work
-    found = evaluate(own, found.design.segments, found.starts)
+    alone = without(found.model, motion.left_out(found.model))  # what sensors add does no work
+    found = evaluate(alone, found.design.segments, found.starts)
     given, returned, lost, seen, variance = (np.zeros(n) for _ in range(5))
     for index, segment in enumerate(found.design.segments):
         power = found.drive_effort(index) * segment.v
