@@ -15,6 +15,8 @@ import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
 from daq.errors import InputError
+from daq.machine.linkages import Direct, Rack, ThreePin, reduced
+from daq.machine.machine_file import Cylinder
 from fitting.arm.base_parameters import BaseParameters, base_regressor
 from fitting.arm.geometry import Geometry, geometry_of
 from fitting.effects.base import BodyColumn, Effect
@@ -194,21 +196,28 @@ def _along(x: float, z: float) -> FloatArray:
     return out
 
 
-def not_in_bodies(model: ArmModel, bodies: Bodies, *, drives: bool) -> tuple[str, ...]:
+def tendon_of(cylinder: Cylinder) -> bool:
+    """Whether a simulator's tendon moves as the cylinder does."""
+    return isinstance(reduced(cylinder.linkage), ThreePin | Rack | Direct)
+
+
+def not_in_bodies(model: ArmModel, bodies: Bodies, *, cylinders: bool = False) -> tuple[str, ...]:
     """A line for each part of a model that links and drives of a simulator's format do not carry.
 
     Parameters
     ----------
-    drives : whether the format has friction and inertia of drives that act on their joint directly
+    cylinders : whether the format has cylinders, as tendons
     """
     lines = []
     for number, joint in enumerate(model.arm.joints):
-        if joint.cylinder is not None:
-            names = ", ".join((*model.parameters.drive[number], *(["damping"] if joint.cylinder.damping else [])))
-            lines.append(f"cylinder of {joint.name} ({names}, at the piston): its lever arm changes with the joint")
-        else:
-            left = [name for name in model.parameters.drive[number] if not drives or name == "f_0"]
-            lines += [f"drive of {joint.name} ({', '.join(left)})"] if left else []
+        names = model.parameters.drive[number]
+        if joint.cylinder is None:
+            lines += [f"drive of {joint.name} (f_0)"] if "f_0" in names else []
+        elif not cylinders or not tendon_of(joint.cylinder):
+            own = ", ".join((*names, *(["damping"] if joint.cylinder.damping else [])))
+            lines.append(f"cylinder of {joint.name} ({own}, at the piston): its lever arm changes with the joint")
+        elif "f_s" in names:
+            lines.append(f"friction of the root of speed at {joint.name} (f_s)")
     if geometry_of(model.arm).coupled:
         lines.append("friction and inertia of motors that turn with several joints")
     for term in (own for number, own in enumerate(model.terms) if number not in _tilts(model)):
