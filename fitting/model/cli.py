@@ -110,8 +110,9 @@ def compare(
 
 
 def show(model: ModelPath, json: Json = False) -> None:
-    """What a model holds: where it comes from, its parameters with standard deviations, its effects."""
+    """What a model holds: its card (machine, data, ranges, errors, effects), and its parameters with deviations."""
     from fitting.model.codec import load_model, model_to_json
+    from fitting.model.export.words import said_of
 
     loaded = load_model(model)
     content = model_to_json(loaded)
@@ -119,10 +120,8 @@ def show(model: ModelPath, json: Json = False) -> None:
         keys = ("schema", "provenance", "parameters", "terms", "corrections")
         print_json({"machine": loaded.machine.name} | {key: content[key] for key in keys})
         return
-    made = loaded.provenance
-    print(f"{loaded.machine.name}: {made.verdict}, identified {made.created} from {len(made.data)} recordings")
-    for source in made.data:
-        print(f"  {source.role:10s} {source.file}  sha256 {source.sha256[:12]}")
+    for line in said_of(loaded, ()):
+        print(line)
     print_table(
         ("parameter", "value", "std", "unit"),
         [

@@ -111,19 +111,12 @@ def _views(design: Design, own: Pass, extra: Extra, index: int, starts: Mapping[
     return views_of_segment(design, own.theta, segment, forces, loads, pressures, own.ranges, starts, ())
 
 
-def reach(model: ArmModel) -> list[tuple[float, float, float]]:
-    """Per joint the lowest and the highest position of its drive, and the largest speed, that count as recorded."""
-    found = []
-    for own in model.passes[-1].ranges:
-        margin = _MARGIN * own.span
-        found.append((own.x[0] - margin, own.x[1] + margin, (1.0 + _MARGIN) * own.v))
-    return found
-
-
 def beyond(model: ArmModel, segment: Segment) -> npt.NDArray[np.bool_]:
     """Where (N, n) a motion is beyond the positions and speeds that were recorded, so that no error is known."""
-    low, high, fast = np.array(reach(model)).T
-    return np.asarray((segment.x < low) | (segment.x > high) | (np.abs(segment.v) > fast))
+    low, high, fast = np.array([(*own.x, own.v) for own in model.passes[-1].ranges]).T
+    margin = _MARGIN * (high - low)
+    outside = np.maximum(segment.x < low - margin, segment.x > high + margin)
+    return np.asarray(np.maximum(outside, np.abs(segment.v) > (1.0 + _MARGIN) * fast))
 
 
 def narrow(model: ArmModel) -> list[str]:

@@ -42,7 +42,7 @@ def said_of(model: ArmModel, left_out: Sequence[str]) -> list[str]:
         f"Model of {model.machine.name}, identified {made.created} ({made.verdict}), exported by hilfit.",
         f"Joints: {', '.join(model.joints)}. SI units: rad or m, s, N m or N, Pa.",
     ]
-    lines += [f"Data: {source.role} {source.sha256}" for source in made.data]
+    lines += [f"Data: {source.role} {source.file} {source.sha256}" for source in made.data]
     lines += [
         f"Range of {name}: drive {own.x[0]:.4g} to {own.x[1]:.4g}, speed to {own.v:.3g}, effort to {own.force:.3g}."
         for name, own in zip(model.joints, model.passes[-1].ranges, strict=True)

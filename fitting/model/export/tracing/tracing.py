@@ -22,7 +22,7 @@ from daq.errors import InputError
 from daq.machine.linkages import FourBar, reduced
 from fitting.effects.base import BodyColumn, Effect
 from fitting.model.arm_model import FOREIGN, ArmModel, Pass, of_sensors, over_time, phase_unknown
-from fitting.model.evaluation import reach, without
+from fitting.model.evaluation import beyond, without
 from fitting.model.export.tracing.graph import Graph, Node, spline_curve
 from fitting.model.export.tracing.machine_nodes import MachineNodes
 from fitting.model.export.tracing.memory import MOMENTS, Memory, Remembered, remembered
@@ -114,12 +114,7 @@ class Tracer:
 
     def beyond(self, state: State) -> tuple[Node, ...]:
         """1 of each joint that is beyond what was recorded: see :func:`fitting.model.evaluation.beyond`."""
-        x, v, _, _ = self._pistons(state)
-        flags = []
-        for joint, (low, high, fast) in enumerate(reach(self.model)):
-            out = [x[joint] > high, low > x[joint], abs(self.graph.of(v[joint])) > fast]
-            flags.append(self.graph.binary("max", out[0], self.graph.binary("max", out[1], out[2])))
-        return tuple(flags)
+        return tuple(beyond(self.model, self._segment([state]))[0])
 
     def friction(self, state: State) -> tuple[Node, ...]:
         """Joint efforts that change their sign with the speed's: see :func:`fitting.model.motion.friction`."""
