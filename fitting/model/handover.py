@@ -15,6 +15,7 @@ from fitting.loop.session import Session
 from fitting.loop.weighting import weighed
 from fitting.model import motion
 from fitting.model.arm_model import ArmModel, Pass, Provenance, Seen, Source
+from fitting.model.evaluation import Evaluated
 from fitting.model.export.tracing.tracing import untraced
 from fitting.model.prediction import BAND
 from fitting.model.tails import Tail
@@ -65,7 +66,8 @@ def hand_over(
         terms = [term for number, term in enumerate(final.terms) if number not in lost]
         own = weighed(fit_model(final.design, final.noise, final.fitted, terms, session.prior), session.prior).model
         rests.append(replace(model, **_fit(own)))
-    return replace(model, rests=tuple(rests), seen=_seen(final), tails=_tails(model, session))
+    seen, coverage = _seen(final), _coverage(model, final)
+    return replace(model, rests=tuple(rests), seen=seen, coverage=coverage, tails=_tails(model, session))
 
 
 def _fit(final: Model) -> dict[str, Any]:
@@ -73,7 +75,6 @@ def _fit(final: Model) -> dict[str, Any]:
     design = final.design
     loaded = [i for i in final.fitted if design.segments[i].loaded] or list(final.fitted)
     hidden = np.zeros(len(final.fit.theta)) if final.fit.hidden is None else final.fit.hidden
-    covariance = final.fit.covariance - np.diag(hidden)
     spread = np.array([_spread(final, joint, loaded) for joint in range(len(design.blocks))])
     if not final.fit.whitened and not design.stored and final.prior is not None:
         more = EffortRows(design, final.fitted, final.extra).elsewhere(final.prior, final.fit.theta)
@@ -82,29 +83,24 @@ def _fit(final: Model) -> dict[str, Any]:
     return {
         "terms": final.terms,
         "passes": _passes(final),
-        "covariance": covariance,
+        "covariance": final.fit.covariance - np.diag(hidden),
         "hidden": hidden if hidden.any() else None,
         "told": final.fit.told,
         "residual_std": spread,
-        "coverage": np.array([_coverage(final, joint, covariance, own) for joint, own in enumerate(spread)]),
         "errors": np.array([np.sqrt(np.mean(own**2)) if len(own) else np.nan for own in errors]),
     }
 
 
-def _coverage(final: Model, joint: int, covariance: FloatArray, spread: float) -> float:
-    """Share of a joint's moving samples of the validation recordings that are in the 95 % band."""
-    design, inside, count = final.design, 0, 0
-    known = np.isfinite(np.diag(covariance))
-    for index in design.indices("validate"):
-        own, moving = final.extra.columns[joint][index], ~design.segments[index].rest[:, joint]
-        columns = design.blocks[joint][index].columns
-        more = np.zeros((len(columns), len(final.extra.names))) if own is None else own
-        rows = np.hstack([columns, more])[:, known]
-        variance = np.einsum("ij,jk,ik->i", rows, covariance[np.ix_(known, known)], rows) + spread**2
-        error = full_residual(design, final.fit.theta, joint, index, final.extra)
-        inside += int(np.sum((error**2 <= BAND**2 * variance) & moving))
-        count += int(moving.sum())
-    return inside / count if count else np.nan
+def _coverage(model: ArmModel, final: Model) -> FloatArray:
+    """Share (n,) of the moving samples of the validation recordings that are in the 95 % band."""
+    found, inside, count = Evaluated(model, final.design, final.extra, {}), np.zeros(len(model.joints)), 0
+    for index in final.design.indices("validate"):
+        segment = final.design.segments[index]
+        band = BAND * np.hypot(found.parameter_std(index), model.residual_std)
+        held = np.abs(segment.effort - found.drive_effort(index)) <= band
+        inside = inside + np.sum(held & ~segment.rest, axis=0)
+        count = count + np.sum(~segment.rest, axis=0)
+    return np.asarray(inside / np.where(count, count, np.nan))
 
 
 def _seen(final: Model) -> Seen | None:

@@ -25,7 +25,7 @@ from fitting.model.export.functions import (
     states,
     swing,
 )
-from fitting.model.export.printing import Dialect, curves_of, statements
+from fitting.model.export.printing import Dialect, curves_of
 from fitting.model.export.tracing.graph import Node, needed
 from fitting.model.export.tracing.tracing import Tracer, tracer_of
 from fitting.model.export.words import Written, heading, require_folder
@@ -136,15 +136,17 @@ def _used(nodes: Sequence[Node]) -> set[str]:
 
 def _function(name: str, tracer: Tracer, own: Function, kind: str, suffix: str) -> dict[str, object]:
     """Signature and body of a function."""
+
     # What is kept is written where it was read: it is read first.
-    named = own.variables(lambda word, k: f"kept_{k}" if word == "memory" else f"{word}[{k}]")
-    targets = {f"{output}[{k}]": node for output, nodes in own.outputs.items() for k, node in enumerate(nodes)}
-    lines, results = statements(targets, _dialect(name, kind, suffix), named, "")
-    body = [f"const {kind} kept_{word[1:]} = memory[{word[1:]}];" for word in named if word[0] == "m"]
-    letters = {own[0] for own in named if own not in ("t", "dt")} | ({"t", "dt"} & set(named))
-    unused = [f"(void){word};" for word in own.arguments if ARRAYS.get(word, word) not in letters]
-    unused = [line for line in unused if line != "(void)memory;"]
-    body += [*lines, *unused, *(f"{target} = {word};" for target, word in results.items())]
+    def word(array: str, k: int) -> str:
+        return f"kept_{k}" if array == "memory" else f"{array}[{k}]"
+
+    lines, results = own.body(_dialect(name, kind, suffix), word)
+    named = own.variables(word)
+    body = [f"const {kind} {named[letter]} = memory[{letter[1:]}];" for letter in named if letter[0] == "m"]
+    asked = {variable if variable in ("t", "dt") else variable[0] for variable in named} | {"m"}
+    body += [*lines, *(f"(void){given};" for given in own.arguments if ARRAYS.get(given, given) not in asked)]
+    body += [f"{output}[{k}] = {found};" for output, words in results.items() for k, found in enumerate(words)]
     return {"signature": _signature(name, tracer, own, kind, suffix), "body": body}
 
 

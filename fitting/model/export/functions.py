@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from fitting.model import motion
 from fitting.model.arm_model import ArmModel
-from fitting.model.export.printing import Dialect
+from fitting.model.export.printing import Dialect, statements
 from fitting.model.export.tracing.graph import Node, needed
 from fitting.model.export.tracing.moment import Efforts
 from fitting.model.export.tracing.tracing import Past, Tracer
@@ -51,6 +51,12 @@ class Function:
         asked = [str(node.value) for node in needed(self.nodes) if node.operation == "variable"]
         arrays = {letter: name for name, letter in ARRAYS.items()}
         return {own: own if own in ("t", "dt") else word(arrays[own[0]], int(own[1:])) for own in asked}
+
+    def body(self, dialect: Dialect, word: Callable[[str, int], str]) -> tuple[list[str], dict[str, list[str]]]:
+        """Statements of a language, and by output the expression of each of its numbers; see :meth:`variables`."""
+        targets = {f"{output}{k}": node for output, nodes in self.outputs.items() for k, node in enumerate(nodes)}
+        lines, words = statements(targets, dialect, self.variables(word), "")
+        return lines, {output: [words[f"{output}{k}"] for k in range(len(own))] for output, own in self.outputs.items()}
 
 
 def functions_of(tracer: Tracer) -> list[Function]:

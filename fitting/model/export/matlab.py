@@ -9,7 +9,7 @@ from daq.errors import InputError
 from daq.recordings.recording_files import replacing
 from fitting.model.arm_model import ArmModel
 from fitting.model.export.functions import Function, functions_of, identifier, rendered
-from fitting.model.export.printing import Dialect, curves_of, statements
+from fitting.model.export.printing import Dialect, curves_of
 from fitting.model.export.tracing.graph import needed
 from fitting.model.export.tracing.tracing import Tracer, tracer_of
 from fitting.model.export.words import Written, heading
@@ -67,14 +67,8 @@ def matlab_source(tracer: Tracer, name: str) -> str:
 
 
 def _function(own: Function) -> dict[str, Any]:
-    named = own.variables(lambda word, k: f"{word}(:, {k + 1})")
-    targets = {f"{output}{k}": node for output, nodes in own.outputs.items() for k, node in enumerate(nodes)}
-    # What is kept is an output of the name of what was kept.
-    lines, words = statements(targets, DIALECT, named, "")
-    results = []
-    for output, nodes in own.outputs.items():
-        columns = ", ".join(f"{words[output + str(k)]} + still" for k in range(len(nodes)))
-        results.append(f"{output} = [{columns}];")
+    lines, words = own.body(DIALECT, lambda array, k: f"{array}(:, {k + 1})")
+    results = [f"{output} = [{', '.join(f'{word} + still' for word in found)}];" for output, found in words.items()]
     clock = ["t = t(:);"] if "t" in own.arguments else []
     if own.arguments[-1:] == ("t",):
         clock = [f"if nargin < {len(own.arguments)}", "    t = 0;", "end", *clock]

@@ -78,17 +78,13 @@ def python_source(tracer: Tracer) -> str:
 def _function(own: Function) -> dict[str, Any]:
     """A function on arrays (N, n)."""
     given = [word for word in own.arguments if word in ARRAYS]
-    named = own.variables(lambda word, k: f"{ARRAYS[word]}{k}")
-    targets = {f"{output}{k}": node for output, nodes in own.outputs.items() for k, node in enumerate(nodes)}
-    lines, words = statements(targets, DIALECT, named, "")
+    lines, words = own.body(DIALECT, lambda array, k: f"{ARRAYS[array]}{k}")
+    asked = own.variables(lambda array, k: f"{ARRAYS[array]}{k}")
     first = [f"{word} = np.asarray({word}, dtype=float)" for word in given]
-    first += [f"{name} = {word}[..., {name[1:]}]" for word in given for name in named if name[0] == ARRAYS[word]]
+    first += [f"{name} = {word}[..., {name[1:]}]" for word in given for name in asked if name[0] == ARRAYS[word]]
     late = own.arguments[-1] == "t"  # what is one of several moments has a time
     arguments = ", ".join("t=0.0" if word == "t" and late else word for word in own.arguments)
-    results = [
-        f"np.stack([{', '.join(f'{words[output + str(k)]} + still' for k in range(len(nodes)))}], axis=-1)"
-        for output, nodes in own.outputs.items()
-    ]
+    results = [f"np.stack([{', '.join(f'{word} + still' for word in own)}], axis=-1)" for own in words.values()]
     body = [*first, "still = np.zeros(q.shape[:-1])", *lines]
     return {"name": own.name, "arguments": arguments, "body": body, "results": results}
 
