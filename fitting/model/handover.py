@@ -21,6 +21,7 @@ from fitting.model.prediction import BAND
 from fitting.model.tails import Tail
 from fitting.model.uses.overload import learn
 from fitting.regression.design import Design, Extra, effort_errors, effort_residual, full_residual
+from fitting.residual.laws import Law
 from fitting.residual.stored_views import StoredViews, learning_step
 from fitting.residual.terms import Model, extra_columns, fit_model
 from fitting.residual.views import RodLaw, Views, build_views, rod_laws
@@ -76,7 +77,9 @@ def _fit(final: Model) -> dict[str, Any]:
     loaded = [i for i in final.fitted if design.segments[i].loaded] or list(final.fitted)
     hidden = np.zeros(len(final.fit.theta)) if final.fit.hidden is None else final.fit.hidden
     spread = np.array([_spread(final, joint, loaded) for joint in range(len(design.blocks))])
-    if not final.fit.whitened and not design.stored and final.prior is not None:
+    # A law says nothing of positions that it was not fitted to.
+    known = not any(isinstance(term.content, Law) for term in final.terms)
+    if known and not final.fit.whitened and not design.stored and final.prior is not None:
         more = EffortRows(design, final.fitted, final.extra).elsewhere(final.prior, final.fit.theta)
         spread = np.sqrt(spread**2 + more)
     errors = effort_errors(design, final.fit.theta, design.indices("validate"), final.extra)

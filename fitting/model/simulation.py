@@ -106,7 +106,7 @@ def simulate(
     least = [max(friction_speed or 0.0, _LEAST_WIDTH * own.v) for own in model.passes[-1].ranges]
     noise = tuple(replace(own, speed=max(own.speed, width)) for own, width in zip(model.noise, least, strict=True))
     tracer = Tracer(replace(model, noise=noise))
-    plant = _Plant(model, compiled(tracer), n, any(term.uses_model for term in model.terms))
+    plant = _Plant(model, compiled(tracer), n, any(term.uses_model for term in motion.at_rest(tracer.carried).terms))
 
     def slope(t: float, state: FloatArray) -> FloatArray:
         if clock() > ends:
