@@ -13,7 +13,7 @@ from synthetic_arm import truth
 
 from daq.errors import HilfitError, InputError
 from fitting.loop.weighting import weighed
-from fitting.model import motion
+from fitting.model import motion, simulation
 from fitting.model.arm_model import ArmModel
 from fitting.model.evaluation import beyond, without
 from fitting.model.export import export_model
@@ -137,3 +137,26 @@ def test_a_law_widens_no_band_by_what_it_makes_up_for() -> None:
     assert 0.67 < width < 1.5 and 0.93 <= found.coverage[1] <= 0.97
     plain = without(model, {0})
     assert plain.hidden is not None and np.all(plain.std >= np.sqrt(plain.hidden))
+
+
+def test_a_fault_of_a_sensor_makes_no_simulation_iterate(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What is in no effort asks for no search of the force that it would hold."""
+    made: list[bool] = []
+    plant = simulation._Plant
+
+    def noted(*given: object) -> object:
+        made.append(bool(given[-1]))
+        return plant(*given)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(simulation, "_Plant", noted)
+    session = session_of(2)
+    for name in ("pressure_gain", "load_dependent_friction"):
+        model = true_model(session.machine, truth(2), session)
+        theta = np.append(model.theta, 0.01)
+        model = replace(
+            model,
+            terms=(term_of(session, name, 1),),
+            passes=(replace(model.passes[-1], theta=theta),),
+        )
+        simulate(model, lambda *_: motion.gravity(model, np.zeros(2))[0], [0.0, 0.0], seconds=0.02)  # noqa: B023
+    assert made == [False, True]
